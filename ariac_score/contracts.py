@@ -1,0 +1,184 @@
+"""Who may say something about a trial: the contracts of plugins, kept by structure, not by inheritance.
+
+A plugin is a class. Rules and monitors are built with the `with:` block of a rule
+set as keyword arguments, called, and forgotten; readers and decoders are built
+without arguments. Calls are pure: same trial, same answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from ariac_score.findings import Finding
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.events import Event
+from ariac_score.trial.model import LogDefect, Order, Submission, Trial
+
+__all__ = [
+    "GROUPS",
+    "Decoder",
+    "LogDescription",
+    "Monitor",
+    "Reader",
+    "Rule",
+    "SignalNeed",
+    "TopicDescription",
+    "Wanted",
+]
+
+
+@dataclass(frozen=True)
+class SignalNeed:
+    """A kind of signal a monitor reads, for every body or pair it exists for.
+
+    Attributes:
+        quantity: Such as `centre_distance`; see `ariac_score.trial.vocabulary`.
+        unit: The unit it is read in.
+        max_gap_s: Longest stretch between two samples the monitor accepts, s.
+    """
+
+    quantity: str
+    unit: str
+    max_gap_s: float = 0.05
+
+
+@runtime_checkable
+class Rule(Protocol):
+    """Judges an order: entry-point group `ariac_score.rules`."""
+
+    def judge(self, trial: Trial, order: Order) -> Iterable[Finding]:
+        """Findings about one order; at least one, for silence is not a verdict."""
+        ...
+
+
+@runtime_checkable
+class Monitor(Protocol):
+    """Watches the signals of a trial: entry-point group `ariac_score.monitors`."""
+
+    def needs(self) -> Iterable[SignalNeed]:
+        """The signals it reads, so that a reader decodes these and nothing else."""
+        ...
+
+    def watch(self, trial: Trial) -> Iterable[Finding]:
+        """Findings about the trial; at least one, for silence is not a verdict."""
+        ...
+
+
+@dataclass(frozen=True)
+class TopicDescription:
+    """What a recording holds on one topic (or of one model).
+
+    Attributes:
+        name: Topic.
+        type: Message type.
+        count: Messages.
+        first_s: First stamp, s of trial time; `None` when there is none.
+        last_s: Last stamp, s of trial time.
+        largest_gap_s: Longest time between two messages, s.
+    """
+
+    name: str
+    type: str
+    count: int
+    first_s: float | None = None
+    last_s: float | None = None
+    largest_gap_s: float | None = None
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Mean rate, Hz; `None` with fewer than two messages."""
+        if self.count < 2 or self.first_s is None or self.last_s is None or self.last_s <= self.first_s:
+            return None
+        return (self.count - 1) / (self.last_s - self.first_s)
+
+
+@dataclass(frozen=True)
+class LogDescription:
+    """What a log holds, found without judging anything.
+
+    Attributes:
+        format: In words, such as `ROS 2 bag (MCAP)`.
+        topics: Sorted by name.
+        clock: Which clock the stamps come from, in words.
+        facts: Further numbers by name, such as `states`.
+        defects: What is wrong with it.
+        damage: Why it cannot be scored, in one sentence; empty for a whole log.
+        duration_s: From the first to the last stamp, s.
+    """
+
+    format: str
+    topics: tuple[TopicDescription, ...] = ()
+    clock: str = ""
+    facts: Mapping[str, int | float | str] = field(default_factory=dict)
+    defects: tuple[LogDefect, ...] = ()
+    damage: str = ""
+    duration_s: float = 0.0
+
+
+def _silent(_done: float) -> None:
+    """Take the place of a progress bar."""
+
+
+@runtime_checkable
+class Decoder(Protocol):
+    """Understands the messages of one competition: entry-point group `ariac_score.decoders`."""
+
+    def decode(self, msgtype: str, message: object, t_s: float) -> Order | Submission | Event | None:
+        """What a message means; `None` when it means nothing.
+
+        Args:
+            msgtype: `package/msg/Name`.
+            message: The message, with its fields as attributes.
+            t_s: Its stamp, s of trial time.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a reader should bring.
+
+    Attributes:
+        log_map: Which topic and field is which signal.
+        quantities: The quantities worth decoding.
+        decoders: The decoders that the log map names, by name.
+        progress: Called now and then with the share done, 0 to 1.
+    """
+
+    log_map: LogMap
+    quantities: frozenset[str] = frozenset()
+    decoders: Mapping[str, Decoder] = field(default_factory=dict)
+    progress: Callable[[float], None] = _silent
+
+
+@runtime_checkable
+class Reader(Protocol):
+    """Reads one kind of log: entry-point group `ariac_score.readers`."""
+
+    def can_read(self, path: Path) -> bool:
+        """Whether this looks like a log of its kind; cheap, and never an error."""
+        ...
+
+    def describe(self, path: Path) -> LogDescription:
+        """What the log holds; of a damaged log, what is readable."""
+        ...
+
+    def read(self, path: Path, wanted: Wanted) -> Trial:
+        """The trial (or the part of it) that the log shows.
+
+        Raises:
+            LogError: The log is damaged so that a score would rest on part of it.
+        """
+        ...
+
+
+GROUPS: Mapping[str, type] = {
+    "ariac_score.rules": Rule,
+    "ariac_score.monitors": Monitor,
+    "ariac_score.readers": Reader,
+    "ariac_score.decoders": Decoder,
+}
+"""Entry-point groups and the contract of each."""

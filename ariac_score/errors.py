@@ -1,0 +1,161 @@
+"""Every error the project raises on purpose.
+
+    ScoreError                      something a user can act on; carries a hint and an exit code
+    ├── UsageError                  4  the command line asks for something that does not exist
+    ├── DataFileError               4  a YAML or JSON file we read as data is wrong
+    │   ├── RuleSetError            4  a rule set
+    │   └── LogMapError             4  a log map
+    ├── FormulaError                4  a formula cannot be parsed or evaluated
+    ├── PluginError                 3  a plugin misbehaves
+    │   ├── PluginNotFoundError     4  a name that no installed distribution provides
+    │   └── PluginConflictError     4  two distributions provide one name
+    ├── LogError                    6  a log cannot be read as a trial
+    │   ├── NothingToScoreError     5  the path is missing, empty or not a trial log at all
+    │   └── MissingSignalError      6  a check asked for a signal that the log does not contain
+    └── ResultError                 6  a stored result is damaged or does not add up
+
+The exit codes are those of the command line (see `ariac_score.cli`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+__all__ = [
+    "DataFileError",
+    "FormulaError",
+    "LogError",
+    "LogMapError",
+    "MissingSignalError",
+    "NothingToScoreError",
+    "PluginConflictError",
+    "PluginError",
+    "PluginNotFoundError",
+    "ResultError",
+    "RuleSetError",
+    "ScoreError",
+    "UsageError",
+    "did_you_mean",
+]
+
+
+def did_you_mean(name: str, known: Iterable[str], *, what: str = "known") -> str:
+    """Word a remedy for a misspelt name: the nearest known one, or all of them.
+
+    >>> did_you_mean("wieght", ["weight", "round"])
+    "did you mean 'weight'?"
+    """
+    names = sorted(known)
+    near = get_close_matches(name, names, n=1, cutoff=0.6)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
+    return f"{what}: {shown}" if names else f"nothing is {what}"
+
+
+class ScoreError(Exception):
+    """Something went wrong that a user can act on.
+
+    Args:
+        cause: What is wrong, in one lower-case sentence without a full stop.
+        file: The file it is about, as the user named it.
+        place: Where in that file: a line, a byte offset, a path such as `$.terms.order`.
+        hint: What to do about it.
+    """
+
+    exit_code = 3
+
+    def __init__(self, cause: str, *, file: object = None, place: str = "", hint: str = "") -> None:
+        self.cause = cause
+        self.file = None if file is None else str(file)
+        self.place = place
+        self.hint = hint
+        super().__init__(cause, self.file, place, hint)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _rebuild, (type(self), self.cause, self.file, self.place, self.hint, self.__dict__)
+
+    def __str__(self) -> str:
+        where = ": ".join(part for part in (self.file, self.place) if part)
+        return f"{where}: {self.cause}" if where else self.cause
+
+
+def _rebuild(
+    kind: type[ScoreError], cause: str, file: str | None, place: str, hint: str, facts: dict[str, object]
+) -> ScoreError:
+    """Make an error again after pickling, whatever its constructor looks like."""
+    error = kind.__new__(kind)
+    ScoreError.__init__(error, cause, file=file, place=place, hint=hint)
+    error.__dict__.update(facts)
+    return error
+
+
+class UsageError(ScoreError):
+    """The command line asks for something that does not exist."""
+
+    exit_code = 4
+
+
+class DataFileError(ScoreError):
+    """A YAML or JSON file is malformed or breaks its schema."""
+
+    exit_code = 4
+
+
+class RuleSetError(DataFileError):
+    """A rule set cannot be used as it stands."""
+
+
+class LogMapError(DataFileError):
+    """A log map cannot be used as it stands."""
+
+
+class FormulaError(ScoreError):
+    """A formula cannot be parsed or evaluated; `place` names the term."""
+
+    exit_code = 4
+
+
+class PluginError(ScoreError):
+    """A plugin raised or broke its contract; the message names its distribution and version."""
+
+
+class PluginNotFoundError(PluginError):
+    """A rule set names a plugin that no installed distribution provides."""
+
+    exit_code = 4
+
+
+class PluginConflictError(PluginError):
+    """Two distributions provide one plugin name, so neither may be used."""
+
+    exit_code = 4
+
+
+class LogError(ScoreError):
+    """A log exists but cannot be read as one whole trial."""
+
+    exit_code = 6
+
+
+class NothingToScoreError(LogError):
+    """The path is missing, empty, or no reader recognises it."""
+
+    exit_code = 5
+
+
+class MissingSignalError(LogError):
+    """A check asked for a signal that the log does not contain."""
+
+    def __init__(self, name: str, recorded: Iterable[str]) -> None:
+        self.name = name
+        self.recorded = sorted(recorded)
+        hint = did_you_mean(name, self.recorded, what="recorded") if self.recorded else "no signal was recorded"
+        super().__init__(f"signal {name!r} is not in the log", hint=hint)
+
+
+class ResultError(ScoreError):
+    """A stored result is damaged, or its ledger does not add up to its score."""
+
+    exit_code = 6

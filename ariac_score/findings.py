@@ -1,0 +1,155 @@
+"""What a check says about a trial: verdicts with evidence, in SI units, without points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from types import MappingProxyType
+
+from ariac_score.trial.signals import Sample
+from ariac_score.trial.spans import Span
+
+__all__ = ["Finding", "Limit", "Verdict"]
+
+
+class Verdict(str, Enum):
+    """The four things a check can say."""
+
+    SATISFIED = "satisfied"
+    VIOLATED = "violated"
+    INCONCLUSIVE = "inconclusive"
+    """What was needed to decide is not in the log. Never the same as satisfied."""
+    NOT_APPLICABLE = "not_applicable"
+    """There was nothing to judge, and the log shows that there was nothing."""
+
+    @classmethod
+    def of(cls, robustness: float) -> Verdict:
+        """Violated below 0; equality satisfies."""
+        return cls.VIOLATED if robustness < 0 else cls.SATISFIED
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A measured number against its limit.
+
+    Attributes:
+        what: Name of the number in words, such as `heading error`.
+        value: What was measured.
+        unit: Its unit.
+        at_most: Upper limit; equality satisfies unless `strict`.
+        at_least: Lower limit; equality satisfies unless `strict`.
+        strict: Whether equality violates.
+    """
+
+    what: str
+    value: float
+    unit: str
+    at_most: float | None = None
+    at_least: float | None = None
+    strict: bool = False
+
+    @property
+    def margin(self) -> float:
+        """Signed distance to the nearer limit, negative when violated (or equal and strict)."""
+        margins = []
+        if self.at_most is not None:
+            margins.append(self.at_most - self.value)
+        if self.at_least is not None:
+            margins.append(self.value - self.at_least)
+        return min(margins)
+
+    @property
+    def kept(self) -> bool:
+        """Whether the value keeps its limits."""
+        return self.margin > 0 or (self.margin == 0 and not self.strict)
+
+    def __str__(self) -> str:
+        relation, bound = ("at most", self.at_most) if self.at_most is not None else ("at least", self.at_least)
+        return f"{self.what} {self.value:.6g} {self.unit} ({relation} {bound:.6g})"
+
+
+_NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
+_NO_WORDS: Mapping[str, str] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One statement of one check about one subject.
+
+    Attributes:
+        subject: Whom it is about: `order/task/slot` for rules, `robot/human` for
+            pairs, a signal name where one is missing.
+        verdict: What the check says.
+        message: One sentence for people, without full stop.
+        span: When, s of trial time; `None` for things without a time.
+        robustness: Signed margin in `unit`, negative when violated; `None` for
+            verdicts about things that have no margin.
+        unit: Unit of the robustness.
+        quantities: Named numbers with the unit in the name, such as `depth_integral_m_s`.
+        labels: Named words, such as `closing_by`.
+        evidence: The samples it rests on.
+        clause: Where the standard or rulebook asks for it.
+        critical: Whether a violation is a critical event, which a rule set may gate on.
+        check: Name of the check in the rule set; the engine fills it in.
+    """
+
+    subject: str
+    verdict: Verdict
+    message: str
+    span: Span | None = None
+    robustness: float | None = None
+    unit: str = ""
+    quantities: Mapping[str, float] = field(default_factory=lambda: _NO_NUMBERS)
+    labels: Mapping[str, str] = field(default_factory=lambda: _NO_WORDS)
+    evidence: tuple[Sample, ...] = ()
+    clause: str = ""
+    critical: bool = False
+    check: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "quantities", MappingProxyType(dict(self.quantities)))
+        object.__setattr__(self, "labels", MappingProxyType(dict(self.labels)))
+        object.__setattr__(self, "evidence", tuple(self.evidence))
+
+    @classmethod
+    def violated(cls, subject: str, message: str, *, clause: str = "", critical: bool = False) -> Finding:
+        """A violation that has no margin."""
+        return cls(subject, Verdict.VIOLATED, message, clause=clause, critical=critical)
+
+    @classmethod
+    def satisfied(cls, subject: str, message: str, *, clause: str = "") -> Finding:
+        """A kept requirement that has no margin."""
+        return cls(subject, Verdict.SATISFIED, message, clause=clause)
+
+    @classmethod
+    def inconclusive(
+        cls, subject: str, message: str, *, span: Span | None = None, clause: str = ""
+    ) -> Finding:
+        """What was needed to decide is not in the log."""
+        return cls(subject, Verdict.INCONCLUSIVE, message, span=span, clause=clause)
+
+    @classmethod
+    def not_applicable(cls, subject: str, message: str, *, clause: str = "") -> Finding:
+        """There was nothing to judge, and the log shows that."""
+        return cls(subject, Verdict.NOT_APPLICABLE, message, clause=clause)
+
+    @classmethod
+    def from_limits(cls, subject: str, *limits: Limit, clause: str = "", message: str = "") -> Finding:
+        """Satisfied when every limit is kept; the message names those that are not.
+
+        The robustness is that of the worst limit, relative limits being of
+        different units: the first broken one, else the first.
+        """
+        broken = [limit for limit in limits if not limit.kept]
+        shown: Iterable[Limit] = broken or limits
+        telling = broken[0] if broken else limits[0]
+        return cls(
+            subject,
+            Verdict.VIOLATED if broken else Verdict.SATISFIED,
+            message or "; ".join(str(limit) for limit in shown),
+            robustness=telling.margin,
+            unit=telling.unit,
+            quantities={f"{limit.what.replace(' ', '_')}_{limit.unit}": limit.value for limit in limits},
+            clause=clause,
+        )

@@ -1,0 +1,209 @@
+"""Building a trial from what readers find, and one trial from several logs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ariac_score.errors import LogError
+from ariac_score.trial.events import ORDER_ANNOUNCED, WATCHING, Event
+from ariac_score.trial.model import (
+    Body,
+    LogDefect,
+    OfficialResult,
+    Order,
+    Submission,
+    TeamSetup,
+    Trial,
+)
+from ariac_score.trial.signals import Signal, settle
+from ariac_score.trial.spans import FloatArray, Span
+
+__all__ = ["LARGEST_STEP_BACK_S", "TrialBuilder", "merge_trials", "settle_orders"]
+
+LARGEST_STEP_BACK_S = 1.0
+"""Stamps further back than this mean two recordings in one file, which sorting would mix up."""
+
+
+class TrialBuilder:
+    """Collects what a reader finds and settles it into a `Trial` once.
+
+    Args:
+        trial_id: Name of the trial.
+        file: The log, for error messages.
+        clock: Which clock the times come from, in words.
+    """
+
+    def __init__(self, trial_id: str, *, file: object, clock: str) -> None:
+        self.trial_id, self.file, self.clock = trial_id, file, clock
+        self.orders: list[Order] = []
+        self.submissions: list[Submission] = []
+        self.events: list[Event] = []
+        self.bodies: dict[str, Body] = {}
+        self.signals: dict[str, Signal] = {}
+        self.team: TeamSetup | None = None
+        self.official: OfficialResult | None = None
+        self.witnessed: set[str] = set()
+        self.unrecorded: list[str] = []
+        self.recorded: Span | None = None
+        self._defects: dict[tuple[str, str], LogDefect] = {}
+
+    def add(self, item: Order | Submission | Event) -> None:
+        """Take one decoded item; an order with a time also makes its announcement an event."""
+        if isinstance(item, Order):
+            self.orders.append(item)
+            if item.announced_s is not None:
+                self.events.append(Event(item.announced_s, ORDER_ANNOUNCED, item.id))
+        elif isinstance(item, Submission):
+            self.submissions.append(item)
+        elif item.kind == WATCHING:
+            self.witnessed.add(item.subject)
+        else:
+            self.events.append(item)
+
+    def add_body(self, body: Body) -> None:
+        """Take a body; the links of one that is known already are joined."""
+        known = self.bodies.get(body.id)
+        if known is not None and (known.kind, known.radius_m) != (body.kind, body.radius_m):
+            raise LogError(f"body {body.id!r} is described twice, differently", file=self.file)
+        links = tuple(sorted({*(known.links if known else ()), *body.links}))
+        self.bodies[body.id] = replace(body, links=links)
+
+    def defect(self, kind: str, where: str, count: int, message: str) -> None:
+        """Count something wrong that was survived; nothing happens when the count is 0."""
+        if count:
+            known = self._defects.get((kind, where))
+            total = count + (known.count if known else 0)
+            self._defects[kind, where] = LogDefect(kind, where, total, message)
+
+    def add_signal(self, name: str, unit: str, t: FloatArray, values: FloatArray) -> None:
+        """Take the samples of one signal in recorded order and settle them.
+
+        Raises:
+            LogError: Time runs back so far that the file must hold two recordings,
+                or the signal was there already.
+        """
+        if name in self.signals:
+            raise LogError(
+                f"signal {name!r} is recorded twice",
+                file=self.file,
+                hint="the log map leads two topics to one signal; map one of them, or record one of them",
+            )
+        settled = settle(np.asarray(t, dtype=np.float64), np.asarray(values, dtype=np.float64))
+        if settled.largest_step_back_s > LARGEST_STEP_BACK_S:
+            raise LogError(
+                f"time runs backwards by {settled.largest_step_back_s:.3f} s in signal {name!r}",
+                file=self.file,
+                hint="the file seems to hold two recordings, or the simulation was reset: score them one by one",
+            )
+        self.defect("disordered_stamps", name, settled.disordered, "stamps ran backwards; samples were sorted by time")
+        self.defect("repeated_stamps", name, settled.repeated, "stamps were repeated; the last sample of each was kept")
+        self.defect("not_finite", name, settled.not_finite, "NaN or infinite samples were left out, as gaps")
+        if len(settled.t):
+            self.signals[name] = Signal(name, unit, settled.t, settled.values)
+
+    def build(self) -> Trial:
+        """The trial, with updates of orders applied and everything in order of time."""
+        return Trial(
+            id=self.trial_id,
+            orders=settle_orders(self.orders),
+            submissions=tuple(sorted(self.submissions, key=lambda s: s.submitted_s)),
+            events=tuple(sorted(set(self.events))),
+            bodies=tuple(self.bodies[k] for k in sorted(self.bodies)),
+            signals={k: self.signals[k] for k in sorted(self.signals)},
+            team=self.team,
+            official=self.official,
+            witnessed=frozenset(self.witnessed),
+            unrecorded=tuple(sorted(self.unrecorded)),
+            log_defects=tuple(self._defects[k] for k in sorted(self._defects)),
+            clock=self.clock,
+            recorded=self.recorded or _span_of(self.signals.values(), self.events, self.submissions),
+        )
+
+
+def _span_of(
+    signals: Iterable[Signal], events: Iterable[Event], submissions: Iterable[Submission]
+) -> Span | None:
+    times = [float(t) for s in signals for t in (s.t[0], s.t[-1])]
+    times += [e.t_s for e in events] + [s.submitted_s for s in submissions]
+    return Span(min(times), max(times)) if times else None
+
+
+def settle_orders(announced: Sequence[Order]) -> tuple[Order, ...]:
+    """Apply updates to the orders they name.
+
+    An update takes over the products and the start time; the order keeps its id
+    and priority; the last update wins. An update whose own id was announced
+    before is ignored, and so is one that names no announced order.
+
+    Source:
+        ARIAC 2019, section "code" of the rulebook: update, priority.
+    """
+    orders: dict[str, Order] = {}
+    seen: set[str] = set()
+    for order in announced:
+        if order.id in seen:
+            continue
+        seen.add(order.id)
+        if not order.updates:
+            orders[order.id] = order
+        elif order.updates in orders:
+            old = orders[order.updates]
+            orders[old.id] = replace(old, tasks=order.tasks, announced_s=order.announced_s)
+    return tuple(orders.values())
+
+
+def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Trial:
+    """One trial from the several logs of a bundle.
+
+    Each kind of thing may come from one log only, except events, bodies, defects
+    and what was witnessed, which add up. Orders without a time take it from the
+    event of their announcement.
+
+    Raises:
+        LogError: Two logs tell the same thing differently.
+    """
+    orders = _only("orders", [p.orders for p in parts if p.orders], file)
+    submissions = _only("submissions", [p.submissions for p in parts if p.submissions], file)
+    team = _only("a team set-up", [p.team for p in parts if p.team], file)
+    official = _only("an official result", [p.official for p in parts if p.official], file)
+    signals: dict[str, Signal] = {}
+    for part in parts:
+        for name, signal in part.signals.items():
+            if name in signals:
+                raise LogError(f"two logs record the signal {name!r}", file=file, hint="a bundle is one trial")
+            signals[name] = signal
+    events = tuple(sorted({e for p in parts for e in p.events}))
+    announced = {e.subject: e.t_s for e in reversed(events) if e.kind == ORDER_ANNOUNCED}
+    timed = tuple(
+        order if order.announced_s is not None else replace(order, announced_s=announced.get(order.id))
+        for order in orders or ()
+    )
+    spans = [p.recorded for p in parts if p.recorded]
+    return Trial(
+        id=trial_id,
+        orders=timed,
+        submissions=submissions or (),
+        events=events,
+        bodies=tuple(sorted({b.id: b for p in parts for b in p.bodies}.values(), key=lambda b: b.id)),
+        signals={name: signals[name] for name in sorted(signals)},
+        team=team,
+        official=official,
+        witnessed=frozenset(w for p in parts for w in p.witnessed),
+        unrecorded=tuple(sorted({u for p in parts for u in p.unrecorded})),
+        log_defects=tuple(sorted(d for p in parts for d in p.log_defects)),
+        clock="; ".join(dict.fromkeys(p.clock for p in parts if p.clock)),
+        recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
+    )
+
+
+def _only(what: str, found: Sequence[object], file: object) -> object:
+    if len(found) > 1 and any(item != found[0] for item in found[1:]):
+        raise LogError(
+            f"{len(found)} logs hold {what}, and they differ",
+            file=file,
+            hint="a bundle is one trial: keep one, or name the parts in bundle.yaml",
+        )
+    return found[0] if found else None

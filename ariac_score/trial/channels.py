@@ -1,0 +1,121 @@
+"""Which topic, field, model or frame becomes which signal: the parsed form of a log map.
+
+This is data. `ariac_score.logmap` loads it from YAML; readers follow it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+from ariac_score.trial.model import Body
+from ariac_score.trial.vocabulary import quantity_of
+
+__all__ = ["BodyMatch", "Channel", "FieldMap", "LogMap"]
+
+
+@dataclass(frozen=True)
+class FieldMap:
+    """One signal and the message fields its values come from.
+
+    Attributes:
+        signal: Signal name, such as `speed/human`.
+        unit: SI unit the fields are in.
+        fields: Dotted paths, one for each component.
+    """
+
+    signal: str
+    unit: str
+    fields: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What one topic of a recording means.
+
+    Attributes:
+        topic: Name with leading slash.
+        type: Message type, `package/msg/Name`; empty accepts any.
+        stamp: `log` (time of recording) or `header` (the message's own stamp).
+        signals: Fields that are signals.
+        poses: `frames` for tf messages, `models` for Gazebo model states; empty otherwise.
+        decoder: Name of the plugin that turns its messages into orders, submissions, events.
+        witnesses: What this topic would have shown; see `Trial.witnessed`.
+    """
+
+    topic: str
+    type: str = ""
+    stamp: str = "log"
+    signals: tuple[FieldMap, ...] = ()
+    poses: str = ""
+    decoder: str = ""
+    witnesses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class BodyMatch:
+    """Which model or frame names are a body, and of what kind.
+
+    Attributes:
+        match: Shell pattern over names, such as `person_*`.
+        kind: `robot`, `human` or `agv`.
+        body: Body id; empty takes the matched name.
+        radius_m: Radius of the sphere that stands for the body and each link, m.
+        links: Shell patterns over the link names that are followed too.
+    """
+
+    match: str
+    kind: str
+    body: str = ""
+    radius_m: float = 0.0
+    links: tuple[str, ...] = ()
+
+    def body_for(self, name: str) -> Body | None:
+        """The body a name stands for, without its links; `None` when it does not match."""
+        if not fnmatchcase(name, self.match):
+            return None
+        return Body(self.body or name.replace("/", "_"), self.kind, self.radius_m)
+
+    def follows_link(self, link: str) -> bool:
+        """Whether positions of this link are wanted."""
+        return any(fnmatchcase(link, pattern) for pattern in self.links)
+
+
+@dataclass(frozen=True)
+class LogMap:
+    """How the logs of one edition are read.
+
+    Attributes:
+        id: Such as `ariac2020`.
+        channels: By topic, in the order of the file.
+        bodies: Bodies that mapped fields speak of.
+        models: Gazebo model names.
+        frames: tf frame names.
+        root_frame: The tf frame positions are given in.
+        speed_window_s: Half width of the centred difference that gives speeds, s; 0 means two samples.
+        sha256: Hash of the file it came from; empty for one made in memory.
+    """
+
+    id: str
+    channels: tuple[Channel, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    models: tuple[BodyMatch, ...] = ()
+    frames: tuple[BodyMatch, ...] = ()
+    root_frame: str = "world"
+    speed_window_s: float = 0.0
+    sha256: str = ""
+
+    def channels_for(self, quantities: Iterable[str]) -> tuple[Channel, ...]:
+        """The channels worth decoding when only these quantities are wanted.
+
+        Orders, submissions and events are always wanted.
+        """
+        wanted = frozenset(quantities)
+        return tuple(
+            channel
+            for channel in self.channels
+            if channel.decoder
+            or (channel.poses and "position" in wanted)
+            or any(quantity_of(f.signal) in wanted for f in channel.signals)
+        )

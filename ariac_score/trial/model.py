@@ -1,0 +1,346 @@
+"""The trial: orders, submissions, bodies, signals, and what the log could not have shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from ariac_score.errors import LogError, MissingSignalError
+from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import Span
+
+__all__ = [
+    "Body",
+    "LogDefect",
+    "OfficialResult",
+    "Order",
+    "Pose",
+    "Product",
+    "Submission",
+    "Task",
+    "TeamSetup",
+    "Tray",
+    "Trial",
+    "WantedProduct",
+]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where something lies, in the frame of its tray.
+
+    Attributes:
+        position_m: x, y, z in m.
+        orientation_wxyz: Quaternion, scalar first, as recorded (not normalised).
+
+    Raises:
+        ValueError: A number is not finite, or the quaternion has norm 0.
+    """
+
+    position_m: tuple[float, float, float]
+    orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(v) for v in (*self.position_m, *self.orientation_wxyz)):
+            raise ValueError("a pose must be finite")
+        if not any(self.orientation_wxyz):
+            raise ValueError("a quaternion of norm 0 is no orientation")
+
+    @classmethod
+    def from_rpy(cls, position_m: tuple[float, float, float], rpy_rad: tuple[float, float, float]) -> Pose:
+        """From roll, pitch, yaw about fixed axes: q = qz(yaw) qy(pitch) qx(roll).
+
+        Source: rulebooks 2017-2022, order poses.
+        """
+        (sr, cr), (sp, cp), (sy, cy) = ((math.sin(a / 2), math.cos(a / 2)) for a in rpy_rad)
+        return cls(
+            position_m,
+            (
+                cr * cp * cy + sr * sp * sy,
+                sr * cp * cy - cr * sp * sy,
+                cr * sp * cy + sr * cp * sy,
+                cr * cp * sy - sr * sp * cy,
+            ),
+        )
+
+    @property
+    def yaw_rad(self) -> float:
+        """Rotation about z as Gazebo's maths library extracts it, in rad."""
+        norm = math.sqrt(sum(v * v for v in self.orientation_wxyz))
+        w, x, y, z = (v / norm for v in self.orientation_wxyz)
+        return math.atan2(2 * (x * y + w * z), w * w + x * x - y * y - z * z)
+
+
+@dataclass(frozen=True)
+class WantedProduct:
+    """One product of a kit as ordered.
+
+    Attributes:
+        slot: Its name within the kit, such as `part_0`.
+        type: Full product type, such as `gear_part_red`.
+        pose: Wanted pose in the tray frame; `None` when the order gives none.
+    """
+
+    slot: str
+    type: str
+    pose: Pose | None = None
+
+
+@dataclass(frozen=True)
+class Product:
+    """One product as delivered.
+
+    Attributes:
+        type: Full product type, such as `gear_part_red`.
+        pose: Pose in the tray frame; `None` when the log does not give a usable one.
+        faulty: Whether it is a faulty product.
+        name: Name of the individual, when the log gives one.
+    """
+
+    type: str
+    pose: Pose | None = None
+    faulty: bool = False
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Tray:
+    """The movable tray a kit is built on (2022 on).
+
+    Attributes:
+        type: Its model, such as `movable_tray_metal_shiny`.
+        pose: Its pose on the AGV; `None` when unknown or not asked for.
+    """
+
+    type: str
+    pose: Pose | None = None
+
+
+@dataclass(frozen=True)
+class Task:
+    """One piece of work of an order, such as one shipment.
+
+    Attributes:
+        id: Shipment type, such as `order_0_shipment_0`.
+        kind: `kitting`, `assembly` or `combined`.
+        products: What is wanted.
+        agv: Ordered AGV; `any` leaves it open.
+        station: Ordered station; empty when none is asked for.
+        tray: Ordered movable tray, where the edition has them.
+    """
+
+    id: str
+    kind: str = "kitting"
+    products: tuple[WantedProduct, ...] = ()
+    agv: str = "any"
+    station: str = ""
+    tray: Tray | None = None
+
+
+@dataclass(frozen=True)
+class Order:
+    """An order as announced.
+
+    Attributes:
+        id: Such as `order_0`.
+        tasks: Its tasks in order.
+        announced_s: When it was announced, s of trial time; `None` when the log does not say.
+        priority: As the edition defines it; 1 is regular.
+        updates: Id of the order it replaces; empty for a new order.
+    """
+
+    id: str
+    tasks: tuple[Task, ...] = ()
+    announced_s: float | None = None
+    priority: int = 1
+    updates: str = ""
+
+
+@dataclass(frozen=True)
+class Submission:
+    """One kit as handed in.
+
+    Attributes:
+        task_id: Shipment type it was submitted as.
+        submitted_s: When, s of trial time.
+        contents: The products; `None` when the log does not show them.
+        agv: AGV it came on, such as `agv1`; empty when unknown.
+        station: Where it was sent; empty when unknown or not asked for.
+        tray: Movable tray below it, where known.
+    """
+
+    task_id: str
+    submitted_s: float
+    contents: tuple[Product, ...] | None = None
+    agv: str = ""
+    station: str = ""
+    tray: Tray | None = None
+
+
+@dataclass(frozen=True)
+class Body:
+    """Something that moves and that checks speak of.
+
+    Attributes:
+        id: Such as `gantry` or `person_1`.
+        kind: `robot`, `human` or `agv`.
+        radius_m: Radius of the sphere that stands for it (and for each link), m.
+        links: Names of its links whose positions are recorded.
+    """
+
+    id: str
+    kind: str
+    radius_m: float = 0.0
+    links: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class TeamSetup:
+    """What the team brought.
+
+    Attributes:
+        name: Team name; empty when unknown.
+        sensors: Sensor types by sensor name.
+    """
+
+    name: str = ""
+    sensors: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True)
+class OfficialResult:
+    """What the official scorer printed, kept beside ours and never used as ours.
+
+    Attributes:
+        source: File it was read from.
+        total: Printed final score; `None` when the text has none.
+        process_time_s: Printed total process time, s.
+        orders: Printed total by order id.
+    """
+
+    source: str
+    total: float | None
+    process_time_s: float | None
+    orders: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True, order=True)
+class LogDefect:
+    """Something wrong with the log that was survived, with a count.
+
+    Attributes:
+        kind: Such as `repeated_stamps`.
+        where: Topic, signal or file it concerns.
+        count: How often.
+        message: One sentence for people.
+    """
+
+    kind: str
+    where: str
+    count: int
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One trial as its logs show it.
+
+    Times are s of trial time. Trial time 0 is the recording's first stamp for bags
+    and JSON Lines, and the simulator's own zero for Gazebo logs.
+
+    Attributes:
+        id: Name of the trial.
+        orders: In order of announcement, updates applied.
+        submissions: In order of submission.
+        events: In order of time.
+        bodies: Robots, humans, AGVs.
+        signals: By name.
+        team: What the team brought; `None` when no log says.
+        official: The official scorer's own result, when the bundle holds it.
+        witnessed: Kinds of things this log would have shown had they happened:
+            `submissions`, `bodies`, or an event kind. For anything else silence
+            means nothing was recorded, not that nothing happened.
+        unrecorded: What was looked for and is not in the log, in words.
+        log_defects: What was wrong with the log.
+        clock: Which clock the times come from, in words.
+        recorded: From the first to the last stamp of the recording.
+    """
+
+    id: str
+    orders: tuple[Order, ...] = ()
+    submissions: tuple[Submission, ...] = ()
+    events: tuple[Event, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    signals: Mapping[str, Signal] = field(default_factory=lambda: MappingProxyType({}))
+    team: TeamSetup | None = None
+    official: OfficialResult | None = None
+    witnessed: frozenset[str] = frozenset()
+    unrecorded: tuple[str, ...] = ()
+    log_defects: tuple[LogDefect, ...] = ()
+    clock: str = ""
+    recorded: Span | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
+
+    def signal(self, name: str, *, unit: str) -> Signal:
+        """The signal of that name.
+
+        Raises:
+            MissingSignalError: It is not in the log.
+            LogError: It is there in another unit.
+        """
+        try:
+            signal = self.signals[name]
+        except KeyError:
+            raise MissingSignalError(name, self.signals) from None
+        if signal.unit != unit:
+            raise LogError(f"signal {name!r} is in {signal.unit!r}, the check asks for {unit!r}")
+        return signal
+
+    def bodies_of(self, kind: str) -> tuple[Body, ...]:
+        """The bodies of one kind, sorted by id."""
+        return tuple(sorted((b for b in self.bodies if b.kind == kind), key=lambda b: b.id))
+
+    def pairs(self) -> Iterator[tuple[Body, Body]]:
+        """Every (robot, human) pair, in order of their ids."""
+        for robot in self.bodies_of("robot"):
+            for human in self.bodies_of("human"):
+                yield robot, human
+
+    def events_of(self, kind: str) -> tuple[Event, ...]:
+        """The events of one kind in order of time."""
+        return tuple(sorted(e for e in self.events if e.kind == kind))
+
+    @property
+    def started_s(self) -> float | None:
+        """When the competition started, s of trial time; `None` when the log does not say."""
+        started = self.events_of(COMPETITION_STARTED)
+        return started[0].t_s if started else None
+
+    @property
+    def ended_s(self) -> float | None:
+        """When the competition ended, s of trial time; `None` when the log does not say."""
+        ended = self.events_of(COMPETITION_ENDED)
+        return ended[-1].t_s if ended else None
+
+    @property
+    def window(self) -> Span | None:
+        """The stretch in which behaviour counts: start to end of the competition.
+
+        Where the log does not say, the recording's own first and last stamp stand in.
+        """
+        recorded = self.recorded
+        start = self.started_s if self.started_s is not None else recorded and recorded.start_s
+        end = self.ended_s if self.ended_s is not None else recorded and recorded.end_s
+        if start is None or end is None or end < start:
+            return recorded
+        return Span(start, end)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the window, s; 0 when nothing was recorded."""
+        return self.window.duration_s if self.window else 0.0

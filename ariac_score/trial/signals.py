@@ -1,0 +1,170 @@
+"""Columnar signals: one named quantity over time, with its unit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, uncovered_spans
+
+__all__ = ["Sample", "Signal", "align", "settle"]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One value of one signal at one time: a piece of evidence.
+
+    Attributes:
+        signal: Name of the signal.
+        t_s: Time, s of trial time.
+        value: The value, or its components.
+        unit: Its unit.
+    """
+
+    signal: str
+    t_s: float
+    value: float | tuple[float, ...]
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """A named quantity over time.
+
+    Attributes:
+        name: `quantity/subject`, see `ariac_score.trial.vocabulary`.
+        unit: SI unit of every value.
+        t: Sample times, shape (n,), s of trial time, strictly increasing.
+        values: Shape (n,) or (n, k), finite.
+
+    Raises:
+        ValueError: The times do not increase, or a value is not finite. Readers
+            settle both beforehand and count what they had to drop.
+    """
+
+    name: str
+    unit: str
+    t: FloatArray
+    values: FloatArray
+
+    def __post_init__(self) -> None:
+        # Copies: a caller who keeps the array it handed in must not be able to change the trial.
+        t = np.array(self.t, dtype=np.float64)
+        values = np.array(self.values, dtype=np.float64)
+        if t.ndim != 1 or values.ndim not in (1, 2) or len(values) != len(t):
+            raise ValueError(f"signal {self.name!r}: times {t.shape} and values {values.shape} do not fit")
+        if not (np.isfinite(t).all() and (np.diff(t) > 0).all()):
+            raise ValueError(f"signal {self.name!r}: times must be finite and strictly increasing")
+        if not np.isfinite(values).all():
+            raise ValueError(f"signal {self.name!r}: values must be finite")
+        t.setflags(write=False)
+        values.setflags(write=False)
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "values", values)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def span(self) -> Span | None:
+        """From the first to the last sample; `None` when there is no sample."""
+        return Span(float(self.t[0]), float(self.t[-1])) if len(self.t) else None
+
+    def at(self, t: FloatArray) -> FloatArray:
+        """Values at other times, by straight lines between neighbours.
+
+        At its own sample times the recorded values come back to the bit. Times
+        outside the samples take the nearest value; use `covers` to exclude them.
+        """
+        if len(t) == len(self.t) and np.array_equal(t, self.t):
+            return self.values
+        if self.values.ndim == 1:
+            return np.interp(t, self.t, self.values)
+        return np.stack([np.interp(t, self.t, column) for column in self.values.T], axis=1)
+
+    def covers(self, t: FloatArray, *, max_gap_s: float) -> BoolArray:
+        """Whether each time is a sample or lies between two at most `max_gap_s` apart."""
+        if not len(self.t):
+            return np.zeros(len(t), dtype=bool)
+        after = np.searchsorted(self.t, t, side="left").clip(0, len(self.t) - 1)
+        before = (np.searchsorted(self.t, t, side="right") - 1).clip(0, len(self.t) - 1)
+        inside = (t >= self.t[0]) & (t <= self.t[-1])
+        covered: BoolArray = inside & (self.t[after] - self.t[before] <= max_gap_s + 1e-9)
+        return covered
+
+    def gaps(self, window: Span, *, max_gap_s: float) -> list[Span]:
+        """The stretches of a window this signal says nothing about."""
+        return uncovered_spans(self.t, window, max_gap_s=max_gap_s)
+
+    def sample(self, i: int) -> Sample:
+        """The i-th sample, as evidence."""
+        value = self.values[i]
+        plain = float(value) if self.values.ndim == 1 else tuple(float(v) for v in value)
+        return Sample(self.name, float(self.t[i]), plain, self.unit)
+
+
+def align(signals: Sequence[Signal], *, max_gap_s: float) -> tuple[FloatArray, list[FloatArray]]:
+    """Bring signals onto one time base without inventing anything in their gaps.
+
+    Signals sampled together keep their samples to the bit. Otherwise the base is
+    the union of all sample times, less those that some signal does not cover.
+
+    Args:
+        signals: At least one.
+        max_gap_s: Longest stretch between two samples that is interpolated, s.
+
+    Returns:
+        The times, shape (m,), and for each signal its values there, shape (m,) or (m, k).
+    """
+    first = signals[0]
+    if all(len(s.t) == len(first.t) and np.array_equal(s.t, first.t) for s in signals[1:]):
+        return first.t, [s.values for s in signals]
+    t = np.unique(np.concatenate([s.t for s in signals]))
+    covered = np.ones(len(t), dtype=bool)
+    for signal in signals:
+        covered &= signal.covers(t, max_gap_s=max_gap_s)
+    t = t[covered]
+    if not len(t):
+        return t, [s.values[:0] for s in signals]
+    return t, [s.at(t) for s in signals]
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Samples put in order, and what had to be dropped for it."""
+
+    t: FloatArray
+    values: FloatArray
+    disordered: int
+    repeated: int
+    not_finite: int
+    largest_step_back_s: float
+
+
+def settle(t: FloatArray, values: FloatArray) -> Settled:
+    """The one policy for samples as they come: sorted, unique in time, finite.
+
+    Samples are sorted by time (stably); of those with one stamp the last recorded
+    stays; those with a value that is not finite go, which leaves a gap for the
+    monitors to see. Everything done is counted.
+
+    Args:
+        t: Times in recorded order, shape (n,), s.
+        values: Values, shape (n,) or (n, k).
+    """
+    finite = np.isfinite(t) & np.isfinite(values.reshape(len(t), -1)).all(axis=1)
+    not_finite = int(len(t) - finite.sum())
+    t, values = t[finite], values[finite]
+    steps = np.diff(t)
+    disordered = int((steps < 0).sum())
+    back = float(-steps.min(initial=0.0))
+    if disordered:
+        order = np.argsort(t, kind="stable")
+        t, values = t[order], values[order]
+    last_of_stamp = np.append(np.diff(t) > 0, True) if len(t) else np.zeros(0, dtype=bool)
+    repeated = int(len(t) - last_of_stamp.sum())
+    if repeated:
+        t, values = t[last_of_stamp], values[last_of_stamp]
+    return Settled(t, values, disordered, repeated, not_finite, back)

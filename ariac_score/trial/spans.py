@@ -1,0 +1,133 @@
+"""Stretches of time, and the episodes a condition forms over sampled time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["BoolArray", "FloatArray", "Span", "episodes_where", "sample_durations", "uncovered_spans"]
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_TIME_TOLERANCE_S = 1e-9
+"""Stamps are ns; sums of them in float64 differ from the decimal figure by far less than this."""
+
+
+@dataclass(frozen=True, order=True)
+class Span:
+    """A closed stretch of trial time.
+
+    Attributes:
+        start_s: Start, s of trial time.
+        end_s: End, s of trial time, never before the start.
+    """
+
+    start_s: float
+    end_s: float
+
+    def __post_init__(self) -> None:
+        if not self.start_s <= self.end_s:
+            raise ValueError(f"a span cannot end ({self.end_s}) before it starts ({self.start_s})")
+
+    @property
+    def duration_s(self) -> float:
+        """Length in s."""
+        return self.end_s - self.start_s
+
+    def overlaps(self, other: Span) -> bool:
+        """Whether the two share at least one instant."""
+        return self.start_s <= other.end_s and other.start_s <= self.end_s
+
+
+def sample_durations(t: FloatArray, *, longest_s: float = np.inf) -> FloatArray:
+    """How long each sample stands for.
+
+    Sample k stands for [t_k, t_k+1); the last one for no time at all. Sums of
+    these, never sample counts, are durations, so that the log rate does not
+    change a score.
+
+    Args:
+        t: Sample times, shape (n,), s, strictly increasing.
+        longest_s: A sample never stands for longer than this, in s.
+
+    Returns:
+        Durations, shape (n,), s.
+
+    >>> sample_durations(np.array([0.0, 1.0, 4.0]), longest_s=2.0).tolist()
+    [1.0, 2.0, 0.0]
+    """
+    durations = np.zeros_like(t)
+    if len(t) > 1:
+        durations[:-1] = np.minimum(np.diff(t), longest_s)
+    return durations
+
+
+def _runs(holds: BoolArray) -> tuple[NDArray[Any], NDArray[Any]]:
+    """First and one-past-last index of each run of true samples."""
+    edges = np.diff(np.concatenate(([False], holds, [False])).astype(np.int8))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def episodes_where(
+    t: FloatArray, holds: BoolArray, *, t_on_s: float = 0.0, t_off_s: float = 0.0, longest_s: float = np.inf
+) -> list[Span]:
+    """Group the samples at which a condition holds into episodes.
+
+    An episode opens at the first true sample once the condition has held for
+    `t_on_s`, and closes at the end of the last true sample once it has been
+    false for `t_off_s`; shorter pauses are bridged, so that a distance that
+    flickers around its limit is one violation and not forty.
+
+    Args:
+        t: Sample times, shape (n,), s, strictly increasing.
+        holds: Whether the condition holds at each sample, shape (n,).
+        t_on_s: How long the condition must hold before an episode opens, s.
+        t_off_s: How long it must be false before the episode closes, s.
+        longest_s: A sample never stands for longer than this, s.
+
+    Returns:
+        The episodes in time order. One supported by the last sample alone has no length.
+
+    Source:
+        Monitor catalogue, section 1.2 (our choice of definition, after CARLA and VRX).
+
+    >>> t = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    >>> episodes_where(t, np.array([True, True, False, True, False]))
+    [Span(start_s=0.0, end_s=2.0), Span(start_s=3.0, end_s=4.0)]
+    >>> episodes_where(t, np.array([True, True, False, True, False]), t_off_s=1.5)
+    [Span(start_s=0.0, end_s=4.0)]
+    """
+    ends = t + sample_durations(t, longest_s=longest_s)
+    episodes: list[Span] = []
+    for first, past in zip(*_runs(holds), strict=True):
+        start, end = float(t[first]), float(ends[past - 1])
+        if episodes and start - episodes[-1].end_s < t_off_s - _TIME_TOLERANCE_S:
+            episodes[-1] = Span(episodes[-1].start_s, end)
+        elif end - start >= t_on_s - _TIME_TOLERANCE_S:
+            episodes.append(Span(start, end))
+    return episodes
+
+
+def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Span]:
+    """Where samples say nothing about a window of time.
+
+    Args:
+        t: Sample times, shape (n,), s, strictly increasing; may be empty.
+        window: The stretch that should be covered.
+        max_gap_s: Neighbouring samples at most this far apart, in s, cover the time between them.
+
+    Returns:
+        The uncovered stretches in time order.
+
+    >>> uncovered_spans(np.array([0.0, 1.0, 4.0]), Span(0.0, 5.0), max_gap_s=1.0)
+    [Span(start_s=1.0, end_s=4.0)]
+    """
+    inside = t[(t >= window.start_s) & (t <= window.end_s)]
+    marks = np.concatenate(([window.start_s], inside, [window.end_s]))
+    long = np.flatnonzero(np.diff(marks) > max_gap_s + _TIME_TOLERANCE_S)
+    gaps = [Span(float(marks[i]), float(marks[i + 1])) for i in long]
+    return gaps if len(inside) or gaps else [window]
