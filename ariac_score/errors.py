@@ -19,6 +19,7 @@ The exit codes are those of the command line (see `ariac_score.cli`).
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -74,21 +75,12 @@ class ScoreError(Exception):
         super().__init__(cause, self.file, place, hint)
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _rebuild, (type(self), self.cause, self.file, self.place, self.hint, self.__dict__)
+        # The default would call the constructor with `args`, which subclasses do not share.
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
     def __str__(self) -> str:
         where = ": ".join(part for part in (self.file, self.place) if part)
         return f"{where}: {self.cause}" if where else self.cause
-
-
-def _rebuild(
-    kind: type[ScoreError], cause: str, file: str | None, place: str, hint: str, facts: dict[str, object]
-) -> ScoreError:
-    """Make an error again after pickling, whatever its constructor looks like."""
-    error = kind.__new__(kind)
-    ScoreError.__init__(error, cause, file=file, place=place, hint=hint)
-    error.__dict__.update(facts)
-    return error
 
 
 class UsageError(ScoreError):
@@ -151,7 +143,9 @@ class MissingSignalError(LogError):
     def __init__(self, name: str, recorded: Iterable[str]) -> None:
         self.name = name
         self.recorded = sorted(recorded)
-        hint = did_you_mean(name, self.recorded, what="recorded") if self.recorded else "no signal was recorded"
+        hint = (
+            did_you_mean(name, self.recorded, what="recorded") if self.recorded else "no signal was recorded"
+        )
         super().__init__(f"signal {name!r} is not in the log", hint=hint)
 
 

@@ -65,7 +65,9 @@ class Limit:
         return self.margin > 0 or (self.margin == 0 and not self.strict)
 
     def __str__(self) -> str:
-        relation, bound = ("at most", self.at_most) if self.at_most is not None else ("at least", self.at_least)
+        relation, bound = (
+            ("at most", self.at_most) if self.at_most is not None else ("at least", self.at_least)
+        )
         return f"{self.what} {self.value:.6g} {self.unit} ({relation} {bound:.6g})"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,6 +26,9 @@ __all__ = ["LARGEST_STEP_BACK_S", "TrialBuilder", "merge_trials", "settle_orders
 
 LARGEST_STEP_BACK_S = 1.0
 """Stamps further back than this mean two recordings in one file, which sorting would mix up."""
+
+
+_Told = TypeVar("_Told")
 
 
 class TrialBuilder:
@@ -96,10 +100,17 @@ class TrialBuilder:
             raise LogError(
                 f"time runs backwards by {settled.largest_step_back_s:.3f} s in signal {name!r}",
                 file=self.file,
-                hint="the file seems to hold two recordings, or the simulation was reset: score them one by one",
+                hint="the file seems to hold two recordings (or a reset simulation): score them one by one",
             )
-        self.defect("disordered_stamps", name, settled.disordered, "stamps ran backwards; samples were sorted by time")
-        self.defect("repeated_stamps", name, settled.repeated, "stamps were repeated; the last sample of each was kept")
+        self.defect(
+            "disordered_stamps", name, settled.disordered, "stamps ran backwards; samples were sorted by time"
+        )
+        self.defect(
+            "repeated_stamps",
+            name,
+            settled.repeated,
+            "stamps were repeated; the last sample of each was kept",
+        )
         self.defect("not_finite", name, settled.not_finite, "NaN or infinite samples were left out, as gaps")
         if len(settled.t):
             self.signals[name] = Signal(name, unit, settled.t, settled.values)
@@ -173,7 +184,9 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     for part in parts:
         for name, signal in part.signals.items():
             if name in signals:
-                raise LogError(f"two logs record the signal {name!r}", file=file, hint="a bundle is one trial")
+                raise LogError(
+                    f"two logs record the signal {name!r}", file=file, hint="a bundle is one trial"
+                )
             signals[name] = signal
     events = tuple(sorted({e for p in parts for e in p.events}))
     announced = {e.subject: e.t_s for e in reversed(events) if e.kind == ORDER_ANNOUNCED}
@@ -199,7 +212,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     )
 
 
-def _only(what: str, found: Sequence[object], file: object) -> object:
+def _only(what: str, found: Sequence[_Told], file: object) -> _Told | None:
     if len(found) > 1 and any(item != found[0] for item in found[1:]):
         raise LogError(
             f"{len(found)} logs hold {what}, and they differ",

@@ -333,12 +333,11 @@ class Trial:
 
         Where the log does not say, the recording's own first and last stamp stand in.
         """
-        recorded = self.recorded
-        start = self.started_s if self.started_s is not None else recorded and recorded.start_s
-        end = self.ended_s if self.ended_s is not None else recorded and recorded.end_s
-        if start is None or end is None or end < start:
-            return recorded
-        return Span(start, end)
+        if self.recorded is None:
+            return None
+        start_s = self.recorded.start_s if self.started_s is None else self.started_s
+        end_s = self.recorded.end_s if self.ended_s is None else self.ended_s
+        return Span(start_s, end_s) if start_s <= end_s else self.recorded
 
     @property
     def duration_s(self) -> float:

@@ -35,9 +35,15 @@ QUANTITIES = {
     "speed": Quantity("m/s", 1, "body", "scalar speed of that origin, the norm of its velocity"),
     "centre_distance": Quantity("m", 1, "pair", "distance between the two origins"),
     "centre_distance_2d": Quantity("m", 1, "pair", "the same in the floor plane"),
-    "separation": Quantity("m", 1, "pair", "smallest surface-to-surface distance over all links, never below 0"),
-    "approach_speed_robot": Quantity("m/s", 1, "pair", "speed of the robot towards the human; negative: away"),
-    "approach_speed_human": Quantity("m/s", 1, "pair", "speed of the human towards the robot; negative: away"),
+    "separation": Quantity(
+        "m", 1, "pair", "smallest surface-to-surface distance over all links, never below 0"
+    ),
+    "approach_speed_robot": Quantity(
+        "m/s", 1, "pair", "speed of the robot towards the human; negative: away"
+    ),
+    "approach_speed_human": Quantity(
+        "m/s", 1, "pair", "speed of the human towards the robot; negative: away"
+    ),
 }
 
 

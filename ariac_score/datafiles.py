@@ -1,0 +1,319 @@
+"""Data files: safe YAML from strangers, our own schemas, and where the shipped data lies.
+
+This is the one place that knows where `rules/` and `schemas/` are.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ariac_score.errors import DataFileError, did_you_mean
+
+__all__ = [
+    "YamlDocument",
+    "load_yaml",
+    "parse_yaml",
+    "read_text",
+    "schema",
+    "schema_errors",
+    "shipped_rules",
+    "validate",
+]
+
+MAX_BYTES = 4_000_000
+MAX_DEPTH = 64
+MAX_NODES = 200_000
+"""Nodes after aliases are expanded, so that a few lines cannot stand for billions."""
+
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_TAG_MAP, _TAG_SEQ = "tag:yaml.org,2002:map", "tag:yaml.org,2002:seq"
+_Place = tuple["str | int", ...]
+
+
+@dataclass(frozen=True)
+class YamlDocument:
+    """One YAML file, loaded safely.
+
+    Attributes:
+        data: Plain Python values.
+        file: The file as the user named it.
+        sha256: Hash of its bytes.
+        lines: Line (from 1) of each value, by its path from the root.
+    """
+
+    data: Any
+    file: str
+    sha256: str
+    lines: Mapping[_Place, int]
+
+    def place(self, path: Sequence[str | int]) -> str:
+        """Words for a path: the line and a JSON path such as `line 7, $.terms.order`."""
+        where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path)
+        known = tuple(path)
+        while known and known not in self.lines:
+            known = known[:-1]
+        line = self.lines.get(known)
+        return f"line {line}, {where}" if line else where
+
+
+def read_text(path: Path, *, error: type[DataFileError] = DataFileError, max_bytes: int = MAX_BYTES) -> bytes:
+    """The bytes of a text file, refused when it is missing, unreadable or too large."""
+    try:
+        size = path.stat().st_size
+        if size > max_bytes:
+            raise error(
+                f"the file has {size:,} bytes, more than the {max_bytes:,} allowed",
+                file=path,
+                hint="a configuration of this kind is a few pages long; is this the right file?",
+            )
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise error("no such file", file=path, hint="check the path") from None
+    except OSError as cause:
+        raise error(f"cannot be read: {cause.strerror}", file=path, hint="check the permissions") from cause
+
+
+def load_yaml(
+    path: Path, *, error: type[DataFileError] = DataFileError, max_bytes: int = MAX_BYTES
+) -> YamlDocument:
+    """Load a YAML file that a stranger may have written.
+
+    Raises:
+        DataFileError: (or `error`) missing, too large, not UTF-8, malformed, two
+            documents, a duplicate key, or nested or aliased beyond the limits.
+    """
+    return parse_yaml(read_text(path, error=error, max_bytes=max_bytes), file=str(path), error=error)
+
+
+def parse_yaml(raw: bytes, *, file: str, error: type[DataFileError] = DataFileError) -> YamlDocument:
+    """Load YAML from bytes; see `load_yaml`."""
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as cause:
+        raise error(
+            "not UTF-8 text", file=file, place=f"byte {cause.start}", hint="save it as UTF-8"
+        ) from None
+    try:
+        _check_depth(text, file, error)
+        root = yaml.compose(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as cause:
+        mark = cause.problem_mark or cause.context_mark
+        place = f"line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        words = " ".join(w for w in (cause.context, cause.problem) if w)
+        raise error(
+            f"malformed YAML: {words}", file=file, place=place, hint="check indentation, quotes and colons"
+        ) from None
+    except yaml.YAMLError as cause:
+        raise error(
+            f"malformed YAML: {cause}", file=file, hint="check the file for control characters"
+        ) from None
+    builder = _Builder(file, error)
+    data = None
+    if root is not None:
+        _check_nodes(root, file, error)
+        data = builder.value(root)
+    return YamlDocument(data, file, hashlib.sha256(raw).hexdigest(), builder.lines)
+
+
+def _check_depth(text: str, file: str, error: type[DataFileError]) -> None:
+    """Refuse deep nesting before anything recursive sees it."""
+    depth = 0
+    events: Iterator[Any] = iter(yaml.parse(text, Loader=_Loader))
+    for event in events:
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > MAX_DEPTH:
+                raise error(
+                    f"nested deeper than {MAX_DEPTH} levels",
+                    file=file,
+                    place=_line(event),
+                    hint="no configuration needs this; the file looks hostile or broken",
+                )
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+
+
+def _children(node: yaml.Node) -> list[yaml.Node]:
+    if isinstance(node, yaml.MappingNode):
+        return [part for pair in node.value for part in pair]
+    return list(node.value) if isinstance(node, yaml.SequenceNode) else []
+
+
+def _check_nodes(root: yaml.Node, file: str, error: type[DataFileError]) -> None:
+    """Refuse alias bombs: count every node as often as it would be visited."""
+    sizes: dict[int, int] = {}
+    busy: set[int] = set()
+
+    def size(node: yaml.Node) -> int:
+        key = id(node)
+        if key in sizes:
+            return sizes[key]
+        if key in busy:
+            raise error(
+                "an alias refers to its own surroundings",
+                file=file,
+                place=_line(node),
+                hint="remove the alias",
+            )
+        busy.add(key)
+        total = 1 + sum(size(child) for child in _children(node))
+        busy.discard(key)
+        if total > MAX_NODES:
+            raise error(
+                f"more than {MAX_NODES:,} values once aliases are expanded",
+                file=file,
+                place=_line(node),
+                hint="write the values out instead of nesting aliases; the file looks hostile",
+            )
+        sizes[key] = total
+        return total
+
+    size(root)
+
+
+def _line_number(node: yaml.Node | yaml.Event) -> int:
+    return node.start_mark.line + 1 if node.start_mark else 1
+
+
+def _line(node: yaml.Node | yaml.Event) -> str:
+    return f"line {_line_number(node)}"
+
+
+class _Builder:
+    """Turns nodes into plain values, refusing what a configuration has no use for."""
+
+    def __init__(self, file: str, error: type[DataFileError]) -> None:
+        self.file, self.error = file, error
+        self.lines: dict[_Place, int] = {}
+        self._scalars = yaml.constructor.SafeConstructor()
+
+    def value(self, node: yaml.Node, path: _Place = ()) -> Any:
+        """The plain value of a node at a path."""
+        self.lines.setdefault(path, _line_number(node))
+        if isinstance(node, yaml.SequenceNode) and node.tag == _TAG_SEQ:
+            return [self.value(child, (*path, i)) for i, child in enumerate(node.value)]
+        if isinstance(node, yaml.MappingNode) and node.tag == _TAG_MAP:
+            return dict(self._items(node, path))
+        if isinstance(node, yaml.ScalarNode):
+            return self._scalar(node)
+        raise self._refusal(node, f"tag {node.tag!r} is not allowed", "use plain lists, maps and values")
+
+    def _scalar(self, node: yaml.ScalarNode) -> Any:
+        try:
+            return self._scalars.construct_object(node)
+        except (yaml.YAMLError, ValueError) as cause:
+            words = str(cause).splitlines()[0]
+            raise self._refusal(
+                node, f"{node.value!r} is not a plain value: {words}", "quote it if text is meant"
+            ) from None
+
+    def _items(self, node: yaml.MappingNode, path: _Place) -> Iterator[tuple[Any, Any]]:
+        seen: dict[Any, int] = {}
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise self._refusal(key_node, "a key must be a plain value", "quote the key")
+            key = self._scalar(key_node)
+            if key in seen:
+                raise self._refusal(
+                    key_node,
+                    f"key {key!r} is given twice, first in line {seen[key]}",
+                    "keep one of the two; YAML would silently take the last",
+                )
+            where = (*path, str(key))
+            seen[key] = self.lines[where] = _line_number(key_node)
+            yield key, self.value(value_node, where)
+
+    def _refusal(self, node: yaml.Node, cause: str, hint: str) -> DataFileError:
+        return self.error(cause, file=self.file, place=_line(node), hint=hint)
+
+
+@cache
+def schema(name: str) -> Any:
+    """One of the published schemas, such as `ruleset`."""
+    return json.loads(
+        files("ariac_score.schemas").joinpath(f"{name}.schema.json").read_text(encoding="utf-8")
+    )
+
+
+@cache
+def _validator(name: str) -> Any:
+    # Imported here: jsonschema takes longer to import than most commands to run.
+    from jsonschema import Draft202012Validator  # noqa: PLC0415
+
+    return Draft202012Validator(schema(name))
+
+
+def schema_errors(data: Any, name: str) -> list[tuple[_Place, str, str]]:
+    """What breaks a schema: for each fault its path, the cause and the remedy, in order of path."""
+    faults = [_worded(_deepest(fault)) for fault in _validator(name).iter_errors(data)]
+    return sorted(faults, key=lambda fault: [str(p) for p in fault[0]])
+
+
+def _deepest(fault: Any) -> Any:
+    """The fault inside an `anyOf` that went furthest, which is what the author meant."""
+    while fault.context:
+        fault = max(fault.context, key=lambda inner: (len(inner.absolute_path), -len(str(inner.message))))
+    return fault
+
+
+def _worded(fault: Any) -> tuple[_Place, str, str]:
+    path = tuple(fault.absolute_path)
+    if fault.validator == "additionalProperties" and isinstance(fault.instance, dict):
+        known = [*fault.schema.get("properties", {})]
+        extra = sorted(str(key) for key in fault.instance if key not in known)
+        return (
+            (*path, extra[0]),
+            f"unknown key {extra[0]!r}",
+            did_you_mean(extra[0], known, what="known keys"),
+        )
+    if fault.validator == "required":
+        missing = [key for key in fault.validator_value if key not in fault.instance]
+        return path, f"key {missing[0]!r} is missing", f"add {missing[0]!r}"
+    if fault.validator == "enum":
+        return (
+            path,
+            f"{fault.instance!r} is not allowed here",
+            did_you_mean(str(fault.instance), [str(v) for v in fault.validator_value], what="allowed"),
+        )
+    if fault.validator == "type":
+        return (
+            path,
+            f"{fault.instance!r} is not of type {fault.validator_value!r}",
+            f"give a {fault.validator_value}",
+        )
+    hint = (
+        fault.schema.get("description", "see the schema")
+        if isinstance(fault.schema, dict)
+        else "see the schema"
+    )
+    return path, fault.message, hint
+
+
+def validate(document: YamlDocument, name: str, *, error: type[DataFileError] = DataFileError) -> None:
+    """Hold a document against a published schema.
+
+    Raises:
+        DataFileError: (or `error`) with file, line, path, cause and remedy of the first fault.
+    """
+    faults = schema_errors(document.data, name)
+    if faults:
+        path, cause, hint = faults[0]
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        raise error(cause + more, file=document.file, place=document.place(path), hint=hint)
+
+
+def shipped_rules() -> dict[str, Path]:
+    """The YAML files below `rules/` by their dotted name, such as `ariac2022.as_coded`."""
+    root = Path(str(files("ariac_score.rules")))
+    return {
+        ".".join(path.relative_to(root).with_suffix("").parts): path for path in sorted(root.rglob("*.yaml"))
+    }

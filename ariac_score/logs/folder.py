@@ -1,0 +1,135 @@
+"""Scanning rosbag2 folders: `metadata.yaml` and the storage files it names.
+
+Source: rosbag2_storage, bag metadata versions 1 to 9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+
+import yaml
+
+from ariac_score.errors import LogError
+from ariac_score.logs.mcap import McapScan
+from ariac_score.logs.salvage import Connection, Message, Scan, inflate
+from ariac_score.logs.sqlite_bag import SqliteScan
+
+__all__ = ["METADATA", "METADATA_KEY", "FolderScan"]
+
+METADATA = "metadata.yaml"
+METADATA_KEY = "rosbag2_bagfile_information"
+
+_LARGEST_METADATA_BYTES = 16 << 20
+_REINDEX = "`ros2 bag reindex FOLDER` writes it anew from the storage files; or name one of these instead"
+
+
+@dataclass(frozen=True)
+class _Metadata:
+    storage: str
+    files: tuple[Path, ...]
+    messages: int | None
+    packed_messages: bool
+
+
+class FolderScan:
+    """One rosbag2 folder; see `ariac_score.logs.salvage.Scan`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._metadata = _read_metadata(path)
+        scan = McapScan if self._metadata.storage == "mcap" else SqliteScan
+        self.format = scan.format
+        self._scans: list[Scan] = [scan(file) for file in self._metadata.files]
+        self._current = 0
+
+    @property
+    def readable(self) -> str:
+        """How far reading got: the file and the place in it."""
+        if not self._scans:
+            return METADATA
+        return f"{self._metadata.files[self._current].name}, {self._scans[self._current].readable}"
+
+    @property
+    def share(self) -> float:
+        """The share read, 0 to 1, every file counting the same."""
+        return (self._current + self._scans[self._current].share) / len(self._scans) if self._scans else 0.0
+
+    def __iter__(self) -> Iterator[Connection | Message]:
+        """Every declared connection and message, file by file, in recorded order.
+
+        Raises:
+            LogError: A file is not whole, or the files do not add up to what the metadata says.
+        """
+        found = 0
+        for self._current, scan in enumerate(self._scans):  # noqa: B007  # `readable` tells of it
+            for item in scan:
+                if isinstance(item, Message):
+                    found += 1
+                    yield self._unpacked(item) if self._metadata.packed_messages else item
+                else:
+                    yield item
+        if self._metadata.messages not in (None, found):
+            raise LogError(
+                f"{METADATA} announces {self._metadata.messages} messages, the files hold {found}",
+                file=self.path,
+                place=METADATA,
+                hint="a storage file was exchanged or lost its end; take another copy of the recording",
+            )
+
+    def _unpacked(self, message: Message) -> Message:
+        try:
+            return message._replace(payload=inflate(message.payload, "zstd"))
+        except ValueError as error:
+            raise LogError(
+                f"a message on {message.connection.topic} cannot be inflated: {error}",
+                file=self._metadata.files[self._current],
+                place=f"after {self.readable}",
+                hint="take another copy of the recording",
+            ) from error
+
+
+def _read_metadata(path: Path) -> _Metadata:
+    file = path / METADATA
+    if not file.is_file():
+        raise LogError(f"the folder has no {METADATA}, so it is not a rosbag2 recording", file=path, hint=_REINDEX)
+    try:
+        with file.open("rb") as stream:
+            text = stream.read(_LARGEST_METADATA_BYTES).decode()
+        facts = yaml.safe_load(text)[METADATA_KEY]
+        metadata = _parsed(path, facts)
+    except (yaml.YAMLError, RecursionError, LookupError, TypeError, AttributeError, ValueError) as error:
+        cause = " ".join(str(error).split())
+        raise LogError(
+            f"it cannot be understood: {type(error).__name__}: {cause}", file=file, hint=_REINDEX
+        ) from error
+    for storage in metadata.files:
+        if not storage.is_file():
+            raise LogError(
+                f"it names {storage.name!r}, which is not in the folder",
+                file=file,
+                hint="copy the whole folder of the recording",
+            )
+    return metadata
+
+
+def _parsed(path: Path, facts: Mapping[str, object]) -> _Metadata:
+    storage, names = facts["storage_identifier"], facts["relative_file_paths"]
+    mode = str(facts.get("compression_mode") or "").lower()
+    if storage not in ("mcap", "sqlite3"):
+        raise ValueError(f"storage {storage!r} is neither 'mcap' nor 'sqlite3'")
+    if mode not in ("", "none", "message"):
+        raise ValueError(f"compression mode {mode!r} is not read; unpack the storage files with `zstd -d` first")
+    if mode == "message" and facts.get("compression_format") != "zstd":
+        raise ValueError(f"compression format {facts.get('compression_format')!r} is not 'zstd'")
+    if not isinstance(names, list):
+        raise ValueError("relative_file_paths is no list")
+    count = facts.get("message_count")
+    return _Metadata(
+        storage=str(storage),
+        # The name alone: old versions put the folder before it, and nothing outside the folder is ours.
+        files=tuple(path / PurePath(str(name)).name for name in names),
+        messages=count if isinstance(count, int) else None,
+        packed_messages=mode == "message",
+    )

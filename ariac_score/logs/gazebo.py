@@ -1,0 +1,684 @@
+"""Reading `state.log`, the motion record of Gazebo classic.
+
+The file is a run of compressed chunks, each a run of `<state>` frames; 600 KB of it
+hold 25 MB of text. It is read as a stream: no XML tree, and no more text in memory
+than one frame and one piece of a chunk. Most models stand still, so a model whose
+text is the same as in the frame before is not parsed again.
+
+Source: Gazebo classic 7 to 11, `physics/WorldState` and `util/LogRecord`; ARIAC notes
+on log formats, section 4.
+"""
+
+from __future__ import annotations
+
+import binascii
+import bz2
+import re
+import zlib
+from array import array
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, BinaryIO
+from xml.sax.saxutils import unescape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.contracts import LogDescription, TopicDescription, Wanted
+from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.model import Body, LogDefect, Trial
+from ariac_score.trial.spans import FloatArray, Span
+
+__all__ = ["MAX_CHUNK_BYTES", "Entity", "GazeboStateReader", "GazeboStates", "read_states"]
+
+MAX_CHUNK_BYTES = 512 * 1024 * 1024
+"""Most text one chunk may inflate to. Gazebo writes chunks of about 1000 frames, some 15 MB."""
+
+CLOCK = "simulated time"
+
+_PIECE_BYTES = 1 << 20
+_END_OF_LOG = b"</gazebo_log>"
+_ENCODING = re.compile(rb"""^\s+encoding\s*=\s*(['"])(\w+)\1\s*>$""")
+_VERSION = re.compile(rb"<gazebo_version>\s*([^<]*?)\s*</gazebo_version>")
+_SIM_TIME = re.compile(rb"<sim_time>\s*(\d+)\s+(\d+)\s*</sim_time>")
+_DELETIONS = re.compile(rb"<deletions>(.*?)</deletions>", re.DOTALL)
+_NAME = re.compile(rb"<name>([^<]*)</name>")
+_MODEL = re.compile(rb"<model\s+name\s*=\s*")
+_POSE = re.compile(
+    rb"""(?:<link\s+name\s*=\s*(?P<quote>['"])(?P<link>.*?)(?P=quote)[^>]*>\s*)?"""
+    rb"""<pose[^>]*>(?P<numbers>[^<]*)</pose>"""
+)
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Entity:
+    """A model, or a link of one, whose pose the frames give.
+
+    Attributes:
+        top: The top-level model it belongs to.
+        model: Its own model, which may be nested in another; its path where the name alone is taken.
+        link: Its name as a link; empty for the model itself.
+    """
+
+    top: str
+    model: str
+    link: str = ""
+
+    @property
+    def key(self) -> str:
+        """Unique name within a log: `model|` for a model and `model|link` for a link.
+
+        >>> Entity("agv1", "kit_tray_1", "kit_tray_1::tray").key
+        'kit_tray_1|kit_tray_1::tray'
+        """
+        return f"{self.model}|{self.link}"
+
+
+@dataclass(frozen=True, eq=False)
+class GazeboStates:
+    """All frames of a log, by column.
+
+    Attributes:
+        t_ns: Simulated time of each frame, shape (n,), ns, as recorded: may repeat or run back.
+        poses: For each converted entity the frames that list it, shape (m,), and its poses there,
+            shape (m, 6): x, y, z in m and roll, pitch, yaw in rad, world frame, as recorded.
+        entities: Every model and link seen, converted or not, by key.
+        listed: For each model (by `Entity.model`) the frames that list it, shape (m,).
+        deleted: For each deleted model the frames that say so.
+        gazebo_version: As the header gives it; empty when it does not.
+        cut_off: Why the log ends early, in words; empty for a whole one.
+    """
+
+    t_ns: IntArray
+    poses: Mapping[str, tuple[IntArray, FloatArray]]
+    entities: Mapping[str, Entity]
+    listed: Mapping[str, IntArray]
+    deleted: Mapping[str, IntArray]
+    gazebo_version: str = ""
+    cut_off: str = ""
+
+    @property
+    def t_s(self) -> FloatArray:
+        """Simulated time of each frame, shape (n,), s."""
+        t_s: FloatArray = self.t_ns / 1e9
+        return t_s
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Names of all models, nested ones too, sorted."""
+        return tuple(sorted(e.model for e in self.entities.values() if not e.link))
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Keys of all links, sorted."""
+        return tuple(sorted(key for key, e in self.entities.items() if e.link))
+
+    @property
+    def defects(self) -> tuple[LogDefect, ...]:
+        """What was wrong with the log as a whole; `where` is left to the caller."""
+        repeated = int((np.diff(self.t_ns) == 0).sum())
+        found = []
+        if self.cut_off:
+            found.append(LogDefect("cut_off", "", 1, self.cut_off))
+        if repeated:
+            message = "frames repeated a simulated time; the last frame of each was kept"
+            found.append(LogDefect("repeated_stamps", "", repeated, message))
+        return tuple(found)
+
+    def pose_in_each_frame(self, key: str) -> tuple[IntArray, FloatArray]:
+        """The last known pose of an entity in every frame while it exists.
+
+        A log may list only what changed since the frame before; what it does not
+        list has stayed where it was, until it is deleted.
+
+        Returns:
+            The frames from its first listing on, less those in which it is deleted,
+            shape (k,), and its pose in each, shape (k, 6).
+        """
+        listed, poses = self.poses[key]
+        frames = np.arange(listed[0], len(self.t_ns), dtype=np.int64)
+        row = np.searchsorted(listed, frames, side="right") - 1
+        entity = self.entities[key]
+        alive = np.ones(len(frames), dtype=bool)
+        for name in {entity.top, entity.model}:
+            if name in self.deleted:
+                deleted = np.concatenate(([-1], self.deleted[name]))
+                alive &= deleted[np.searchsorted(deleted, frames, side="right") - 1] <= listed[row]
+        return frames[alive], poses[row[alive]]
+
+
+def read_states(
+    path: Path,
+    wanted: Callable[[Entity], bool] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> GazeboStates:
+    """Read every frame of a `state.log`.
+
+    A log that was cut off (a killed server leaves no end) is read up to the cut.
+
+    Args:
+        path: The file.
+        wanted: Which entities' poses to convert; all when left out.
+        progress: Called after each chunk with the share of the file read, 0 to 1.
+
+    Raises:
+        NothingToScoreError: The file is missing or empty.
+        LogError: A complete chunk is corrupt, or there is not one whole frame.
+    """
+    scan = _Scan(path, wanted)
+    scan.run(progress)
+    return scan.states()
+
+
+@dataclass(eq=False)
+class _Column:
+    """The poses of one entity as they come in."""
+
+    entity: Entity
+    converted: bool
+    frames: array[int] = field(default_factory=lambda: array("q"))
+    rows: array[int] = field(default_factory=lambda: array("q"))
+    numbers: array[float] = field(default_factory=lambda: array("d"))
+
+    def arrays(self) -> tuple[IntArray, FloatArray]:
+        poses = np.array(self.numbers, dtype=np.float64).reshape(-1, 6)
+        return np.array(self.frames, dtype=np.int64), poses[np.array(self.rows, dtype=np.int64)]
+
+
+class _Model:
+    """One model's place in the tree, with its text in the frame before."""
+
+    def __init__(self, name: str, key: str, parent: _Model | None) -> None:
+        self.name, self.key, self.parent = name, key, parent
+        self.children: dict[bytes, _Model] = {}
+        self.columns: dict[str, _Column] = {}
+        self.frames: array[int] = array("q")
+        self.text = b""
+        self.ends = 0
+        self.shown: list[_Column] = []
+
+    @property
+    def top(self) -> str:
+        """The name of the top-level model above (or at) this one."""
+        model = self
+        while model.parent is not None and model.parent.parent is not None:
+            model = model.parent
+        return model.key
+
+
+class _Scan:
+    """One pass over one file; holds what was read even when the pass ends in an error."""
+
+    def __init__(self, path: Path, wanted: Callable[[Entity], bool] | None) -> None:
+        self.path, self.wanted = path, wanted
+        self.version, self.cut_off = "", ""
+        self.chunk = 0
+        self.t_ns: array[int] = array("q")
+        self.root = _Model("", "", None)
+        self.models: dict[str, _Model] = {}
+        self.deleted: dict[str, list[int]] = {}
+
+    def run(self, progress: Callable[[float], None] | None) -> None:
+        """Read the whole file."""
+        try:
+            size = self.path.stat().st_size
+            if not size:
+                raise NothingToScoreError(
+                    "the state log is empty",
+                    file=self.path,
+                    hint="switch on gazebo_state_logging in the trial and let the simulator shut down",
+                )
+            with self.path.open("rb") as file:
+                for done in self._chunks(_Tape(file, self.path)):
+                    if progress is not None:
+                        progress(min(1.0, done / size))
+        except FileNotFoundError:
+            raise NothingToScoreError("no such file", file=self.path, hint="check the path") from None
+        except OSError as cause:
+            raise LogError(
+                f"cannot be read: {cause.strerror}", file=self.path, hint="check the permissions"
+            ) from cause
+        if not self.t_ns:
+            raise LogError(
+                "not one whole frame in this state log",
+                file=self.path,
+                place=f"chunk {self.chunk}" if self.chunk else "",
+                hint="the recording stopped before it began; use the log of another run",
+            )
+
+    def states(self) -> GazeboStates:
+        """What was read so far, as arrays."""
+        columns = sorted(
+            (c for m in self.models.values() for c in m.columns.values()), key=lambda c: c.entity.key
+        )
+        return GazeboStates(
+            t_ns=np.array(self.t_ns, dtype=np.int64),
+            poses=MappingProxyType({c.entity.key: c.arrays() for c in columns if c.converted}),
+            entities=MappingProxyType({c.entity.key: c.entity for c in columns}),
+            listed=MappingProxyType(
+                {k: np.array(self.models[k].frames, dtype=np.int64) for k in sorted(self.models)}
+            ),
+            deleted=MappingProxyType(
+                {k: np.array(self.deleted[k], dtype=np.int64) for k in sorted(self.deleted)}
+            ),
+            gazebo_version=self.version,
+            cut_off=self.cut_off,
+        )
+
+    def _chunks(self, tape: _Tape) -> Iterator[int]:
+        """Read chunk after chunk, giving the offset behind each."""
+        while True:
+            between = tape.take_past(b"<chunk")
+            if between is None:
+                self._finish(tape.rest())
+                return
+            self._note_version(between)
+            self.chunk += 1
+            offset = tape.offset
+            tag = tape.take_past(b">")
+            body = None if tag is None else tape.take_past(b"</chunk>")
+            if tag is None or body is None:
+                body = tape.rest()
+                self._cut("in the middle of chunk")
+                if tag is not None:
+                    self._read_chunk(_without_cdata(body), tag, offset, whole=False)
+                self._tell_cut()
+                return
+            self._read_chunk(_without_cdata(body.removesuffix(b"</chunk>")), tag, offset, whole=True)
+            yield tape.offset
+
+    def _finish(self, rest: bytes) -> None:
+        self._note_version(rest)
+        if _END_OF_LOG not in rest:
+            self._cut("after chunk")
+            self._tell_cut()
+
+    def _cut(self, where: str) -> None:
+        self.cut_off = f"the file ends {where} {self.chunk}" if self.chunk else "the file ends in its header"
+
+    def _tell_cut(self) -> None:
+        last = f"{self.t_ns[-1] / 1e9:.3f} s" if self.t_ns else "nothing"
+        self.cut_off += f" without </gazebo_log>; it was read up to {last} of simulated time"
+
+    def _note_version(self, header: bytes) -> None:
+        found = _VERSION.search(header)
+        if found:
+            self.version = found[1].decode("utf-8", "replace")
+
+    def _read_chunk(self, body: bytes, tag: bytes, offset: int, *, whole: bool) -> None:
+        named = _ENCODING.match(tag)
+        encoding = named[2].decode() if named else ""
+        try:
+            for frame in _frames(_text(body, encoding, whole=whole)):
+                self._read_frame(frame)
+        except _CorruptError as cause:
+            raise LogError(
+                f"chunk {self.chunk} is corrupt: {cause}",
+                file=self.path,
+                place=f"byte {offset}",
+                hint="the file was damaged after it was written; copy it again, or score without it",
+            ) from cause.__cause__
+
+    def _read_frame(self, frame: bytes) -> None:
+        time = _SIM_TIME.search(frame)
+        if time is None:
+            raise _CorruptError(f"frame {len(self.t_ns)} has no <sim_time> of seconds and nanoseconds")
+        t_ns = int(time[1]) * 10**9 + int(time[2])
+        if t_ns >= 2**63:
+            raise _CorruptError(f"frame {len(self.t_ns)} has a simulated time beyond 292 years")
+        index = len(self.t_ns)
+        self._note_deletions(frame, index)
+        head, *segments = _MODEL.split(frame)
+        del head
+        here = self.root
+        for segment in segments:
+            model = self._child(here, segment)
+            if segment != model.text:
+                self._parse(model, segment)
+            model.frames.append(index)
+            for column in model.shown:
+                column.frames.append(index)
+                column.rows.append(len(column.numbers) // 6 - 1)
+            here = _ancestor(model, model.ends)
+        self.t_ns.append(t_ns)
+
+    def _note_deletions(self, frame: bytes, index: int) -> None:
+        if b"<deletions>" not in frame:
+            return
+        for block in _DELETIONS.finditer(frame):
+            for name in _NAME.finditer(block[1]):
+                self.deleted.setdefault(_words(name[1].strip()), []).append(index)
+
+    def _child(self, parent: _Model, segment: bytes) -> _Model:
+        quote = segment[:1]
+        end = segment.find(quote, 1)
+        if quote not in (b"'", b'"') or end < 0:
+            raise _CorruptError(f"frame {len(self.t_ns)} holds a model without a quoted name")
+        raw = segment[1:end]
+        model = parent.children.get(raw)
+        if model is None:
+            name = _words(raw)
+            key = name if name not in self.models else f"{parent.key}::{name}"
+            if key in self.models:
+                raise _CorruptError(f"two models are called {key!r}")
+            model = parent.children[raw] = self.models[key] = _Model(name, key, parent)
+        return model
+
+    def _parse(self, model: _Model, segment: bytes) -> None:
+        """Take the poses of a model whose text has changed.
+
+        The text runs from the model's name to the next model's: its own poses, then
+        for each `</model>` what its ancestors list after it.
+        """
+        own, *after = segment.split(b"</model>")
+        shown = list(self._take_poses(model, own, links_only=False))
+        above: _Model | None = model
+        for piece in after:
+            above = above.parent if above is not None else None
+            if above is not None and above is not self.root and b"<link" in piece:
+                shown += self._take_poses(above, piece, links_only=True)
+        model.text, model.ends, model.shown = segment, len(after), shown
+
+    def _take_poses(self, model: _Model, text: bytes, *, links_only: bool) -> Iterator[_Column]:
+        own_expected = not links_only
+        for pose in _POSE.finditer(text):
+            link = "" if pose["link"] is None else _words(pose["link"])
+            if not link and not own_expected:
+                continue  # a pose inside a link, of something that is neither model nor link
+            own_expected = False
+            column = model.columns.get(link)
+            if column is None:
+                entity = Entity(model.top, model.key, link)
+                converted = self.wanted is None or self.wanted(entity)
+                column = model.columns[link] = _Column(entity, converted)
+            if column.converted:
+                column.numbers.extend(self._six(pose["numbers"], column.entity))
+                yield column
+
+    def _six(self, text: bytes, entity: Entity) -> list[float]:
+        try:
+            numbers = [float(word) for word in text.split()]
+        except ValueError:
+            numbers = []
+        if len(numbers) != 6:
+            frame = len(self.t_ns)
+            raise _CorruptError(f"frame {frame} gives {entity.key!r} a pose that is not six numbers")
+        return numbers
+
+
+class _CorruptError(Exception):
+    """A chunk does not hold what it must; worded without the place, which the caller knows."""
+
+
+class _Tape:
+    """A file read forwards, piece by piece."""
+
+    def __init__(self, file: BinaryIO, path: Path) -> None:
+        self._file, self._path = file, path
+        self._held = bytearray()
+        self.offset = 0
+
+    def take_past(self, marker: bytes) -> bytes | None:
+        """The bytes up to and with a marker; `None`, taking nothing, when the file ends before it."""
+        start = 0
+        while True:
+            at = self._held.find(marker, start)
+            if at >= 0:
+                return self._take(at + len(marker))
+            start = max(0, len(self._held) - len(marker) + 1)
+            piece = self._file.read(_PIECE_BYTES)
+            if not piece:
+                return None
+            self._held += piece
+            if len(self._held) > MAX_CHUNK_BYTES:
+                raise LogError(
+                    f"more than {MAX_CHUNK_BYTES:,} bytes without {marker.decode()!r}",
+                    file=self._path,
+                    place=f"byte {self.offset}",
+                    hint="Gazebo writes chunks of a few hundred KB; the file looks broken or hostile",
+                )
+
+    def rest(self) -> bytes:
+        """All bytes that are left and were looked at."""
+        return self._take(len(self._held))
+
+    def _take(self, count: int) -> bytes:
+        taken = bytes(self._held[:count])
+        del self._held[:count]
+        self.offset += count
+        return taken
+
+
+def _without_cdata(body: bytes) -> bytes:
+    """The content of a chunk, of which any end may be cut off."""
+    body = body.strip()
+    opening = b"<![CDATA["
+    if opening.startswith(body):
+        return b""
+    return body.removeprefix(opening).removesuffix(b"]]>")
+
+
+def _text(body: bytes, encoding: str, *, whole: bool) -> Iterator[bytes]:
+    """The text of a chunk in pieces."""
+    if encoding == "txt":
+        yield body
+    elif encoding == "zlib":
+        yield from _inflate(zlib.decompressobj(), _from_base64(body, whole=whole), whole=whole)
+    elif encoding == "bz2":
+        yield from _inflate(bz2.BZ2Decompressor(), _from_base64(body, whole=whole), whole=whole)
+    elif whole or encoding:
+        raise _CorruptError(f"encoding {encoding!r} is not txt, zlib or bz2")
+
+
+_NOT_BASE64 = re.compile(rb"[^A-Za-z0-9+/=]")
+
+
+def _from_base64(body: bytes, *, whole: bool) -> bytes:
+    body = body.translate(None, b" \t\r\n")
+    if not whole:
+        # What is left of the closing brackets, and of the last group of four.
+        body = body.rstrip(b"]")
+        body = body[: len(body) // 4 * 4]
+    strange = _NOT_BASE64.search(body)
+    if strange:
+        raise _CorruptError(f"{strange[0]!r} is not base64")
+    try:
+        return binascii.a2b_base64(body)
+    except binascii.Error as cause:
+        raise _CorruptError(f"not base64: {cause}") from cause
+
+
+def _inflate(decompressor: Any, packed: bytes, *, whole: bool) -> Iterator[bytes]:
+    """Decompress in pieces, refusing bombs before they are unpacked."""
+    total, feed = 0, packed
+    while not decompressor.eof:
+        try:
+            piece: bytes = decompressor.decompress(feed, _PIECE_BYTES)
+        except (zlib.error, OSError, EOFError) as cause:
+            raise _CorruptError(f"cannot be decompressed: {cause}") from cause
+        # zlib hands the unread input back, bz2 keeps it.
+        feed = getattr(decompressor, "unconsumed_tail", b"")
+        total += len(piece)
+        if total > MAX_CHUNK_BYTES:
+            raise _CorruptError(f"it inflates to more than {MAX_CHUNK_BYTES:,} bytes")
+        if not piece:
+            break
+        yield piece
+    if whole and not decompressor.eof:
+        raise _CorruptError("its compressed data ends early")
+    if decompressor.unused_data:
+        raise _CorruptError("bytes follow its compressed data")
+
+
+def _frames(pieces: Iterator[bytes]) -> Iterator[bytes]:
+    """The content of each whole `<state>`, without insertions; worlds are passed over.
+
+    A world may hold a `<state>` of its own, and an insertion whole models, so both
+    are skipped before anything in them is looked at.
+    """
+    held = b""
+    for piece in pieces:
+        held += piece
+        while True:
+            frame, used = _next_frame(held)
+            held = held[used:]
+            if frame is not None:
+                yield frame
+            elif not used:
+                break
+
+
+_OPENING = re.compile(rb"<(world|state)[\s>]")
+
+
+def _next_frame(text: bytes) -> tuple[bytes | None, int]:
+    """The first whole frame of a text, and how much of the text is done with."""
+    opening = _OPENING.search(text)
+    if opening is None:
+        return None, 0
+    if opening[1] == b"world":
+        end = text.find(b"</world>", opening.end())
+        return None, 0 if end < 0 else end + len(b"</world>")
+    kept: list[bytes] = []
+    at = opening.end()
+    while True:
+        end = text.find(b"</state>", at)
+        inserted = text.find(b"<insertions>", at, end if end >= 0 else len(text))
+        if inserted < 0:
+            if end < 0:
+                return None, 0
+            kept.append(text[at:end])
+            return b"".join(kept), end + len(b"</state>")
+        kept.append(text[at:inserted])
+        closing = text.find(b"</insertions>", inserted)
+        if closing < 0:
+            return None, 0
+        at = closing + len(b"</insertions>")
+
+
+def _ancestor(model: _Model, levels: int) -> _Model:
+    """The model some levels up; the root when there are not that many."""
+    for _ in range(levels):
+        if model.parent is None:
+            break
+        model = model.parent
+    return model
+
+
+def _words(raw: bytes) -> str:
+    return unescape(raw.decode("utf-8", "replace"), {"&apos;": "'", "&quot;": '"'})
+
+
+class GazeboStateReader:
+    """Reads positions of bodies from `state.log`.
+
+    Times are simulated time. Positions are those of the models' and links' origins in
+    the world frame; models have 3 significant digits in the real files, links 4.
+    Recording pauses while nothing moves, which leaves gaps between frames.
+    """
+
+    def can_read(self, path: Path) -> bool:
+        """Whether the file begins like a Gazebo log, or is an empty `state.log`."""
+        try:
+            if not path.is_file():
+                return False
+            with path.open("rb") as file:
+                head = file.read(1024)
+        except OSError:
+            return False
+        return b"<gazebo_log" in head if head else path.name == "state.log"
+
+    def describe(self, path: Path) -> LogDescription:
+        """The models the log shows, and how many states, models and links it has."""
+        scan = _Scan(path, lambda _entity: False)
+        damage = ""
+        try:
+            scan.run(None)
+        except LogError as error:
+            damage = str(error)
+        states = scan.states()
+        t_s = states.t_s
+        return LogDescription(
+            format="Gazebo state log",
+            topics=tuple(_described(name, t_s[states.listed[name]]) for name in states.models),
+            clock=CLOCK,
+            facts={
+                "states": len(t_s),
+                "models": len(states.models),
+                "links": len(states.links),
+                "gazebo_version": states.gazebo_version,
+            },
+            defects=_placed(states.defects, path),
+            damage=damage,
+            duration_s=float(t_s.max() - t_s.min()) if len(t_s) else 0.0,
+        )
+
+    def read(self, path: Path, wanted: Wanted) -> Trial:
+        """Bodies, and where they are in each frame when positions are wanted.
+
+        Raises:
+            NothingToScoreError: The file is missing or empty.
+            LogError: A complete chunk is corrupt, there is not one whole frame, or
+                time runs back so far that the file holds two recordings.
+        """
+        models = wanted.log_map.models
+        positions = "position" in wanted.quantities
+        states = read_states(
+            path, lambda entity: positions and _is_followed(entity, models), progress=wanted.progress
+        )
+        builder = TrialBuilder(path.stem, file=path, clock=CLOCK)
+        builder.witnessed.add("bodies")
+        for defect in _placed(states.defects, path):
+            builder.defect(defect.kind, defect.where, defect.count, defect.message)
+        for key in sorted(states.entities):
+            _add_entity(builder, states, states.entities[key], models)
+        t_s = states.t_s
+        builder.recorded = Span(float(t_s.min()), float(t_s.max()))
+        return builder.build()
+
+
+def _described(name: str, t_s: FloatArray) -> TopicDescription:
+    gap = float(np.diff(t_s).max()) if len(t_s) > 1 else None
+    return TopicDescription(name, "model", len(t_s), float(t_s[0]), float(t_s[-1]), gap)
+
+
+def _placed(defects: tuple[LogDefect, ...], path: Path) -> tuple[LogDefect, ...]:
+    return tuple(LogDefect(d.kind, path.name, d.count, d.message) for d in defects)
+
+
+def _match(entity: Entity, models: tuple[BodyMatch, ...]) -> tuple[BodyMatch, Body] | None:
+    """The first body of the log map that an entity's top-level model stands for."""
+    for match in models:
+        body = match.body_for(entity.top)
+        if body is not None:
+            return match, body
+    return None
+
+
+def _is_followed(entity: Entity, models: tuple[BodyMatch, ...]) -> bool:
+    found = _match(entity, models)
+    if found is None:
+        return False
+    return found[0].follows_link(entity.link) if entity.link else entity.model == entity.top
+
+
+def _add_entity(
+    builder: TrialBuilder, states: GazeboStates, entity: Entity, models: tuple[BodyMatch, ...]
+) -> None:
+    found = _match(entity, models)
+    if found is None or not _is_followed(entity, models):
+        return
+    body = found[1]
+    links = (entity.link,) if entity.link else ()
+    builder.add_body(Body(body.id, body.kind, body.radius_m, links))
+    if entity.key in states.poses:
+        frames, poses = states.pose_in_each_frame(entity.key)
+        last_of_stamp = np.append(np.diff(states.t_ns[frames]) != 0, True)
+        name = f"position/{body.id}::{entity.link}" if entity.link else f"position/{body.id}"
+        builder.add_signal(name, "m", states.t_s[frames][last_of_stamp], poses[last_of_stamp, :3])

@@ -1,0 +1,184 @@
+"""Reading ROS recordings: ROS 1 bags and ROS 2 bags in SQLite or MCAP, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from keyword import iskeyword
+from operator import attrgetter
+from pathlib import Path
+
+import numpy as np
+
+from ariac_score.contracts import LogDescription, Wanted
+from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs import mcap, ros1bag, sqlite_bag
+from ariac_score.logs.folder import METADATA, METADATA_KEY, FolderScan
+from ariac_score.logs.salvage import Connection, Message, Scan, Survey, normalised_type
+from ariac_score.logs.transforms import ModelPoses, TransformTree
+from ariac_score.logs.types import Decode, UnknownTypeError, decoder_for
+from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.channels import Channel, FieldMap, LogMap
+from ariac_score.trial.model import LogDefect, Trial
+from ariac_score.trial.spans import Span
+from ariac_score.trial.vocabulary import quantity_of, subject_of
+
+__all__ = ["RosbagReader"]
+
+LARGEST_CLOCK_DIFFERENCE_S = 60.0
+"""Header and log stamps further apart than this come from two clocks."""
+
+_PROGRESS_EVERY = 4096
+_SUFFIXES = (".bag", ".db3", ".mcap")
+_NO_SIGNAL = "the signal is left out"
+
+
+class RosbagReader:
+    """Reads ROS 1 bags (`.bag`) and ROS 2 bags (`.db3`, `.mcap`, or a rosbag2 folder).
+
+    Trial time 0 is the earliest log time of any message, so that the same
+    messages give the same trial in every format, to the bit.
+    """
+
+    def can_read(self, path: Path) -> bool:
+        """Whether this looks like a ROS recording, whole or not; never an error."""
+        try:
+            return _looks_like_recording(path)
+        except OSError:
+            # What cannot even be looked at is ours if it is called so: `read` then says why.
+            return path.suffix in _SUFFIXES
+
+    def describe(self, path: Path) -> LogDescription:
+        """What the recording holds; of a damaged one, what is readable.
+
+        Raises:
+            LogError: It cannot even be opened.
+            NothingToScoreError: The file is empty.
+        """
+        scan = _open(path)
+        survey, damage = Survey(), ""
+        try:
+            for item in _guarded(scan, path):
+                _count(survey, item)
+        except LogError as error:
+            damage = f"{error}; readable up to {scan.readable}"
+        return LogDescription(
+            format=scan.format,
+            topics=survey.topics(),
+            clock=_clock(survey),
+            facts={"messages": survey.messages},
+            defects=tuple(
+                LogDefect("disordered_stamps", topic, count, "stamps run backwards")
+                for topic, count in survey.steps_back()
+            ),
+            damage=damage,
+            duration_s=survey.duration_s,
+        )
+
+    def read(self, path: Path, wanted: Wanted) -> Trial:
+        """The part of a trial that the recording shows.
+
+        Raises:
+            LogError: The recording is damaged, its clocks are mixed, or what it
+                says contradicts itself.
+            NothingToScoreError: It holds no message.
+        """
+        scan = _open(path)
+        survey, gathering = Survey(), _Gathering(wanted)
+        try:
+            for item in _guarded(scan, path):
+                _count(survey, item)
+                gathering.take(item)
+                if survey.messages % _PROGRESS_EVERY == 0:
+                    wanted.progress(scan.share)
+        except LogError as error:
+            raise LogError(
+                f"{error.cause}; readable up to {scan.readable}: {survey.words()}",
+                file=error.file or path,
+                place=error.place,
+                hint=error.hint,
+            ) from error
+        wanted.progress(1.0)
+        origin_ns = survey.first_ns
+        if origin_ns is None:
+            raise NothingToScoreError(
+                "the recording holds no message",
+                file=path,
+                hint="was the simulation running, and did the recorder see its topics?",
+            )
+        builder = TrialBuilder(_trial_id(path), file=path, clock=_clock(survey))
+        builder.recorded = Span(0.0, survey.duration_s)
+        gathering.settle(builder, origin_ns)
+        return builder.build()
+
+
+def _looks_like_recording(path: Path) -> bool:
+    if path.is_dir():
+        metadata = path / METADATA
+        if not metadata.is_file():
+            return False
+        with metadata.open("rb") as file:
+            return METADATA_KEY.encode() in file.read(1 << 16) or any(
+                child.suffix in _SUFFIXES for child in path.iterdir()
+            )
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        start = file.read(16)
+    if not start:
+        return path.suffix in _SUFFIXES
+    if start.startswith(sqlite_bag.MAGIC):
+        return path.suffix == ".db3"
+    return start.startswith((mcap.MAGIC, ros1bag.MAGIC[:8]))
+
+
+def _open(path: Path) -> Scan:
+    """The scan for what lies at a path, chosen by its first bytes, else by its suffix."""
+    try:
+        if path.is_dir():
+            return FolderScan(path)
+        with path.open("rb") as file:
+            start = file.read(16)
+    except OSError as error:
+        raise _cannot_be_read(error, path) from error
+    if not start:
+        raise NothingToScoreError("the file is empty", file=path, hint="the recorder wrote nothing; record again")
+    if start.startswith(mcap.MAGIC) or (path.suffix == ".mcap"):
+        return mcap.McapScan(path)
+    if start.startswith(sqlite_bag.MAGIC) or (path.suffix == ".db3"):
+        return sqlite_bag.SqliteScan(path)
+    if start.startswith(ros1bag.MAGIC[:8]) or (path.suffix == ".bag"):
+        return ros1bag.Ros1Scan(path)
+    raise NothingToScoreError(
+        "it is not a ROS recording", file=path, hint="recordings are .bag, .db3 or .mcap files, or rosbag2 folders"
+    )
+
+
+def _cannot_be_read(error: OSError | MemoryError, path: Path) -> LogError:
+    cause = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return LogError(f"it cannot be read: {cause}", file=path, hint="check that it is there and may be read")
+
+
+def _guarded(scan: Scan, path: Path) -> Iterator[Connection | Message]:
+    """The items of a scan, with what the operating system says made a `LogError`."""
+    try:
+        yield from scan
+    except (OSError, MemoryError) as error:
+        raise _cannot_be_read(error, path) from error
+
+
+def _count(survey: Survey, item: Connection | Message) -> None:
+    if isinstance(item, Message):
+        survey.count(item)
+    else:
+        survey.declare(item)
+
+
+def _clock(survey: Survey) -> str:
+    return "log time" if survey.first_ns is None else f"log time, origin {survey.first_ns} ns"
+
+
+def _trial_id(path: Path) -> str:
+    # Not from the metadata: the same recording must have one name in every container.
+    resolved = path.resolve()
+    return resolved.stem if resolved.suffix in _SUFFIXES else resolved.name

@@ -1,0 +1,297 @@
+"""Reading a recording from its first byte on: what every container has in common.
+
+The containers are read by scanning, not by their index: so stamps keep their
+recorded order, every checksum is verified, nothing inflates beyond its announced
+size, and of a damaged file we know how far it can be read. rosbags does the
+message definitions and the messages (`ariac_score.logs.types`).
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, Protocol
+
+import numpy as np
+
+from ariac_score.contracts import TopicDescription
+from ariac_score.errors import LogError
+
+__all__ = [
+    "LARGEST_INFLATED_BYTES",
+    "Connection",
+    "Message",
+    "Scan",
+    "Source",
+    "Survey",
+    "checked_stamp",
+    "inflate",
+    "normalised_type",
+]
+
+LARGEST_INFLATED_BYTES = 1 << 30
+"""A chunk or message that announces more is refused: recorders write some MB."""
+
+_BLOCK_BYTES = 1 << 20
+_LATEST_NS = 2**63
+_TWO_PART_TYPE = re.compile(r"([A-Za-z]\w*)/([A-Za-z]\w*)", re.ASCII)
+_RE_RECORD = "record the trial again, or take another copy of the file; a score may not rest on part of a log"
+
+
+@dataclass(frozen=True, eq=False)
+class Connection:
+    """One publisher's (or channel's) declaration in a recording; compared by identity.
+
+    Attributes:
+        topic: With leading slash.
+        type: `package/msg/Name`; empty when the container does not say.
+        encoding: `cdr`, `ros1`, or whatever the container names.
+        definition: Text of the message definition; empty when the recording has none.
+        definition_format: `ros1msg`, `ros2msg` or `ros2idl`; empty without definition.
+    """
+
+    topic: str
+    type: str
+    encoding: str
+    definition: str = ""
+    definition_format: str = ""
+
+
+class Message(NamedTuple):
+    """One recorded message: who sent it, its log time in ns, and its bytes."""
+
+    connection: Connection
+    stamp_ns: int
+    payload: bytes | memoryview
+
+
+class Scan(Protocol):
+    """One recording, read once from start to end.
+
+    Iterating yields every declared connection before its first message, and the
+    messages in recorded order. It raises `LogError` where the recording stops
+    being readable, and at the end when it turns out not to be whole.
+
+    Attributes:
+        format: In words.
+        readable: How far reading got, such as `byte 10344`.
+        share: The share read, 0 to 1.
+    """
+
+    format: str
+    readable: str
+
+    @property
+    def share(self) -> float: ...  # noqa: D102  # see Attributes
+
+    def __iter__(self) -> Iterator[Connection | Message]: ...
+
+
+def normalised_type(name: str) -> str:
+    """The one spelling of a message type.
+
+    >>> normalised_type("nist_gear/Order")
+    'nist_gear/msg/Order'
+    """
+    parts = _TWO_PART_TYPE.fullmatch(name)
+    return f"{parts[1]}/msg/{parts[2]}" if parts else name
+
+
+def checked_stamp(stamp_ns: object, *, file: Path, place: str) -> int:
+    """A log time that can be one.
+
+    Raises:
+        LogError: It is negative, beyond the year 2262, or no whole number.
+    """
+    if not isinstance(stamp_ns, int) or not 0 <= stamp_ns < _LATEST_NS:
+        raise LogError(f"{stamp_ns!r} is no log time", file=file, place=place, hint=_RE_RECORD)
+    return stamp_ns
+
+
+class Source:
+    """A file read from front to back, never beyond its end.
+
+    Attributes:
+        path: The file.
+        size: Its size, bytes.
+        offset: Where the next read starts, bytes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file: BinaryIO = path.open("rb")
+        self.size = path.stat().st_size
+        self.offset = 0
+
+    def __enter__(self) -> Source:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    @property
+    def left(self) -> int:
+        """Bytes not read yet."""
+        return self.size - self.offset
+
+    def damaged(self, cause: str, *, what: str = "", at: int | None = None) -> LogError:
+        """The error for something unreadable at a byte offset (default: the next one)."""
+        place = f"byte {self.offset if at is None else at}"
+        return LogError(
+            cause, file=self.path, place=f"{what} at {place}" if what else place, hint=_RE_RECORD
+        )
+
+    def take(self, count: int, what: str) -> bytes:
+        """The next bytes.
+
+        Raises:
+            LogError: The file ends before.
+        """
+        self._reserve(count, what)
+        taken = self._file.read(count)
+        if len(taken) != count:
+            raise self.damaged("the file ends early", what=what)
+        self.offset += count
+        return taken
+
+    def blocks(self, count: int, what: str) -> Iterator[bytes]:
+        """The next bytes, in blocks, for what is passed over."""
+        self._reserve(count, what)
+        while count:
+            block = self.take(min(count, _BLOCK_BYTES), what)
+            count -= len(block)
+            yield block
+
+    def _reserve(self, count: int, what: str) -> None:
+        # Before reading: a length word from a hostile file must not make us ask for that much memory.
+        if count > self.left:
+            raise self.damaged(
+                f"the file is cut off: {what} needs {count} bytes, {max(self.left, 0)} are there", what=what
+            )
+
+
+_INFLATERS = {
+    "bz2": ("bz2", "BZ2Decompressor"),
+    "lz4": ("lz4.frame", "LZ4FrameDecompressor"),
+    "zstd": ("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd", "ZstdDecompressor"),
+}
+
+
+def inflate(packed: bytes | memoryview, compression: str, *, size: int | None = None) -> bytes | memoryview:
+    """Undo a compression without ever producing more than announced.
+
+    Args:
+        packed: One compressed frame.
+        compression: `bz2`, `lz4`, `zstd`, or empty or `none`.
+        size: The announced size, bytes; `None` when nothing announces it.
+
+    Raises:
+        ValueError: It cannot be inflated to that size; the message says why.
+    """
+    if size is not None and size > LARGEST_INFLATED_BYTES:
+        raise ValueError(f"it announces {size} bytes, more than the {LARGEST_INFLATED_BYTES} allowed")
+    if compression in ("", "none"):
+        inflated: bytes | memoryview = packed
+    elif compression in _INFLATERS:
+        inflated = _inflate(packed, compression, LARGEST_INFLATED_BYTES if size is None else size)
+    else:
+        raise ValueError(f"compression {compression!r} is not one of {', '.join(sorted(_INFLATERS))}")
+    if size is not None and len(inflated) != size:
+        raise ValueError(f"it holds {len(inflated)} bytes instead of the announced {size}")
+    return inflated
+
+
+def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:
+    module_name, name = _INFLATERS[compression]
+    module = import_module(module_name)
+    engine = getattr(module, name)()
+    failures = (OSError, EOFError, RuntimeError, ValueError, getattr(module, "ZstdError", OSError))
+    parts: list[bytes] = []
+    room = most + 1
+    try:
+        while room > 0 and not engine.eof:
+            part: bytes = engine.decompress(b"" if parts else bytes(packed), max_length=room)
+            parts.append(part)
+            room -= len(part)
+            if not part and engine.needs_input:
+                break
+    except failures as error:
+        raise ValueError(f"its {compression} data is broken: {error}") from error
+    if room <= 0:
+        raise ValueError(f"its {compression} data inflates to more than {most} bytes")
+    if not engine.eof:
+        raise ValueError(f"its {compression} data ends early")
+    if engine.unused_data:
+        raise ValueError(f"{len(engine.unused_data)} bytes follow its {compression} data")
+    return b"".join(parts)
+
+
+@dataclass
+class _Topic:
+    types: set[str] = field(default_factory=set)
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
+
+
+class Survey:
+    """Counts what a scan passes by: topics, messages, stamps."""
+
+    def __init__(self) -> None:
+        self._topics: dict[str, _Topic] = {}
+        self.messages = 0
+
+    def declare(self, connection: Connection) -> None:
+        """Take note of a topic, even when no message follows."""
+        self._topics.setdefault(connection.topic, _Topic()).types.add(connection.type)
+
+    def count(self, message: Message) -> None:
+        """Take note of a message of a declared connection."""
+        self.messages += 1
+        self._topics[message.connection.topic].stamps_ns.append(message.stamp_ns)
+
+    @property
+    def first_ns(self) -> int | None:
+        """The earliest stamp of all, ns; `None` without messages."""
+        return min((min(t.stamps_ns) for t in self._topics.values() if t.stamps_ns), default=None)
+
+    @property
+    def last_ns(self) -> int | None:
+        """The latest stamp of all, ns; `None` without messages."""
+        return max((max(t.stamps_ns) for t in self._topics.values() if t.stamps_ns), default=None)
+
+    @property
+    def duration_s(self) -> float:
+        """From the earliest to the latest stamp, s; 0 without messages."""
+        return ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
+
+    def topics(self) -> tuple[TopicDescription, ...]:
+        """The topics sorted by name, times relative to the earliest stamp of all."""
+        origin_ns = self.first_ns or 0
+        return tuple(_described(name, self._topics[name], origin_ns) for name in sorted(self._topics))
+
+    def steps_back(self) -> Iterator[tuple[str, int]]:
+        """Each topic on which stamps run backwards, and how often, sorted by topic."""
+        for name in sorted(self._topics):
+            stamps = np.frombuffer(self._topics[name].stamps_ns, dtype=np.int64)
+            steps = int((np.diff(stamps) < 0).sum())
+            if steps:
+                yield name, steps
+
+    def words(self) -> str:
+        """Such as `4 topics, 3012 messages, 0.00 s to 30.10 s`."""
+        counted = f"{len(self._topics)} topics, {self.messages} messages"
+        return f"{counted}, 0.00 s to {self.duration_s:.2f} s" if self.messages else counted
+
+
+def _described(name: str, topic: _Topic, origin_ns: int) -> TopicDescription:
+    type_ = ", ".join(sorted(topic.types))
+    if not topic.stamps_ns:
+        return TopicDescription(name, type_, 0)
+    stamps = np.sort(np.frombuffer(topic.stamps_ns, dtype=np.int64))
+    gap_s = int(np.diff(stamps).max()) / 1e9 if len(stamps) > 1 else None
+    first_s, last_s = ((int(stamp) - origin_ns) / 1e9 for stamp in (stamps[0], stamps[-1]))
+    return TopicDescription(name, type_, len(stamps), first_s, last_s, gap_s)

@@ -1,0 +1,139 @@
+"""Message types: how the bytes of a connection become a message.
+
+The definition embedded in the recording decides. Only a recording without
+definitions falls back on the stock types of rosbags and those in `msg/`.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Iterator
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Literal
+
+from ariac_score.logs.salvage import Connection
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Typesdict
+    from rosbags.typesys.store import Typestore
+
+__all__ = ["UNDECODABLE", "Decode", "UnknownTypeError", "bundled_typestore", "decoder_for"]
+
+Decode = Callable[["bytes | memoryview"], object]
+
+UNDECODABLE = (
+    struct.error,
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    NameError,
+    RecursionError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+)
+"""What the parsers and the generated code of rosbags raise on definitions and payloads
+that are not what they claim to be, besides their own errors (found by feeding them such)."""
+
+_TYPE_NAME = re.compile(r"[A-Za-z]\w*(/(msg|srv|action))?/[A-Za-z]\w*", re.ASCII)
+_IDL_SEPARATOR = "=" * 80 + "\n"
+
+
+class UnknownTypeError(Exception):
+    """The messages of a connection cannot be decoded; the text says why."""
+
+
+@cache
+def bundled_typestore(ros: Literal[1, 2]) -> Typestore:
+    """The stock types of rosbags and every type bundled in `ariac_score/logs/msg`.
+
+    Do not register anything in it: it is shared.
+
+    Args:
+        ros: The ROS generation; the two differ in `Header`.
+    """
+    # Imported here: rosbags is slow to load, and pricing stored results never needs it.
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
+
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    types: Typesdict = {}
+    for name, text in _bundled_definitions():
+        types.update(get_types_from_msg(text, name))
+    store.register(types)
+    return store
+
+
+def _bundled_definitions() -> Iterator[tuple[str, str]]:
+    packages = files("ariac_score.logs").joinpath("msg")
+    for package in sorted(packages.iterdir(), key=lambda p: p.name):
+        for definition in sorted(package.iterdir(), key=lambda p: p.name):
+            name = f"{package.name}/msg/{definition.name.removesuffix('.msg')}"
+            yield name, definition.read_text(encoding="utf-8")
+
+
+def decoder_for(connection: Connection) -> Decode:
+    """A function from the payloads of a connection to messages.
+
+    Messages have their fields as attributes. The function raises `UnknownTypeError`
+    for a payload that does not fit the definition.
+
+    Raises:
+        UnknownTypeError: The encoding is not one of ROS, no definition of the type is
+            known, or the recording's own definition cannot be understood.
+    """
+    from rosbags.serde import SerdeError  # noqa: PLC0415  # see bundled_typestore
+
+    if connection.encoding not in ("cdr", "ros1"):
+        raise UnknownTypeError(f"its messages are {connection.encoding or 'not'} encoded, not as ROS does")
+    store, name = _typestore_for(connection), connection.type
+    deserialise = store.deserialize_ros1 if connection.encoding == "ros1" else store.deserialize_cdr
+
+    def decode(payload: bytes | memoryview) -> object:
+        # No sequence has more elements than the payload has bytes: bounds the elements of no size.
+        store.max_sequence_length = max(len(payload), 1)
+        try:
+            return deserialise(bytes(payload), name)
+        except (SerdeError, *UNDECODABLE) as error:
+            raise UnknownTypeError(str(error) or type(error).__name__) from error
+
+    return decode
+
+
+def _typestore_for(connection: Connection) -> Typestore:
+    from rosbags.serde import SerdeError  # noqa: PLC0415  # see bundled_typestore
+    from rosbags.typesys import Stores, TypesysError, get_typestore  # noqa: PLC0415
+
+    name = connection.type
+    if not _TYPE_NAME.fullmatch(name):
+        raise UnknownTypeError(f"{name!r} is not the name of a message type")
+    if not connection.definition:
+        store = bundled_typestore(1 if connection.encoding == "ros1" else 2)
+        if name not in store.fielddefs:
+            raise UnknownTypeError("neither the recording nor ariac-score has a definition of this type")
+        return store
+    try:
+        store = get_typestore(Stores.EMPTY)
+        store.register(_parsed(connection))
+        store.get_msgdef(name)  # compiles it, and so finds what is missing
+    except (SerdeError, TypesysError, *UNDECODABLE) as error:
+        cause = " ".join(str(error).split())[:200]
+        raise UnknownTypeError(f"the recording's definition of it cannot be used: {cause}") from error
+    return store
+
+
+def _parsed(connection: Connection) -> Typesdict:
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415  # see bundled_typestore
+
+    if connection.definition_format != "ros2idl":
+        return get_types_from_msg(connection.definition, connection.type)
+    types: Typesdict = {}
+    for section in connection.definition.split(_IDL_SEPARATOR):
+        head, _, body = section.partition("\n")
+        idl = body if head.startswith("IDL: ") else section
+        if idl.strip():
+            types.update(get_types_from_idl(idl))
+    return types

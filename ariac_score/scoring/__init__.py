@@ -1,0 +1,1 @@
+"""What findings are worth. Nothing in here ever sees a log."""

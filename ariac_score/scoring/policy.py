@@ -1,0 +1,98 @@
+"""What an undecided finding counts as: by default nothing, and then there is no score."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from ariac_score.findings import Finding, Verdict
+
+__all__ = ["POLICIES", "Assumed", "Assumption", "assume", "ideal"]
+
+POLICIES = {
+    "withhold": "no score until it is decided",
+    "zero": "the trial scores 0",
+    "worst_case": "counted as a violation, at full depth for all of the time",
+    "exclude": "left out, as though nobody had asked",
+}
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """One undecided finding and what was made of it."""
+
+    finding: str
+    check: str
+    policy: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """Findings ready for pricing.
+
+    Attributes:
+        findings: By id, undecided ones replaced as their policy says.
+        assumptions: What was assumed, in order of finding id.
+    """
+
+    findings: Mapping[str, Finding]
+    assumptions: tuple[Assumption, ...]
+
+    @property
+    def withheld(self) -> tuple[Assumption, ...]:
+        """The undecided findings that leave no score."""
+        return tuple(a for a in self.assumptions if a.policy == "withhold")
+
+    @property
+    def zeroed(self) -> tuple[Assumption, ...]:
+        """The undecided findings that make the score 0."""
+        return tuple(a for a in self.assumptions if a.policy == "zero")
+
+
+def assume(findings: Mapping[str, Finding], policies: Mapping[str, str], *, priced: Iterable[str]) -> Assumed:
+    """Replace undecided findings by what the rule set says they count as.
+
+    Args:
+        findings: By id.
+        policies: Policy by check.
+        priced: The checks the score depends on; undecided findings of others
+            change nothing and are reported elsewhere.
+    """
+    relevant = frozenset(priced)
+    kept: dict[str, Finding] = {}
+    assumptions: list[Assumption] = []
+    for key in sorted(findings):
+        finding = findings[key]
+        if finding.verdict is not Verdict.INCONCLUSIVE or finding.check not in relevant:
+            kept[key] = finding
+            continue
+        policy = policies.get(finding.check, "withhold")
+        assumptions.append(Assumption(key, finding.check, policy, finding.message))
+        if policy == "worst_case":
+            kept[key] = _worst(finding)
+        elif policy == "exclude":
+            kept[key] = replace(finding, verdict=Verdict.NOT_APPLICABLE)
+        else:
+            kept[key] = finding
+    return Assumed(kept, tuple(assumptions))
+
+
+def _worst(finding: Finding) -> Finding:
+    duration_s = finding.span.duration_s if finding.span else 0.0
+    quantities = {
+        **finding.quantities,
+        "time_in_violation_s": duration_s,
+        "relative_depth_integral_s": duration_s,
+    }
+    return replace(finding, verdict=Verdict.VIOLATED, quantities=quantities)
+
+
+def ideal(findings: Mapping[str, Finding]) -> dict[str, Finding]:
+    """The same findings had everything gone right: what the trial could have earned."""
+    return {
+        key: replace(finding, verdict=Verdict.SATISFIED)
+        if finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
+        else finding
+        for key, finding in findings.items()
+    }

@@ -1,0 +1,46 @@
+"""The scopes a score sheet prices: parts within submissions within orders within the trial."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+__all__ = ["LEVELS", "Scope"]
+
+LEVELS = ("part", "submission", "order", "trial")
+"""From the innermost outwards, which is the order of evaluation."""
+
+
+@dataclass(frozen=True)
+class Scope:
+    """One order, one submission of it, one wanted part, or the whole trial.
+
+    A submission exists in here for every task of an order, handed in or not.
+
+    Attributes:
+        level: One of `LEVELS`.
+        path: `order/task/slot`, cut at the level; empty for the trial.
+        facts: Numbers known about it, such as `priority` or `time_s`.
+        inner: The scopes directly inside.
+    """
+
+    level: str
+    path: str
+    facts: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    inner: tuple[Scope, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "facts", MappingProxyType(dict(self.facts)))
+
+    def contains(self, subject: str) -> bool:
+        """Whether a finding's subject lies in this scope."""
+        return not self.path or subject == self.path or subject.startswith(f"{self.path}/")
+
+    def each(self, level: str) -> Iterator[Scope]:
+        """The scopes of a level inside this one, in order."""
+        for scope in self.inner:
+            if scope.level == level:
+                yield scope
+            else:
+                yield from scope.each(level)

@@ -1,0 +1,360 @@
+"""The score sheet: named formulas for each scope, and the functions they may ask of checks."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ariac_score.errors import FormulaError, did_you_mean
+from ariac_score.expression import Expression, Number, Traced
+from ariac_score.findings import Finding, Verdict
+from ariac_score.scoring.scope import LEVELS, Scope
+
+__all__ = ["CHECK_FUNCTIONS", "FACTS", "ScoreSheet"]
+
+FACTS: Mapping[str, Mapping[str, str]] = {
+    "part": {},
+    "submission": {"parts": "number of wanted products", "submitted": "1 if it was handed in, else 0"},
+    "order": {
+        "index": "0 for the first order announced, 1 for the second, …",
+        "priority": "as the order gives it",
+        "parts": "number of wanted products",
+        "time_s": "from announcement to the last of its submissions; 0 while one is missing",
+    },
+    "trial": {"duration_s": "from start to end of the competition", "orders": "number of orders"},
+}
+"""The facts a formula may name at each level, as `order.priority`."""
+
+
+def _points(findings: Mapping[str, Finding]) -> list[tuple[str, Number]]:
+    return [(key, int(f.verdict is Verdict.SATISFIED)) for key, f in findings.items()]
+
+
+def _violations(findings: Mapping[str, Finding]) -> list[tuple[str, Number]]:
+    return [(key, 1) for key, f in findings.items() if f.verdict is Verdict.VIOLATED]
+
+
+def _seconds(findings: Mapping[str, Finding]) -> list[tuple[str, Number]]:
+    return [
+        (key, f.quantities.get("time_in_violation_s", f.span.duration_s if f.span else 0.0))
+        for key, f in findings.items()
+        if f.verdict is Verdict.VIOLATED
+    ]
+
+
+CHECK_FUNCTIONS: Mapping[str, str] = {
+    "points": "number of its findings that are satisfied",
+    "count": "number of its violations; of a scope: how many there are",
+    "holds": "1 when none of its findings is violated, else 0",
+    "violated": "1 when one of its findings is violated, else 0",
+    "seconds": "time in violation, in s",
+    "demerits": "sum over its violations of 1 + (integral of relative depth, s) / tau_s",
+    "gate": "0 when one of its violations is critical, else 1",
+    "measure": "sum of a named quantity over its findings: measure(check, quantity)",
+    "product": "p to the power of its violations: product(check, p=0.6)",
+}
+_AGGREGATES = ("sum", "mean", "min", "max", "any", "all", "count")
+
+
+@dataclass(frozen=True)
+class ScoreSheet:
+    """The priced side of a rule set.
+
+    Attributes:
+        terms: For each level its named formulas, in the order of the file.
+        score: The formula of the trial's score.
+        checks: The names of the checks the formulas may speak of.
+        parameters: Named numbers an organiser may turn.
+    """
+
+    terms: Mapping[str, Mapping[str, Expression]]
+    score: Expression
+    checks: frozenset[str]
+    parameters: Mapping[str, Number] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for level in LEVELS:
+            known: list[str] = []
+            for name, formula in self.terms.get(level, {}).items():
+                self._validate(formula, level, known)
+                known.append(name)
+        self._validate(self.score, "trial", list(self.terms.get("trial", {})))
+
+    @property
+    def priced(self) -> frozenset[str]:
+        """The checks the formulas really ask about."""
+        formulas = [self.score, *(f for level in self.terms.values() for f in level.values())]
+        return frozenset(
+            argument.id
+            for formula in formulas
+            for call in formula.walk()
+            if isinstance(call, ast.Call)
+            and isinstance(call.func, ast.Name)
+            and call.func.id in CHECK_FUNCTIONS
+            for argument in call.args[:1]
+            if isinstance(argument, ast.Name) and argument.id in self.checks
+        )
+
+    def evaluate(self, trial: Scope, findings: Mapping[str, Finding]) -> Traced:
+        """The score with its trace.
+
+        Args:
+            trial: The scopes, outermost.
+            findings: By id; undecided ones are settled beforehand (`policy.assume`).
+
+        Raises:
+            FormulaError: Naming the term and the scope in which it cannot be evaluated.
+        """
+        return _Pricing(self, trial, findings).score()
+
+    def _validate(self, formula: Expression, level: str, known: Sequence[str]) -> None:
+        """Find misspelt names when the rule set is loaded, not when a trial is scored."""
+        consumed: set[int] = set()
+        for node in formula.walk():
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                consumed.add(id(node.func))
+                consumed |= self._validate_call(formula, node, level)
+        for node in formula.walk():
+            if isinstance(node, ast.Attribute):
+                consumed |= {id(inner) for inner in ast.walk(node.value)}
+        for node in formula.walk():
+            if isinstance(node, ast.Name | ast.Attribute) and id(node) not in consumed:
+                self._validate_name(formula, ast.unparse(node), level, known)
+
+    def _validate_call(self, formula: Expression, call: ast.Call, level: str) -> set[int]:
+        function = call.func.id if isinstance(call.func, ast.Name) else ""
+        first = call.args[0] if call.args else None
+        name = first.id if isinstance(first, ast.Name) else ""
+        if function == "count" and name in LEVELS:
+            self._inside(formula, name, level)
+            return {id(first)}
+        if function in CHECK_FUNCTIONS and not (function in _AGGREGATES and name not in self.checks):
+            if name not in self.checks:
+                asked = ast.unparse(first) if first else "nothing"
+                raise FormulaError(
+                    f"{function}() asks about {asked!r}, which is no check",
+                    place=formula.where,
+                    hint=did_you_mean(name, self.checks, what="checks of this rule set"),
+                )
+            return {id(argument) for argument in call.args}
+        if function not in ("min", "max", "abs", "clip", *_AGGREGATES):
+            known = {*CHECK_FUNCTIONS, "min", "max", "abs", "clip", *_AGGREGATES}
+            raise FormulaError(
+                f"unknown function {function!r}", place=formula.where, hint=did_you_mean(function, known)
+            )
+        return set()
+
+    def _validate_name(self, formula: Expression, dotted: str, level: str, known: Sequence[str]) -> None:
+        prefix, _, name = dotted.rpartition(".")
+        if not prefix:
+            names = [*known, *self.parameters]
+        elif prefix == level:
+            names = [*known, *FACTS[level]]
+        elif prefix in LEVELS and LEVELS.index(prefix) < LEVELS.index(level):
+            names = [*self.terms.get(prefix, {}), *FACTS[prefix]]
+        elif prefix in LEVELS:
+            names = [*FACTS[prefix]]
+        else:
+            raise FormulaError(
+                f"unknown name {dotted!r}",
+                place=formula.where,
+                hint=did_you_mean(prefix, LEVELS, what="scopes"),
+            )
+        if name not in names:
+            hint = did_you_mean(name, names, what="known here")
+            if name in self.checks:
+                hint = f"{name!r} is a check: ask points({name}), holds({name}), count({name}), …"
+            raise FormulaError(f"unknown name {dotted!r}", place=formula.where, hint=hint)
+
+    def _inside(self, formula: Expression, inner: str, level: str) -> None:
+        if LEVELS.index(inner) >= LEVELS.index(level):
+            raise FormulaError(
+                f"there is no {inner} inside a {level}",
+                place=formula.where,
+                hint=f"scopes from inside out: {', '.join(LEVELS)}",
+            )
+
+
+class _Pricing:
+    """One evaluation of a sheet over one trial; every term of every scope is evaluated once."""
+
+    def __init__(self, sheet: ScoreSheet, trial: Scope, findings: Mapping[str, Finding]) -> None:
+        self.sheet, self.trial = sheet, trial
+        self.findings = {key: findings[key] for key in sorted(findings)}
+        self._terms: dict[tuple[str, str], Traced] = {}
+
+    def score(self) -> Traced:
+        """The trial's score."""
+        value = self.sheet.score.evaluate(_Environment(self, self.trial, ()))
+        return Traced("score", value.value, "term", children=(value,))
+
+    def term(self, scope: Scope, name: str, outer: tuple[Scope, ...]) -> Traced:
+        """A named term of one scope."""
+        key = (scope.path, f"{scope.level}.{name}")
+        if key not in self._terms:
+            formula = self.sheet.terms[scope.level][name]
+            try:
+                value = formula.evaluate(_Environment(self, scope, outer))
+            except FormulaError as error:
+                if scope.path and scope.path not in error.place:
+                    error.place = f"{error.place} of {scope.path}"
+                raise
+            self._terms[key] = Traced(name, value.value, "term", children=(value,), subject=scope.path)
+        return self._terms[key]
+
+    def of_check(self, check: str, scope: Scope) -> dict[str, Finding]:
+        """The findings of a check within a scope, by id."""
+        return {k: f for k, f in self.findings.items() if f.check == check and scope.contains(f.subject)}
+
+
+class _Environment:
+    """What names and functions mean within one scope."""
+
+    def __init__(self, pricing: _Pricing, scope: Scope, outer: tuple[Scope, ...]) -> None:
+        self.pricing, self.scope, self.outer = pricing, scope, outer
+
+    def name(self, dotted: str) -> Traced:
+        prefix, _, name = dotted.rpartition(".")
+        sheet = self.pricing.sheet
+        if not prefix and name in sheet.parameters:
+            return Traced(name, sheet.parameters[name], "parameter")
+        scope = self._scope(prefix or self.scope.level, dotted)
+        if name in scope.facts:
+            return Traced(dotted, scope.facts[name], "fact", subject=scope.path)
+        if name in sheet.terms.get(scope.level, {}) and scope is self.scope:
+            return self.pricing.term(scope, name, self.outer)
+        raise FormulaError(f"{dotted!r} has no value in {scope.path or 'the trial'}")
+
+    def _scope(self, level: str, dotted: str) -> Scope:
+        for scope in (self.scope, *self.outer):
+            if scope.level == level:
+                return scope
+        raise FormulaError(
+            f"{dotted!r} speaks of each {level}, so it needs an aggregate",
+            hint=f"say sum({dotted}), mean({dotted}), all({dotted} > 0), …",
+        )
+
+    def call(
+        self, function: str, arguments: Sequence[Expression], options: Mapping[str, Number]
+    ) -> Traced | None:
+        first = arguments[0].as_name if arguments else ""
+        if function == "count" and first in LEVELS:
+            scopes = list(self.scope.each(first))
+            return Traced(f"count({first})", len(scopes), "fact", subject=self.scope.path)
+        if function in CHECK_FUNCTIONS and first in self.pricing.sheet.checks:
+            return self._ask(function, first, arguments[1:], options)
+        level = self._inner_level(arguments) if len(arguments) == 1 else ""
+        if function in _AGGREGATES and level:
+            return self._aggregate(function, arguments[0], level)
+        return None
+
+    def _inner_level(self, arguments: Iterable[Expression]) -> str:
+        """The outermost level below this one that the argument speaks of."""
+        inner = LEVELS[: LEVELS.index(self.scope.level)]
+        named = {
+            ast.unparse(node).split(".")[0]
+            for argument in arguments
+            for node in argument.walk()
+            if isinstance(node, ast.Attribute)
+        }
+        return next((level for level in reversed(inner) if level in named), "")
+
+    def _aggregate(self, function: str, argument: Expression, level: str) -> Traced:
+        outer = (self.scope, *self.outer)
+        each = [argument.evaluate(_Environment(self.pricing, s, outer)) for s in self.scope.each(level)]
+        scoped = tuple(
+            Traced(value.label, value.value, "each", "value", (value,), subject=scope.path)
+            for value, scope in zip(each, self.scope.each(level), strict=True)
+        )
+        label = f"{function}({argument.source})"
+        values = [value.value for value in each]
+        if function in ("mean", "min", "max") and not values:
+            raise FormulaError(
+                f"{label}: there is no {level} in {self.scope.path or 'the trial'}",
+                place=argument.where,
+                hint=f"guard it: {label} if count({level}) else 0",
+            )
+        combine: Mapping[str, Callable[[list[Number]], Number]] = {
+            "sum": sum,
+            "mean": lambda v: sum(v) / len(v),
+            "min": min,
+            "max": max,
+            "any": lambda v: int(any(v)),
+            "all": lambda v: int(all(v)),
+            "count": lambda v: sum(1 for x in v if x),
+        }
+        return Traced(label, combine[function](values), "each", function, scoped, subject=self.scope.path)
+
+    def _ask(
+        self, function: str, check: str, rest: Sequence[Expression], options: Mapping[str, Number]
+    ) -> Traced:
+        findings = self.pricing.of_check(check, self.scope)
+        if not findings:
+            raise FormulaError(
+                f"check {check!r} says nothing about {self.scope.path or 'the trial'}",
+                hint="ask for it in the scope its findings are about; an excluded finding leaves none",
+            )
+        shown = ", ".join([check, *(r.source for r in rest), *(f"{k}={v:g}" for k, v in options.items())])
+        label = f"{function}({shown})"
+        value, parts = self._answer(function, findings, rest, options, label)
+        children = tuple(
+            Traced(findings[key].message, part, "finding", subject=findings[key].subject, findings=(key,))
+            for key, part in parts
+        )
+        return Traced(
+            label,
+            value,
+            "check",
+            function,
+            children,
+            subject=self.scope.path,
+            findings=tuple(k for k, _ in parts),
+        )
+
+    def _answer(
+        self,
+        function: str,
+        findings: Mapping[str, Finding],
+        rest: Sequence[Expression],
+        options: Mapping[str, Number],
+        label: str,
+    ) -> tuple[Number, list[tuple[str, Number]]]:
+        """The value of a function on a check, and the share of each finding in it."""
+        allowed = {"demerits": {"tau_s"}, "product": {"p"}}.get(function, set())
+        wrong = sorted(set(options) - allowed)
+        if wrong or len(rest) != (1 if function == "measure" else 0):
+            raise FormulaError(f"{label}: wrong arguments", hint=CHECK_FUNCTIONS[function])
+        violations = _violations(findings)
+        if function == "points":
+            shares = _points(findings)
+        elif function == "seconds":
+            shares = _seconds(findings)
+        elif function == "demerits":
+            shares = _demerits(findings, options.get("tau_s", 5.0), label)
+        elif function == "measure":
+            shares = [
+                (k, f.quantities[rest[0].source])
+                for k, f in findings.items()
+                if rest[0].source in f.quantities
+            ]
+        elif function == "gate":
+            critical = [(key, one) for key, one in violations if findings[key].critical]
+            return int(not critical), critical
+        elif function in ("holds", "violated"):
+            return int(bool(violations) is (function == "violated")), violations
+        elif function == "product":
+            return options.get("p", 0.5) ** len(violations), violations
+        else:
+            shares = violations
+        return sum(share for _, share in shares), shares
+
+
+def _demerits(findings: Mapping[str, Finding], tau_s: Number, label: str) -> list[tuple[str, Number]]:
+    if not tau_s > 0:
+        raise FormulaError(f"{label}: tau_s must be positive", hint="5 s is the catalogue's default")
+    return [
+        (key, 1 + finding.quantities.get("relative_depth_integral_s", 0.0) / tau_s)
+        for key, finding in findings.items()
+        if finding.verdict is Verdict.VIOLATED
+    ]
