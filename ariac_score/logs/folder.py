@@ -63,7 +63,8 @@ class FolderScan:
             LogError: A file is not whole, or the files do not add up to what the metadata says.
         """
         found = 0
-        for self._current, scan in enumerate(self._scans):  # noqa: B007  # `readable` tells of it
+        for number, scan in enumerate(self._scans):
+            self._current = number
             for item in scan:
                 if isinstance(item, Message):
                     found += 1
@@ -93,7 +94,9 @@ class FolderScan:
 def _read_metadata(path: Path) -> _Metadata:
     file = path / METADATA
     if not file.is_file():
-        raise LogError(f"the folder has no {METADATA}, so it is not a rosbag2 recording", file=path, hint=_REINDEX)
+        raise LogError(
+            f"the folder has no {METADATA}, so it is not a rosbag2 recording", file=path, hint=_REINDEX
+        )
     try:
         with file.open("rb") as stream:
             text = stream.read(_LARGEST_METADATA_BYTES).decode()
@@ -120,7 +123,9 @@ def _parsed(path: Path, facts: Mapping[str, object]) -> _Metadata:
     if storage not in ("mcap", "sqlite3"):
         raise ValueError(f"storage {storage!r} is neither 'mcap' nor 'sqlite3'")
     if mode not in ("", "none", "message"):
-        raise ValueError(f"compression mode {mode!r} is not read; unpack the storage files with `zstd -d` first")
+        raise ValueError(
+            f"compression mode {mode!r} is not read; unpack the storage files with `zstd -d` first"
+        )
     if mode == "message" and facts.get("compression_format") != "zstd":
         raise ValueError(f"compression format {facts.get('compression_format')!r} is not 'zstd'")
     if not isinstance(names, list):

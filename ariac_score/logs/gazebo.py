@@ -38,6 +38,9 @@ __all__ = ["MAX_CHUNK_BYTES", "Entity", "GazeboStateReader", "GazeboStates", "re
 MAX_CHUNK_BYTES = 512 * 1024 * 1024
 """Most text one chunk may inflate to. Gazebo writes chunks of about 1000 frames, some 15 MB."""
 
+MAX_FRAME_BYTES = 64 * 1024 * 1024
+"""Most text one frame (or the world) may have; real ones have 16 KB (and 230 KB)."""
+
 CLOCK = "simulated time"
 
 _PIECE_BYTES = 1 << 20
@@ -525,26 +528,31 @@ def _frames(pieces: Iterator[bytes]) -> Iterator[bytes]:
     held = b""
     for piece in pieces:
         held += piece
+        start = 0
         while True:
-            frame, used = _next_frame(held)
-            held = held[used:]
+            frame, past = _next_frame(held, start)
+            if past == start:
+                break
+            start = past
             if frame is not None:
                 yield frame
-            elif not used:
-                break
+        held = held[start:]
+        if len(held) > MAX_FRAME_BYTES:
+            raise _CorruptError(f"more than {MAX_FRAME_BYTES:,} bytes without the end of a frame")
 
 
 _OPENING = re.compile(rb"<(world|state)[\s>]")
+_LONGEST_OPENING = 7
 
 
-def _next_frame(text: bytes) -> tuple[bytes | None, int]:
-    """The first whole frame of a text, and how much of the text is done with."""
-    opening = _OPENING.search(text)
+def _next_frame(text: bytes, start: int) -> tuple[bytes | None, int]:
+    """The first whole frame from `start` on, and up to where the text is done with."""
+    opening = _OPENING.search(text, start)
     if opening is None:
-        return None, 0
+        return None, max(start, len(text) - _LONGEST_OPENING)
     if opening[1] == b"world":
         end = text.find(b"</world>", opening.end())
-        return None, 0 if end < 0 else end + len(b"</world>")
+        return None, start if end < 0 else end + len(b"</world>")
     kept: list[bytes] = []
     at = opening.end()
     while True:
@@ -552,13 +560,13 @@ def _next_frame(text: bytes) -> tuple[bytes | None, int]:
         inserted = text.find(b"<insertions>", at, end if end >= 0 else len(text))
         if inserted < 0:
             if end < 0:
-                return None, 0
+                return None, start
             kept.append(text[at:end])
             return b"".join(kept), end + len(b"</state>")
         kept.append(text[at:inserted])
         closing = text.find(b"</insertions>", inserted)
         if closing < 0:
-            return None, 0
+            return None, start
         at = closing + len(b"</insertions>")
 
 

@@ -43,7 +43,7 @@ class McapScan:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.readable = "byte 0"
+        self._readable = "byte 0"
         self._source: Source | None = None
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._channels: dict[int, tuple[tuple[int, str], Connection]] = {}
@@ -51,6 +51,11 @@ class McapScan:
         self._announced: int | None = None
         # The specification leaves open whether the data section starts at the magic or behind the header.
         self._crc_of_file = self._crc_behind_header = self._crc_of_summary = 0
+
+    @property
+    def readable(self) -> str:
+        """How far reading got."""
+        return self._readable
 
     @property
     def share(self) -> float:
@@ -79,7 +84,7 @@ class McapScan:
                 raise source.damaged(
                     f"the statistics announce {self._announced} messages, the file holds {self._messages}"
                 )
-            self.readable = f"byte {source.offset}"
+            self._readable = f"byte {source.offset}"
 
     def _records(self, source: Source) -> Iterator[_Item]:
         expected: int | None = _HEADER
@@ -105,7 +110,7 @@ class McapScan:
                 yield from self._items(op, body, start)
             except (struct.error, ValueError) as error:
                 raise source.damaged(str(error), what=_WHAT.get(op, what), at=start) from error
-            self.readable = f"byte {source.offset}"
+            self._readable = f"byte {source.offset}"
 
     def _add_to_crcs(self, op: int, *parts: bytes) -> None:
         for part in parts:
@@ -135,7 +140,9 @@ class McapScan:
         found = crc32(record[:-4], self._crc_of_summary)
         if announced not in (0, found):
             raise source.damaged(
-                f"the CRC of the summary is {found:08x}, the file says {announced:08x}", what="footer", at=start
+                f"the CRC of the summary is {found:08x}, the file says {announced:08x}",
+                what="footer",
+                at=start,
             )
 
     def _items(self, op: int, body: _Body, start: int) -> Iterator[_Item]:
@@ -207,7 +214,13 @@ class McapScan:
             at += length
 
 
-_WHAT = {_CHUNK: "chunk", _MESSAGE: "message", _SCHEMA: "schema", _CHANNEL: "channel", _STATISTICS: "statistics"}
+_WHAT = {
+    _CHUNK: "chunk",
+    _MESSAGE: "message",
+    _SCHEMA: "schema",
+    _CHANNEL: "channel",
+    _STATISTICS: "statistics",
+}
 
 
 def _text(body: _Body, at: int) -> tuple[str, int]:

@@ -47,13 +47,18 @@ class Ros1Scan:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.readable = "byte 0"
+        self._readable = "byte 0"
         self._source: Source | None = None
         self._connections: dict[int, Connection] = {}
         self._found: Counter[int] = Counter()
         self._announced: Counter[int] = Counter()
         self._chunks = self._chunk_infos = 0
         self._index_at = 0
+
+    @property
+    def readable(self) -> str:
+        """How far reading got."""
+        return self._readable
 
     @property
     def share(self) -> float:
@@ -74,7 +79,7 @@ class Ros1Scan:
             announced = self._bag_header(source)
             while source.left:
                 yield from self._record(source)
-                self.readable = f"byte {source.offset}"
+                self._readable = f"byte {source.offset}"
             self._check_whole(source, *announced)
 
     def _bag_header(self, source: Source) -> tuple[int, int]:

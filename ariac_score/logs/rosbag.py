@@ -2,35 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from keyword import iskeyword
-from operator import attrgetter
+from collections.abc import Iterator
 from pathlib import Path
-
-import numpy as np
 
 from ariac_score.contracts import LogDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs import mcap, ros1bag, sqlite_bag
 from ariac_score.logs.folder import METADATA, METADATA_KEY, FolderScan
-from ariac_score.logs.salvage import Connection, Message, Scan, Survey, normalised_type
-from ariac_score.logs.transforms import ModelPoses, TransformTree
-from ariac_score.logs.types import Decode, UnknownTypeError, decoder_for
+from ariac_score.logs.gathering import Gathering
+from ariac_score.logs.salvage import Connection, Message, Scan, Survey
 from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.channels import Channel, FieldMap, LogMap
 from ariac_score.trial.model import LogDefect, Trial
 from ariac_score.trial.spans import Span
-from ariac_score.trial.vocabulary import quantity_of, subject_of
 
 __all__ = ["RosbagReader"]
 
-LARGEST_CLOCK_DIFFERENCE_S = 60.0
-"""Header and log stamps further apart than this come from two clocks."""
-
 _PROGRESS_EVERY = 4096
 _SUFFIXES = (".bag", ".db3", ".mcap")
-_NO_SIGNAL = "the signal is left out"
 
 
 class RosbagReader:
@@ -52,16 +40,20 @@ class RosbagReader:
         """What the recording holds; of a damaged one, what is readable.
 
         Raises:
-            LogError: It cannot even be opened.
-            NothingToScoreError: The file is empty.
+            NothingToScoreError: The file is empty, or not a recording at all.
         """
-        scan = _open(path)
+        try:
+            scan = _open(path)
+        except NothingToScoreError:
+            raise
+        except LogError as error:
+            return LogDescription("ROS recording", damage=str(error))
         survey, damage = Survey(), ""
         try:
-            for item in _guarded(scan, path):
-                _count(survey, item)
+            for _ in _surveyed(scan, survey, path):
+                pass
         except LogError as error:
-            damage = f"{error}; readable up to {scan.readable}"
+            damage = str(error)
         return LogDescription(
             format=scan.format,
             topics=survey.topics(),
@@ -84,20 +76,11 @@ class RosbagReader:
             NothingToScoreError: It holds no message.
         """
         scan = _open(path)
-        survey, gathering = Survey(), _Gathering(wanted)
-        try:
-            for item in _guarded(scan, path):
-                _count(survey, item)
-                gathering.take(item)
-                if survey.messages % _PROGRESS_EVERY == 0:
-                    wanted.progress(scan.share)
-        except LogError as error:
-            raise LogError(
-                f"{error.cause}; readable up to {scan.readable}: {survey.words()}",
-                file=error.file or path,
-                place=error.place,
-                hint=error.hint,
-            ) from error
+        survey, gathering = Survey(), Gathering(wanted, path)
+        for item in _surveyed(scan, survey, path):
+            gathering.take(item)
+            if isinstance(item, Message) and survey.messages % _PROGRESS_EVERY == 0:
+                wanted.progress(scan.share)
         wanted.progress(1.0)
         origin_ns = survey.first_ns
         if origin_ns is None:
@@ -142,7 +125,9 @@ def _open(path: Path) -> Scan:
     except OSError as error:
         raise _cannot_be_read(error, path) from error
     if not start:
-        raise NothingToScoreError("the file is empty", file=path, hint="the recorder wrote nothing; record again")
+        raise NothingToScoreError(
+            "the file is empty", file=path, hint="the recorder wrote nothing; record again"
+        )
     if start.startswith(mcap.MAGIC) or (path.suffix == ".mcap"):
         return mcap.McapScan(path)
     if start.startswith(sqlite_bag.MAGIC) or (path.suffix == ".db3"):
@@ -150,7 +135,9 @@ def _open(path: Path) -> Scan:
     if start.startswith(ros1bag.MAGIC[:8]) or (path.suffix == ".bag"):
         return ros1bag.Ros1Scan(path)
     raise NothingToScoreError(
-        "it is not a ROS recording", file=path, hint="recordings are .bag, .db3 or .mcap files, or rosbag2 folders"
+        "it is not a ROS recording",
+        file=path,
+        hint="recordings are .bag, .db3 or .mcap files, or rosbag2 folders",
     )
 
 
@@ -159,19 +146,24 @@ def _cannot_be_read(error: OSError | MemoryError, path: Path) -> LogError:
     return LogError(f"it cannot be read: {cause}", file=path, hint="check that it is there and may be read")
 
 
-def _guarded(scan: Scan, path: Path) -> Iterator[Connection | Message]:
-    """The items of a scan, with what the operating system says made a `LogError`."""
+def _surveyed(scan: Scan, survey: Survey, path: Path) -> Iterator[Connection | Message]:
+    """The items of a scan, counted; where it breaks off, the error says what was readable."""
     try:
-        yield from scan
+        for item in scan:
+            if isinstance(item, Message):
+                survey.count(item)
+            else:
+                survey.declare(item)
+            yield item
+    except LogError as error:
+        raise LogError(
+            f"{error.cause}; readable up to {scan.readable}: {survey.words()}",
+            file=error.file,
+            place=error.place,
+            hint=error.hint,
+        ) from error
     except (OSError, MemoryError) as error:
         raise _cannot_be_read(error, path) from error
-
-
-def _count(survey: Survey, item: Connection | Message) -> None:
-    if isinstance(item, Message):
-        survey.count(item)
-    else:
-        survey.declare(item)
 
 
 def _clock(survey: Survey) -> str:

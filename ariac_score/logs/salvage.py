@@ -79,17 +79,23 @@ class Scan(Protocol):
 
     Attributes:
         format: In words.
-        readable: How far reading got, such as `byte 10344`.
-        share: The share read, 0 to 1.
     """
 
     format: str
-    readable: str
 
     @property
-    def share(self) -> float: ...  # noqa: D102  # see Attributes
+    def readable(self) -> str:
+        """How far reading got, such as `byte 10344`."""
+        ...
 
-    def __iter__(self) -> Iterator[Connection | Message]: ...
+    @property
+    def share(self) -> float:
+        """The share read, 0 to 1."""
+        ...
+
+    def __iter__(self) -> Iterator[Connection | Message]:
+        """Every declared connection and message."""
+        ...
 
 
 def normalised_type(name: str) -> str:
@@ -142,9 +148,7 @@ class Source:
     def damaged(self, cause: str, *, what: str = "", at: int | None = None) -> LogError:
         """The error for something unreadable at a byte offset (default: the next one)."""
         place = f"byte {self.offset if at is None else at}"
-        return LogError(
-            cause, file=self.path, place=f"{what} at {place}" if what else place, hint=_RE_RECORD
-        )
+        return LogError(cause, file=self.path, place=f"{what} at {place}" if what else place, hint=_RE_RECORD)
 
     def take(self, count: int, what: str) -> bytes:
         """The next bytes.

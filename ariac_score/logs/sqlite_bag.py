@@ -29,14 +29,19 @@ class SqliteScan:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.readable = "row 0"
+        self._readable = "row 0"
         self._rows = self._row = 0
         self._topics: dict[int, Connection] = {}
 
     @property
+    def readable(self) -> str:
+        """How far reading got."""
+        return self._readable
+
+    @property
     def share(self) -> float:
         """The share read, 0 to 1."""
-        return min(self._row / self._rows, 1.0) if self._rows else 0.0
+        return min(max(self._row / self._rows, 0.0), 1.0) if self._rows else 0.0
 
     def __iter__(self) -> Iterator[_Item]:
         """Every declared connection and message, in recorded order.
@@ -47,7 +52,9 @@ class SqliteScan:
         damage = _damage(self.path)
         try:
             # Immutable: a log is evidence; no journal is rolled back into it and no lock file left beside it.
-            with closing(sqlite3.connect(f"{self.path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as bag:
+            with closing(
+                sqlite3.connect(f"{self.path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+            ) as bag:
                 bag.execute("PRAGMA trusted_schema=OFF")
                 # Without it SQLite will not even open a file that lost its end; `_damage` reports that.
                 bag.execute("PRAGMA writable_schema=ON")
@@ -58,7 +65,9 @@ class SqliteScan:
                     ((verdict,),) = bag.execute("PRAGMA integrity_check(1)")
                     damage = "" if verdict == "ok" else f"SQLite finds it damaged: {verdict}"
         except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError) as error:
-            raise self._error(damage or f"SQLite cannot read on: {error}", f"after {self.readable}") from error
+            raise self._error(
+                damage or f"SQLite cannot read on: {error}", f"after {self._readable}"
+            ) from error
         if damage:
             raise self._error(damage)
 
@@ -93,11 +102,13 @@ class SqliteScan:
             "SELECT rowid, topic_id, timestamp, data FROM messages ORDER BY rowid"
         ):
             if topic not in self._topics:
-                raise self._error(f"a message belongs to topic {topic!r}, which is not declared", f"row {row}")
+                raise self._error(
+                    f"a message belongs to topic {topic!r}, which is not declared", f"row {row}"
+                )
             if not isinstance(payload, bytes):
                 raise self._error("a message holds no bytes", f"row {row}")
             checked_stamp(stamp_ns, file=self.path, place=f"row {row}")
-            self._row, self.readable = row, f"row {row}"
+            self._row, self._readable = row, f"row {row}"
             yield Message(self._topics[topic], stamp_ns, payload)
 
 
@@ -126,5 +137,7 @@ def _damage(path: Path) -> str:
     # The page count is valid only when the two change counters agree.
     pages = int.from_bytes(header[28:32], "big") if header[24:28] == header[92:96] else 0
     if page and (size % page or size < pages * page):
-        return f"the file is cut off: {size} bytes are there, its header speaks of {pages} pages of {page} bytes"
+        return (
+            f"the file is cut off: {size} bytes are there, its header speaks of {pages} pages of {page} bytes"
+        )
     return ""

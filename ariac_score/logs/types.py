@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Literal
 
@@ -40,6 +40,9 @@ UNDECODABLE = (
 that are not what they claim to be, besides their own errors (found by feeding them such)."""
 
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*(/(msg|srv|action))?/[A-Za-z]\w*", re.ASCII)
+_LONGEST_SEQUENCE = 1 << 24
+"""Elements in one array of a message: bounds those whose elements take no bytes."""
+
 _IDL_SEPARATOR = "=" * 80 + "\n"
 
 
@@ -89,12 +92,11 @@ def decoder_for(connection: Connection) -> Decode:
 
     if connection.encoding not in ("cdr", "ros1"):
         raise UnknownTypeError(f"its messages are {connection.encoding or 'not'} encoded, not as ROS does")
-    store, name = _typestore_for(connection), connection.type
+    name = connection.type
+    store = _typestore_for(connection.encoding, name, connection.definition_format, connection.definition)
     deserialise = store.deserialize_ros1 if connection.encoding == "ros1" else store.deserialize_cdr
 
     def decode(payload: bytes | memoryview) -> object:
-        # No sequence has more elements than the payload has bytes: bounds the elements of no size.
-        store.max_sequence_length = max(len(payload), 1)
         try:
             return deserialise(bytes(payload), name)
         except (SerdeError, *UNDECODABLE) as error:
@@ -103,35 +105,36 @@ def decoder_for(connection: Connection) -> Decode:
     return decode
 
 
-def _typestore_for(connection: Connection) -> Typestore:
+@lru_cache(maxsize=128)  # compiling a definition takes longer than reading a small recording
+def _typestore_for(encoding: str, name: str, definition_format: str, definition: str) -> Typestore:
     from rosbags.serde import SerdeError  # noqa: PLC0415  # see bundled_typestore
     from rosbags.typesys import Stores, TypesysError, get_typestore  # noqa: PLC0415
 
-    name = connection.type
     if not _TYPE_NAME.fullmatch(name):
         raise UnknownTypeError(f"{name!r} is not the name of a message type")
-    if not connection.definition:
-        store = bundled_typestore(1 if connection.encoding == "ros1" else 2)
+    if not definition:
+        store = bundled_typestore(1 if encoding == "ros1" else 2)
         if name not in store.fielddefs:
             raise UnknownTypeError("neither the recording nor ariac-score has a definition of this type")
         return store
     try:
         store = get_typestore(Stores.EMPTY)
-        store.register(_parsed(connection))
+        store.max_sequence_length = _LONGEST_SEQUENCE
+        store.register(_parsed(name, definition_format, definition))
         store.get_msgdef(name)  # compiles it, and so finds what is missing
     except (SerdeError, TypesysError, *UNDECODABLE) as error:
-        cause = " ".join(str(error).split())[:200]
+        cause = f"it lacks {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
         raise UnknownTypeError(f"the recording's definition of it cannot be used: {cause}") from error
     return store
 
 
-def _parsed(connection: Connection) -> Typesdict:
+def _parsed(name: str, definition_format: str, definition: str) -> Typesdict:
     from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415  # see bundled_typestore
 
-    if connection.definition_format != "ros2idl":
-        return get_types_from_msg(connection.definition, connection.type)
+    if definition_format != "ros2idl":
+        return get_types_from_msg(definition, name)
     types: Typesdict = {}
-    for section in connection.definition.split(_IDL_SEPARATOR):
+    for section in definition.split(_IDL_SEPARATOR):
         head, _, body = section.partition("\n")
         idl = body if head.startswith("IDL: ") else section
         if idl.strip():

@@ -15,12 +15,11 @@ __all__ = ["CHECK_FUNCTIONS", "FACTS", "ScoreSheet"]
 
 FACTS: Mapping[str, Mapping[str, str]] = {
     "part": {},
-    "submission": {"parts": "number of wanted products", "submitted": "1 if it was handed in, else 0"},
+    "submission": {"parts": "number of wanted products"},
     "order": {
         "index": "0 for the first order announced, 1 for the second, …",
         "priority": "as the order gives it",
         "parts": "number of wanted products",
-        "time_s": "from announcement to the last of its submissions; 0 while one is missing",
     },
     "trial": {"duration_s": "from start to end of the competition", "orders": "number of orders"},
 }

@@ -1,0 +1,142 @@
+"""ariac-score: task rules and safety monitors over a trial log, and one explained score.
+
+Everything public is importable from here; plugins import nothing else. Names are
+loaded when first used, so that importing the package costs next to nothing.
+
+>>> import ariac_score
+>>> ariac_score.Span(1.0, 3.5).duration_s
+2.5
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ariac_score.contracts import (
+        Decoder,
+        LogDescription,
+        Monitor,
+        Reader,
+        Rule,
+        SignalNeed,
+        TopicDescription,
+        Wanted,
+    )
+    from ariac_score.engine import measure_trial, price_trial, score_trial
+    from ariac_score.errors import (
+        LogError,
+        MissingSignalError,
+        NothingToScoreError,
+        ScoreError,
+    )
+    from ariac_score.findings import Finding, Limit, Verdict
+    from ariac_score.logmap import load_log_map
+    from ariac_score.result import Measured, Provenance, Result
+    from ariac_score.result_json import as_json, load_result
+    from ariac_score.ruleset import RuleSet, load_rule_set
+    from ariac_score.trial.build import TrialBuilder
+    from ariac_score.trial.channels import LogMap
+    from ariac_score.trial.events import Event
+    from ariac_score.trial.model import (
+        Body,
+        LogDefect,
+        OfficialResult,
+        Order,
+        Pose,
+        Product,
+        Submission,
+        Task,
+        TeamSetup,
+        Tray,
+        Trial,
+        WantedProduct,
+    )
+    from ariac_score.trial.signals import Sample, Signal, align
+    from ariac_score.trial.spans import Span, episodes_where, sample_durations, uncovered_spans
+
+_HOME = {
+    "ariac_score.contracts": (
+        "Decoder LogDescription Monitor Reader Rule SignalNeed TopicDescription Wanted"
+    ),
+    "ariac_score.engine": "measure_trial price_trial score_trial",
+    "ariac_score.errors": "LogError MissingSignalError NothingToScoreError ScoreError",
+    "ariac_score.findings": "Finding Limit Verdict",
+    "ariac_score.logmap": "load_log_map",
+    "ariac_score.result": "Measured Provenance Result",
+    "ariac_score.result_json": "as_json load_result",
+    "ariac_score.ruleset": "RuleSet load_rule_set",
+    "ariac_score.trial.build": "TrialBuilder",
+    "ariac_score.trial.channels": "LogMap",
+    "ariac_score.trial.events": "Event",
+    "ariac_score.trial.model": (
+        "Body LogDefect OfficialResult Order Pose Product Submission Task TeamSetup Tray Trial WantedProduct"
+    ),
+    "ariac_score.trial.signals": "Sample Signal align",
+    "ariac_score.trial.spans": "Span episodes_where sample_durations uncovered_spans",
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
+
+__all__ = [
+    "Body",
+    "Decoder",
+    "Event",
+    "Finding",
+    "Limit",
+    "LogDefect",
+    "LogDescription",
+    "LogError",
+    "LogMap",
+    "Measured",
+    "MissingSignalError",
+    "Monitor",
+    "NothingToScoreError",
+    "OfficialResult",
+    "Order",
+    "Pose",
+    "Product",
+    "Provenance",
+    "Reader",
+    "Result",
+    "Rule",
+    "RuleSet",
+    "Sample",
+    "ScoreError",
+    "Signal",
+    "SignalNeed",
+    "Span",
+    "Submission",
+    "Task",
+    "TeamSetup",
+    "TopicDescription",
+    "Tray",
+    "Trial",
+    "TrialBuilder",
+    "Verdict",
+    "Wanted",
+    "WantedProduct",
+    "align",
+    "as_json",
+    "episodes_where",
+    "load_log_map",
+    "load_result",
+    "load_rule_set",
+    "measure_trial",
+    "price_trial",
+    "sample_durations",
+    "score_trial",
+    "uncovered_spans",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name when it is first used."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_MODULE_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return sorted(__all__)

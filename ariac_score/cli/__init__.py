@@ -1,0 +1,109 @@
+"""The command line: `ariac-score COMMAND`.
+
+Exit codes:
+    0  scored (or done), criteria met
+    1  scored, but a criterion failed
+    2  interrupted
+    3  internal error, or a plugin failed
+    4  usage error, or an invalid rule set, log map or configuration
+    5  nothing to score: no such file, empty, or not a trial log
+    6  a log is damaged, or something the score depends on is undecided
+
+Results go to stdout, everything else to stderr.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from ariac_score.errors import ScoreError
+
+__all__ = ["main"]
+
+EXIT_INTERRUPTED = 2
+EXIT_INTERNAL = 3
+EXIT_USAGE = 4
+
+_COMMANDS = ("score", "info", "explain", "rules", "plugins")
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose usage errors have the documented exit code."""
+
+    def error(self, message: str) -> NoReturn:
+        self.print_usage(sys.stderr)
+        self.exit(EXIT_USAGE, f"error: {message}\n")
+
+
+class _Version(argparse.Action):
+    """Prints the version; looked up only then, because that takes longer than parsing."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> NoReturn:
+        from importlib.metadata import version  # noqa: PLC0415  # see above
+
+        print(f"ariac-score {version('ariac-score')}")
+        parser.exit()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="ariac-score",
+        description="Score robot competition trials: task points, safety monitors, one explained score.",
+        epilog="Exit codes: 0 scored, 3 internal or plugin error, 4 usage or invalid rule set, "
+        "5 nothing to score, 6 damaged log or undecided score.",
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name in _COMMANDS:
+        import_module(f"ariac_score.cli.{name}").register(commands)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    try:
+        arguments = _parser().parse_args(argv)
+        code: int = arguments.run(arguments)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        print("interrupted; nothing was written", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output has gone, as with `| head`: not an error of ours.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:  # noqa: BLE001  # no traceback reaches a user
+        return _failed(error)
+    return code
+
+
+def _failed(error: Exception) -> int:
+    """Say what went wrong, in words, and give the exit code."""
+    from ariac_score.errors import ScoreError  # noqa: PLC0415  # only when something failed
+
+    if isinstance(error, ScoreError):
+        _say(error)
+        return error.exit_code
+    if os.environ.get("ARIAC_SCORE_DEBUG"):
+        raise error
+    print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
+    print(
+        "hint: this is a fault of ariac-score; set ARIAC_SCORE_DEBUG=1 and report the traceback",
+        file=sys.stderr,
+    )
+    return EXIT_INTERNAL
+
+
+def _say(error: ScoreError) -> None:
+    from ariac_score.report.style import plain, style_for  # noqa: PLC0415  # only when something failed
+
+    style = style_for(sys.stderr)
+    print(f"{style('error:', 'bold', 'red')} {plain(str(error))}", file=sys.stderr)
+    if error.hint:
+        print(f"{style('hint:', 'bold', 'cyan')} {plain(error.hint)}", file=sys.stderr)

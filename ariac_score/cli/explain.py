@@ -1,0 +1,58 @@
+"""`ariac-score explain RESULT [PATH]`: follow any number back to the samples it rests on."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "explain",
+        help="follow any number of a result back to its samples",
+        description="Show the ledger of a stored result, or what a line, order, check or finding rests on.",
+    )
+    parser.add_argument(
+        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
+    )
+    parser.add_argument(
+        "path",
+        nargs="?",
+        default="",
+        metavar="PATH",
+        help="ledger path or part of it, check, finding id or subject",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Load the result, which checks its sums, and print what was asked for."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.errors import UsageError, did_you_mean  # noqa: PLC0415
+    from ariac_score.report.style import style_for  # noqa: PLC0415
+    from ariac_score.report.text import explain_text, score_text  # noqa: PLC0415
+    from ariac_score.result_json import load_result  # noqa: PLC0415
+
+    result = load_result(arguments.result)
+    style = style_for(sys.stdout)
+    if result.ledger is None and not arguments.path:
+        sys.stdout.write(score_text(result, style))
+        return 0
+    text = explain_text(result, arguments.path, style)
+    if not text:
+        lines = [line.path for line in result.ledger.walk()] if result.ledger else []
+        known = {
+            *(part for path in lines for part in path.split("/")),
+            *result.measured.findings,
+            *result.checks,
+        }
+        raise UsageError(
+            f"nothing in the result is called {arguments.path!r}",
+            file=arguments.result,
+            hint=did_you_mean(arguments.path, known, what="there is"),
+        )
+    sys.stdout.write(text)
+    return 0

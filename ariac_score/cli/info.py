@@ -1,0 +1,118 @@
+"""`ariac-score info LOG`: what a log holds, and which monitors of a rule set it could decide."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+EXIT_DAMAGED = 6
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "info",
+        help="what a log holds, and which monitors it could decide",
+        description="Topics, types, counts, rates, gaps, clocks, orders and entities of a log or bundle.",
+    )
+    parser.add_argument(
+        "path", type=Path, metavar="LOG", help="log, bag folder, bundle folder or bundle.yaml"
+    )
+    parser.add_argument(
+        "--rules", default="", metavar="NAME", help="say which checks of this rule set could be decided"
+    )
+    parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Describe every part, then what the trial as a whole shows."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.engine import open_readers  # noqa: PLC0415
+    from ariac_score.logs.bundle import find_parts  # noqa: PLC0415
+    from ariac_score.registry import Registry  # noqa: PLC0415
+    from ariac_score.report.style import plain, style_for  # noqa: PLC0415
+
+    style = style_for(sys.stdout)
+    registry = Registry()
+    readers = open_readers(registry)
+    bundle = find_parts(arguments.path, readers)
+    damaged = False
+    for part in bundle.parts:
+        description = readers[part.reader].describe(part.path)
+        print(style(plain(part.path.name), "bold") + f"  {description.format}, {part.role}")
+        for line in _described(description):
+            print(line)
+        if description.damage:
+            damaged = True
+            print(style(f"  DAMAGED: {plain(description.damage)}", "red"))
+    for name in bundle.ignored:
+        print(style(f"not read: {plain(name)}", "dim"))
+    if damaged:
+        return EXIT_DAMAGED
+    for line in _trial_lines(arguments, bundle, readers, registry):
+        print(line)
+    return 0
+
+
+def _described(description: Any) -> list[str]:
+    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+
+    lines = [f"  {description.duration_s:.3f} s, {plain(description.clock)}"] if description.clock else []
+    lines += [f"  {name}: {plain(str(value))}" for name, value in description.facts.items()]
+    if description.topics:
+        lines.append(f"  {'topic':<42} {'type':<36} {'count':>7} {'rate':>9} {'longest gap':>12}")
+    for topic in description.topics:
+        rate = f"{topic.rate_hz:.1f} Hz" if topic.rate_hz else "-"
+        gap = f"{topic.largest_gap_s:.3f} s" if topic.largest_gap_s is not None else "-"
+        lines.append(
+            f"  {plain(topic.name):<42} {plain(topic.type):<36} {topic.count:>7} {rate:>9} {gap:>12}"
+        )
+    lines += [f"  defect: {plain(d.where)}: {plain(d.message)} ({d.count})" for d in description.defects]
+    return lines
+
+
+def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, registry: Any) -> list[str]:
+    """Orders, entities, signals; with a rule set also what could be decided."""
+    from ariac_score.cli.output import progress_bar  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.engine import decidable, read_trial  # noqa: PLC0415
+    from ariac_score.errors import LogError, NothingToScoreError  # noqa: PLC0415
+    from ariac_score.logmap import load_log_map  # noqa: PLC0415
+    from ariac_score.report.style import plain  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.trial.vocabulary import QUANTITIES  # noqa: PLC0415
+
+    rule_set = load_rule_set(arguments.rules) if arguments.rules else None
+    name = arguments.log_map or (rule_set.log_map if rule_set else "")
+    if not name:
+        return ["", "Give --rules (or --log-map) to see orders, entities and which checks could be decided."]
+    mapping = load_log_map(name, beside=Path(rule_set.file).parent if rule_set else None)
+    try:
+        with progress_bar("reading") as progress:
+            trial = read_trial(bundle, readers, mapping, registry, quantities=QUANTITIES, progress=progress)
+    except NothingToScoreError as error:
+        return ["", f"As a trial: {error.cause} — {error.hint}"]
+    except LogError as error:
+        return ["", f"As a trial: {error} — {error.hint}"]
+    lines = ["", f"Under log map {mapping.id}"]
+    for order in trial.orders:
+        when = "unknown" if order.announced_s is None else f"{order.announced_s:.3f} s"
+        tasks = ", ".join(f"{plain(t.id)} ({t.kind}, {len(t.products)} products)" for t in order.tasks)
+        lines.append(f"  order {plain(order.id)}, priority {order.priority}, announced {when}: {tasks}")
+    lines.append(f"  submissions: {len(trial.submissions)}")
+    lines += [f"  {body.kind} {plain(body.id)}, {len(body.links)} links" for body in trial.bodies]
+    window = trial.window
+    if window:
+        lines.append(f"  competition from {window.start_s:.3f} s to {window.end_s:.3f} s")
+    lines.append(f"  signals: {', '.join(map(plain, trial.signals)) or 'none'}")
+    lines.append(f"  would have shown: {', '.join(sorted(trial.witnessed)) or 'nothing in particular'}")
+    lines += [f"  not recorded: {plain(item)}" for item in trial.unrecorded]
+    if rule_set:
+        lines += ["", f"Under rule set {rule_set.id}"]
+        lines += [
+            f"  {check:<20} {plain(answer)}"
+            for check, answer in decidable(trial, rule_set, mapping, registry)
+        ]
+    return lines

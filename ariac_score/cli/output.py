@@ -1,0 +1,59 @@
+"""Writing what a command gives: whole files or nothing, and a progress bar on a terminal."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+
+from ariac_score.errors import UsageError
+
+__all__ = ["progress_bar", "write"]
+
+
+def write(text: str, file: Path | None) -> None:
+    """Print the text, or put it into a file that is either complete or not there.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
+    if file is None:
+        sys.stdout.write(text)
+        return
+    temporary = ""
+    try:
+        with NamedTemporaryFile(
+            "w", encoding="utf-8", newline="\n", dir=file.parent, prefix=".part-", delete=False
+        ) as out:
+            temporary = out.name
+            out.write(text)
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(temporary).chmod(0o666 & ~mask)  # a temporary file is private, a result is not
+        Path(temporary).replace(file)
+    except OSError as cause:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
+        raise UsageError(
+            f"cannot be written: {cause.strerror}",
+            file=file,
+            hint="check that the folder exists and has room",
+        ) from cause
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
+    """A bar on stderr, on a terminal only, and gone when done."""
+    if not sys.stderr.isatty():
+        yield lambda _done: None
+        return
+    # Imported here: rich takes longer to import than most trials to score.
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress  # noqa: PLC0415
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=1.0)
+        yield lambda done: progress.update(task, completed=done)

@@ -1,0 +1,401 @@
+"""From a path to a result: measure with plugins, price with the rule set.
+
+Measuring needs the log and knows no points; pricing needs only what was measured.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from ariac_score.contracts import Monitor, Reader, Rule, Wanted
+from ariac_score.errors import (
+    LogError,
+    LogMapError,
+    MissingSignalError,
+    NothingToScoreError,
+    PluginError,
+    ScoreError,
+)
+from ariac_score.findings import Finding, Verdict
+from ariac_score.logmap import load_log_map
+from ariac_score.logs.bundle import Bundle, Part, find_parts
+from ariac_score.registry import Plugin, Registry, package_sha256
+from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical, settled
+from ariac_score.ruleset import RuleSet, load_rule_set
+from ariac_score.scoring.ledger import Line, make_ledger, rounded
+from ariac_score.scoring.policy import Assumed, assume, ideal
+from ariac_score.scoring.scope import Scope
+from ariac_score.trial.build import merge_trials
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
+from ariac_score.trial.model import Order, Trial
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import Span
+
+__all__ = ["decidable", "measure_trial", "open_readers", "price_trial", "read_trial", "score_trial"]
+
+Progress = Callable[[float], None]
+
+
+def _no_progress(_done: float) -> None:
+    """Show nothing."""
+
+
+def score_trial(
+    path: Path,
+    rules: str | RuleSet,
+    *,
+    log_map: str = "",
+    registry: Registry | None = None,
+    progress: Progress = _no_progress,
+) -> Result:
+    """Score the trial at a path.
+
+    Args:
+        path: A log, a rosbag2 folder, a bundle folder, or a `bundle.yaml`.
+        rules: A rule set or its name.
+        log_map: Log map to use instead of the rule set's own.
+        registry: The installed plugins, where the caller has them already.
+        progress: Called with the share done, 0 to 1.
+
+    Raises:
+        ScoreError: For everything a user can act on; see `ariac_score.errors`.
+    """
+    registry = registry or Registry()
+    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules)
+    checks = rule_set.build(registry)
+    mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
+    readers = open_readers(registry)
+    bundle = find_parts(path, readers)
+    needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
+    trial = read_trial(
+        bundle, readers, mapping, registry, quantities=(need.quantity for need in needs), progress=progress
+    )
+    wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
+    trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
+    measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
+    provenance = _provenance(bundle, rule_set, mapping, registry)
+    return price_trial(measured, rule_set, provenance)
+
+
+# Reading -------------------------------------------------------------------------------
+
+
+def open_readers(registry: Registry) -> dict[str, Reader]:
+    """Every installed reader, built, by name."""
+    return {
+        plugin.name: registry.find(plugin.group, plugin.name).build({})
+        for plugin in registry.all("ariac_score.readers")
+    }
+
+
+def read_trial(
+    bundle: Bundle,
+    readers: Mapping[str, Reader],
+    log_map: LogMap,
+    registry: Registry,
+    *,
+    quantities: Iterable[str],
+    progress: Progress = _no_progress,
+) -> Trial:
+    """The one trial that the parts of a bundle tell of.
+
+    Args:
+        bundle: What to read.
+        readers: By name.
+        log_map: Which topic and field is which signal.
+        registry: For the decoders that the log map names.
+        quantities: The quantities checks ask for; what they derive from is read too.
+        progress: Called with the share done.
+
+    Raises:
+        LogError: A part is damaged, or two parts contradict each other.
+        NothingToScoreError: There is configuration but no record of a trial.
+    """
+    decoders = {}
+    for name in sorted({channel.decoder for channel in log_map.channels if channel.decoder}):
+        try:
+            decoders[name] = registry.find("ariac_score.decoders", name).build({})
+        except PluginError as error:
+            raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
+    if not any(part.role in ("log", "official") for part in bundle.parts):
+        raise NothingToScoreError(
+            "there is a configuration but no log of a trial",
+            file=bundle.root,
+            hint="add the log the trial wrote: a bag, a state.log, a performance.log or a .jsonl",
+        )
+    trials = []
+    for number, part in enumerate(bundle.parts):
+
+        def step(done: float, number: int = number) -> None:
+            progress((number + done) / len(bundle.parts))
+
+        wanted = Wanted(log_map, source_quantities(quantities), decoders, step)
+        trials.append(readers[part.reader].read(part.path, wanted))
+    trial = merge_trials(bundle.id, trials, file=bundle.root)
+    if not trial.orders:
+        raise NothingToScoreError(
+            "no order was found",
+            file=bundle.root,
+            hint=_no_orders_hint(bundle, trial),
+        )
+    progress(1.0)
+    return trial
+
+
+def _no_orders_hint(bundle: Bundle, trial: Trial) -> str:
+    looked = f"; not in the log: {', '.join(trial.unrecorded)}" if trial.unrecorded else ""
+    read = ", ".join(f"{part.path.name} ({part.role})" for part in bundle.parts)
+    return f"read: {read}{looked}; add the trial configuration or record the orders topic"
+
+
+# Measuring -----------------------------------------------------------------------------
+
+
+def measure_trial(
+    trial: Trial, checks: Mapping[str, Rule | Monitor], *, registry: Registry, rule_set: RuleSet
+) -> Measured:
+    """Ask every check about a trial.
+
+    Args:
+        trial: With the derived signals.
+        checks: The built plugins by check name.
+        registry: To name the plugin when one fails.
+        rule_set: Where the checks come from.
+
+    Raises:
+        PluginError: A plugin raised, said nothing, or yielded something else.
+    """
+    findings: dict[str, Finding] = {}
+    for name, check in checks.items():
+        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        said = sorted(_ask(plugin, name, check, trial), key=_order_of_findings)
+        for number, finding in enumerate(said, start=1):
+            try:
+                findings[f"{name}#{number}"] = settled(replace(finding, check=name))
+            except ValueError as cause:
+                raise _broken(plugin, name, f"yields a number that is none: {cause}") from cause
+    return Measured(
+        trial=trial.id,
+        findings=findings,
+        scopes=_scopes(trial),
+        window=trial.window,
+        orders={order.id: order.announced_s for order in trial.orders},
+        coverage=tuple(_coverage(signal, trial.window) for signal in trial.signals.values()),
+        log_defects=trial.log_defects,
+        unrecorded=trial.unrecorded,
+        witnessed=tuple(sorted(trial.witnessed)),
+        clock=trial.clock,
+        official=trial.official,
+        team=trial.team.name if trial.team else "",
+    )
+
+
+def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
+    return finding.subject, finding.span.start_s if finding.span else -1.0, finding.message
+
+
+def _ask(plugin: Plugin, name: str, check: Rule | Monitor, trial: Trial) -> list[Finding]:
+    """Everything one check says, with its failures named and never swallowed."""
+    said: list[Finding] = []
+    try:
+        answers = (
+            (finding for order in trial.orders for finding in _some(check.judge(trial, order), order))
+            if isinstance(check, Rule)
+            else check.watch(trial)
+        )
+        for finding in answers:
+            if not isinstance(finding, Finding):
+                raise _broken(plugin, name, f"yields a {type(finding).__name__} instead of a Finding")
+            said.append(finding)
+    except MissingSignalError as missing:
+        said.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
+    except ScoreError:
+        raise
+    except Exception as cause:
+        raise _broken(plugin, name, f"raised {type(cause).__name__}: {cause}") from cause
+    if not said:
+        raise _broken(plugin, name, "says nothing, and silence is not a verdict")
+    return said
+
+
+def _some(findings: Iterable[Finding], order: Order) -> Iterable[Finding]:
+    """The findings about one order; that there are none is a finding too."""
+    said = list(findings)
+    return said or [Finding.not_applicable(order.id, "the order holds nothing that this check judges")]
+
+
+def _broken(plugin: Plugin, name: str, what: str) -> PluginError:
+    return PluginError(
+        f"check {name!r}: plugin {plugin.origin} {what}",
+        hint=f"no score is given with a broken check; report it to the authors of {plugin.distribution}",
+    )
+
+
+def _scopes(trial: Trial) -> Scope:
+    orders = []
+    for index, order in enumerate(trial.orders):
+        tasks = []
+        for task in order.tasks:
+            path = f"{order.id}/{task.id}"
+            parts = tuple(Scope("part", f"{path}/{wanted.slot}") for wanted in task.products)
+            tasks.append(Scope("submission", path, {"parts": len(parts)}, parts))
+        facts: dict[str, float] = {
+            "index": index,
+            "priority": order.priority,
+            "parts": sum(len(task.products) for task in order.tasks),
+        }
+        orders.append(Scope("order", order.id, facts, tuple(tasks)))
+    whole: dict[str, float] = {"duration_s": canonical(trial.duration_s), "orders": len(orders)}
+    return Scope("trial", "", whole, tuple(orders))
+
+
+def _coverage(signal: Signal, window: Span | None) -> Coverage:
+    span = signal.span
+    long = signal.gaps(window, max_gap_s=0.0) if window else []
+    rate = (len(signal) - 1) / span.duration_s if span and span.duration_s > 0 else 0.0
+    return Coverage(signal.name, len(signal), rate, max((gap.duration_s for gap in long), default=0.0))
+
+
+# Pricing -------------------------------------------------------------------------------
+
+
+def price_trial(measured: Measured, rule_set: RuleSet, provenance: Provenance) -> Result:
+    """Price what was measured.
+
+    Args:
+        measured: The findings.
+        rule_set: What they are worth; its checks must be those that measured.
+        provenance: Where the findings come from.
+
+    Raises:
+        FormulaError: A formula has no value here, such as a division by zero.
+    """
+    sheet = rule_set.sheet
+    policies = {check.name: check.on_inconclusive for check in rule_set.checks.values()}
+    assumed = assume(measured.findings, policies, priced=sheet.priced)
+    best = sheet.evaluate(measured.scopes, ideal(measured.findings))
+    ledger = None if assumed.withheld else _ledger(measured, rule_set, assumed)
+    return Result(
+        measured=measured,
+        rule_set_title=rule_set.title,
+        checks={
+            check.name: {
+                "use": check.use,
+                "with": dict(check.parameters),
+                "on_inconclusive": check.on_inconclusive,
+                "priced": check.name in sheet.priced,
+            }
+            for check in rule_set.checks.values()
+        },
+        notes=rule_set.notes,
+        status="incomplete" if ledger is None else "scored",
+        score=None if ledger is None else ledger.amount,
+        possible=rounded(best.value, rule_set.digits),
+        ledger=ledger,
+        assumptions=assumed.assumptions,
+        digits=rule_set.digits,
+        provenance=provenance,
+    )
+
+
+def _ledger(measured: Measured, rule_set: RuleSet, assumed: Assumed) -> Line:
+    ledger = make_ledger(rule_set.sheet.evaluate(measured.scopes, assumed.findings), digits=rule_set.digits)
+    if not assumed.zeroed:
+        return ledger
+    reasons = ", ".join(assumption.finding for assumption in assumed.zeroed)
+    taken = Line(
+        "score/undecided",
+        f"undecided, so the rule set gives 0: {reasons}",
+        "factor",
+        -ledger.amount,
+        0,
+        findings=tuple(assumption.finding for assumption in assumed.zeroed),
+    )
+    zero = ledger.amount - ledger.amount
+    first = replace(ledger, path="score/before")
+    return Line("score", "score", "sum", zero, 0, children=(first, taken))
+
+
+# Provenance ----------------------------------------------------------------------------
+
+
+def _provenance(bundle: Bundle, rule_set: RuleSet, log_map: LogMap, registry: Registry) -> Provenance:
+    plugins = [registry.find(check.group, check.use) for check in rule_set.checks.values()]
+    plugins += [registry.find("ariac_score.readers", part.reader) for part in bundle.parts]
+    plugins += [
+        registry.find("ariac_score.decoders", channel.decoder)
+        for channel in log_map.channels
+        if channel.decoder
+    ]
+    # The engine comes with the first-party plugins; its hash is always there.
+    packages = {(p.distribution, p.version, p.package) for p in plugins}
+    return Provenance(
+        inputs=tuple(sorted((s for part in bundle.parts for s in _sources(part, bundle.root)), key=_by_role)),
+        ignored=tuple(sorted(bundle.ignored)),
+        rule_set=(rule_set.id, rule_set.sha256),
+        log_map=(log_map.id, log_map.sha256),
+        code=tuple((d, v, p, package_sha256(p)) for d, v, p in sorted(packages)),
+    )
+
+
+def _by_role(source: Source) -> tuple[str, str]:
+    return source.role, source.name
+
+
+def _sources(part: Part, root: Path) -> list[Source]:
+    """The files of a part, hashed; a rosbag2 folder is several."""
+    files = sorted(p for p in part.path.rglob("*") if p.is_file()) if part.path.is_dir() else [part.path]
+    base = root if root.is_dir() else root.parent
+    return [
+        Source(part.role, file.relative_to(base).as_posix(), file.stat().st_size, _sha256(file))
+        for file in files
+    ]
+
+
+def _sha256(file: Path) -> str:
+    digest = hashlib.sha256()
+    try:
+        with file.open("rb") as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    except OSError as cause:
+        raise LogError(
+            f"cannot be read: {cause.strerror}", file=file, hint="check the permissions"
+        ) from cause
+    return digest.hexdigest()
+
+
+def decidable(trial: Trial, rule_set: RuleSet, log_map: LogMap, registry: Registry) -> list[tuple[str, str]]:
+    """For each check of a rule set whether this trial can decide it, and if not, why.
+
+    Args:
+        trial: As read, with every quantity the log has.
+        rule_set: Whose checks are asked.
+        log_map: For how speeds are derived.
+        registry: The installed plugins.
+    """
+    checks = rule_set.build(registry)
+    wanted = [
+        Derivation(n.quantity, n.max_gap_s)
+        for c in checks.values()
+        if isinstance(c, Monitor)
+        for n in c.needs()
+    ]
+    derived = derive_signals(trial, wanted, speed_window_s=log_map.speed_window_s)
+    measured = measure_trial(derived, checks, registry=registry, rule_set=rule_set)
+    answers = []
+    for name in rule_set.checks:
+        found = measured.of(name).values()
+        undecided = [f for f in found if f.verdict is Verdict.INCONCLUSIVE]
+        idle = [f for f in found if f.verdict is Verdict.NOT_APPLICABLE]
+        if undecided:
+            answers.append((name, f"undecided: {undecided[0].message}"))
+        elif len(idle) == len(found):
+            answers.append((name, f"not applicable: {idle[0].message}"))
+        else:
+            answers.append((name, "can be decided"))
+    return answers

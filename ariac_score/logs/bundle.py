@@ -1,0 +1,268 @@
+"""Which files are the parts of one trial: a file, a bag folder, or a folder of logs and configurations.
+
+A bundle is one trial. Where a folder holds two candidates for one part, nothing is
+guessed: `bundle.yaml` in the folder says which is meant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from types import MappingProxyType
+
+from ariac_score.contracts import Reader
+from ariac_score.datafiles import YamlDocument, load_yaml, validate
+from ariac_score.errors import LogError, NothingToScoreError
+
+__all__ = ["MAX_DEPTH", "MAX_FILES", "ROLES", "Bundle", "Part", "find_parts"]
+
+BUNDLE_FILE = "bundle.yaml"
+MAX_DEPTH = 4
+"""Folders below the given one that are searched."""
+MAX_FILES = 2000
+"""Files that are looked at before the folder is taken for something else than a trial."""
+
+ROLES: Mapping[str, str] = MappingProxyType(
+    {
+        "gazebo": "log",
+        "jsonl": "log",
+        "rosbag": "log",
+        "gazebo_text": "official",
+        "ariac_config": "trial_config",
+        "ariac_team": "team_config",
+    }
+)
+"""What each reader's files are in a trial; those of any other reader are logs."""
+
+_WORDS = {
+    "log": "a log",
+    "trial_config": "a trial configuration",
+    "team_config": "a team configuration",
+    "official": "an official result",
+}
+
+FORMATS = (
+    "ROS bags, Gazebo state.log, JSON Lines trial logs, ARIAC performance.log, "
+    "ARIAC trial and sensor configurations (YAML)"
+)
+_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class Part:
+    """One file (or bag folder) of a trial.
+
+    Attributes:
+        role: `log`, `trial_config`, `team_config` or `official`.
+        path: Where it is.
+        reader: Name of the reader that recognised it.
+    """
+
+    role: str
+    path: Path
+    reader: str
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """The parts of one trial.
+
+    Attributes:
+        id: Name of the trial: from `bundle.yaml`, or of the folder or file.
+        root: The folder (or the file) the parts are in.
+        parts: Sorted by path; those of `bundle.yaml` in its order.
+        ignored: Paths below the root that no reader recognised, sorted.
+    """
+
+    id: str
+    root: Path
+    parts: tuple[Part, ...]
+    ignored: tuple[str, ...] = ()
+
+
+def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
+    """Find the parts of the trial at a path.
+
+    Args:
+        path: A log, a configuration, a bag folder, a `bundle.yaml`, or a folder of these.
+        readers: The installed readers by name; asked in order of their names.
+
+    Raises:
+        NothingToScoreError: There is no such path, or nothing in it is recognised.
+        LogError: The folder holds two trials, or `bundle.yaml` names what is not there.
+        DataFileError: `bundle.yaml` is malformed or breaks its schema.
+    """
+    if path.is_file():
+        return _named_parts(path, readers) if path.name == BUNDLE_FILE else _single_file(path, readers)
+    if not path.is_dir():
+        raise NothingToScoreError(
+            "no such file or folder", file=path, hint="check the path; it is relative to the current folder"
+        )
+    if (path / BUNDLE_FILE).is_file():
+        return _named_parts(path / BUNDLE_FILE, readers)
+    bag = _as_bag(path, readers)
+    if bag is not None:
+        return Bundle(_folder_name(path), path, (bag,))
+    return _searched_folder(path, readers)
+
+
+def _folder_name(folder: Path) -> str:
+    return folder.resolve().name or "trial"
+
+
+def _as_part(path: Path, readers: Mapping[str, Reader]) -> Part | None:
+    """The part a file is, by the first reader that recognises it."""
+    for name in sorted(readers):
+        if readers[name].can_read(path):
+            return Part(ROLES.get(name, "log"), path, name)
+    return None
+
+
+def _as_bag(folder: Path, readers: Mapping[str, Reader]) -> Part | None:
+    """The part a folder is; the bag reader alone knows which folders are bags."""
+    reader = readers.get("rosbag")
+    if reader is not None and reader.can_read(folder):
+        return Part(ROLES["rosbag"], folder, "rosbag")
+    return None
+
+
+def _single_file(path: Path, readers: Mapping[str, Reader]) -> Bundle:
+    part = _as_part(path, readers)
+    if part is None:
+        cause = "no reader recognises this file" if path.stat().st_size else "the file is empty"
+        raise NothingToScoreError(cause, file=path, hint=f"known formats: {FORMATS}")
+    return Bundle(path.stem, path, (part,))
+
+
+def _searched_folder(folder: Path, readers: Mapping[str, Reader]) -> Bundle:
+    parts: list[Part] = []
+    ignored: list[str] = []
+    for path in _candidates(folder, readers):
+        part = _as_bag(path, readers) if path.is_dir() else _as_part(path, readers)
+        if part is None:
+            ignored.append(path.relative_to(folder).as_posix())
+        else:
+            parts.append(part)
+    if not parts:
+        raise NothingToScoreError(
+            f"nothing to score in this folder; {_seen(ignored)}",
+            file=folder,
+            hint=f"known formats: {FORMATS}",
+        )
+    _refuse_two_trials(parts, folder)
+    return Bundle(_folder_name(folder), folder, tuple(parts), tuple(sorted(ignored)))
+
+
+def _seen(ignored: list[str]) -> str:
+    if not ignored:
+        return "it holds no files"
+    more = f" and {len(ignored) - _SHOWN} more" if len(ignored) > _SHOWN else ""
+    return "not recognised: " + ", ".join(sorted(ignored)[:_SHOWN]) + more
+
+
+def _candidates(folder: Path, readers: Mapping[str, Reader]) -> Iterator[Path]:
+    """Files and bag folders below a folder, sorted, with nothing from outside it."""
+    root = folder.resolve()
+    for seen, path in enumerate(_walk(folder, root, readers, MAX_DEPTH)):
+        if seen >= MAX_FILES:
+            raise LogError(
+                f"more than {MAX_FILES} files: this does not look like the folder of one trial",
+                file=folder,
+                hint=f"name the folder of one trial, or write {BUNDLE_FILE} in it",
+            )
+        yield path
+
+
+def _walk(folder: Path, root: Path, readers: Mapping[str, Reader], depth: int) -> Iterator[Path]:
+    try:
+        paths = sorted(folder.iterdir())
+    except OSError as cause:
+        raise LogError(
+            f"cannot be listed: {cause.strerror}", file=folder, hint="check the permissions"
+        ) from cause
+    for path in paths:
+        if not _is_inside(path, root):
+            continue
+        if path.is_file() or (path.is_dir() and _as_bag(path, readers) is not None):
+            yield path
+        elif path.is_dir() and not path.is_symlink() and depth > 0:
+            yield from _walk(path, root, readers, depth - 1)
+
+
+def _is_inside(path: Path, root: Path) -> bool:
+    """Whether a path, links followed, is in a folder whose own links are followed."""
+    try:
+        return path.resolve().is_relative_to(root)
+    except (OSError, RuntimeError):  # a loop of links
+        return False
+
+
+def _refuse_two_trials(parts: list[Part], where: Path) -> None:
+    """One part for each role, and one log for each kind of log."""
+    taken: dict[tuple[str, str], Part] = {}
+    for part in parts:
+        one_of = (part.role, part.reader if part.role == "log" else "")
+        first = taken.setdefault(one_of, part)
+        if first is not part:
+            raise LogError(
+                f"two trials in one bundle: {first.path.as_posix()!r} and {part.path.as_posix()!r} "
+                f"are each {_WORDS[part.role]}",
+                file=where,
+                hint=f"score them one by one, or write {BUNDLE_FILE} to say which belong together",
+            )
+
+
+def _named_parts(file: Path, readers: Mapping[str, Reader]) -> Bundle:
+    """The parts that `bundle.yaml` names."""
+    document = load_yaml(file)
+    validate(document, "bundle")
+    named = document.data
+    parts = [
+        _named_part(document, file, path, "log", ("logs", i), readers) for i, path in enumerate(named["logs"])
+    ]
+    parts += [
+        _named_part(document, file, named[role], role, (role,), readers)
+        for role in ("trial_config", "team_config", "official")
+        if role in named
+    ]
+    if not parts:
+        raise NothingToScoreError(
+            "the bundle names no part", file=file, hint="name at least one log or configuration"
+        )
+    return Bundle(named.get("id") or _folder_name(file.parent), file.parent, tuple(parts))
+
+
+def _named_part(
+    document: YamlDocument,
+    file: Path,
+    name: str,
+    role: str,
+    place: tuple[str | int, ...],
+    readers: Mapping[str, Reader],
+) -> Part:
+    where = document.place(place)
+    plain = PurePosixPath(name)
+    path = file.parent / name
+    inside = not (plain.is_absolute() or Path(name).is_absolute() or ".." in plain.parts or "\0" in name)
+    if not inside or not _is_inside(path, file.parent.resolve()):
+        raise LogError(
+            f"{name!r} leads out of the bundle's folder",
+            file=file,
+            place=where,
+            hint="copy the file into the folder and name it relative to it",
+        )
+    if not path.exists():
+        raise LogError(
+            f"{name!r} does not exist", file=file, place=where, hint="check the name, or remove the entry"
+        )
+    part = _as_bag(path, readers) if path.is_dir() else _as_part(path, readers)
+    if part is None or part.role != role:
+        found = "is not recognised" if part is None else f"is {_WORDS[part.role]}"
+        raise LogError(
+            f"{name!r} {found}, not {_WORDS[role]}",
+            file=file,
+            place=where,
+            hint=f"known formats: {FORMATS}",
+        )
+    return part

@@ -1,0 +1,304 @@
+"""From recorded messages to what a log map makes of them: signals, poses, orders, events."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from keyword import iskeyword
+from operator import attrgetter
+from pathlib import Path
+
+import numpy as np
+
+from ariac_score.contracts import Wanted
+from ariac_score.errors import LogError
+from ariac_score.logs.salvage import Connection, Message, normalised_type
+from ariac_score.logs.transforms import ModelPoses, TransformTree, times_s
+from ariac_score.logs.types import Decode, UnknownTypeError, decoder_for
+from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.channels import Channel, FieldMap
+from ariac_score.trial.vocabulary import quantity_of, subject_of
+
+__all__ = ["LARGEST_CLOCK_DIFFERENCE_S", "Gathering"]
+
+LARGEST_CLOCK_DIFFERENCE_S = 60.0
+"""Header and log stamps further apart than this come from two clocks."""
+
+_POSE_TYPES = {
+    "frames": ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"),
+    "models": ("gazebo_msgs/msg/ModelStates", "gazebo_msgs/msg/LinkStates"),
+}
+
+
+class Gathering:
+    """Takes the items of a scan and keeps what is wanted of them.
+
+    Args:
+        wanted: What the log map and the checks ask for.
+        file: The recording, for error messages.
+    """
+
+    def __init__(self, wanted: Wanted, file: Path) -> None:
+        self._wanted, self._file = wanted, file
+        log_map = wanted.log_map
+        self._tree = TransformTree(log_map.root_frame, file=file)
+        self._models = ModelPoses(log_map.models)
+        self._intakes = [_Intake(channel, wanted) for channel in log_map.channels_for(wanted.quantities)]
+        self._routes: dict[Connection, tuple[Decode, list[_Intake]]] = {}
+
+    def take(self, item: Connection | Message) -> None:
+        """Take one item of a scan, in recorded order.
+
+        Raises:
+            LogError: Header and log stamps come from two clocks.
+        """
+        if isinstance(item, Connection):
+            self._connect(item)
+        elif item.connection in self._routes:
+            decode, intakes = self._routes[item.connection]
+            self._decode(item, decode, intakes)
+
+    def _connect(self, connection: Connection) -> None:
+        intakes = [intake for intake in self._intakes if intake.accepts(connection)]
+        if not intakes:
+            return
+        try:
+            self._routes[connection] = decoder_for(connection), intakes
+        except UnknownTypeError as error:
+            for intake in intakes:
+                intake.unknown[connection.type] = str(error)
+
+    def _decode(self, item: Message, decode: Decode, intakes: list[_Intake]) -> None:
+        try:
+            message = decode(item.payload)
+        except UnknownTypeError as error:
+            for intake in intakes:
+                intake.undecodable.append(str(error))
+            return
+        for intake in intakes:
+            try:
+                self._hand_over(item, message, intake)
+                intake.received += 1
+            except (AttributeError, TypeError) as error:
+                # A type of the right name whose fields are others.
+                intake.undecodable.append(str(error))
+
+    def _hand_over(self, item: Message, message: object, intake: _Intake) -> None:
+        channel = intake.channel
+        if channel.poses == "frames":
+            static = channel.topic.endswith("tf_static")
+            for transform in message.transforms:  # type: ignore[attr-defined]  # rosbags makes the class
+                stamp_ns = item.stamp_ns if static else self._stamp_ns(item, transform, channel)
+                self._tree.add(transform, None if static else stamp_ns)
+            return
+        if channel.poses == "models":
+            links = item.connection.type.endswith("LinkStates")
+            self._models.add(message, self._stamp_ns(item, message, channel), links=links)
+            return
+        intake.take(message, item.connection.type, self._stamp_ns(item, message, channel))
+
+    def _stamp_ns(self, item: Message, message: object, channel: Channel) -> int:
+        """The stamp the channel asks for: that of the recorder, or the message's own."""
+        if channel.stamp != "header":
+            return item.stamp_ns
+        stamp = message.header.stamp  # type: ignore[attr-defined]  # rosbags makes the class
+        stamp_ns = int(stamp.sec) * 10**9 + int(stamp.nanosec)
+        apart_s = (stamp_ns - item.stamp_ns) / 1e9
+        if abs(apart_s) > LARGEST_CLOCK_DIFFERENCE_S:
+            raise LogError(
+                f"two clocks are mixed: on topic {channel.topic} the header says {stamp_ns} ns, "
+                f"the recorder {item.stamp_ns} ns, {apart_s:.3f} s apart",
+                file=self._file,
+                hint="record with simulation time (`rosbag record` with /use_sim_time, `ros2 bag record "
+                "--use-sim-time`), or let the log map stamp this topic with `stamp: log`",
+            )
+        return stamp_ns
+
+    def settle(self, builder: TrialBuilder, origin_ns: int) -> None:
+        """Hand everything to the builder, in trial time.
+
+        Raises:
+            LogError: A signal comes twice or its time runs backwards; frames contradict each other.
+        """
+        bodies: set[str] = set()
+        for intake in self._intakes:
+            intake.settle(builder, origin_ns, self._wanted)
+            bodies |= intake.bodies()
+        for body in self._wanted.log_map.bodies:
+            if body.id in bodies:
+                builder.add_body(body)
+        if any(intake.channel.poses == "frames" and intake.received for intake in self._intakes):
+            self._tree.settle(builder, origin_ns, self._wanted.log_map.frames)
+        self._models.settle(builder, origin_ns)
+
+
+@dataclass
+class _Column:
+    """The values of one signal as they come in."""
+
+    field_map: FieldMap
+    getters: tuple[Callable[[object], object], ...]
+    stamps_ns: list[int]
+    values: array[float]
+
+
+class _Intake:
+    """What one channel of the log map receives."""
+
+    def __init__(self, channel: Channel, wanted: Wanted) -> None:
+        self.channel = channel
+        self.received = 0
+        self.unknown: dict[str, str] = {}
+        self.undecodable: list[str] = []
+        self._type = normalised_type(channel.type)
+        self._other_types: set[str] = set()
+        self._types: set[str] = set()
+        self._lacking: dict[str, str] = {}
+        self._columns = [
+            _Column(f, tuple(_getter(path) for path in f.fields), [], array("d"))
+            for f in channel.signals
+            if quantity_of(f.signal) in wanted.quantities
+        ]
+        self._items: list[tuple[str, object, int]] = []
+
+    def accepts(self, connection: Connection) -> bool:
+        """Whether the messages of a connection are for this channel."""
+        channel = self.channel
+        if connection.topic.lstrip("/") != channel.topic.lstrip("/"):
+            return False
+        allowed = (self._type,) if self._type else _POSE_TYPES.get(channel.poses, ())
+        if allowed and connection.type not in allowed:
+            self._other_types.add(connection.type)
+            return False
+        self._types.add(connection.type)
+        return True
+
+    def take(self, message: object, type_: str, stamp_ns: int) -> None:
+        """Keep the wanted fields of a message, and the message itself for a decoder."""
+        if self.channel.decoder:
+            self._items.append((type_, message, stamp_ns))
+        for column in self._columns:
+            try:
+                row = [_number(getter(message)) for getter in column.getters]
+            except (AttributeError, TypeError):
+                signal = column.field_map.signal
+                if signal not in self._lacking:
+                    self._lacking[signal] = _lack(message, column.field_map, type_)
+                continue
+            column.stamps_ns.append(stamp_ns)
+            column.values.extend(row)
+
+    def settle(self, builder: TrialBuilder, origin_ns: int, wanted: Wanted) -> None:
+        """Hand everything but poses to the builder."""
+        builder.unrecorded.extend(self._unrecorded())
+        topic = self.channel.topic
+        if self.undecodable:
+            builder.defect(
+                "undecodable_messages",
+                topic,
+                len(self.undecodable),
+                f"messages do not fit their definition; the first: {self.undecodable[0]}",
+            )
+        self._settle_signals(builder, origin_ns)
+        lost = len(self.undecodable) + len(self.unknown) + self._settle_items(builder, origin_ns, wanted)
+        # A topic of which messages were lost has not shown everything it would have shown.
+        if self._types and not lost:
+            builder.witnessed.update(self.channel.witnesses)
+
+    def _unrecorded(self) -> Iterator[str]:
+        topic = f"topic {self.channel.topic}"
+        if not self._types:
+            if self._other_types:
+                found = ", ".join(sorted(self._other_types))
+                yield f"{topic} ({self._type or self.channel.poses}): it is recorded as {found or 'no type'}"
+            else:
+                yield f"{topic} ({self._type})" if self._type else topic
+        for type_, reason in self.unknown.items():
+            yield f"{topic} ({type_}): {reason}"
+        if self.undecodable and not self.received:
+            types = ", ".join(sorted(self._types))
+            yield f"{topic} ({types}): none of its {len(self.undecodable)} messages can be decoded"
+        for lack in self._lacking.values():
+            yield f"{topic}: {lack}"
+
+    def _settle_signals(self, builder: TrialBuilder, origin_ns: int) -> None:
+        for column in self._columns:
+            if column.stamps_ns:
+                values = np.frombuffer(column.values, dtype=np.float64)
+                if len(column.getters) > 1:
+                    values = values.reshape(-1, len(column.getters))
+                t = times_s(column.stamps_ns, origin_ns)
+                builder.add_signal(column.field_map.signal, column.field_map.unit, t, values)
+
+    def bodies(self) -> frozenset[str]:
+        """The bodies that the signals of this channel speak of, when it received anything."""
+        if not self.received:
+            return frozenset()
+        return frozenset(
+            segment.partition("::")[0]
+            for f in self.channel.signals
+            for segment in subject_of(f.signal).split("/")
+        )
+
+    def _settle_items(self, builder: TrialBuilder, origin_ns: int, wanted: Wanted) -> int:
+        """Decode what was kept for the decoder; returns how many messages were lost."""
+        if not self._items:
+            return 0
+        decoder = wanted.decoders.get(self.channel.decoder)
+        if decoder is None:
+            builder.unrecorded.append(
+                f"topic {self.channel.topic}: no decoder {self.channel.decoder!r} was given"
+            )
+            return len(self._items)
+        reasons: list[str] = []
+        for type_, message, stamp_ns in self._items:
+            try:
+                item = decoder.decode(type_, message, (stamp_ns - origin_ns) / 1e9)
+            except (ValueError, AttributeError) as error:
+                reasons.append(str(error))
+                continue
+            if item is not None:
+                builder.add(item)
+        if reasons:
+            builder.defect(
+                "unusable_messages",
+                self.channel.topic,
+                len(reasons),
+                f"decoder {self.channel.decoder!r} cannot use messages; the first: {reasons[0]}",
+            )
+        return len(reasons)
+
+
+def _getter(path: str) -> Callable[[object], object]:
+    # As rosbags does: a field may be called `from`, an attribute may not.
+    return attrgetter(".".join(f"{name}_" if iskeyword(name) else name for name in path.split(".")))
+
+
+def _number(value: object) -> float:
+    if not isinstance(value, (bool, int, float, np.number)):
+        raise TypeError(f"{type(value).__name__} is no number")
+    return float(value)
+
+
+def _lack(message: object, field_map: FieldMap, type_: str) -> str:
+    """Which field of a message is not the number it should be, and which fields there are."""
+    for path in field_map.fields:
+        found = message
+        for name in path.split("."):
+            there = _fields(found)
+            if name not in there:
+                return (
+                    f"{type_} has no field {path!r} for {field_map.signal}; "
+                    f"instead of {name!r} there is {', '.join(there) or 'nothing'}"
+                )
+            found = _getter(name)(found)
+        if not isinstance(found, (bool, int, float, np.number)):
+            return f"field {path!r} of {type_} is not a number, so it is not {field_map.signal}"
+    return f"{type_} does not give {field_map.signal}"
+
+
+def _fields(message: object) -> list[str]:
+    if not is_dataclass(message):
+        return []
+    return [f.name.rstrip("_") for f in fields(message) if f.name != "__msgtype__"]

@@ -1,0 +1,300 @@
+"""Our own trial log: JSON Lines, one record on each line, for any simulator and for tests.
+
+The format is published as `schemas/trial_log.schema.json`. Samples, of which there
+are many, are checked by hand here; every other record is held against the schema.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ariac_score.contracts import LogDescription, TopicDescription, Wanted
+from ariac_score.datafiles import schema_errors
+from ariac_score.errors import LogError, NothingToScoreError, did_you_mean
+from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.events import Event
+from ariac_score.trial.model import (
+    Body,
+    Order,
+    Pose,
+    Product,
+    Submission,
+    Task,
+    TeamSetup,
+    Tray,
+    Trial,
+    WantedProduct,
+)
+from ariac_score.trial.spans import Span
+from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
+
+__all__ = ["FORMAT", "JsonLinesReader"]
+
+FORMAT = "ariac-score-trial-log/1"
+MAX_LINE_BYTES = 10_000_000
+
+Record = dict[str, Any]
+
+
+@dataclass
+class _Columns:
+    """Samples of each signal in recorded order."""
+
+    t: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    values: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
+
+
+class JsonLinesReader:
+    """Reads `.jsonl` trial logs in the format of `schemas/trial_log.schema.json`."""
+
+    def can_read(self, path: Path) -> bool:
+        """Whether the first line is the head of a trial log, or the file is an empty `.jsonl`."""
+        if not path.is_file():
+            return False
+        try:
+            with path.open("rb") as stream:
+                head = stream.read(4096)
+        except OSError:
+            return False
+        return FORMAT.encode() in head or (not head and path.suffix == ".jsonl")
+
+    def describe(self, path: Path) -> LogDescription:
+        """Records and signals with counts, rates and gaps; of a damaged log what comes before the damage."""
+        times: dict[str, list[float]] = defaultdict(list)
+        clock = damage = ""
+        try:
+            for record in _records(path):
+                clock = record.get("clock", clock) if record["record"] == "trial" else clock
+                for name in record["values"] if record["record"] == "sample" else [f"({record['record']})"]:
+                    times[name].append(record.get("t_s") or 0.0)
+        except LogError as error:
+            damage = str(error)
+        stamps = [t for name, column in times.items() if not name.startswith("(") for t in column]
+        return LogDescription(
+            format="JSON Lines trial log",
+            topics=tuple(_topic(name, times[name]) for name in sorted(times)),
+            clock=clock or "as written in the log",
+            damage=damage,
+            duration_s=max(stamps) - min(stamps) if stamps else 0.0,
+        )
+
+    def read(self, path: Path, wanted: Wanted) -> Trial:
+        """The whole trial; signals nobody wants are checked but not kept.
+
+        Raises:
+            LogError: Not JSON, breaks the schema, or cut off, with the line.
+            NothingToScoreError: The file is empty.
+        """
+        builder = TrialBuilder(path.stem, file=path, clock="as written in the log")
+        columns = _Columns()
+        size = max(path.stat().st_size, 1)
+        low, high = math.inf, -math.inf
+        for done, record in enumerate(_records(path)):
+            t_s = record.get("t_s")
+            if t_s is not None and math.isfinite(t_s):
+                low, high = min(low, t_s), max(high, t_s)
+            if record["record"] == "sample":
+                for name, value in record["values"].items():
+                    if quantity_of(name) in wanted.quantities:
+                        columns.t[name].append(record["t_s"])
+                        columns.values[name].append(value)
+            else:
+                _take(builder, record)
+            if done % 20_000 == 0:
+                wanted.progress(min(0.95, done * 80 / size))
+        for name in sorted(columns.t):
+            unit = QUANTITIES[quantity_of(name)].unit
+            builder.add_signal(name, unit, np.array(columns.t[name]), np.array(columns.values[name]))
+        if low <= high:
+            builder.recorded = Span(low, high)
+        return builder.build()
+
+
+def _topic(name: str, times: list[float]) -> TopicDescription:
+    kind = name.strip("()") + " record" if name.startswith("(") else QUANTITIES[quantity_of(name)].unit
+    ordered = sorted(times)
+    gap = max((b - a for a, b in pairwise(ordered)), default=None)
+    return TopicDescription(name, kind, len(times), ordered[0], ordered[-1], gap)
+
+
+def _records(path: Path) -> Iterator[Record]:
+    """Every record, checked, in order.
+
+    Raises:
+        LogError: With the line, for the first that is wrong, or when the end is missing.
+    """
+    number, last = 0, ""
+    try:
+        with path.open("rb") as stream:
+            while line := stream.readline(MAX_LINE_BYTES + 1):
+                number += 1
+                if not line.strip():
+                    continue
+                record = _parsed(path, number, line)
+                kind = record["record"]
+                if (kind == "trial") != (last == "") or last == "end":
+                    raise _fault(
+                        path,
+                        number,
+                        f"a {kind!r} record cannot stand here",
+                        "first 'trial', last 'end'; one trial a file",
+                    )
+                if kind == "end" and record["records"] != number:
+                    raise _fault(
+                        path, number, f"the end says {record['records']} lines, there are {number}", _CUT
+                    )
+                last = kind
+                yield record
+    except OSError as cause:
+        raise LogError(
+            f"cannot be read: {cause.strerror}", file=path, hint="check the permissions"
+        ) from cause
+    if not number:
+        raise NothingToScoreError("the file is empty", file=path, hint="was the recording started?")
+    if last != "end":
+        raise _fault(path, number, "the log is cut off: there is no 'end' record", _CUT)
+
+
+_CUT = "record the trial again, or complete the log; a score must not rest on part of it"
+
+
+def _fault(path: Path, number: int, cause: str, hint: str) -> LogError:
+    return LogError(cause, file=path, place=f"line {number}", hint=hint)
+
+
+def _parsed(path: Path, number: int, line: bytes) -> Record:
+    if len(line) > MAX_LINE_BYTES:
+        raise _fault(
+            path, number, f"the line is longer than {MAX_LINE_BYTES:,} bytes", "one record on each line"
+        )
+    try:
+        record = json.loads(line, object_pairs_hook=_no_duplicates)
+    except (ValueError, RecursionError) as cause:
+        raise _fault(path, number, f"not a JSON record: {cause}", "one JSON object on each line") from None
+    if not isinstance(record, dict):
+        raise _fault(path, number, "not a JSON object", "one JSON object on each line")
+    if record.get("record") == "sample":
+        _check_sample(path, number, record)
+        return record
+    faults = schema_errors(record, "trial_log")
+    if faults:
+        where, fault, hint = faults[0]
+        place = f"line {number}" + (f", {'.'.join(map(str, where))}" if where else "")
+        raise LogError(fault, file=path, place=place, hint=hint)
+    if record.get("t_s") is not None and not math.isfinite(record["t_s"]):
+        raise _fault(path, number, f"t_s is {record['t_s']!r}", "times are finite numbers, s of trial time")
+    return record
+
+
+def _no_duplicates(pairs: list[tuple[str, Any]]) -> Record:
+    record = dict(pairs)
+    if len(record) != len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"key {next(n for n in names if names.count(n) > 1)!r} is given twice")
+    return record
+
+
+def _check_sample(path: Path, number: int, record: Record) -> None:
+    values = record.get("values")
+    if set(record) != {"record", "t_s", "values"} or not isinstance(values, dict) or not values:
+        raise _fault(
+            path, number, "a sample has exactly 't_s' and 'values'", "see schemas/trial_log.schema.json"
+        )
+    if not _is_number(record["t_s"]):
+        raise _fault(path, number, f"t_s is {record['t_s']!r}", "times are numbers, s of trial time")
+    for name, value in values.items():
+        quantity = QUANTITIES.get(quantity_of(name))
+        if quantity is None:
+            hint = did_you_mean(quantity_of(name), QUANTITIES, what="quantities")
+            raise _fault(path, number, f"signal {name!r} measures nothing known", hint)
+        if name.count("/") != (2 if quantity.of == "pair" else 1) or "" in name.split("/"):
+            shape = "quantity/robot/human" if quantity.of == "pair" else "quantity/body"
+            raise _fault(path, number, f"signal {name!r} is not named {shape}", "name the bodies it is about")
+        components = value if isinstance(value, list) else [value]
+        if len(components) != quantity.components or not all(map(_is_number, components)):
+            raise _fault(path, number, f"{name!r} is {value!r}", f"give {quantity.components} number(s)")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _take(builder: TrialBuilder, record: Record) -> None:
+    kind = record["record"]
+    if kind == "trial":
+        builder.trial_id = record["id"]
+        builder.clock = record.get("clock", builder.clock)
+        builder.witnessed |= set(record.get("witnessed", []))
+        if record.get("team"):
+            builder.team = TeamSetup(record["team"])
+    elif kind == "body":
+        links = tuple(record.get("links", []))
+        builder.add_body(Body(record["id"], record["kind"], float(record.get("radius_m", 0.0)), links))
+    elif kind == "order":
+        builder.add(_order(record))
+    elif kind == "submission":
+        builder.add(_submission(record))
+    elif kind == "event":
+        builder.add(Event(record["t_s"], record["kind"], record.get("subject", ""), record.get("detail", "")))
+
+
+def _pose(data: Mapping[str, Any] | None) -> Pose | None:
+    """A pose; `None` when there is none or it is not usable."""
+    if data is None:
+        return None
+    x, y, z = map(float, data["position_m"])
+    qw, qx, qy, qz = map(float, data["orientation_wxyz"])
+    try:
+        return Pose((x, y, z), (qw, qx, qy, qz))
+    except ValueError:
+        return None
+
+
+def _tray(data: Mapping[str, Any] | None) -> Tray | None:
+    return None if data is None else Tray(data["type"], _pose(data.get("pose")))
+
+
+def _order(record: Record) -> Order:
+    tasks = tuple(
+        Task(
+            id=task["id"],
+            kind=task.get("kind", "kitting"),
+            products=tuple(
+                WantedProduct(p["slot"], p["type"], _pose(p.get("pose"))) for p in task["products"]
+            ),
+            agv=task.get("agv", "any"),
+            station=task.get("station", ""),
+            tray=_tray(task.get("tray")),
+        )
+        for task in record["tasks"]
+    )
+    t_s = record["t_s"]
+    announced_s = None if t_s is None else float(t_s)
+    return Order(record["id"], tasks, announced_s, record.get("priority", 1), record.get("updates", ""))
+
+
+def _submission(record: Record) -> Submission:
+    contents = record.get("contents")
+    products = None
+    if contents is not None:
+        products = tuple(
+            Product(p["type"], _pose(p.get("pose")), p.get("faulty", False), p.get("name", ""))
+            for p in contents
+        )
+    return Submission(
+        task_id=record["task_id"],
+        submitted_s=float(record["t_s"]),
+        contents=products,
+        agv=record.get("agv", ""),
+        station=record.get("station", ""),
+        tray=_tray(record.get("tray")),
+    )

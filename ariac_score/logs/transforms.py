@@ -1,0 +1,305 @@
+"""Positions of bodies out of tf trees and out of Gazebo's model states."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ariac_score.errors import LogError
+from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
+from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.model import Body
+from ariac_score.trial.signals import Signal, settle
+from ariac_score.trial.spans import FloatArray
+
+__all__ = ["MAX_GAP_S", "ModelPoses", "TransformTree", "times_s"]
+
+MAX_GAP_S = 0.5
+"""A transform is not interpolated across a longer silence than this, s."""
+
+LARGEST_NORM_ERROR = 0.01
+"""How far the norm of a rotation may be from 1; tf2 refuses more, too (QUATERNION_NORMALIZATION_TOLERANCE)."""
+
+_Row = tuple[float, float, float, float, float, float, float]
+
+
+def times_s(stamps_ns: Sequence[int], origin_ns: int) -> FloatArray:
+    """Stamps as trial time, s."""
+    # In Python's integers: their difference is exact whatever the stamps, and its division rounds once.
+    return np.array([(stamp_ns - origin_ns) / 1e9 for stamp_ns in stamps_ns], dtype=np.float64)
+
+
+@dataclass
+class _Edge:
+    """How a frame lies in its parent: rows of x, y, z (m) and the quaternion x, y, z, w."""
+
+    parent: str
+    stamps_ns: list[int] = field(default_factory=list)
+    rows: list[_Row] = field(default_factory=list)
+    static: _Row | None = None
+
+
+class TransformTree:
+    """Collects transforms and composes them into positions in the root frame.
+
+    Args:
+        root: The frame positions are given in.
+        file: The recording, for error messages.
+    """
+
+    def __init__(self, root: str, *, file: Path | None = None) -> None:
+        self._root, self._file = _frame(root), file
+        self._edges: dict[str, dict[str, _Edge]] = {}
+        self._unusable: dict[str, int] = {}
+        self._settled: dict[str, Signal] = {}
+
+    def add(self, transform: Any, stamp_ns: int | None) -> None:
+        """Take one `geometry_msgs/TransformStamped`.
+
+        Args:
+            transform: The message.
+            stamp_ns: Its time, ns; `None` for a static transform, which holds at all times.
+        """
+        parent, child = _frame(transform.header.frame_id), _frame(transform.child_frame_id)
+        at, turn = transform.transform.translation, transform.transform.rotation
+        row = (at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w)
+        if not all(math.isfinite(v) for v in row) or not _is_unit(row[3:]):
+            self._unusable[child] = self._unusable.get(child, 0) + 1
+            return
+        edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge(parent))
+        if stamp_ns is None:
+            edge.static = row
+        else:
+            edge.stamps_ns.append(stamp_ns)
+            edge.rows.append(row)
+
+    def settle(self, builder: TrialBuilder, origin_ns: int, matches: Sequence[BodyMatch]) -> None:
+        """Hand the positions of all matching frames to the builder, with their bodies.
+
+        Raises:
+            LogError: A wanted frame hangs on a cycle or on two parents, or its time runs backwards.
+        """
+        for child in sorted(self._unusable):
+            message = "transforms that are not finite, or whose rotation is no unit quaternion, were left out"
+            builder.defect("unusable_transforms", f"frame {child}", self._unusable[child], message)
+        for match in matches:
+            found = list(self._matched(match))
+            if not found:
+                builder.unrecorded.append(f"frame {match.match}: no recorded frame matches")
+            for frame, body in found:
+                self._settle_frame(builder, origin_ns, frame, body)
+
+    def _matched(self, match: BodyMatch) -> Iterator[tuple[str, Body]]:
+        """The frames of one kind of body, each with its body; of a link, the body names it."""
+        bodies = {frame: body for frame in sorted(self._edges) if (body := match.body_for(frame))}
+        yield from bodies.items()
+        for frame in sorted(self._edges.keys() - bodies.keys()):
+            if match.follows_link(frame):
+                owner = next((bodies[f] for f in self._ancestors(frame) if f in bodies), None)
+                if owner is None and match.body:
+                    owner = match.body_for(match.match) or Body(match.body, match.kind, match.radius_m)
+                if owner is not None:
+                    yield frame, replace(owner, links=(frame.replace("/", "_"),))
+
+    def _ancestors(self, frame: str) -> Iterator[str]:
+        """The frames above one, up to the root or to where the tree ends."""
+        seen = {frame}
+        while frame != self._root and frame in self._edges:
+            parents = sorted(self._edges[frame])
+            if len(parents) > 1:
+                raise self._contradiction(
+                    f"frame {frame!r} has {len(parents)} parents: {', '.join(map(repr, parents))}"
+                )
+            frame = parents[0]
+            if frame in seen:
+                raise self._contradiction(f"frame {frame!r} is its own ancestor")
+            seen.add(frame)
+            yield frame
+
+    def _contradiction(self, cause: str) -> LogError:
+        return LogError(
+            cause,
+            file=self._file,
+            place="tf tree",
+            hint="two publishers contradict each other: record again with one of them, or let the "
+            "log map follow other frames",
+        )
+
+    def _settle_frame(self, builder: TrialBuilder, origin_ns: int, frame: str, body: Body) -> None:
+        builder.add_body(body)
+        chain = [frame, *self._ancestors(frame)]
+        if chain[-1] != self._root:
+            builder.unrecorded.append(
+                f"frame {frame}: it is not connected to {self._root!r}, its tree ends at {chain[-1]!r}"
+            )
+            return
+        t, positions = self._positions(builder, origin_ns, chain[:-1])
+        if not len(t):
+            builder.unrecorded.append(
+                f"frame {frame}: the transforms up to {self._root!r} never overlap in time"
+            )
+            return
+        name = "::".join((body.id, *body.links))
+        builder.add_signal(f"position/{name}", "m", t, positions)
+
+    def _positions(
+        self, builder: TrialBuilder, origin_ns: int, chain: Sequence[str]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Where the first frame of a chain is, at the times that all its transforms cover."""
+        edges = [next(iter(self._edges[frame].values())) for frame in chain]
+        moving = {
+            frame: self._moving(builder, origin_ns, frame, edge)
+            for frame, edge in zip(chain, edges, strict=True)
+            if edge.rows
+        }
+        if moving:
+            t = np.unique(np.concatenate([signal.t for signal in moving.values()]))
+        else:
+            t = self._all_times(builder, origin_ns)
+        for signal in moving.values():
+            t = t[signal.covers(t, max_gap_s=MAX_GAP_S)]
+        position: FloatArray = np.zeros((len(t), 3))
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # absurd numbers end as infinite: left out, counted
+            for frame, edge in zip(chain, edges, strict=True):
+                rows = moving[frame].at(t) if frame in moving else np.tile(np.array(edge.static), (len(t), 1))
+                position = _rotated(rows[:, 3:], position) + rows[:, :3]
+        return t, position
+
+    def _all_times(self, builder: TrialBuilder, origin_ns: int) -> FloatArray:
+        """When a frame that never moves is somewhere: whenever anything in the tree was seen."""
+        stamps = {s for parents in self._edges.values() for edge in parents.values() for s in edge.stamps_ns}
+        if stamps:
+            return times_s(sorted(stamps), origin_ns)
+        ends = builder.recorded
+        return np.unique([ends.start_s, ends.end_s]) if ends else np.zeros(0)
+
+    def _moving(self, builder: TrialBuilder, origin_ns: int, frame: str, edge: _Edge) -> Signal:
+        """The samples of a moving transform, settled, its quaternions fit for interpolation."""
+        if frame not in self._settled:
+            rows = np.array(edge.rows, dtype=np.float64)
+            settled = settle(times_s(edge.stamps_ns, origin_ns), rows)
+            if settled.largest_step_back_s > LARGEST_STEP_BACK_S:
+                raise LogError(
+                    f"time runs backwards by {settled.largest_step_back_s:.3f} s in frame {frame!r}",
+                    file=self._file,
+                    hint="the file seems to hold two recordings, or the simulation was reset: "
+                    "score them one by one",
+                )
+            where = f"frame {frame}"
+            builder.defect(
+                "disordered_stamps", where, settled.disordered, "stamps ran backwards; samples were sorted"
+            )
+            builder.defect(
+                "repeated_stamps", where, settled.repeated, "stamps were repeated; the last was kept"
+            )
+            values = settled.values.copy()
+            values[:, 3:] = _continuous(values[:, 3:])
+            self._settled[frame] = Signal(where, "", settled.t, values)
+        return self._settled[frame]
+
+
+def _frame(name: str) -> str:
+    # tf wrote a leading slash, tf2 does not.
+    return name.lstrip("/")
+
+
+def _is_unit(quaternion: Sequence[float]) -> bool:
+    return abs(math.hypot(*quaternion) - 1.0) <= LARGEST_NORM_ERROR
+
+
+def _continuous(quaternions: FloatArray) -> FloatArray:
+    """The same rotations as unit quaternions, each in the hemisphere of the one before."""
+    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    turned = np.where((unit[1:] * unit[:-1]).sum(axis=1) < 0, -1.0, 1.0)
+    continuous: FloatArray = unit * np.concatenate(([1.0], np.cumprod(turned)))[:, np.newaxis]
+    return continuous
+
+
+def _rotated(quaternions: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Each vector turned by its quaternion x, y, z, w, whose norm does not matter."""
+    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    axis, w = unit[:, :3], unit[:, 3:]
+    cross = np.cross(axis, vectors)
+    rotated: FloatArray = vectors + 2 * (w * cross + np.cross(axis, cross))
+    return rotated
+
+
+@dataclass
+class _Track:
+    """Samples of one model or link: x, y, z in m, then its velocity in m/s."""
+
+    body: Body
+    stamps_ns: list[int] = field(default_factory=list)
+    rows: array[float] = field(default_factory=lambda: array("d"))
+
+
+class ModelPoses:
+    """Collects `gazebo_msgs/ModelStates` and `LinkStates`: positions and velocities of bodies.
+
+    Args:
+        matches: Which model names are bodies.
+    """
+
+    def __init__(self, matches: Sequence[BodyMatch]) -> None:
+        self._matches = matches
+        self._tracks: dict[str, _Track | None] = {}
+        self._matched: set[str] = set()
+        self._received = False
+
+    def add(self, message: Any, stamp_ns: int, *, links: bool) -> None:
+        """Take one message.
+
+        Args:
+            message: With `name`, `pose` and `twist`, of one length.
+            stamp_ns: Its time, ns.
+            links: Whether its names are `model::link`.
+
+        Raises:
+            TypeError: The lengths differ.
+        """
+        if not len(message.name) == len(message.pose) == len(message.twist):
+            raise TypeError("name, pose and twist differ in length")
+        self._received = True
+        for name, pose, twist in zip(message.name, message.pose, message.twist, strict=True):
+            track = self._track(name, links=links)
+            if track is not None:
+                at, speed = pose.position, twist.linear
+                track.stamps_ns.append(stamp_ns)
+                track.rows.extend((at.x, at.y, at.z, speed.x, speed.y, speed.z))
+
+    def _track(self, name: str, *, links: bool) -> _Track | None:
+        if name not in self._tracks:
+            self._tracks[name] = self._new_track(name, links=links)
+        return self._tracks[name]
+
+    def _new_track(self, name: str, *, links: bool) -> _Track | None:
+        model, _, link = name.partition("::") if links else (name, "", "")
+        for match in self._matches:
+            body = match.body_for(model)
+            if body is not None and (not links or match.follows_link(link)):
+                self._matched.add(match.match)
+                return _Track(replace(body, links=(link.replace("/", "_"),)) if link else body)
+        return None
+
+    def settle(self, builder: TrialBuilder, origin_ns: int) -> None:
+        """Hand positions, velocities and bodies to the builder."""
+        if self._received:
+            unmatched = [m.match for m in self._matches if m.match not in self._matched]
+            builder.unrecorded.extend(f"model {pattern}: no recorded model matches" for pattern in unmatched)
+        for name in sorted(self._tracks):
+            track = self._tracks[name]
+            if track is not None:
+                builder.add_body(track.body)
+                subject = "::".join((track.body.id, *track.body.links))
+                t = times_s(track.stamps_ns, origin_ns)
+                rows = np.frombuffer(track.rows, dtype=np.float64).reshape(-1, 6)
+                builder.add_signal(f"position/{subject}", "m", t, rows[:, :3])
+                builder.add_signal(f"velocity/{subject}", "m/s", t, rows[:, 3:])

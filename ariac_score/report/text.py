@@ -1,0 +1,277 @@
+"""A result as text: the final score first, then why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+
+from ariac_score.expression import Traced
+from ariac_score.findings import Finding, Verdict
+from ariac_score.report.style import Style, plain
+from ariac_score.result import Result
+from ariac_score.scoring.ledger import Line
+from ariac_score.trial.signals import Sample
+
+__all__ = ["amount_text", "explain_text", "score_text"]
+
+_MARKS = {
+    Verdict.SATISFIED: ("ok", "green"),
+    Verdict.VIOLATED: ("violated", "red"),
+    Verdict.INCONCLUSIVE: ("undecided", "yellow"),
+    Verdict.NOT_APPLICABLE: ("not applicable", "dim"),
+}
+_WIDTH = 64
+_SHOWN = 12
+
+
+def amount_text(amount: Decimal, *, sign: bool = False) -> str:
+    """An amount without the zeros that say nothing.
+
+    >>> amount_text(Decimal("-3.500000")), amount_text(Decimal("28.000000"), sign=True)
+    ('-3.5', '+28')
+    """
+    text = f"{amount:f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return f"+{text}" if sign and amount > 0 else text
+
+
+def score_text(result: Result, style: Style | None = None) -> str:
+    """The page a team reads: score, why, what cost points and when, what was not judged."""
+    style = style or Style()
+    sections = [
+        _headline(result, style),
+        _ledger(result, style),
+        _losses(result, style),
+        _undecided(result, style),
+        _checks(result, style),
+        _origin(result, style),
+    ]
+    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+
+
+def _headline(result: Result, style: Style) -> Iterator[str]:
+    measured = result.measured
+    if result.score is not None:
+        looks = ("bold", "green" if result.score > 0 else "yellow")
+        possible = f" of {amount_text(result.possible)} possible" if result.possible is not None else ""
+        yield style(amount_text(result.score), *looks) + possible
+    else:
+        yield (
+            style("no score", "bold", "yellow") + " — withheld, because something it depends on is undecided"
+        )
+    who = f"{plain(measured.team)}, " if measured.team else ""
+    yield f"{who}{plain(measured.trial)} under {result.provenance.rule_set[0]}: {result.rule_set_title}"
+    if measured.window is not None:
+        span = measured.window
+        times = f"{span.start_s:.3f} s to {span.end_s:.3f} s ({span.duration_s:.3f} s)"
+        yield style(f"competition from {times}, {plain(measured.clock)}", "dim")
+    official = measured.official
+    if official is not None and official.total is not None:
+        yield from _official(result, official.total, style)
+
+
+def _official(result: Result, total: float, style: Style) -> Iterator[str]:
+    official = result.measured.official
+    time_s = f", process time {official.process_time_s:g} s" if official and official.process_time_s else ""
+    same = result.score is not None and result.score == Decimal(repr(total))
+    words = (
+        "the same as ours" if same else "not ours: these rules or this log differ from the official scorer's"
+    )
+    yield style(f"official result: {total:g}{time_s} — {words}", *([] if same else ["yellow"]))
+
+
+def _ledger(result: Result, style: Style) -> Iterator[str]:
+    if result.ledger is not None:
+        yield style("Why", "bold")
+        yield from _ledger_lines(result.ledger.children or (result.ledger,), style, depth=1, deepest=4)
+
+
+def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: int) -> Iterator[str]:
+    for line in lines:
+        yield _ledger_line(line, style, depth)
+        of_findings = line.children and all(child.findings for child in line.children)
+        if depth < deepest and line.children and not of_findings:
+            yield from _ledger_lines(line.children, style, depth=depth + 1, deepest=deepest)
+
+
+def _ledger_line(line: Line, style: Style, depth: int) -> str:
+    label = "  " * depth + plain(_name(line))
+    amount = amount_text(line.amount, sign=line.kind == "factor")
+    looks = ("red",) if line.amount < 0 else ("dim",) if not line.amount else ()
+    dots = " " + "·" * max(2, _WIDTH - len(label)) + " "
+    return label + style(dots, "dim") + style(amount, *looks)
+
+
+def _name(line: Line) -> str:
+    if line.kind in ("factor", "rounding") or not line.subject or line.subject in line.label:
+        return line.label
+    own = line.subject.rpartition("/")[2]
+    return own if line.path.endswith(f"/{own}") else line.label
+
+
+def _losses(result: Result, style: Style) -> Iterator[str]:
+    """Every violation the score depends on, safety first, then in order of subject."""
+    priced = [name for name, check in result.checks.items() if check["priced"]]
+    found = [
+        (key, finding)
+        for key, finding in result.measured.findings.items()
+        if finding.verdict is Verdict.VIOLATED and finding.check in priced
+    ]
+    if found:
+        yield style("What cost points", "bold")
+        timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, item[0]))
+        for key, finding in timed[: 2 * _SHOWN]:
+            yield f"  {style(key, 'red'):<24} {_where(finding)}{plain(finding.message)}"
+        yield from _more(len(timed) - 2 * _SHOWN, style)
+
+
+def _where(finding: Finding) -> str:
+    when = f", {finding.span.start_s:.2f} s to {finding.span.end_s:.2f} s" if finding.span else ""
+    return f"{plain(finding.subject)}{when}: "
+
+
+def _more(count: int, style: Style) -> Iterator[str]:
+    if count > 0:
+        yield style(f"  … and {count} more; see 'ariac-score explain'", "dim")
+
+
+def _undecided(result: Result, style: Style) -> Iterator[str]:
+    """What could not be judged, and what that did to the score."""
+    policies = {a.finding: a.policy for a in result.assumptions}
+    found = [
+        (key, finding)
+        for key, finding in result.measured.findings.items()
+        if finding.verdict in (Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE)
+    ]
+    if found:
+        yield style("Not judged", "bold")
+        words = {
+            "withhold": "no score",
+            "zero": "scores 0",
+            "worst_case": "counted as violated",
+            "exclude": "left out",
+        }
+        shown: Counter[tuple[str, str]] = Counter((f.check, f.message) for _, f in found)
+        seen: set[tuple[str, str]] = set()
+        for key, finding in sorted(found, key=lambda item: (item[1].verdict.value, item[0])):
+            reason = finding.check, finding.message
+            if reason in seen or len(seen) >= _SHOWN:
+                continue
+            seen.add(reason)
+            mark, look = _MARKS[finding.verdict]
+            policy = f" → {words[policies[key]]}" if key in policies else ""
+            times = f" ({shown[reason]} times)" if shown[reason] > 1 else ""
+            yield f"  {finding.check}: {style(mark + policy, look)}: {plain(finding.message)}{times}"
+        yield from _more(len(shown) - len(seen), style)
+
+
+def _checks(result: Result, style: Style) -> Iterator[str]:
+    yield style("Checks", "bold")
+    for name, check in result.checks.items():
+        counts = Counter(f.verdict for f in result.measured.of(name).values())
+        parts = [
+            style(f"{counts[verdict]} {word}", *([look] if look != "dim" else ["dim"]))
+            for verdict, (word, look) in _MARKS.items()
+            if counts[verdict]
+        ]
+        unpriced = "" if check["priced"] else style("  (not priced)", "dim")
+        yield f"  {name:<20} {check['use']:<28} {', '.join(parts)}{unpriced}"
+
+
+def _origin(result: Result, style: Style) -> Iterator[str]:
+    for defect in result.measured.log_defects:
+        yield f"log: {plain(defect.where)}: {plain(defect.message)} ({defect.count})"
+    for missing in result.measured.unrecorded:
+        yield f"log: not recorded: {plain(missing)}"
+    for note in result.notes:
+        yield style(f"note: {note}", "dim")
+    for source in result.provenance.inputs:
+        yield style(f"{source.role}: {plain(source.name)}, sha256 {source.sha256[:16]}…", "dim")
+
+
+# explain -------------------------------------------------------------------------------
+
+
+def explain_text(result: Result, path: str, style: Style | None = None) -> str:
+    """The ledger, or every line and finding that a path or name leads to, down to the samples.
+
+    Args:
+        result: The result.
+        path: A ledger path or a part of one (`order_0`), a check, a finding id
+            (`separation#1`), or empty for the whole ledger.
+        style: Colours or none.
+
+    Returns:
+        Empty when nothing matches.
+    """
+    style = style or Style()
+    lines: list[str] = []
+    if result.ledger is not None:
+        matching = [result.ledger] if not path else _matching(result.ledger, path)
+        for line in matching:
+            lines += [style(plain(line.path), "bold"), *_explained(line, result, style, 1), ""]
+        if matching and not path:
+            return "\n".join(lines)
+    for key, finding in result.measured.findings.items():
+        if path and path in (key, finding.check, finding.subject):
+            lines += [*_finding_lines(key, finding, style, 0), ""]
+    return "\n".join(lines)
+
+
+def _matching(ledger: Line, path: str) -> list[Line]:
+    """The topmost lines whose path is, ends with, or contains the wanted segments."""
+    wanted = f"/{path.strip('/')}/"
+    paths = [(f"/{line.path}/", line) for line in ledger.walk()]
+    for found in (
+        [line for path, line in paths if path == wanted],
+        [line for path, line in paths if path.endswith(wanted)],
+        [line for path, line in paths if wanted in path],
+    ):
+        if found:
+            return [line for line in found if not any(_below(line, other) for other in found)]
+    return []
+
+
+def _below(line: Line, other: Line) -> bool:
+    return line.path.startswith(f"{other.path}/")
+
+
+def _explained(line: Line, result: Result, style: Style, depth: int) -> Iterator[str]:
+    yield _ledger_line(line, style, depth)
+    for child in line.children:
+        yield from _explained(child, result, style, depth + 1)
+    if not line.children:
+        if line.trace is not None and line.trace.children:
+            yield from _traced(line.trace, style, depth + 1)
+        for key in line.findings:
+            yield from _finding_lines(key, result.measured.findings[key], style, depth + 1)
+
+
+def _traced(traced: Traced, style: Style, depth: int) -> Iterator[str]:
+    yield style(f"{'  ' * depth}{plain(traced.label)} = {traced.value:.9g}", "cyan")
+    for child in traced.children:
+        if child.kind != "number":
+            yield from _traced(child, style, depth + 1)
+
+
+def _finding_lines(key: str, finding: Finding, style: Style, depth: int) -> Iterator[str]:
+    space = "  " * depth
+    mark, look = _MARKS[finding.verdict]
+    yield f"{space}{key} {style(mark, look)} {_where(finding)}{plain(finding.message)}"
+    if finding.robustness is not None:
+        yield f"{space}  margin {finding.robustness:.9g} {finding.unit}"
+    for name, value in finding.quantities.items():
+        yield f"{space}  {name} = {value:.9g}"
+    for name, word in finding.labels.items():
+        yield f"{space}  {name}: {plain(word)}"
+    for sample in finding.evidence:
+        yield f"{space}  {_sample(sample)}"
+    if finding.clause:
+        yield style(f"{space}  {finding.clause}", "dim")
+
+
+def _sample(sample: Sample) -> str:
+    value = sample.value
+    number = ", ".join(f"{v:.9g}" for v in value) if isinstance(value, tuple) else f"{value:.9g}"
+    return f"at {sample.t_s:.3f} s: {plain(sample.signal)} = {number} {sample.unit}"

@@ -1,0 +1,172 @@
+"""What is stored: the measured trial, its price, and where everything came from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
+from typing import Any
+
+from ariac_score.errors import ResultError
+from ariac_score.findings import Finding
+from ariac_score.scoring.ledger import Ledger, reconcile
+from ariac_score.scoring.policy import Assumption
+from ariac_score.scoring.scope import Scope
+from ariac_score.trial.model import LogDefect, OfficialResult
+from ariac_score.trial.spans import Span
+
+__all__ = [
+    "SIGNIFICANT_DIGITS",
+    "Coverage",
+    "Measured",
+    "Provenance",
+    "Result",
+    "Source",
+    "canonical",
+    "settled",
+]
+
+SIGNIFICANT_DIGITS = 12
+"""Measured numbers keep so many digits: fewer than float64 has, so that the last bits,
+in which two machines may differ, never reach a result; more than any sensor means."""
+
+
+def canonical(value: float) -> float:
+    """A measured number with the declared digits; never a negative zero.
+
+    >>> canonical(0.1 + 0.2)
+    0.3
+    """
+    if not math.isfinite(value):
+        raise ValueError(f"{value!r} cannot stand in a result")
+    return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0
+
+
+def settled(finding: Finding) -> Finding:
+    """A finding with its numbers as they will be stored, so that pricing now and later agree."""
+    return replace(
+        finding,
+        robustness=None if finding.robustness is None else canonical(finding.robustness),
+        quantities={name: canonical(value) for name, value in finding.quantities.items()},
+    )
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How much of the competition one signal covers.
+
+    Attributes:
+        signal: Its name.
+        samples: Number of samples.
+        rate_hz: Mean rate, Hz; 0 with fewer than two samples.
+        largest_gap_s: Longest stretch without a sample, the ends included, s.
+    """
+
+    signal: str
+    samples: int
+    rate_hz: float
+    largest_gap_s: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Everything the checks said about a trial; enough to price it without its log.
+
+    Attributes:
+        trial: Name of the trial.
+        findings: By id, such as `separation#1`.
+        scopes: Orders, submissions and parts, for the score sheet.
+        window: Start and end of the competition, s of trial time.
+        orders: For each order when it was announced, s; `None` when unknown.
+        coverage: Of each signal.
+        log_defects: What was wrong with the logs.
+        unrecorded: What was looked for and is not in the logs.
+        witnessed: What the logs would have shown.
+        clock: Which clock the times come from.
+        official: The official scorer's result, when the bundle holds it.
+        team: Name of the team; empty when unknown.
+    """
+
+    trial: str
+    findings: Mapping[str, Finding]
+    scopes: Scope
+    window: Span | None = None
+    orders: Mapping[str, float | None] = field(default_factory=dict)
+    coverage: tuple[Coverage, ...] = ()
+    log_defects: tuple[LogDefect, ...] = ()
+    unrecorded: tuple[str, ...] = ()
+    witnessed: tuple[str, ...] = ()
+    clock: str = ""
+    official: OfficialResult | None = None
+    team: str = ""
+
+    def of(self, check: str) -> dict[str, Finding]:
+        """The findings of one check, by id."""
+        return {key: finding for key, finding in self.findings.items() if finding.check == check}
+
+
+@dataclass(frozen=True)
+class Source:
+    """One file that was read: its role, its name within the bundle, its hash."""
+
+    role: str
+    name: str
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a result came from.
+
+    Attributes:
+        inputs: Every file of the trial, sorted by role and name.
+        ignored: Files of the bundle that no reader took, sorted.
+        rule_set: Id and SHA-256.
+        log_map: Id and SHA-256.
+        code: For each distribution package that was used: distribution, version, SHA-256.
+    """
+
+    inputs: tuple[Source, ...]
+    ignored: tuple[str, ...]
+    rule_set: tuple[str, str]
+    log_map: tuple[str, str]
+    code: tuple[tuple[str, str, str, str], ...]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A scored trial.
+
+    Attributes:
+        measured: What was found.
+        rule_set_title: One line about the rules.
+        checks: Which plugin each check is, with its parameters.
+        notes: What the rule set wants a referee to know.
+        status: `scored`, or `incomplete` when something needed was undecided.
+        score: The final score; `None` unless scored.
+        possible: What the trial could have earned with every finding satisfied.
+        ledger: The score taken apart; `None` unless scored.
+        assumptions: What was made of undecided findings.
+        digits: Decimal digits of score and ledger.
+        provenance: Where it came from.
+    """
+
+    measured: Measured
+    rule_set_title: str
+    checks: Mapping[str, Mapping[str, Any]]
+    notes: tuple[str, ...]
+    status: str
+    score: Decimal | None
+    possible: Decimal | None
+    ledger: Ledger | None
+    assumptions: tuple[Assumption, ...]
+    digits: int
+    provenance: Provenance
+
+    def __post_init__(self) -> None:
+        if (self.score is None) != (self.status != "scored") or (self.ledger is None) != (self.score is None):
+            raise ResultError(f"status {self.status!r} does not go with score {self.score}")
+        if self.ledger is not None and self.score is not None:
+            reconcile(self.ledger, self.score, digits=self.digits)

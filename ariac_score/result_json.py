@@ -1,0 +1,363 @@
+"""Results as canonical JSON, and back.
+
+Same log, same rule set, same versions: same bytes. Keys are sorted, numbers are
+rounded as declared, and there is no wall clock in a result.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from ariac_score.datafiles import schema_errors
+from ariac_score.errors import ResultError
+from ariac_score.expression import Traced
+from ariac_score.findings import Finding, Verdict
+from ariac_score.result import (
+    SIGNIFICANT_DIGITS,
+    Coverage,
+    Measured,
+    Provenance,
+    Result,
+    Source,
+    canonical,
+)
+from ariac_score.scoring.ledger import Line, reconcile
+from ariac_score.scoring.policy import Assumption
+from ariac_score.scoring.scope import Scope
+from ariac_score.trial.model import LogDefect, OfficialResult
+from ariac_score.trial.signals import Sample
+from ariac_score.trial.spans import Span
+
+__all__ = ["as_json", "load_result"]
+
+SCHEMA = "ariac-score/result/1"
+
+
+def as_json(result: Result) -> str:
+    """A result as its canonical text, with a newline at its end.
+
+    Raises:
+        ResultError: The ledger does not add up to the score.
+    """
+    if result.ledger is not None and result.score is not None:
+        reconcile(result.ledger, result.score, digits=result.digits)
+    return (
+        json.dumps(_result_data(result), sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    )
+
+
+def _number(value: float | int) -> float | int:
+    return value if isinstance(value, int) else canonical(value)
+
+
+def _amount(value: Decimal | None) -> float | None:
+    return None if value is None else float(value)
+
+
+def _span(span: Span | None) -> list[float] | None:
+    return None if span is None else [canonical(span.start_s), canonical(span.end_s)]
+
+
+def _sample_data(sample: Sample) -> dict[str, Any]:
+    value = sample.value
+    plain = [canonical(v) for v in value] if isinstance(value, tuple) else canonical(value)
+    return {"signal": sample.signal, "t_s": canonical(sample.t_s), "value": plain, "unit": sample.unit}
+
+
+def _finding_data(finding: Finding) -> dict[str, Any]:
+    return {
+        "check": finding.check,
+        "subject": finding.subject,
+        "verdict": finding.verdict.value,
+        "message": finding.message,
+        "span_s": _span(finding.span),
+        "robustness": None if finding.robustness is None else canonical(finding.robustness),
+        "unit": finding.unit,
+        "quantities": {k: canonical(v) for k, v in finding.quantities.items()},
+        "labels": dict(finding.labels),
+        "evidence": [_sample_data(sample) for sample in finding.evidence],
+        "clause": finding.clause,
+        "critical": finding.critical,
+    }
+
+
+def _traced_data(traced: Traced) -> dict[str, Any]:
+    data: dict[str, Any] = {"label": traced.label, "value": _number(traced.value), "kind": traced.kind}
+    if traced.op:
+        data["op"] = traced.op
+    if traced.subject:
+        data["subject"] = traced.subject
+    if traced.findings:
+        data["findings"] = list(traced.findings)
+    if traced.children:
+        data["children"] = [_traced_data(child) for child in traced.children]
+    return data
+
+
+def _line_data(line: Line) -> dict[str, Any]:
+    data: dict[str, Any] = {
+        "path": line.path,
+        "label": line.label,
+        "kind": line.kind,
+        "amount": _amount(line.amount),
+        "value": _number(line.value),
+    }
+    if line.subject:
+        data["subject"] = line.subject
+    if line.findings:
+        data["findings"] = list(line.findings)
+    if line.trace is not None:
+        data["trace"] = _traced_data(line.trace)
+    if line.children:
+        data["children"] = [_line_data(child) for child in line.children]
+    return data
+
+
+def _scope_data(scope: Scope) -> dict[str, Any]:
+    return {
+        "level": scope.level,
+        "path": scope.path,
+        "facts": {k: _number(v) for k, v in scope.facts.items()},
+        "inner": [_scope_data(inner) for inner in scope.inner],
+    }
+
+
+def _official_data(official: OfficialResult | None) -> dict[str, Any] | None:
+    if official is None:
+        return None
+    return {
+        "source": official.source,
+        "total": official.total,
+        "process_time_s": official.process_time_s,
+        "orders": dict(official.orders),
+    }
+
+
+def _measured_data(measured: Measured) -> dict[str, Any]:
+    return {
+        "trial": measured.trial,
+        "team": measured.team,
+        "window_s": _span(measured.window),
+        "clock": measured.clock,
+        "orders_announced_s": {k: None if v is None else canonical(v) for k, v in measured.orders.items()},
+        "findings": {key: _finding_data(f) for key, f in measured.findings.items()},
+        "scopes": _scope_data(measured.scopes),
+        "coverage": [
+            {
+                "signal": c.signal,
+                "samples": c.samples,
+                "rate_hz": canonical(c.rate_hz),
+                "largest_gap_s": canonical(c.largest_gap_s),
+            }
+            for c in measured.coverage
+        ],
+        "log_defects": [
+            {"kind": d.kind, "where": d.where, "count": d.count, "message": d.message}
+            for d in measured.log_defects
+        ],
+        "unrecorded": list(measured.unrecorded),
+        "witnessed": list(measured.witnessed),
+        "official": _official_data(measured.official),
+    }
+
+
+def _provenance_data(provenance: Provenance) -> dict[str, Any]:
+    return {
+        "inputs": [
+            {"role": s.role, "name": s.name, "bytes": s.bytes, "sha256": s.sha256} for s in provenance.inputs
+        ],
+        "ignored": list(provenance.ignored),
+        "rule_set": {"id": provenance.rule_set[0], "sha256": provenance.rule_set[1]},
+        "log_map": {"id": provenance.log_map[0], "sha256": provenance.log_map[1]},
+        "code": [
+            {"distribution": d, "version": v, "package": p, "sha256": h} for d, v, p, h in provenance.code
+        ],
+    }
+
+
+def _result_data(result: Result) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "rule_set_title": result.rule_set_title,
+        "checks": {name: dict(check) for name, check in result.checks.items()},
+        "notes": list(result.notes),
+        "status": result.status,
+        "score": _amount(result.score),
+        "possible": _amount(result.possible),
+        "ledger": None if result.ledger is None else _line_data(result.ledger),
+        "assumptions": [
+            {"finding": a.finding, "check": a.check, "policy": a.policy, "message": a.message}
+            for a in result.assumptions
+        ],
+        "rounding": {"score_decimals": result.digits, "measured_significant_digits": SIGNIFICANT_DIGITS},
+        "measured": _measured_data(result.measured),
+        "provenance": _provenance_data(result.provenance),
+    }
+
+
+# From JSON to values -------------------------------------------------------------------
+
+
+def load_result(path: Path) -> Result:
+    """Read a stored result and check that it is whole.
+
+    Raises:
+        ResultError: Missing, not JSON, breaks its schema, or its ledger does not add
+            up to its score.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        plain = json.loads(text)
+        exact = json.loads(text, parse_float=Decimal)
+    except OSError as cause:
+        raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
+    except (ValueError, RecursionError) as cause:
+        raise ResultError(
+            f"not a result: {cause}", file=path, hint="give the JSON that 'score --output-format json' wrote"
+        ) from None
+    faults = schema_errors(plain, "result")
+    if faults:
+        where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in faults[0][0])
+        raise ResultError(
+            faults[0][1], file=path, place=where, hint="score the trial again with this version"
+        )
+    try:
+        return _result(exact)
+    except ResultError as error:
+        error.file = str(path)
+        raise
+    except (KeyError, TypeError, ValueError, RecursionError) as cause:
+        raise ResultError(f"not a whole result: {cause}", file=path, hint="score the trial again") from None
+
+
+def _plain(value: Any) -> Any:
+    return float(value) if isinstance(value, Decimal) else value
+
+
+def _result(data: Mapping[str, Any]) -> Result:
+    digits = data["rounding"]["score_decimals"]
+    unit = Decimal(1).scaleb(-digits)
+    return Result(
+        measured=_measured(data["measured"]),
+        rule_set_title=data["rule_set_title"],
+        checks=data["checks"],
+        notes=tuple(data["notes"]),
+        status=data["status"],
+        score=_exact(data["score"], unit),
+        possible=_exact(data["possible"], unit),
+        ledger=None if data["ledger"] is None else _line(data["ledger"], unit),
+        assumptions=tuple(Assumption(**a) for a in data["assumptions"]),
+        digits=digits,
+        provenance=_provenance(data["provenance"]),
+    )
+
+
+def _exact(value: Any, unit: Decimal) -> Decimal | None:
+    """A decimal as written, padded to the declared digits but never rounded."""
+    if value is None:
+        return None
+    number = Decimal(value)
+    padded = number.quantize(unit)
+    return padded if padded == number else number
+
+
+def _line(data: Mapping[str, Any], unit: Decimal) -> Line:
+    return Line(
+        path=data["path"],
+        label=data["label"],
+        kind=data["kind"],
+        amount=_exact(data["amount"], unit) or Decimal(0),
+        value=_plain(data["value"]),
+        children=tuple(_line(child, unit) for child in data.get("children", [])),
+        trace=_traced(data["trace"]) if "trace" in data else None,
+        findings=tuple(data.get("findings", [])),
+        subject=data.get("subject", ""),
+    )
+
+
+def _traced(data: Mapping[str, Any]) -> Traced:
+    return Traced(
+        label=data["label"],
+        value=_plain(data["value"]),
+        kind=data["kind"],
+        op=data.get("op", ""),
+        children=tuple(_traced(child) for child in data.get("children", [])),
+        subject=data.get("subject", ""),
+        findings=tuple(data.get("findings", [])),
+    )
+
+
+def _span_of(value: Any) -> Span | None:
+    return None if value is None else Span(float(value[0]), float(value[1]))
+
+
+def _finding(data: Mapping[str, Any]) -> Finding:
+    return Finding(
+        subject=data["subject"],
+        verdict=Verdict(data["verdict"]),
+        message=data["message"],
+        span=_span_of(data["span_s"]),
+        robustness=None if data["robustness"] is None else float(data["robustness"]),
+        unit=data["unit"],
+        quantities={k: float(v) for k, v in data["quantities"].items()},
+        labels=data["labels"],
+        evidence=tuple(_sample(sample) for sample in data["evidence"]),
+        clause=data["clause"],
+        critical=data["critical"],
+        check=data["check"],
+    )
+
+
+def _sample(data: Mapping[str, Any]) -> Sample:
+    value = data["value"]
+    plain = tuple(float(v) for v in value) if isinstance(value, list) else float(value)
+    return Sample(data["signal"], float(data["t_s"]), plain, data["unit"])
+
+
+def _scope(data: Mapping[str, Any]) -> Scope:
+    facts = {k: _plain(v) for k, v in data["facts"].items()}
+    return Scope(data["level"], data["path"], facts, tuple(_scope(inner) for inner in data["inner"]))
+
+
+def _measured(data: Mapping[str, Any]) -> Measured:
+    official = data["official"]
+    return Measured(
+        trial=data["trial"],
+        findings={key: _finding(f) for key, f in data["findings"].items()},
+        scopes=_scope(data["scopes"]),
+        window=_span_of(data["window_s"]),
+        orders={k: None if v is None else float(v) for k, v in data["orders_announced_s"].items()},
+        coverage=tuple(
+            Coverage(c["signal"], c["samples"], float(c["rate_hz"]), float(c["largest_gap_s"]))
+            for c in data["coverage"]
+        ),
+        log_defects=tuple(
+            LogDefect(d["kind"], d["where"], d["count"], d["message"]) for d in data["log_defects"]
+        ),
+        unrecorded=tuple(data["unrecorded"]),
+        witnessed=tuple(data["witnessed"]),
+        clock=data["clock"],
+        official=None
+        if official is None
+        else OfficialResult(
+            official["source"],
+            _plain(official["total"]),
+            _plain(official["process_time_s"]),
+            {k: _plain(v) for k, v in official["orders"].items()},
+        ),
+        team=data["team"],
+    )
+
+
+def _provenance(data: Mapping[str, Any]) -> Provenance:
+    return Provenance(
+        inputs=tuple(Source(s["role"], s["name"], s["bytes"], s["sha256"]) for s in data["inputs"]),
+        ignored=tuple(data["ignored"]),
+        rule_set=(data["rule_set"]["id"], data["rule_set"]["sha256"]),
+        log_map=(data["log_map"]["id"], data["log_map"]["sha256"]),
+        code=tuple((c["distribution"], c["version"], c["package"], c["sha256"]) for c in data["code"]),
+    )

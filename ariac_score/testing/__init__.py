@@ -1,0 +1,20 @@
+"""For authors of plugins and tests: trials made to order, and their record in every log format."""
+
+from ariac_score.testing.bags import Recorded, write_bag
+from ariac_score.testing.trials import (
+    NEAR_MISS,
+    NearMiss,
+    kitting_trial,
+    recorded_messages,
+    write_trial_log,
+)
+
+__all__ = [
+    "NEAR_MISS",
+    "NearMiss",
+    "Recorded",
+    "kitting_trial",
+    "recorded_messages",
+    "write_bag",
+    "write_trial_log",
+]

@@ -1,0 +1,468 @@
+"""The reader of ROS recordings: what it brings, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ariac_score.contracts import LogDescription, Reader, Wanted
+from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.decoders import AriacScoreRecords, NistGear2020
+from ariac_score.logs.rosbag import RosbagReader
+from ariac_score.testing.bags import Recorded, write_bag
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
+from ariac_score.trial.model import Body, Trial
+from ariac_score.trial.spans import Span
+
+READER = RosbagReader()
+BAGS = Path(__file__).parents[2].parent / "shared" / "bags"
+ORIGIN_NS = 1_585_866_235_112_411_371
+SNAPSHOT = "nist_gear/msg/Snapshot"
+SUBMISSION = "ariac_score_msgs/msg/Submission"
+FORMATS = [
+    ("ros1", "t.bag", ""),
+    ("ros1", "t.bag", "bz2"),
+    ("ros1", "t.bag", "lz4"),
+    ("sqlite3", "t.db3", ""),
+]
+FORMATS += [("sqlite3", "t", ""), ("mcap", "t.mcap", ""), ("mcap", "t", "zstd"), ("mcap", "t", "")]
+
+SPEED = FieldMap("speed/human", "m/s", ("human_operator_speed",))
+DISTANCE = FieldMap("centre_distance/gantry/human", "m", ("distance_robot_human_operator",))
+SNAPSHOTS = Channel("/snapshot", SNAPSHOT, signals=(SPEED, DISTANCE))
+
+
+def snapshot(after_ns: int, speed: float = 0.5, distance: float = 2.0) -> Recorded:
+    fields = {"human_operator_speed": speed, "distance_robot_human_operator": distance}
+    return Recorded("/snapshot", SNAPSHOT, ORIGIN_NS + after_ns, fields)
+
+
+def words(topic: str, text: str, after_ns: int = 0) -> Recorded:
+    return Recorded(topic, "std_msgs/msg/String", ORIGIN_NS + after_ns, {"data": text})
+
+
+def order(name: str, after_ns: int, x: float = 0.1) -> Recorded:
+    pose = {"position": {"x": x, "y": -0.2}, "orientation": {"w": 1.0}}
+    shipment = {"shipment_type": f"{name}_shipment_0", "agv_id": "agv2"}
+    shipment["products"] = [{"type": "gear_part_red", "pose": pose}]  # type: ignore[assignment]
+    fields = {"order_id": name, "shipments": [shipment]}
+    return Recorded("/ariac/orders", "nist_gear/msg/Order", ORIGIN_NS + after_ns, fields)
+
+
+def wanted(
+    *channels: Channel, quantities: tuple[str, ...] = ("speed", "centre_distance"), **more: Any
+) -> Wanted:
+    bodies = (Body("gantry", "robot", 0.3), Body("human", "human", 0.3), Body("absent", "agv"))
+    log_map = LogMap("test", channels, bodies=bodies, **more)
+    decoders = {"gear": NistGear2020(), "records": AriacScoreRecords()}
+    return Wanted(log_map, frozenset(quantities), decoders)
+
+
+def read_mcap(folder: Path, messages: list[Recorded], want: Wanted) -> Trial:
+    return READER.read(write_bag(folder / "t.mcap", messages, storage="mcap"), want)
+
+
+def test_is_a_reader() -> None:
+    assert isinstance(READER, Reader)
+
+
+@pytest.mark.parametrize(("storage", "name", "compression"), FORMATS)
+def test_brings_the_same_trial_to_the_bit_whatever_the_container(
+    tmp_path: Path, storage: Any, name: str, compression: str
+) -> None:
+    messages = [words("/other", "x"), snapshot(33_333_333, 0.25, 3.5), snapshot(66_666_667, 0.5, 3.0)]
+    path = write_bag(tmp_path / name, messages, storage=storage, compression=compression)
+
+    trial = READER.read(path, wanted(SNAPSHOTS))
+
+    assert READER.can_read(path)
+    assert (trial.id, trial.clock) == ("t", "log time, origin 1585866235112411371 ns")
+    assert trial.recorded == Span(0.0, 66_666_667 / 1e9)
+    assert trial.signals["speed/human"].t.tolist() == [33_333_333 / 1e9, 66_666_667 / 1e9]
+    assert trial.signals["speed/human"].values.tolist() == [0.25, 0.5]
+    assert trial.signals["centre_distance/gantry/human"].values.tolist() == [3.5, 3.0]
+    assert [body.id for body in trial.bodies] == ["gantry", "human"]
+    assert trial.unrecorded == trial.log_defects == ()
+
+
+@pytest.mark.parametrize(("storage", "name", "compression"), FORMATS)
+def test_writes_the_same_bytes_twice(tmp_path: Path, storage: Any, name: str, compression: str) -> None:
+    written = []
+    for folder in (tmp_path / "once", tmp_path / "again"):
+        folder.mkdir()
+        path = write_bag(folder / name, [snapshot(0)], storage=storage, compression=compression)
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        written.append([(file.name, file.read_bytes()) for file in files])
+
+    assert written[0] == written[1]
+
+
+def test_a_field_that_does_not_exist_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="has no field 'dat'"):
+        write_bag(
+            tmp_path / "t.bag", [Recorded("/x", "std_msgs/msg/String", 1, {"dat": "x"})], storage="ros1"
+        )
+
+
+def test_several_fields_make_the_columns_of_one_signal(tmp_path: Path) -> None:
+    fields = {"human_position": {"x": 1.0, "y": 2.0, "z": 3.0}}
+    state = Recorded("/human", "ariac_msgs/msg/HumanState", ORIGIN_NS, fields)
+    paths = tuple(f"human_position.{axis}" for axis in "xyz")
+    channel = Channel("human", "ariac_msgs/HumanState", signals=(FieldMap("position/human", "m", paths),))
+
+    trial = read_mcap(tmp_path, [state], wanted(channel, quantities=("position",)))
+
+    assert trial.signals["position/human"].values.tolist() == [[1.0, 2.0, 3.0]]
+
+
+def test_what_is_not_wanted_is_not_brought(tmp_path: Path) -> None:
+    trial = read_mcap(tmp_path, [snapshot(0)], wanted(SNAPSHOTS, quantities=("speed",)))
+
+    assert list(trial.signals) == ["speed/human"]
+
+
+def test_orders_events_and_submissions_come_through_their_decoders(tmp_path: Path) -> None:
+    submission = Recorded(
+        "/sub", SUBMISSION, ORIGIN_NS + 3, {"shipment_type": "order_0_shipment_0", "agv": "agv1"}
+    )
+    messages = [words("/state", "init"), words("/state", "go", 1), order("order_0", 2), submission]
+    channels = [Channel("/state", decoder="gear"), Channel("/ariac/orders", decoder="gear")]
+    channels.append(Channel("/sub", decoder="records", witnesses=("submissions",)))
+
+    trial = read_mcap(tmp_path, messages, wanted(*channels))
+
+    assert trial.started_s == 1e-9
+    assert [(o.id, o.announced_s) for o in trial.orders] == [("order_0", 2e-9)]
+    assert [(s.agv, s.submitted_s) for s in trial.submissions] == [("agv1", 3e-9)]
+    assert trial.witnessed == {"submissions"}
+
+
+def test_gazebo_models_give_positions_velocities_and_followed_links(tmp_path: Path) -> None:
+    def state(type_: str, *names: str) -> Recorded:
+        poses = [{"position": {"x": float(i)}} for i in range(len(names))]
+        twists = [{"linear": {"y": 0.5 * i}} for i in range(len(names))]
+        return Recorded(
+            f"/{type_}",
+            f"gazebo_msgs/msg/{type_}",
+            ORIGIN_NS,
+            dict(name=list(names), pose=poses, twist=twists),
+        )
+
+    messages = [
+        state("ModelStates", "ground", "person_1"),
+        state("LinkStates", "ground::link", "person_1::head", "person_1::toe"),
+    ]
+    channels = [Channel("/ModelStates", poses="models"), Channel("/LinkStates", poses="models")]
+    models = (BodyMatch("person_*", "human", links=("head",)), BodyMatch("gantry", "robot"))
+
+    trial = read_mcap(tmp_path, messages, wanted(*channels, quantities=("position",), models=models))
+
+    assert trial.signals["position/person_1"].values.tolist() == [[1.0, 0.0, 0.0]]
+    assert trial.signals["velocity/person_1"].values.tolist() == [[0.0, 0.5, 0.0]]
+    assert trial.signals["position/person_1::head"].values.tolist() == [[1.0, 0.0, 0.0]]
+    assert "position/person_1::toe" not in trial.signals
+    assert trial.bodies == (Body("person_1", "human", links=("head",)),)
+    assert trial.unrecorded == ("model gantry: no recorded model matches",)
+
+
+def test_progress_ends_at_one(tmp_path: Path) -> None:
+    shares: list[float] = []
+    path = write_bag(tmp_path / "t.mcap", [snapshot(i) for i in range(5000)], storage="mcap")
+
+    READER.read(path, Wanted(LogMap("none"), progress=shares.append))
+
+    assert len(shares) >= 2
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+# What is missing or odd is told, and costs nothing else.
+
+
+def test_a_topic_that_was_not_recorded_is_named(tmp_path: Path) -> None:
+    trial = read_mcap(tmp_path, [words("/other", "x")], wanted(SNAPSHOTS))
+
+    assert trial.unrecorded == ("topic /snapshot (nist_gear/msg/Snapshot)",)
+    assert trial.bodies == ()
+
+
+def test_a_topic_of_another_type_is_named_with_both_types(tmp_path: Path) -> None:
+    trial = read_mcap(tmp_path, [words("/snapshot", "x")], wanted(SNAPSHOTS))
+
+    assert trial.unrecorded == (
+        "topic /snapshot (nist_gear/msg/Snapshot): it is recorded as std_msgs/msg/String",
+    )
+
+
+def test_a_field_that_the_message_lacks_is_named_with_those_it_has(tmp_path: Path) -> None:
+    lacking = FieldMap("speed/gantry", "m/s", ("robot.speed",))
+
+    trial = read_mcap(tmp_path, [snapshot(0)], wanted(Channel("/snapshot", signals=(lacking, SPEED))))
+
+    (text,) = trial.unrecorded
+    assert "/snapshot" in text
+    assert "'robot.speed'" in text
+    assert "human_operator_speed, robot_speed, distance_robot_human_operator" in text
+    assert list(trial.signals) == ["speed/human"]
+
+
+def test_a_field_that_is_no_number_is_no_signal(tmp_path: Path) -> None:
+    channel = Channel("/words", signals=(FieldMap("speed/human", "m/s", ("data",)),))
+
+    trial = read_mcap(tmp_path, [words("/words", "1.5")], wanted(channel))
+
+    assert not trial.signals
+    assert "'data' of std_msgs/msg/String is not a number" in trial.unrecorded[0]
+
+
+def test_an_order_with_a_pose_that_is_not_finite_is_counted_and_no_witness(tmp_path: Path) -> None:
+    channel = Channel("/ariac/orders", decoder="gear", witnesses=("orders",))
+
+    trial = read_mcap(tmp_path, [order("order_0", 0, x=float("nan")), order("order_1", 1)], wanted(channel))
+
+    assert [o.id for o in trial.orders] == ["order_1"]
+    (defect,) = trial.log_defects
+    assert (defect.kind, defect.where, defect.count) == ("unusable_messages", "/ariac/orders", 1)
+    assert "finite" in defect.message
+    assert trial.witnessed == frozenset()
+
+
+def test_a_damaged_message_is_counted_and_the_others_stay(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.bag", [snapshot(0), snapshot(1), words("/state", "go", 2)], storage="ros1")
+    # The text "go" with its length word, which then speaks of more bytes than the message has.
+    _replace(path, b"\x02\0\0\0go", b"\x09\0\0\0go")
+
+    trial = READER.read(path, wanted(SNAPSHOTS, Channel("/state", decoder="gear", witnesses=("orders",))))
+
+    assert len(trial.signals["speed/human"]) == 2
+    (defect,) = trial.log_defects
+    assert (defect.kind, defect.where, defect.count) == ("undecodable_messages", "/state", 1)
+    assert trial.witnessed == frozenset()
+
+
+def test_a_definition_that_cannot_be_parsed_costs_its_own_topic_only(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.bag", [snapshot(0), words("/state", "go")], storage="ros1")
+    _replace(path, b"string data", b"str]ng data")
+
+    trial = READER.read(path, wanted(SNAPSHOTS, Channel("/state", decoder="gear")))
+
+    assert len(trial.signals["speed/human"]) == 1
+    (text,) = trial.unrecorded
+    assert text.startswith(
+        "topic /state (std_msgs/msg/String): the recording's definition of it cannot be used"
+    )
+
+
+def test_samples_that_are_not_finite_become_gaps_that_are_counted(tmp_path: Path) -> None:
+    trial = read_mcap(
+        tmp_path, [snapshot(0), snapshot(1, speed=float("inf")), snapshot(2)], wanted(SNAPSHOTS)
+    )
+
+    assert trial.signals["speed/human"].t.tolist() == [0.0, 2e-9]
+    assert [(d.kind, d.where, d.count) for d in trial.log_defects] == [("not_finite", "speed/human", 1)]
+
+
+# Refusals.
+
+
+def test_time_that_runs_backwards_by_a_lot_is_refused(tmp_path: Path) -> None:
+    messages = [snapshot(0), snapshot(30 * 10**9), snapshot(5 * 10**9)]
+
+    with pytest.raises(LogError, match="runs backwards by 25.000 s"):
+        read_mcap(tmp_path, messages, wanted(SNAPSHOTS))
+
+
+@pytest.mark.parametrize(("apart_ns", "refused"), [(60 * 10**9, False), (60 * 10**9 + 1, True)])
+def test_header_and_log_stamps_of_two_clocks_are_refused(
+    tmp_path: Path, apart_ns: int, refused: bool
+) -> None:
+    stamp_ns = ORIGIN_NS - apart_ns
+    header = {"stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}}
+    message = Recorded("/point", "geometry_msgs/msg/PointStamped", ORIGIN_NS, {"header": header})
+    channel = Channel("/point", stamp="header", signals=(FieldMap("speed/human", "m/s", ("point.x",)),))
+
+    if not refused:
+        assert read_mcap(tmp_path, [message], wanted(channel)).signals["speed/human"].t.tolist() == [-60.0]
+        return
+    with pytest.raises(LogError, match="two clocks are mixed: on topic /point") as refusal:
+        read_mcap(tmp_path, [message], wanted(channel))
+    assert "stamp: log" in refusal.value.hint
+
+
+@pytest.mark.parametrize("name", ["t.bag", "t.db3", "t.mcap"])
+def test_an_empty_file_is_nothing_to_score(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.touch()
+
+    assert READER.can_read(path)
+    for use in (READER.describe, lambda p: READER.read(p, wanted())):
+        with pytest.raises(NothingToScoreError, match="empty"):
+            use(path)
+
+
+@pytest.mark.parametrize(("storage", "name"), [("ros1", "t.bag"), ("sqlite3", "t.db3"), ("mcap", "t.mcap")])
+def test_a_recording_without_messages_is_nothing_to_score(tmp_path: Path, storage: Any, name: str) -> None:
+    path = write_bag(tmp_path / name, [], storage=storage)
+
+    assert READER.describe(path).damage == ""
+    with pytest.raises(NothingToScoreError, match="no message"):
+        READER.read(path, wanted(SNAPSHOTS))
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("t.txt", b"hello"), ("t.mcap", b"hello, hello"), ("t.db", b"SQLite format 3\0")]
+)
+def test_what_is_no_recording_is_not_claimed(tmp_path: Path, name: str, content: bytes) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+
+    assert not READER.can_read(path)
+    assert not READER.can_read(tmp_path)
+    assert not READER.can_read(tmp_path / "absent")
+    with pytest.raises(LogError):
+        READER.read(path, wanted())
+
+
+def test_a_folder_without_metadata_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t", [snapshot(0)], storage="mcap")
+    (path / "metadata.yaml").unlink()
+
+    with pytest.raises(LogError, match=r"no metadata\.yaml") as refusal:
+        READER.read(path, wanted())
+    assert "ros2 bag reindex" in refusal.value.hint
+    assert "metadata.yaml" in READER.describe(path).damage
+
+
+def test_metadata_that_names_an_absent_file_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t", [snapshot(0)], storage="sqlite3")
+    (path / "t.db3").rename(path / "u.db3")
+
+    with pytest.raises(LogError, match=r"names 't\.db3', which is not in the folder"):
+        READER.read(path, wanted())
+
+
+def test_metadata_that_announces_other_messages_than_there_are_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t", [snapshot(0)], storage="sqlite3")
+    _replace(path / "metadata.yaml", b"  message_count: 1\n", b"  message_count: 2\n")
+
+    with pytest.raises(LogError, match="announces 2 messages, the files hold 1"):
+        READER.read(path, wanted())
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[", "a: b", "rosbag2_bagfile_information: 3", "[" * 5000, "\0", "x: 2001-99-99"]
+)
+def test_metadata_that_cannot_be_understood_is_refused(tmp_path: Path, text: str) -> None:
+    path = write_bag(tmp_path / "t", [snapshot(0)], storage="mcap")
+    (path / "metadata.yaml").write_text(text)
+
+    assert READER.can_read(path)
+    with pytest.raises(LogError, match="cannot be understood"):
+        READER.read(path, wanted())
+
+
+def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_bag(tmp_path / "t.mcap", [snapshot(0)], storage="mcap")
+
+    def deny(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", deny)
+
+    assert READER.can_read(path)
+    with pytest.raises(LogError, match="Permission denied"):
+        READER.read(path, wanted())
+
+
+def test_two_topics_for_one_signal_are_refused(tmp_path: Path) -> None:
+    messages = [snapshot(0), Recorded("/second", SNAPSHOT, ORIGIN_NS, {})]
+
+    with pytest.raises(LogError, match="recorded twice"):
+        read_mcap(tmp_path, messages, wanted(SNAPSHOTS, Channel("/second", signals=(SPEED,))))
+
+
+def _replace(path: Path, old: bytes, new: bytes) -> None:
+    content = path.read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new))
+
+
+# Recordings that others made; the expected figures are from other readers, see SOURCES.md there.
+
+
+def _recordings() -> Iterator[Path]:
+    for expected in sorted(BAGS.rglob("*.expected.json")):
+        recording = expected.with_name(expected.name.removesuffix(".expected.json"))
+        if recording.suffix in (".bag", ".db3", ".mcap"):
+            yield recording
+
+
+needs_recordings = pytest.mark.skipif(not BAGS.is_dir(), reason=f"the shared recordings are not at {BAGS}")
+
+
+def _figures(description: LogDescription) -> dict[str, tuple[int, int | None, int | None]]:
+    origin = re.search(r"origin (\d+) ns", description.clock)
+    origin_ns = int(origin[1]) if origin else 0
+
+    def ns(t_s: float | None) -> int | None:
+        return None if t_s is None else origin_ns + round(t_s * 1e9)
+
+    return {t.name: (t.count, ns(t.first_s), ns(t.last_s)) for t in description.topics}
+
+
+@needs_recordings
+@pytest.mark.parametrize("recording", list(_recordings()), ids=lambda path: str(path.relative_to(BAGS)))
+def test_counts_foreign_recordings_as_other_readers_do(recording: Path) -> None:
+    expected = json.loads(recording.with_name(f"{recording.name}.expected.json").read_text())
+    description = READER.describe(recording)
+    found = _figures(description)
+
+    assert READER.can_read(recording)
+    assert description.damage == ""
+    for figures in (expected["first"], expected["second"]):
+        for topic, of_topic in figures.get("topics", {}).items():
+            assert found[topic][0] == of_topic["count"]
+            if "first_ns" in of_topic:
+                assert found[topic][1:] == (of_topic["first_ns"], of_topic["last_ns"])
+
+
+@needs_recordings
+@pytest.mark.parametrize("recording", list(_recordings()), ids=lambda path: str(path.relative_to(BAGS)))
+def test_reads_the_numbers_of_foreign_recordings_as_other_readers_do(recording: Path) -> None:
+    expected = json.loads(recording.with_name(f"{recording.name}.expected.json").read_text())["first"][
+        "topics"
+    ]
+    sums = {
+        f"speed/{i}/{j}": (topic, path, of_field)
+        for i, (topic, of_topic) in enumerate(expected.items())
+        for j, (path, of_field) in enumerate(of_topic.get("fields", {}).items())
+        # A field of a sequence has another number of values than there are messages.
+        if "fsum" in of_field and of_field["n"] == of_topic["count"] and "[]" not in path
+    }
+    channels = tuple(
+        Channel(topic, signals=(FieldMap(name, "", (path,)),)) for name, (topic, path, _) in sums.items()
+    )
+
+    trial = READER.read(recording, Wanted(LogMap("all", channels), frozenset({"speed"})))
+
+    settled = {defect.where for defect in trial.log_defects}
+    for name in trial.signals.keys() - settled:
+        assert np.sum(trial.signals[name].values) == pytest.approx(sums[name][2]["fsum"], rel=1e-12, abs=1e-9)
+
+
+@needs_recordings
+def test_reads_the_whole_conformance_suite_of_mcap() -> None:
+    expected = json.loads((BAGS / "mcap_conformance" / "expected.json").read_text())
+
+    for name, of_file in expected.items():
+        description = READER.describe(BAGS / "mcap_conformance" / name)
+
+        messages = of_file["messages_topic_log_publish_seq_hex"]
+        assert (description.damage, description.facts["messages"]) == ("", len(messages))
+        assert [t.name for t in description.topics if t.count] == sorted({m[0] for m in messages})

@@ -1,0 +1,377 @@
+"""Damaged and hostile recordings: refused with a place, never half read, never an accident."""
+
+from __future__ import annotations
+
+import random
+import re
+import sqlite3
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ariac_score.contracts import Wanted
+from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.rosbag import RosbagReader
+from ariac_score.logs.salvage import LARGEST_INFLATED_BYTES, inflate, normalised_type
+from ariac_score.testing.bags import Recorded, write_bag
+from ariac_score.trial.channels import Channel, FieldMap, LogMap
+
+READER = RosbagReader()
+SNAPSHOT = "nist_gear/msg/Snapshot"
+SPEED = FieldMap("speed/human", "m/s", ("human_operator_speed",))
+WANTED = Wanted(LogMap("test", (Channel("/snapshot", SNAPSHOT, signals=(SPEED,)),)), frozenset({"speed"}))
+MESSAGES = [
+    Recorded("/snapshot", SNAPSHOT, 10**18 + i * 10**8, {"human_operator_speed": i / 10}) for i in range(60)
+]
+FORMATS = [("ros1", "t.bag", ""), ("ros1", "t.bag", "lz4"), ("ros1", "t.bag", "bz2")]
+FORMATS += [("sqlite3", "t.db3", ""), ("mcap", "t.mcap", ""), ("mcap", "t.mcap", "zstd")]
+
+every_format = pytest.mark.parametrize(("storage", "name", "compression"), FORMATS)
+
+
+def refusal(path: Path) -> LogError:
+    with pytest.raises(LogError) as error:
+        READER.read(path, WANTED)
+    assert type(error.value) is LogError
+    assert error.value.hint
+    assert READER.describe(path).damage
+    return error.value
+
+
+@every_format
+def test_a_file_cut_off_anywhere_is_refused(
+    tmp_path: Path, storage: Any, name: str, compression: str
+) -> None:
+    path = write_bag(tmp_path / name, MESSAGES, storage=storage, compression=compression)
+    whole = path.read_bytes()
+    assert len(READER.read(path, WANTED).signals["speed/human"]) == 60
+
+    for size in [*range(0, len(whole), 97), *range(len(whole) - 12, len(whole))]:
+        path.write_bytes(whole[:size])
+        with pytest.raises(LogError):
+            READER.read(path, WANTED)
+        if size:
+            assert READER.describe(path).damage
+
+
+@every_format
+def test_flipped_bytes_are_never_an_accident(
+    tmp_path: Path, storage: Any, name: str, compression: str
+) -> None:
+    path = write_bag(tmp_path / name, MESSAGES[:5], storage=storage, compression=compression)
+    whole = path.read_bytes()
+    chance = random.Random(7)
+
+    for _ in range(150):
+        flipped = bytearray(whole)
+        for _ in range(chance.choice((1, 1, 8))):
+            flipped[chance.randrange(len(flipped))] = chance.choice((0, 255, chance.randrange(256)))
+        path.write_bytes(flipped)
+        for use in (READER.describe, lambda p: READER.read(p, WANTED)):
+            _only_log_errors(use, path)
+
+
+def _only_log_errors(use: Callable[[Path], object], path: Path) -> None:
+    try:
+        use(path)
+    except LogError as error:
+        assert str(error)  # noqa: PT017  # it may also succeed: not every byte is covered by a checksum
+
+
+def test_what_is_readable_of_a_cut_file_is_told(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.db3", MESSAGES, storage="sqlite3")
+    # rosbag2 writes one page after the other; without the last one the index is gone, the messages are there.
+    path.write_bytes(path.read_bytes()[:-4096])
+
+    error = refusal(path)
+
+    assert re.search(r"readable up to row 60: 1 topics, 60 messages, 0\.00 s to 5\.90 s", error.cause)
+    description = READER.describe(path)
+    assert [(t.name, t.count, t.last_s, t.largest_gap_s) for t in description.topics] == [
+        ("/snapshot", 60, 5.9, 0.1)
+    ]
+
+
+def test_a_recorder_that_was_killed_leaves_whole_chunks_that_are_told(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap")
+    (start, end), *_ = _mcap_records(path.read_bytes(), 0x06)
+    path.write_bytes(path.read_bytes()[:end])
+
+    error = refusal(path)
+
+    assert start < end
+    assert error.place.endswith(f"byte {end}")
+    assert f"readable up to byte {end}: 1 topics, 60 messages, 0.00 s to 5.90 s" in error.cause
+
+
+# MCAP.
+
+
+def _mcap_records(content: bytes, wanted: int) -> Iterator[tuple[int, int]]:
+    at = 8
+    while at < len(content) - 8:
+        op, length = struct.unpack_from("<BQ", content, at)
+        if op == wanted:
+            yield at, at + 9 + length
+        at += 9 + length
+
+
+@pytest.mark.parametrize("compression", ["", "zstd"])
+def test_a_flipped_byte_in_a_chunk_fails_its_checksum(tmp_path: Path, compression: str) -> None:
+    path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap", compression=compression)
+    content = bytearray(path.read_bytes())
+    ((start, end),) = _mcap_records(bytes(content), 0x06)
+    content[end - 20] ^= 1
+    path.write_bytes(content)
+
+    error = refusal(path)
+
+    assert "CRC" in error.cause
+    assert error.place == f"chunk at byte {start}"
+
+
+def test_a_flipped_byte_outside_chunks_fails_the_checksum_of_the_data_section(tmp_path: Path) -> None:
+    header = _record(0x01, _text("ros2") + _text("test"))
+    metadata = _record(0x0C, _text("weather") + struct.pack("<I", 0))
+    data = b"\x89MCAP0\r\n" + header + metadata
+    path = tmp_path / "t.mcap"
+
+    for flip in (b"weather", b"leather"):
+        content = data + _record(0x0F, struct.pack("<I", zlib.crc32(data))) + _record(0x02, bytes(20))
+        path.write_bytes(content.replace(b"weather", flip) + b"\x89MCAP0\r\n")
+        damage = READER.describe(path).damage
+        assert ("CRC of the data section" in damage) is (flip == b"leather")
+
+
+def _text(text: str) -> bytes:
+    return struct.pack("<I", len(text)) + text.encode()
+
+
+def _record(op: int, body: bytes) -> bytes:
+    return struct.pack("<BQ", op, len(body)) + body
+
+
+def _mcap(*records: bytes) -> bytes:
+    start = b"\x89MCAP0\r\n" + _record(0x01, _text("ros2") + _text("test"))
+    end = _record(0x0F, bytes(4)) + _record(0x02, bytes(20)) + b"\x89MCAP0\r\n"
+    return start + b"".join(records) + end
+
+
+def _chunk(records: bytes, *, size: int | None = None, crc: int = 0, compression: str = "") -> bytes:
+    head = struct.pack("<QQQI", 0, 0, len(records) if size is None else size, crc)
+    return _record(0x06, head + _text(compression) + struct.pack("<Q", len(records)) + records)
+
+
+CHANNEL = _record(0x04, struct.pack("<HH", 1, 0) + _text("/x") + _text("cdr") + struct.pack("<I", 0))
+MESSAGE = _record(0x05, struct.pack("<HIQQ", 1, 0, 5, 5))
+
+
+@pytest.mark.parametrize(
+    ("records", "cause"),
+    [
+        ([MESSAGE], "channel 1, which is not declared"),
+        ([CHANNEL, _record(0x05, bytes(5))], "22 bytes"),
+        ([CHANNEL, _record(0x05, struct.pack("<HIQQ", 1, 0, 2**64 - 1, 5))], "is no log time"),
+        ([CHANNEL.replace(b"/x", b"/y"), CHANNEL], "declared twice, differently"),
+        (
+            [CHANNEL.replace(struct.pack("<HH", 1, 0), struct.pack("<HH", 1, 9))],
+            "schema 9, which is not declared",
+        ),
+        ([_record(0x00, b"")], "record type 0x00 cannot stand here"),
+        ([_chunk(_chunk(b""))], "record 0x06"),
+        ([_chunk(CHANNEL[:-1])], "cannot be there"),
+        ([_chunk(b"", size=10)], "holds 0 bytes instead of the announced 10"),
+        ([_chunk(b"abc", compression="snappy")], "compression 'snappy' is not one of"),
+        ([_chunk(b"abc", compression="lz4", size=2**60)], "more than the 1073741824 allowed"),
+        ([_record(0x03, struct.pack("<HI", 1, 2**32 - 1))], "longer than its record"),
+        ([CHANNEL, MESSAGE, _record(0x0B, struct.pack("<Q", 2))], "announce 2 messages, the file holds 1"),
+    ],
+)
+def test_an_mcap_file_that_contradicts_itself_is_refused(
+    tmp_path: Path, records: list[bytes], cause: str
+) -> None:
+    path = tmp_path / "t.mcap"
+    path.write_bytes(_mcap(*records))
+
+    assert cause in refusal(path).cause
+
+
+def test_a_length_word_beyond_the_end_of_the_file_is_refused_without_reading(tmp_path: Path) -> None:
+    path = tmp_path / "t.mcap"
+    path.write_bytes(_mcap(CHANNEL, struct.pack("<BQ", 0x09, 2**63)))
+
+    assert "record 0x09 needs 9223372036854775808 bytes" in refusal(path).cause
+
+
+def test_a_file_of_another_kind_called_mcap_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.mcap"
+    path.write_bytes(b"\x89MCAP1\r\n" + bytes(100))
+
+    assert "wrong magic" in refusal(path).cause
+    assert refusal(path).place == "byte 0"
+
+
+def test_bytes_after_the_end_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.mcap"
+    path.write_bytes(_mcap() + b"more")
+
+    assert "4 bytes follow" in refusal(path).cause
+
+
+# ROS 1.
+
+
+def test_a_bag_that_was_never_closed_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.bag", MESSAGES, storage="ros1")
+    content = path.read_bytes()
+    field = content.index(b"index_pos=") + len(b"index_pos=")
+    path.write_bytes(content[:field] + bytes(8) + content[field + 8 :])
+
+    error = refusal(path)
+
+    assert "never closed" in error.cause
+    assert "rosbag reindex" in error.cause
+    assert "60 messages, 0.00 s to 5.90 s" in error.cause
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "cause"),
+    [
+        (b"compression=none", b"compression=lzma", "compression 'lzma' is not one of"),
+        (b"chunk_count=\x01", b"chunk_count=\x02", "2 chunks, the file holds 1 and 1"),
+        (b"conn_count=\x01", b"conn_count=\x03", "announces 3 connections"),
+        (b"#ROSBAG V2.0", b"#ROSBAG V1.2", "version 2.0"),
+        (b"op=\x05", b"op=\x02", "field 'conn'"),
+        (b"\x10\x00\x00\x00compression", b"\xff\xff\xff\xffcompression", "longer than its"),
+    ],
+)
+def test_a_bag_that_contradicts_itself_is_refused(tmp_path: Path, old: bytes, new: bytes, cause: str) -> None:
+    path = write_bag(tmp_path / "t.bag", MESSAGES, storage="ros1")
+    content = path.read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new, 1))
+
+    assert cause in refusal(path).cause
+
+
+def test_an_encrypted_bag_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.bag", MESSAGES, storage="ros1")
+    content = path.read_bytes()
+    (length,) = struct.unpack_from("<I", content, 13)
+    field = b"encryptor=aes"
+    header = content[17 : 17 + length] + struct.pack("<I", len(field)) + field
+    path.write_bytes(content[:13] + struct.pack("<I", len(header)) + header + content[17 + length :])
+
+    assert "encrypted" in refusal(path).cause
+
+
+# SQLite.
+
+
+def _changed(path: Path, *statements: str) -> Path:
+    with closing(sqlite3.connect(path)) as bag:
+        for statement in statements:
+            bag.execute(statement)
+        bag.commit()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("statement", "cause"),
+    [
+        ("DROP TABLE messages", "no table 'messages'"),
+        ("ALTER TABLE topics RENAME COLUMN type TO kind", "table 'topics' lacks type"),
+        (
+            "UPDATE messages SET topic_id = 9 WHERE id = 31",
+            "topic 9, which is not declared; readable up to row 30",
+        ),
+        ("UPDATE messages SET timestamp = -1 WHERE id = 31", "-1 is no log time"),
+        ("UPDATE messages SET timestamp = 'noon' WHERE id = 31", "'noon' is no log time"),
+        ("UPDATE messages SET data = 'text' WHERE id = 31", "a message holds no bytes"),
+    ],
+)
+def test_a_database_that_is_no_whole_recording_is_refused(tmp_path: Path, statement: str, cause: str) -> None:
+    path = _changed(write_bag(tmp_path / "t.db3", MESSAGES, storage="sqlite3"), statement)
+
+    assert cause in refusal(path).cause
+
+
+def test_a_view_in_place_of_the_messages_is_never_run(tmp_path: Path) -> None:
+    endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i AS id, 1 AS topic_id,"
+    path = write_bag(tmp_path / "t.db3", MESSAGES, storage="sqlite3")
+    _changed(
+        path, "DROP TABLE messages", f"CREATE VIEW messages AS {endless} i AS timestamp, x'' AS data FROM n"
+    )
+
+    assert "no table 'messages'" in refusal(path).cause
+
+
+@pytest.mark.parametrize("suffix", ["-wal", "-journal"])
+def test_a_journal_left_beside_a_database_is_refused(tmp_path: Path, suffix: str) -> None:
+    path = write_bag(tmp_path / "t.db3", MESSAGES, storage="sqlite3")
+    (tmp_path / f"t.db3{suffix}").write_bytes(b"changes")
+
+    assert "was not closed" in refusal(path).cause
+
+
+def test_a_page_of_zeros_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.db3", MESSAGES, storage="sqlite3")
+    content = path.read_bytes()
+    pages = range(4096, len(content), 4096)
+
+    for page in pages:
+        path.write_bytes(content[:page] + bytes(4096) + content[page + 4096 :])
+        assert refusal(path).cause
+
+
+def test_reading_leaves_nothing_beside_a_database(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.db3", MESSAGES, storage="sqlite3").rename(tmp_path / "t #1?%20.db3")
+
+    READER.read(path, WANTED)
+
+    assert list(tmp_path.iterdir()) == [path]
+
+
+# Inflating.
+
+
+def test_a_bomb_is_defused_at_the_announced_size() -> None:
+    import bz2  # noqa: PLC0415  # only this test packs
+
+    bomb = bz2.compress(bytes(50_000_000))
+
+    assert len(bomb) < 1000
+    with pytest.raises(ValueError, match="inflates to more than 1000 bytes"):
+        inflate(bomb, "bz2", size=1000)
+    with pytest.raises(ValueError, match="more than the"):
+        inflate(bomb, "bz2", size=LARGEST_INFLATED_BYTES + 1)
+
+
+@pytest.mark.parametrize("compression", ["bz2", "lz4", "zstd"])
+@pytest.mark.parametrize("packed", [b"", b"no such thing at all", b"\0" * 40])
+def test_what_is_no_compressed_data_is_refused(compression: str, packed: bytes) -> None:
+    with pytest.raises(ValueError, match=compression):
+        inflate(packed, compression, size=10)
+
+
+def test_what_is_not_compressed_is_passed_on() -> None:
+    assert inflate(b"abc", "", size=3) == inflate(b"abc", "none") == b"abc"
+
+
+@pytest.mark.parametrize("name", ["a/msg/B", "a/srv/B_Event", "", "B"])
+def test_only_two_part_types_are_respelt(name: str) -> None:
+    assert normalised_type(name) == name
+
+
+def test_an_empty_file_in_a_folder_is_damage_not_nothing(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t", MESSAGES, storage="mcap")
+    (path / "t.mcap").write_bytes(b"")
+
+    with pytest.raises(LogError, match=r"t\.mcap") as error:
+        READER.read(path, WANTED)
+    assert not isinstance(error.value, NothingToScoreError)

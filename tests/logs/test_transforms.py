@@ -1,0 +1,266 @@
+"""Positions out of tf trees; expected places worked out by hand."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import SimpleNamespace as Fields
+
+import numpy as np
+import pytest
+
+from ariac_score.errors import LogError
+from ariac_score.logs.transforms import MAX_GAP_S, TransformTree
+from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.model import Body
+from ariac_score.trial.spans import Span
+
+NO_TURN = (0.0, 0.0, 0.0, 1.0)
+QUARTER_TURN = (0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # about z
+GANTRY = BodyMatch("torso", "robot", body="gantry", radius_m=0.3, links=("hand*",))
+
+Place = tuple[float, float, float]
+Turn = tuple[float, float, float, float]
+
+
+def transform(parent: str, child: str, at: Place, turn: Turn = NO_TURN) -> Fields:
+    rotation = Fields(**dict(zip("xyzw", turn, strict=True)))
+    translation = Fields(**dict(zip("xyz", at, strict=True)))
+    body = Fields(translation=translation, rotation=rotation)
+    return Fields(header=Fields(frame_id=parent), child_frame_id=child, transform=body)
+
+
+def tree_of(*samples: tuple[float | None, Fields]) -> TransformTree:
+    tree = TransformTree("world", file=Path("t.bag"))
+    for t_s, sample in samples:
+        tree.add(sample, None if t_s is None else round(t_s * 1e9))
+    return tree
+
+
+def settled(tree: TransformTree, *matches: BodyMatch) -> TrialBuilder:
+    builder = TrialBuilder("t", file="t.bag", clock="log time")
+    builder.recorded = Span(0.0, 9.0)
+    tree.settle(builder, 0, matches or (GANTRY,))
+    return builder
+
+
+def test_a_frame_of_the_root_has_its_recorded_places() -> None:
+    builder = settled(
+        tree_of((0.0, transform("world", "torso", (1, 2, 3))), (0.1, transform("world", "torso", (4, 5, 6))))
+    )
+
+    signal = builder.signals["position/gantry"]
+    assert signal.unit == "m"
+    assert signal.t.tolist() == [0.0, 0.1]
+    assert signal.values.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    assert builder.bodies == {"gantry": Body("gantry", "robot", 0.3)}
+
+
+def test_a_leading_slash_of_a_frame_is_ignored() -> None:
+    assert "position/gantry" in settled(tree_of((0.0, transform("/world", "/torso", (1, 0, 0))))).signals
+
+
+def test_a_parent_that_turns_carries_its_child_around() -> None:
+    # A quarter turn about z takes the hand from 2 m ahead (x) to 2 m to the left (y) of the torso.
+    tree = tree_of(
+        (0.0, transform("world", "torso", (10, 0, 0), QUARTER_TURN)),
+        (None, transform("torso", "hand", (2, 0, 1))),
+    )
+
+    builder = settled(tree)
+
+    assert builder.signals["position/gantry::hand"].values == pytest.approx(np.array([[10.0, 2.0, 1.0]]))
+    assert builder.bodies["gantry"].links == ("hand",)
+
+
+def test_a_chain_is_sampled_whenever_one_of_its_transforms_is() -> None:
+    # The rail moves 1 m/s along x, sampled at 0.0 and 0.4 s; the torso is sampled in between, too.
+    tree = tree_of(
+        (0.0, transform("world", "rail", (0, 0, 0))),
+        (0.4, transform("world", "rail", (0.4, 0, 0))),
+        *((t_s, transform("rail", "torso", (0, t_s, 0))) for t_s in (0.0, 0.1, 0.4)),
+    )
+
+    signal = settled(tree).signals["position/gantry"]
+
+    assert signal.t.tolist() == [0.0, 0.1, 0.4]
+    assert signal.values == pytest.approx(np.array([[0, 0, 0], [0.1, 0.1, 0], [0.4, 0.4, 0]]))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_half_way_between_two_rotations_lies_half_the_turn(sign: float) -> None:
+    # q and -q are one rotation, so the sign must not matter. Half of a quarter turn is 45 degrees.
+    turned: Turn = tuple(sign * v for v in QUARTER_TURN)  # type: ignore[assignment]
+    tree = tree_of(
+        (0.0, transform("world", "torso", (0, 0, 0))),
+        (0.4, transform("world", "torso", (0, 0, 0), turned)),
+        *((t_s, transform("torso", "hand", (1, 0, 0))) for t_s in (0.0, 0.2, 0.4)),
+    )
+
+    middle = settled(tree).signals["position/gantry::hand"].values[1]
+
+    assert middle == pytest.approx([math.sqrt(0.5), math.sqrt(0.5), 0.0])
+
+
+def test_nothing_is_invented_outside_the_samples_of_a_transform() -> None:
+    tree = tree_of(
+        (0.1, transform("world", "rail", (0, 0, 0))),
+        (0.2, transform("world", "rail", (0, 0, 0))),
+        *((t_s, transform("rail", "torso", (t_s, 0, 0))) for t_s in (0.0, 0.15, 0.3)),
+    )
+
+    assert settled(tree).signals["position/gantry"].t.tolist() == [0.1, 0.15, 0.2]
+
+
+@pytest.mark.parametrize(("gap_s", "bridged"), [(MAX_GAP_S, True), (MAX_GAP_S + 1e-6, False)])
+def test_a_silence_longer_than_half_a_second_is_not_bridged(gap_s: float, bridged: bool) -> None:
+    assert MAX_GAP_S == 0.5
+    tree = tree_of(
+        (0.0, transform("world", "rail", (0, 0, 0))),
+        (gap_s, transform("world", "rail", (1, 0, 0))),
+        *((t_s, transform("rail", "torso", (0, 0, 0))) for t_s in (0.0, 0.25, gap_s)),
+    )
+
+    assert (0.25 in settled(tree).signals["position/gantry"].t) is bridged
+
+
+def test_a_body_that_never_moves_is_there_whenever_the_tree_was_seen() -> None:
+    tree = tree_of(
+        (None, transform("world", "torso", (1, 0, 0))),
+        *((t_s, transform("world", "other", (0, 0, 0))) for t_s in (1.0, 2.0)),
+    )
+
+    assert settled(tree).signals["position/gantry"].t.tolist() == [1.0, 2.0]
+
+
+def test_a_body_that_never_moves_alone_is_there_from_end_to_end() -> None:
+    signal = settled(tree_of((None, transform("world", "torso", (1, 0, 0))))).signals["position/gantry"]
+
+    assert signal.t.tolist() == [0.0, 9.0]
+    assert signal.values.tolist() == [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+
+
+def test_a_link_belongs_to_the_nearest_matching_frame_above_it() -> None:
+    people = BodyMatch("person_*", "human", links=("*/hand",))
+    tree = tree_of(
+        *((0.0, transform("world", f"person_{i}", (i, 0, 0))) for i in (1, 2)),
+        *((None, transform(f"person_{i}", f"p{i}/hand", (0, 1, 0))) for i in (1, 2)),
+    )
+
+    builder = settled(tree, people)
+
+    assert sorted(builder.signals) == [
+        "position/person_1",
+        "position/person_1::p1_hand",
+        "position/person_2",
+        "position/person_2::p2_hand",
+    ]
+    assert builder.signals["position/person_2::p2_hand"].values.tolist() == [[2.0, 1.0, 0.0]]
+
+
+# What is missing or odd is told.
+
+
+def test_a_pattern_that_matches_no_frame_is_told() -> None:
+    assert settled(tree_of((0.0, transform("world", "rail", (0, 0, 0))))).unrecorded == [
+        "frame torso: no recorded frame matches"
+    ]
+
+
+def test_a_frame_that_is_not_connected_to_the_root_is_told() -> None:
+    builder = settled(tree_of((0.0, transform("map", "torso", (0, 0, 0)))))
+
+    assert builder.unrecorded == ["frame torso: it is not connected to 'world', its tree ends at 'map'"]
+    assert not builder.signals
+
+
+def test_transforms_that_never_overlap_are_told() -> None:
+    tree = tree_of((0.0, transform("world", "rail", (0, 0, 0))), (1.0, transform("rail", "torso", (0, 0, 0))))
+
+    assert settled(tree).unrecorded == ["frame torso: the transforms up to 'world' never overlap in time"]
+
+
+@pytest.mark.parametrize(
+    ("at", "turn"),
+    [
+        ((math.nan, 0, 0), NO_TURN),
+        ((0, math.inf, 0), NO_TURN),
+        ((0, 0, 0), (0.0, 0.0, 0.0, 0.0)),
+        ((0, 0, 0), (0.0, 0.0, 0.0, 1e-200)),
+        ((0, 0, 0), (0.0, 0.0, 0.0, 1.02)),
+        ((0, 0, 0), (math.nan, 0.0, 0.0, 1.0)),
+    ],
+)
+def test_an_impossible_transform_is_left_out_and_counted(at: Place, turn: Turn) -> None:
+    builder = settled(
+        tree_of((0.0, transform("world", "torso", (1, 0, 0))), (0.1, transform("world", "torso", at, turn)))
+    )
+
+    assert builder.signals["position/gantry"].t.tolist() == [0.0]
+    (defect,) = builder.build().log_defects
+    assert (defect.kind, defect.where, defect.count) == ("unusable_transforms", "frame torso", 1)
+
+
+def test_places_too_far_to_compute_with_are_left_out_and_counted() -> None:
+    far = (1.7e308, 1.7e308, 1.7e308)
+    tree = tree_of(
+        (0.0, transform("world", "torso", far, QUARTER_TURN)), (None, transform("torso", "hand", far))
+    )
+
+    builder = settled(tree)
+
+    assert "position/gantry::hand" not in builder.signals
+    assert "not_finite" in {defect.kind for defect in builder.build().log_defects}
+
+
+def test_repeated_stamps_keep_the_last_and_are_counted() -> None:
+    builder = settled(tree_of(*((0.0, transform("world", "torso", (x, 0, 0))) for x in (1, 2))))
+
+    assert builder.signals["position/gantry"].values.tolist() == [[2.0, 0.0, 0.0]]
+    assert [(d.kind, d.count) for d in builder.build().log_defects] == [("repeated_stamps", 1)]
+
+
+# Refusals.
+
+
+def test_a_frame_with_two_parents_is_refused() -> None:
+    tree = tree_of(
+        (0.0, transform("world", "torso", (0, 0, 0))), (0.1, transform("rail", "torso", (0, 0, 0)))
+    )
+
+    with pytest.raises(LogError, match="'torso' has 2 parents: 'rail', 'world'") as refusal:
+        settled(tree)
+    assert refusal.value.file == "t.bag"
+    assert refusal.value.hint
+
+
+def test_a_frame_that_is_its_own_ancestor_is_refused() -> None:
+    tree = tree_of((0.0, transform("rail", "torso", (0, 0, 0))), (0.0, transform("torso", "rail", (0, 0, 0))))
+
+    with pytest.raises(LogError, match="own ancestor"):
+        settled(tree)
+
+
+def test_contradictions_among_frames_nobody_asks_for_are_no_matter() -> None:
+    tree = tree_of(
+        (0.0, transform("world", "torso", (0, 0, 0))),
+        (0.0, transform("camera_1", "part", (0, 0, 0))),
+        (0.0, transform("camera_2", "part", (0, 0, 0))),
+    )
+
+    assert list(settled(tree).signals) == ["position/gantry"]
+
+
+def test_two_frames_for_one_body_are_refused() -> None:
+    tree = tree_of(*((0.0, transform("world", name, (0, 0, 0))) for name in ("torso_1", "torso_2")))
+
+    with pytest.raises(LogError, match="recorded twice"):
+        settled(tree, BodyMatch("torso_*", "robot", body="gantry"))
+
+
+def test_transforms_whose_time_runs_backwards_by_a_lot_are_refused() -> None:
+    tree = tree_of(*((t_s, transform("world", "torso", (0, 0, 0))) for t_s in (5.0, 3.0)))
+
+    with pytest.raises(LogError, match="backwards by 2.000 s in frame 'torso'"):
+        settled(tree)
