@@ -135,7 +135,7 @@ def read_trial(
 
         wanted = Wanted(log_map, source_quantities(quantities), decoders, step)
         trials.append(readers[part.reader].read(part.path, wanted))
-    trial = merge_trials(bundle.id, trials, file=bundle.root)
+    trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
     if not trial.orders:
         raise NothingToScoreError(
             "no order was found",

@@ -264,15 +264,18 @@ class _Scan:
             t_ns=np.array(self.t_ns, dtype=np.int64),
             poses=MappingProxyType({c.entity.key: c.arrays() for c in columns if c.converted}),
             entities=MappingProxyType({c.entity.key: c.entity for c in columns}),
-            listed=MappingProxyType(
-                {k: np.array(self.models[k].frames, dtype=np.int64) for k in sorted(self.models)}
-            ),
+            listed=MappingProxyType({k: self._whole(self.models[k].frames) for k in sorted(self.models)}),
             deleted=MappingProxyType(
                 {k: np.array(self.deleted[k], dtype=np.int64) for k in sorted(self.deleted)}
             ),
             gazebo_version=self.version,
             cut_off=self.cut_off,
         )
+
+    def _whole(self, frames: array[int]) -> IntArray:
+        """Frame numbers without that of a frame whose reading ended in an error."""
+        numbers = np.array(frames, dtype=np.int64)
+        return numbers[numbers < len(self.t_ns)]
 
     def _chunks(self, tape: _Tape) -> Iterator[int]:
         """Read chunk after chunk, giving the offset behind each."""
@@ -310,6 +313,13 @@ class _Scan:
         self.cut_off += f" without </gazebo_log>; it was read up to {last} of simulated time"
 
     def _note_version(self, header: bytes) -> None:
+        """Take what lies between chunks, which can be a chunk itself only by damage."""
+        if b"CDATA" in header:
+            raise LogError(
+                f"what follows chunk {self.chunk} is corrupt: a chunk without its opening tag",
+                file=self.path,
+                hint="the file was damaged after it was written; copy it again, or score without it",
+            )
         found = _VERSION.search(header)
         if found:
             self.version = found[1].decode("utf-8", "replace")
@@ -614,7 +624,11 @@ class GazeboStateReader:
         t_s = states.t_s
         return LogDescription(
             format="Gazebo state log",
-            topics=tuple(_described(name, t_s[states.listed[name]]) for name in states.models),
+            topics=tuple(
+                _described(name, t_s[states.listed[name]])
+                for name in states.models
+                if len(states.listed[name])
+            ),
             clock=CLOCK,
             facts={
                 "states": len(t_s),

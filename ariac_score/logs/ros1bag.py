@@ -36,7 +36,7 @@ _WHAT = {
 
 _U32 = struct.Struct("<I")
 _TIME = struct.Struct("<II")
-_Header = Mapping[bytes, memoryview]
+_Header = Mapping[bytes, bytes]
 _Item = Connection | Message
 
 
@@ -203,18 +203,19 @@ def _sized(records: memoryview, at: int) -> tuple[memoryview, int]:
 
 def _header(raw: bytes | memoryview) -> _Header:
     """The fields of a record header by name."""
-    view, at = memoryview(raw), 0
-    fields: dict[bytes, memoryview] = {}
-    while at < len(view):
-        entry, at = _sized(view, at)
-        name, sign, _ = bytes(entry[:64]).partition(b"=")
-        if not sign:
-            raise ValueError("a field of a record header has no name")
-        fields[name] = entry[len(name) + 1 :]
+    packed, at = bytes(raw), 0
+    fields: dict[bytes, bytes] = {}
+    while at < len(packed):
+        start, end = at + 4, at + 4 + int.from_bytes(packed[at : at + 4], "little")
+        name, sign, value = packed[start:end].partition(b"=")
+        if not sign or end > len(packed):
+            raise ValueError(f"a field of a record header, {at} bytes in, has no name or is longer than it")
+        fields[name] = value
+        at = end
     return fields
 
 
-def _field(header: _Header, name: bytes, length: int | None = None) -> memoryview:
+def _field(header: _Header, name: bytes, length: int | None = None) -> bytes:
     value = header.get(name)
     if value is None or length not in (None, len(value)):
         raise ValueError(f"a record header lacks a proper field {name.decode()!r}")
@@ -230,4 +231,4 @@ def _byte(header: _Header, name: bytes) -> int:
 
 
 def _text(header: _Header, name: bytes) -> str:
-    return bytes(_field(header, name)).decode("utf-8", errors="replace")
+    return _field(header, name).decode("utf-8", errors="replace")

@@ -212,7 +212,10 @@ def inflate(packed: bytes | memoryview, compression: str, *, size: int | None = 
 
 def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:
     module_name, name = _INFLATERS[compression]
-    module = import_module(module_name)
+    try:
+        module = import_module(module_name)
+    except ImportError as error:
+        raise ValueError(f"its {compression} data needs the Python module {module_name!r}") from error
     engine = getattr(module, name)()
     failures = (OSError, EOFError, RuntimeError, ValueError, getattr(module, "ZstdError", OSError))
     parts: list[bytes] = []

@@ -24,7 +24,7 @@ MAX_GAP_S = 0.5
 """A transform is not interpolated across a longer silence than this, s."""
 
 LARGEST_NORM_ERROR = 0.01
-"""How far the norm of a rotation may be from 1; tf2 refuses more, too (QUATERNION_NORMALIZATION_TOLERANCE)."""
+"""How far the norm of a rotation may be from 1. Source: tf2, QUATERNION_NORMALIZATION_TOLERANCE."""
 
 _Row = tuple[float, float, float, float, float, float, float]
 

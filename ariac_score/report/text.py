@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from decimal import Decimal
 
 from ariac_score.expression import Traced
@@ -84,15 +85,27 @@ def _official(result: Result, total: float, style: Style) -> Iterator[str]:
 def _ledger(result: Result, style: Style) -> Iterator[str]:
     if result.ledger is not None:
         yield style("Why", "bold")
-        yield from _ledger_lines(result.ledger.children or (result.ledger,), style, depth=1, deepest=4)
+        yield from _ledger_lines(result.ledger.children or (result.ledger,), style, depth=1, deepest=5)
 
 
 def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: int) -> Iterator[str]:
     for line in lines:
-        yield _ledger_line(line, style, depth)
-        of_findings = line.children and all(child.findings for child in line.children)
-        if depth < deepest and line.children and not of_findings:
-            yield from _ledger_lines(line.children, style, depth=depth + 1, deepest=deepest)
+        if line.kind == "factor" and line.value == 1 and not line.amount:
+            continue  # a gate that is open needs no line here; 'explain' has it
+        shown = _worth_showing(line)
+        yield _ledger_line(shown, style, depth)
+        of_findings = shown.children and all(child.findings for child in shown.children)
+        if depth < deepest and shown.children and not of_findings:
+            yield from _ledger_lines(shown.children, style, depth=depth + 1, deepest=deepest)
+
+
+def _worth_showing(line: Line) -> Line:
+    """The line, or what it consists of where that is one thing under another name."""
+    while True:
+        telling = [c for c in line.children if c.kind != "factor" or c.value != 1 or c.amount]
+        if len(telling) != 1 or telling[0].amount != line.amount or not telling[0].children:
+            return line
+        line = replace(telling[0], label=line.label, path=line.path, subject=line.subject)
 
 
 def _ledger_line(line: Line, style: Style, depth: int) -> str:

@@ -139,11 +139,12 @@ class _Maker:
         return self._factored(traced, path)
 
     def _summands(self, traced: Traced) -> Sequence[Traced]:
-        if traced.op == "sum":
+        """What a sum is the sum of; anything else is its own only summand."""
+        if traced.op == "sum" and traced.kind in ("op", "each"):
             return traced.children
-        left, right = traced.children
-        is_sum = left.kind == "op" and left.op == "+"
-        return [*(self._summands(left) if is_sum else [left]), right]
+        if traced.kind == "op" and traced.op == "+":
+            return [*self._summands(traced.children[0]), traced.children[1]]
+        return [traced]
 
     def _factored(self, traced: Traced, path: str) -> list[Line] | None:
         """`points * factors / divisors` as the points, then what each factor did to them."""
@@ -151,8 +152,8 @@ class _Maker:
         carriers = [i for i, (symbol, part) in enumerate(chain) if symbol == "*" and _carries(part)]
         if len(carriers) != 1:
             return None
-        symbol, base = chain.pop(carriers[0])
-        lines = self._numbered([base], path)
+        _, base = chain.pop(carriers[0])
+        lines = self._numbered(self._summands(base), path)
         running: Number = base.value
         for symbol, part in chain:
             after = running * part.value if symbol == "*" else running / part.value

@@ -3,6 +3,7 @@
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.testing.trials import (
     NEAR_MISS,
+    SNAPSHOT_SIGNALS,
     NearMiss,
     kitting_trial,
     recorded_messages,
@@ -11,6 +12,7 @@ from ariac_score.testing.trials import (
 
 __all__ = [
     "NEAR_MISS",
+    "SNAPSHOT_SIGNALS",
     "NearMiss",
     "Recorded",
     "kitting_trial",

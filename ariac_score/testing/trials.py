@@ -29,7 +29,7 @@ from ariac_score.trial.model import (
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
 
-__all__ = ["NEAR_MISS", "NearMiss", "kitting_trial", "recorded_messages", "write_trial_log"]
+__all__ = ["NEAR_MISS", "SNAPSHOT_SIGNALS", "NearMiss", "kitting_trial", "recorded_messages", "write_trial_log"]
 
 ORIGIN_NS = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
@@ -67,6 +67,9 @@ class NearMiss:
 
 
 NEAR_MISS = NearMiss()
+
+SNAPSHOT_SIGNALS = ("centre_distance/robot/human", "speed/human", "speed/robot")
+"""What the paper's snapshot message carries."""
 
 
 def kitting_trial(*, seed: int = 2020, duration_s: float = 40.0, human: bool = True) -> Trial:

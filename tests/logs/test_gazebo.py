@@ -444,6 +444,24 @@ def test_a_corrupt_log_is_described_by_what_comes_before(tmp_path: Path) -> None
     assert "chunk 2 is corrupt" in description.damage
 
 
+@pytest.mark.parametrize("after", ["", chunk(frame("3 0", model("arm", "0 0 0 0 0 0")))])
+def test_a_chunk_whose_tag_is_damaged_is_not_passed_over(tmp_path: Path, after: str) -> None:
+    good, bad = (chunk(frame(f"{i} 0", model("arm", "0 0 0 0 0 0"))) for i in (1, 2))
+
+    with pytest.raises(LogError, match="what follows chunk 1 is corrupt"):
+        READER.read(written(tmp_path, log_of(good, bad.replace("<chunk", "<chunl"), after)), POSITIONS)
+
+
+def test_a_log_corrupt_within_a_frame_is_described_by_the_frames_before(tmp_path: Path) -> None:
+    good = frame("0 1", model("arm", "0 0 0 0 0 0"))
+    bad = frame("1 1", model("arm", "0 0 0 0 0 0"), model("box", "0 0 0 0 0 0"), "<model name=x>")
+
+    description = READER.describe(written(tmp_path, log_of(chunk(good + bad))))
+
+    assert [(topic.name, topic.count) for topic in description.topics] == [("arm", 1)]
+    assert "without a quoted name" in description.damage
+
+
 @pytest.mark.parametrize("how", ["zlib", "bz2"])
 def test_a_chunk_that_inflates_beyond_the_limit_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
