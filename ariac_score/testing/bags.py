@@ -19,9 +19,11 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.typesys.store import Typestore
 
-__all__ = ["Recorded", "write_bag"]
+__all__ = ["Recorded", "Storage", "write_bag"]
 
 _CHUNK = 0x06
+
+Storage = Literal["ros1", "sqlite3", "mcap"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ def write_bag(
     path: Path,
     messages: Sequence[Recorded],
     *,
-    storage: Literal["ros1", "sqlite3", "mcap"],
+    storage: Storage,
     compression: str = "",
 ) -> Path:
     """Write a recording with its message definitions.

@@ -29,7 +29,14 @@ from ariac_score.trial.model import (
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
 
-__all__ = ["NEAR_MISS", "SNAPSHOT_SIGNALS", "NearMiss", "kitting_trial", "recorded_messages", "write_trial_log"]
+__all__ = [
+    "NEAR_MISS",
+    "SNAPSHOT_SIGNALS",
+    "NearMiss",
+    "kitting_trial",
+    "recorded_messages",
+    "write_trial_log",
+]
 
 ORIGIN_NS = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000

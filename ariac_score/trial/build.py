@@ -9,7 +9,13 @@ from typing import TypeVar
 import numpy as np
 
 from ariac_score.errors import LogError
-from ariac_score.trial.events import ORDER_ANNOUNCED, WATCHING, Event
+from ariac_score.trial.events import (
+    COMPETITION_ENDED,
+    COMPETITION_STARTED,
+    ORDER_ANNOUNCED,
+    WATCHING,
+    Event,
+)
 from ariac_score.trial.model import (
     Body,
     LogDefect,
@@ -170,16 +176,97 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     """One trial from the several logs of a bundle.
 
     Each kind of thing may come from one log only, except events, bodies, defects
-    and what was witnessed, which add up. Orders without a time take it from the
-    event of their announcement.
+    and what was witnessed, which add up. Orders as announced stand before orders
+    as configured; configured ones take their time from the event of their
+    announcement, and updates are applied. Submissions with contents stand before
+    those of an official text, which has none. Logs on another clock than the one
+    that records the motion keep what needs no time (see `_without_times`).
 
     Raises:
         LogError: Two logs tell the same thing differently.
     """
-    orders = _only("orders", [p.orders for p in parts if p.orders], file)
-    submissions = _only("submissions", [p.submissions for p in parts if p.submissions], file)
-    team = _only("a team set-up", [p.team for p in parts if p.team], file)
-    official = _only("an official result", [p.official for p in parts if p.official], file)
+    parts = _on_one_clock(parts)
+    events = tuple(sorted({e for p in parts for e in p.events}))
+    spans = [p.recorded for p in parts if p.recorded]
+    return Trial(
+        id=trial_id,
+        orders=_orders(parts, events, file),
+        submissions=_submissions(parts, file),
+        events=events,
+        bodies=tuple(sorted({b.id: b for p in parts for b in p.bodies}.values(), key=lambda b: b.id)),
+        signals=_signals(parts, file),
+        team=_only("a team set-up", [p.team for p in parts if p.team], file),
+        official=_only("an official result", [p.official for p in parts if p.official], file),
+        witnessed=frozenset(w for p in parts for w in p.witnessed),
+        unrecorded=tuple(sorted({u for p in parts for u in p.unrecorded})),
+        log_defects=tuple(sorted(d for p in parts for d in p.log_defects)),
+        clock="; ".join(dict.fromkeys(p.clock for p in parts if p.clock)),
+        recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
+    )
+
+
+def _clock_kind(part: Trial) -> str:
+    """`simulated time`, `log time`: the words before any detail."""
+    return part.clock.split(",")[0].split(" (")[0]
+
+
+def _on_one_clock(parts: Sequence[Trial]) -> list[Trial]:
+    """The parts with times on the clock of the part that records the motion."""
+    timed = [part for part in parts if part.recorded is not None]
+    if not timed:
+        return list(parts)
+    main = max(timed, key=lambda part: len(part.signals))
+    kind = _clock_kind(main)
+    return [p if p.recorded is None or _clock_kind(p) == kind else _without_times(p, main) for p in parts]
+
+
+_TIMED_EVENTS = frozenset({COMPETITION_STARTED, COMPETITION_ENDED, ORDER_ANNOUNCED})
+
+
+def _without_times(part: Trial, main: Trial) -> Trial:
+    """What a log on another clock still tells: what happened, but not when.
+
+    Start, end and announcements say nothing without their time and are left out;
+    collisions and drops are put at the end of the recording.
+    """
+    assert main.recorded is not None  # chosen for having one
+    end_s = main.recorded.end_s
+    kept = tuple(replace(e, t_s=end_s) for e in part.events if e.kind not in _TIMED_EVENTS)
+    left_out = len(part.events) - len(kept)
+    message = f"its times are {_clock_kind(part)}, the motion is in {_clock_kind(main)}; they were not used"
+    defect = LogDefect("other_clock", part.id, left_out + len(kept) + len(part.submissions), message)
+    return replace(
+        part,
+        events=kept,
+        submissions=tuple(replace(s, submitted_s=end_s) for s in part.submissions),
+        orders=tuple(replace(order, announced_s=None) for order in part.orders),
+        signals={},
+        recorded=None,
+        clock="",
+        log_defects=(*part.log_defects, defect),
+    )
+
+
+def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tuple[Order, ...]:
+    told = [part.orders for part in parts if part.orders]
+    as_announced = [orders for orders in told if any(order.announced_s is not None for order in orders)]
+    orders = _only("orders", as_announced or told, file) or ()
+    announced: dict[str, float] = {}
+    for event in events:
+        if event.kind == ORDER_ANNOUNCED:
+            announced.setdefault(event.subject, event.t_s)
+    dated = [o if o.announced_s is not None else replace(o, announced_s=announced.get(o.id)) for o in orders]
+    # An update in a configuration takes effect only if the log shows that it was announced.
+    return settle_orders([o for o in dated if not o.updates or o.announced_s is not None])
+
+
+def _submissions(parts: Sequence[Trial], file: object) -> tuple[Submission, ...]:
+    told = [part.submissions for part in parts if part.submissions]
+    with_contents = [group for group in told if any(s.contents is not None for s in group)]
+    return _only("submissions", with_contents or told, file) or ()
+
+
+def _signals(parts: Sequence[Trial], file: object) -> dict[str, Signal]:
     signals: dict[str, Signal] = {}
     for part in parts:
         for name, signal in part.signals.items():
@@ -188,28 +275,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
                     f"two logs record the signal {name!r}", file=file, hint="a bundle is one trial"
                 )
             signals[name] = signal
-    events = tuple(sorted({e for p in parts for e in p.events}))
-    announced = {e.subject: e.t_s for e in reversed(events) if e.kind == ORDER_ANNOUNCED}
-    timed = tuple(
-        order if order.announced_s is not None else replace(order, announced_s=announced.get(order.id))
-        for order in orders or ()
-    )
-    spans = [p.recorded for p in parts if p.recorded]
-    return Trial(
-        id=trial_id,
-        orders=timed,
-        submissions=submissions or (),
-        events=events,
-        bodies=tuple(sorted({b.id: b for p in parts for b in p.bodies}.values(), key=lambda b: b.id)),
-        signals={name: signals[name] for name in sorted(signals)},
-        team=team,
-        official=official,
-        witnessed=frozenset(w for p in parts for w in p.witnessed),
-        unrecorded=tuple(sorted({u for p in parts for u in p.unrecorded})),
-        log_defects=tuple(sorted(d for p in parts for d in p.log_defects)),
-        clock="; ".join(dict.fromkeys(p.clock for p in parts if p.clock)),
-        recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
-    )
+    return {name: signals[name] for name in sorted(signals)}
 
 
 def _only(what: str, found: Sequence[_Told], file: object) -> _Told | None:
