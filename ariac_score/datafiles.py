@@ -253,9 +253,10 @@ def _validator(name: str) -> Any:
 
 
 def schema_errors(data: Any, name: str) -> list[tuple[_Place, str, str]]:
-    """What breaks a schema: for each fault its path, the cause and the remedy, in order of path."""
+    """What breaks a schema: for each fault its path, the cause and the remedy, misspelt keys first."""
     faults = [_worded(_deepest(fault)) for fault in _validator(name).iter_errors(data)]
-    return sorted(faults, key=lambda fault: [str(p) for p in fault[0]])
+    # A key that is missing is most often there, misspelt.
+    return sorted(faults, key=lambda fault: (fault[1].endswith("is missing"), [str(p) for p in fault[0]]))
 
 
 def _deepest(fault: Any) -> Any:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ariac_score.contracts import Monitor, Reader, Rule, Wanted
 from ariac_score.errors import (
+    FormulaError,
     LogError,
     LogMapError,
     MissingSignalError,
@@ -72,7 +73,7 @@ def score_trial(
     bundle = find_parts(path, readers)
     needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
     trial = read_trial(
-        bundle, readers, mapping, registry, quantities=(need.quantity for need in needs), progress=progress
+        bundle, readers, mapping, registry, quantities=[need.quantity for need in needs], progress=progress
     )
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
     trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
@@ -127,13 +128,14 @@ def read_trial(
             file=bundle.root,
             hint="add the log the trial wrote: a bag, a state.log, a performance.log or a .jsonl",
         )
+    sources = source_quantities(quantities)
     trials = []
     for number, part in enumerate(bundle.parts):
 
         def step(done: float, number: int = number) -> None:
             progress((number + done) / len(bundle.parts))
 
-        wanted = Wanted(log_map, source_quantities(quantities), decoders, step)
+        wanted = Wanted(log_map, sources, decoders, step)
         trials.append(readers[part.reader].read(part.path, wanted))
     trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
     if not trial.orders:
@@ -277,8 +279,12 @@ def price_trial(measured: Measured, rule_set: RuleSet, provenance: Provenance) -
     sheet = rule_set.sheet
     policies = {check.name: check.on_inconclusive for check in rule_set.checks.values()}
     assumed = assume(measured.findings, policies, priced=sheet.priced)
-    best = sheet.evaluate(measured.scopes, ideal(measured.findings))
-    ledger = None if assumed.withheld else _ledger(measured, rule_set, assumed)
+    try:
+        best = sheet.evaluate(measured.scopes, ideal(measured.findings))
+        ledger = None if assumed.withheld else _ledger(measured, rule_set, assumed)
+    except FormulaError as error:
+        error.file = error.file or rule_set.file
+        raise
     return Result(
         measured=measured,
         rule_set_title=rule_set.title,

@@ -40,6 +40,7 @@ __all__ = ["PerformanceLogReader"]
 
 CLOCK = "simulated time (wall time between whole simulated seconds)"
 MAX_LINE_CHARS = 65_536
+MAX_DROPS = 10_000
 
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _GAZEBO_RECORD = re.compile(
@@ -496,6 +497,12 @@ def _add_score(builder: TrialBuilder, told: _Told, score: _Score, times: _Times,
             )
     if score.dropped is not None:
         builder.witnessed.add(PART_DROPPED)
+        if score.dropped > MAX_DROPS:
+            raise LogError(
+                f"it prints {score.dropped:g} dropped products, more than {MAX_DROPS:,}",
+                file=path,
+                hint="the text looks damaged; compare it with the log of the simulator",
+            )
         builder.events.extend(_drops(int(score.dropped), told, times, end_s))
     _add_submissions(builder, score, times, where)
     if score.complete and not told.submits and not any(order.shipments for order in score.orders):
@@ -516,7 +523,7 @@ def _drops(count: int, told: _Told, times: _Times, end_s: float) -> Iterator[Eve
     dated: list[float] = []
     for running, moment in told.dropped:
         t_s = times.of(moment)
-        dated += [end_s if t_s is None else t_s] * max(0, running - len(dated))
+        dated += [end_s if t_s is None else t_s] * max(0, min(running, count) - len(dated))
     for i in range(count):
         yield Event(dated[i] if i < len(dated) else end_s, PART_DROPPED, "", f"product {i + 1} of {count}")
 

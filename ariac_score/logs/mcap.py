@@ -96,6 +96,8 @@ class McapScan:
                 raise source.damaged(f"record type 0x{op:02x} cannot stand here", at=start)
             expected = None
             what = f"record 0x{op:02x}"
+            if op == _CHUNK and length > source.left:
+                yield from self._cut_chunk(source, start)
             body = source.take(length, what) if op in _READ else b""
             if op == _DATA_END:
                 self._check_data_end(source, body, start)
@@ -202,6 +204,18 @@ class McapScan:
         if announced not in (0, found):
             raise ValueError(f"its CRC is {found:08x}, the file says {announced:08x}")
         yield from self._records_in_chunk(memoryview(records), start)
+
+    def _cut_chunk(self, source: Source, start: int) -> Iterator[_Item]:
+        """The whole records of a chunk that the file ends in, where it is not compressed."""
+        head = source.peek(source.left)
+        try:
+            compression, at = _text(head, _CHUNK_HEAD.size)
+            if not compression:
+                yield from self._records_in_chunk(memoryview(head)[at + 8 :], start)
+        except (struct.error, ValueError):
+            return  # it ends in the middle of a record: `take` says so
+        finally:
+            self._readable = f"byte {source.size}"
 
     def _records_in_chunk(self, records: memoryview, start: int) -> Iterator[_Item]:
         at = 0

@@ -112,6 +112,8 @@ class Ros1Scan:
             for _ in source.blocks(length, what):
                 pass
             return
+        if op == _CHUNK and length > source.left:
+            yield from self._cut_chunk(source, header, start)
         try:
             yield from self._items(op, header, memoryview(source.take(length, what)), start)
         except (struct.error, ValueError) as error:
@@ -131,6 +133,16 @@ class Ros1Scan:
             for at in range(0, 8 * _number(header, b"count"), 8):
                 connection, count = _TIME.unpack_from(body, at)
                 self._announced[connection] += count
+
+    def _cut_chunk(self, source: Source, header: _Header, start: int) -> Iterator[_Item]:
+        """The whole records of a chunk that the file ends in, where it is not compressed."""
+        try:
+            if _text(header, b"compression") == "none":
+                yield from self._records_in_chunk(memoryview(source.peek(source.left)), start)
+        except (struct.error, ValueError):
+            return  # it ends in the middle of a record: `take` says so
+        finally:
+            self._readable = f"byte {source.size}"
 
     def _records_in_chunk(self, records: memoryview, start: int) -> Iterator[_Item]:
         at = 0

@@ -119,6 +119,10 @@ def checked_stamp(stamp_ns: object, *, file: Path, place: str) -> int:
     return stamp_ns
 
 
+MAX_PEEK_BYTES = 64 * 2**20
+"""What is looked at of a chunk that the file ends in, bytes."""
+
+
 class Source:
     """A file read from front to back, never beyond its end.
 
@@ -161,6 +165,12 @@ class Source:
         if len(taken) != count:
             raise self.damaged("the file ends early", what=what)
         self.offset += count
+        return taken
+
+    def peek(self, count: int) -> bytes:
+        """The next bytes, at most so many, without moving on."""
+        taken = self._file.read(min(count, MAX_PEEK_BYTES))
+        self._file.seek(self.offset)
         return taken
 
     def blocks(self, count: int, what: str) -> Iterator[bytes]:

@@ -195,7 +195,8 @@ def _checks(result: Result, style: Style) -> Iterator[str]:
 def _origin(result: Result, style: Style) -> Iterator[str]:
     for defect in result.measured.log_defects:
         yield f"log: {plain(defect.where)}: {plain(defect.message)} ({defect.count})"
-    for missing in result.measured.unrecorded:
+    undecided = any(f.verdict is Verdict.INCONCLUSIVE for f in result.measured.findings.values())
+    for missing in result.measured.unrecorded if undecided else ():
         yield f"log: not recorded: {plain(missing)}"
     for note in result.notes:
         yield style(f"note: {note}", "dim")
