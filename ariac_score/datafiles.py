@@ -34,6 +34,9 @@ MAX_DEPTH = 64
 MAX_NODES = 200_000
 """Nodes after aliases are expanded, so that a few lines cannot stand for billions."""
 
+LARGEST_INTEGER = 2**64
+"""Beyond this no time stamp is meant, and Python may refuse to print the number."""
+
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TAG_MAP, _TAG_SEQ = "tag:yaml.org,2002:map", "tag:yaml.org,2002:seq"
 _Place = tuple["str | int", ...]
@@ -80,6 +83,8 @@ def read_text(path: Path, *, error: type[DataFileError] = DataFileError, max_byt
         raise error("no such file", file=path, hint="check the path") from None
     except OSError as cause:
         raise error(f"cannot be read: {cause.strerror}", file=path, hint="check the permissions") from cause
+    except ValueError as cause:  # a name no file can have, such as one with a null byte
+        raise error(f"cannot be read: {cause}", file=path, hint="check the path") from cause
 
 
 def load_yaml(
@@ -132,14 +137,18 @@ def _check_depth(text: str, file: str, error: type[DataFileError]) -> None:
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if depth > MAX_DEPTH:
-                raise error(
-                    f"nested deeper than {MAX_DEPTH} levels",
-                    file=file,
-                    place=_line(event),
-                    hint="no configuration needs this; the file looks hostile or broken",
-                )
+                raise _too_deep(_line(event), file, error)
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
+
+
+def _too_deep(place: str, file: str, error: type[DataFileError]) -> DataFileError:
+    return error(
+        f"nested deeper than {MAX_DEPTH} levels",
+        file=file,
+        place=place,
+        hint="no configuration needs this; the file looks hostile or broken",
+    )
 
 
 def _children(node: yaml.Node) -> list[yaml.Node]:
@@ -150,10 +159,11 @@ def _children(node: yaml.Node) -> list[yaml.Node]:
 
 def _check_nodes(root: yaml.Node, file: str, error: type[DataFileError]) -> None:
     """Refuse alias bombs: count every node as often as it would be visited."""
-    sizes: dict[int, int] = {}
+    sizes: dict[int, tuple[int, int]] = {}
     busy: set[int] = set()
 
-    def size(node: yaml.Node) -> int:
+    def size(node: yaml.Node) -> tuple[int, int]:
+        """Nodes and levels below and including this one."""
         key = id(node)
         if key in sizes:
             return sizes[key]
@@ -165,8 +175,12 @@ def _check_nodes(root: yaml.Node, file: str, error: type[DataFileError]) -> None
                 hint="remove the alias",
             )
         busy.add(key)
-        total = 1 + sum(size(child) for child in _children(node))
+        inner = [size(child) for child in _children(node)]
+        total = 1 + sum(nodes for nodes, _ in inner)
+        depth = 1 + max((levels for _, levels in inner), default=0)
         busy.discard(key)
+        if depth > MAX_DEPTH + 1:  # a value in the deepest list is a level of its own
+            raise _too_deep(_line(node), file, error)
         if total > MAX_NODES:
             raise error(
                 f"more than {MAX_NODES:,} values once aliases are expanded",
@@ -174,8 +188,8 @@ def _check_nodes(root: yaml.Node, file: str, error: type[DataFileError]) -> None
                 place=_line(node),
                 hint="write the values out instead of nesting aliases; the file looks hostile",
             )
-        sizes[key] = total
-        return total
+        sizes[key] = total, depth
+        return sizes[key]
 
     size(root)
 
@@ -209,12 +223,15 @@ class _Builder:
 
     def _scalar(self, node: yaml.ScalarNode) -> Any:
         try:
-            return self._scalars.construct_object(node)
+            value = self._scalars.construct_object(node)
         except (yaml.YAMLError, ValueError) as cause:
             words = str(cause).splitlines()[0]
             raise self._refusal(
                 node, f"{node.value!r} is not a plain value: {words}", "quote it if text is meant"
             ) from None
+        if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+            raise self._refusal(node, "so large a whole number is not allowed", "quote it if text is meant")
+        return value
 
     def _items(self, node: yaml.MappingNode, path: _Place) -> Iterator[tuple[Any, Any]]:
         seen: dict[Any, int] = {}

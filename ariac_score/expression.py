@@ -143,6 +143,8 @@ class Expression:
         >>> Expression.parse("1 + max(a, 2)").source
         '1 + max(a, 2)'
         """
+        if isinstance(source, int) and abs(source) > LARGEST_INTEGER:
+            raise FormulaError("so large a number is not allowed in a formula", place=where, hint=_LANGUAGE)
         text = " ".join(str(source).split())
         if len(text) > MAX_LENGTH:
             raise FormulaError(
@@ -192,13 +194,15 @@ class Expression:
         return _Evaluator(self, environment).visit(self._root)
 
     def columns(self, values: Mapping[str, NDArray[Any] | Number]) -> NDArray[Any]:
-        """The formula on columns of equal length, shape (n,) in, (n,) out.
+        """The formula on columns of equal length, shape (n,) in, (n,) float64 out.
 
         Raises:
             FormulaError: Division by zero or a result that is not finite, with the
                 first row where it happens; or an unknown name.
         """
-        return np.asarray(_ColumnEvaluator(self, values).visit(self._root))
+        shape = np.broadcast_shapes(*(np.shape(column) for column in values.values()))
+        result = _ColumnEvaluator(self, values).visit(self._root)
+        return np.array(np.broadcast_to(result, shape))
 
 
 def _dotted(node: ast.expr) -> str:
@@ -209,17 +213,10 @@ def _dotted(node: ast.expr) -> str:
 
 def _check(root: ast.expr, text: str, where: str) -> None:
     """Let nothing through that the evaluators do not know."""
-    stack: list[tuple[ast.expr, int]] = [(root, 1)]
-    count = 0
+    _check_size(root, where)  # first, because showing a problem walks all of it
+    stack: list[ast.expr] = [root]
     while stack:
-        node, depth = stack.pop()
-        count += 1
-        if count > MAX_NODES or depth > MAX_DEPTH:
-            raise FormulaError(
-                f"a formula may have {MAX_NODES} parts, {MAX_DEPTH} deep",
-                place=where,
-                hint="split it into named terms",
-            )
+        node = stack.pop()
         problem = _problem(node)
         if problem:
             raise FormulaError(
@@ -227,9 +224,25 @@ def _check(root: ast.expr, text: str, where: str) -> None:
                 place=where,
                 hint=_LANGUAGE,
             )
-        stack += [(child, depth + 1) for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr)]
+        stack += [child for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr)]
         if isinstance(node, ast.Call):
-            stack += [(keyword.value, depth + 1) for keyword in node.keywords]
+            stack += [keyword.value for keyword in node.keywords]
+
+
+def _check_size(root: ast.expr, where: str) -> None:
+    stack: list[tuple[ast.AST, int]] = [(root, 1)]
+    count = 0
+    while stack:
+        node, depth = stack.pop()
+        deeper = int(isinstance(node, ast.expr))
+        count += deeper
+        if count > MAX_NODES or depth > MAX_DEPTH:
+            raise FormulaError(
+                f"a formula may have {MAX_NODES} parts, {MAX_DEPTH} deep",
+                place=where,
+                hint="split it into named terms",
+            )
+        stack += [(child, depth + deeper) for child in ast.iter_child_nodes(node)]
 
 
 def _problem(node: ast.expr) -> str:
@@ -280,10 +293,10 @@ class _Evaluator:
         return Traced(ast.unparse(node), self._checked(value, node), "number")
 
     def visit_name(self, node: ast.Name) -> Traced:
-        return self.environment.name(node.id)
+        return self._sound(self.environment.name(node.id), node)
 
     def visit_attribute(self, node: ast.Attribute) -> Traced:
-        return self.environment.name(_dotted(node))
+        return self._sound(self.environment.name(_dotted(node)), node)
 
     def visit_binop(self, node: ast.BinOp) -> Traced:
         symbol, apply = _BINARY[type(node.op)]
@@ -297,8 +310,10 @@ class _Evaluator:
     def _power(self, base: Number, exponent: Number, node: ast.expr) -> Number:
         try:
             power = float(base) ** float(exponent)
-        except (OverflowError, ZeroDivisionError):
+        except OverflowError:
             raise self.error("overflow", node) from None
+        except ZeroDivisionError:
+            raise self.error("division by zero", node) from None
         if isinstance(power, complex):
             raise self.error("root of a negative number", node)
         whole = isinstance(base, int) and isinstance(exponent, int) and power.is_integer()
@@ -340,7 +355,7 @@ class _Evaluator:
         options = {str(k.arg): self.visit(k.value).value for k in node.keywords}
         traced = self.environment.call(function, [self.expression.part(a) for a in node.args], options)
         if traced is not None:
-            return traced
+            return self._sound(traced, node)
         if function not in _SCALAR_FUNCTIONS:
             raise self.error(
                 f"unknown function {function!r}", node, did_you_mean(function, _SCALAR_FUNCTIONS)
@@ -354,17 +369,26 @@ class _Evaluator:
     def _op(self, symbol: str, node: ast.expr, value: Number, *children: Traced) -> Traced:
         return Traced(ast.unparse(node), self._checked(value, node), "op", symbol, children)
 
+    def _sound(self, traced: Traced, node: ast.expr) -> Traced:
+        self._checked(traced.value, node)
+        return traced
+
     def _checked(self, value: Number, node: ast.expr) -> Number:
-        if not math.isfinite(value) or (isinstance(value, int) and abs(value) > LARGEST_INTEGER):
+        if (isinstance(value, int) and abs(value) > LARGEST_INTEGER) or not math.isfinite(value):
             raise self.error("the result is too large to be a score", node)
         return int(value) if isinstance(value, bool) else value
 
 
 class _ColumnEvaluator:
-    """Evaluates on columns; no trace, for there would be one for each row."""
+    """Evaluates on columns; no trace, for there would be one for each row.
+
+    Everything is float64, as numpy adds booleans otherwise than Python does. Where a
+    condition or an `and` leaves a branch out, its rows may hold anything.
+    """
 
     def __init__(self, expression: Expression, values: Mapping[str, NDArray[Any] | Number]) -> None:
         self.expression, self.values = expression, values
+        self.rows: Any = np.True_
 
     def visit(self, node: ast.expr) -> Any:
         visitor: Callable[[Any], Any] = getattr(self, f"visit_{type(node).__name__.lower()}")
@@ -373,48 +397,68 @@ class _ColumnEvaluator:
     def error(self, cause: str, node: ast.expr, hint: str = "") -> FormulaError:
         return FormulaError(f"{cause}: {ast.unparse(node)!r}", place=self.expression.where, hint=hint)
 
+    def only(self, rows: Any, node: ast.expr) -> Any:
+        """A branch that counts in these rows alone."""
+        outer, self.rows = self.rows, self.rows & rows
+        try:
+            return self.visit(node)
+        finally:
+            self.rows = outer
+
+    def refuse(self, cause: str, bad: Any, node: ast.expr) -> None:
+        """Raise for the first row that counts and is bad."""
+        rows = np.flatnonzero(bad & self.rows)
+        if len(rows):
+            raise self.error(f"{cause} in row {rows[0]}", node)
+
+    def finite(self, result: Any, node: ast.expr) -> Any:
+        self.refuse("not finite", ~np.isfinite(result), node)
+        return result
+
     def visit_constant(self, node: ast.Constant) -> Any:
-        return node.value
+        assert isinstance(node.value, int | float)  # _problem let nothing else through
+        return np.float64(node.value)
 
     def visit_name(self, node: ast.Name | ast.Attribute) -> Any:
         name = _dotted(node)
         if name not in self.values:
             raise self.error(f"unknown name {name!r}", node, did_you_mean(name, self.values))
-        return self.values[name]
+        return self.finite(np.asarray(self.values[name], dtype=np.float64), node)
 
     visit_attribute = visit_name
 
     def visit_binop(self, node: ast.BinOp) -> Any:
         symbol, apply = _BINARY[type(node.op)]
         left, right = self.visit(node.left), self.visit(node.right)
-        if symbol == "/" and np.any(np.asarray(right) == 0):
-            row = int(np.flatnonzero(np.atleast_1d(np.asarray(right) == 0))[0])
-            raise self.error(f"division by zero in row {row}", node)
+        if symbol == "/":
+            self.refuse("division by zero", right == 0, node)
         with np.errstate(all="ignore"):  # what goes wrong shows as a number that is not finite
-            result = apply(np.asarray(left, dtype=float), right) if symbol == "**" else apply(left, right)
-        bad = np.atleast_1d(~np.isfinite(result))
-        if bad.any():
-            raise self.error(f"not finite in row {int(np.flatnonzero(bad)[0])}", node)
-        return result
+            return self.finite(apply(left, right), node)
 
     def visit_unaryop(self, node: ast.UnaryOp) -> Any:
         operand = self.visit(node.operand)
         if isinstance(node.op, ast.Not):
-            return np.logical_not(operand)
+            return _number(operand == 0)
         return np.negative(operand) if isinstance(node.op, ast.USub) else operand
 
     def visit_boolop(self, node: ast.BoolOp) -> Any:
-        combine = np.logical_or if isinstance(node.op, ast.Or) else np.logical_and
-        operands = np.broadcast_arrays(*(self.visit(operand) for operand in node.values))
-        return combine.reduce(operands)
+        either = isinstance(node.op, ast.Or)
+        holds = self.visit(node.values[0]) != 0
+        for operand in node.values[1:]:
+            further = self.only(~holds if either else holds, operand) != 0
+            holds = holds | further if either else holds & further
+        return _number(holds)
 
     def visit_compare(self, node: ast.Compare) -> Any:
         operands = [self.visit(operand) for operand in (node.left, *node.comparators)]
-        pairs = zip(node.ops, operands, operands[1:], strict=False)
-        return np.logical_and.reduce([_COMPARE[type(op)][1](a, b) for op, a, b in pairs])
+        holds: Any = np.True_
+        for op, a, b in zip(node.ops, operands, operands[1:], strict=False):
+            holds = holds & _COMPARE[type(op)][1](a, b)
+        return _number(holds)
 
     def visit_ifexp(self, node: ast.IfExp) -> Any:
-        return np.where(self.visit(node.test), self.visit(node.body), self.visit(node.orelse))
+        test = self.visit(node.test) != 0
+        return np.where(test, self.only(test, node.body), self.only(~test, node.orelse))
 
     def visit_call(self, node: ast.Call) -> Any:
         assert isinstance(node.func, ast.Name)  # _problem let nothing else through
@@ -426,4 +470,11 @@ class _ColumnEvaluator:
         arity, apply = _COLUMN_FUNCTIONS[function]
         if node.keywords or not node.args or (arity is not None and len(node.args) != arity):
             raise self.error(f"{function!r} takes {arity or 'one or more'} values", node)
-        return apply(*(self.visit(argument) for argument in node.args))
+        arguments = [self.visit(argument) for argument in node.args]
+        with np.errstate(all="ignore"):
+            return self.finite(apply(*arguments), node)
+
+
+def _number(holds: Any) -> Any:
+    """Truth as a formula has it: 1 or 0."""
+    return np.asarray(holds, dtype=np.float64)

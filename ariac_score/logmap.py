@@ -112,7 +112,9 @@ def _field_map(
         )
     subjects = subject_of(name).split("/")
     unknown = [s for s in subjects if s not in bodies]
-    if unknown or len(subjects) != (2 if quantity.of == "pair" else 1):
+    kinds = [bodies[s].kind for s in subjects if s in bodies]
+    wrong_pair = quantity.of == "pair" and kinds != ["robot", "human"]
+    if unknown or wrong_pair or len(subjects) != (2 if quantity.of == "pair" else 1):
         raise LogMapError(
             f"signal {name!r} does not name {'a robot and a human' if quantity.of == 'pair' else 'one body'}",
             file=document.file,

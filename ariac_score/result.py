@@ -167,6 +167,9 @@ class Result:
 
     def __post_init__(self) -> None:
         if (self.score is None) != (self.status != "scored") or (self.ledger is None) != (self.score is None):
-            raise ResultError(f"status {self.status!r} does not go with score {self.score}")
+            raise ResultError(
+                f"status {self.status!r} does not go with score {self.score}, or the ledger is missing",
+                hint="the result was edited or damaged: score the trial again",
+            )
         if self.ledger is not None and self.score is not None:
             reconcile(self.ledger, self.score, digits=self.digits)

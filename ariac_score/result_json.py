@@ -235,6 +235,11 @@ def load_result(path: Path) -> Result:
 
 
 def _plain(value: Any) -> Any:
+    """A value of the file with floats for decimals, all the way down."""
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_plain(inner) for inner in value]
     return float(value) if isinstance(value, Decimal) else value
 
 
@@ -244,7 +249,7 @@ def _result(data: Mapping[str, Any]) -> Result:
     return Result(
         measured=_measured(data["measured"]),
         rule_set_title=data["rule_set_title"],
-        checks=data["checks"],
+        checks=_plain(data["checks"]),
         notes=tuple(data["notes"]),
         status=data["status"],
         score=_exact(data["score"], unit),

@@ -9,9 +9,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
-import yaml
-
-from ariac_score.errors import LogError
+from ariac_score.datafiles import load_yaml
+from ariac_score.errors import DataFileError, LogError
 from ariac_score.logs.mcap import McapScan
 from ariac_score.logs.salvage import Connection, Message, Scan, inflate
 from ariac_score.logs.sqlite_bag import SqliteScan
@@ -21,7 +20,6 @@ __all__ = ["METADATA", "METADATA_KEY", "FolderScan"]
 METADATA = "metadata.yaml"
 METADATA_KEY = "rosbag2_bagfile_information"
 
-_LARGEST_METADATA_BYTES = 16 << 20
 _REINDEX = "`ros2 bag reindex FOLDER` writes it anew from the storage files; or name one of these instead"
 
 
@@ -98,11 +96,12 @@ def _read_metadata(path: Path) -> _Metadata:
             f"the folder has no {METADATA}, so it is not a rosbag2 recording", file=path, hint=_REINDEX
         )
     try:
-        with file.open("rb") as stream:
-            text = stream.read(_LARGEST_METADATA_BYTES).decode()
-        facts = yaml.safe_load(text)[METADATA_KEY]
-        metadata = _parsed(path, facts)
-    except (yaml.YAMLError, RecursionError, LookupError, TypeError, AttributeError, ValueError) as error:
+        metadata = _parsed(path, load_yaml(file).data[METADATA_KEY])
+    except DataFileError as error:
+        raise LogError(
+            f"it cannot be understood: {error.cause}", file=file, place=error.place, hint=_REINDEX
+        ) from error
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
         cause = " ".join(str(error).split())
         raise LogError(
             f"it cannot be understood: {type(error).__name__}: {cause}", file=file, hint=_REINDEX

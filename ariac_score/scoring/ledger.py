@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import ROUND_HALF_EVEN, Decimal
 
-from ariac_score.errors import ResultError
-from ariac_score.expression import Number, Traced
+from ariac_score.errors import FormulaError, ResultError
+from ariac_score.expression import LARGEST_INTEGER, Number, Traced
 
 __all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded"]
 
@@ -71,7 +71,14 @@ def rounded(value: Number, digits: int) -> Decimal:
 
     >>> rounded(2.0000005, 6), rounded(-0.0, 2)
     (Decimal('2.000000'), Decimal('0.00'))
+
+    Raises:
+        FormulaError: So large that float64 no longer knows its whole points.
     """
+    if abs(value) > LARGEST_INTEGER:
+        raise FormulaError(
+            f"{value:.6g} is too large to be a score", hint="check the weights of the formulas"
+        )
     number = Decimal(repr(float(value))) if isinstance(value, float) else Decimal(value)
     return number.quantize(Decimal(1).scaleb(-digits), rounding=ROUND_HALF_EVEN) + Decimal(0)
 
@@ -150,7 +157,7 @@ class _Maker:
         """`points * factors / divisors` as the points, then what each factor did to them."""
         chain = _chain(traced)
         carriers = [i for i, (symbol, part) in enumerate(chain) if symbol == "*" and _carries(part)]
-        if len(carriers) != 1:
+        if len(carriers) != 1 or len(chain) == 1:  # one link is no product, and taking it apart would not end
             return None
         _, base = chain.pop(carriers[0])
         lines = self._numbered(self._summands(base), path)
@@ -255,6 +262,8 @@ def reconcile(ledger: Ledger, score: Decimal, *, digits: int) -> None:
             f"the ledger adds up to {ledger.amount}, the score is {score}", place=ledger.path, hint=_FORGED
         )
     for line in ledger.walk():
+        if not line.amount.is_finite() or abs(line.amount) > LARGEST_INTEGER:
+            raise ResultError(f"amount {line.amount} is no score", place=line.path, hint=_FORGED)
         if line.amount != line.amount.quantize(unit):
             raise ResultError(
                 f"amount {line.amount} has more than {digits} decimals", place=line.path, hint=_FORGED

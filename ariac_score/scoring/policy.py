@@ -12,7 +12,7 @@ __all__ = ["POLICIES", "Assumed", "Assumption", "assume", "ideal"]
 POLICIES = {
     "withhold": "no score until it is decided",
     "zero": "the trial scores 0",
-    "worst_case": "counted as a violation, at full depth for all of the time",
+    "worst_case": "counted as a critical violation, at full depth for all of the time",
     "exclude": "left out, as though nobody had asked",
 }
 
@@ -85,7 +85,7 @@ def _worst(finding: Finding) -> Finding:
         "time_in_violation_s": duration_s,
         "relative_depth_integral_s": duration_s,
     }
-    return replace(finding, verdict=Verdict.VIOLATED, quantities=quantities)
+    return replace(finding, verdict=Verdict.VIOLATED, quantities=quantities, critical=True)
 
 
 def ideal(findings: Mapping[str, Finding]) -> dict[str, Finding]:

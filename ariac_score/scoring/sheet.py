@@ -53,6 +53,7 @@ CHECK_FUNCTIONS: Mapping[str, str] = {
     "measure": "sum of a named quantity over its findings: measure(check, quantity)",
     "product": "p to the power of its violations: product(check, p=0.6)",
 }
+_OPTIONS: Mapping[str, frozenset[str]] = {"demerits": frozenset({"tau_s"}), "product": frozenset({"p"})}
 _AGGREGATES = ("sum", "mean", "min", "max", "any", "all", "count")
 
 
@@ -76,6 +77,7 @@ class ScoreSheet:
         for level in LEVELS:
             known: list[str] = []
             for name, formula in self.terms.get(level, {}).items():
+                self._validate_term(name, formula, level)
                 self._validate(formula, level, known)
                 known.append(name)
         self._validate(self.score, "trial", list(self.terms.get("trial", {})))
@@ -107,6 +109,16 @@ class ScoreSheet:
         """
         return _Pricing(self, trial, findings).score()
 
+    def _validate_term(self, name: str, formula: Expression, level: str) -> None:
+        """A term may not hide behind a parameter or a fact of the same name, which would win."""
+        for kind, names in (("parameter", self.parameters), (f"fact of each {level}", FACTS[level])):
+            if name in names:
+                raise FormulaError(
+                    f"term {name!r} is also the name of a {kind}",
+                    place=formula.where,
+                    hint="formulas use these names: each must be one thing",
+                )
+
     def _validate(self, formula: Expression, level: str, known: Sequence[str]) -> None:
         """Find misspelt names when the rule set is loaded, not when a trial is scored."""
         consumed: set[int] = set()
@@ -128,7 +140,8 @@ class ScoreSheet:
         if function == "count" and name in LEVELS:
             self._inside(formula, name, level)
             return {id(first)}
-        if function in CHECK_FUNCTIONS and not (function in _AGGREGATES and name not in self.checks):
+        # count() is an aggregate as well, but never of a bare name.
+        if function in CHECK_FUNCTIONS and (function not in _AGGREGATES or isinstance(first, ast.Name)):
             if name not in self.checks:
                 asked = ast.unparse(first) if first else "nothing"
                 raise FormulaError(
@@ -136,6 +149,10 @@ class ScoreSheet:
                     place=formula.where,
                     hint=did_you_mean(name, self.checks, what="checks of this rule set"),
                 )
+            wanted = 2 if function == "measure" else 1
+            options = {str(keyword.arg) for keyword in call.keywords}
+            if len(call.args) != wanted or options - _OPTIONS.get(function, frozenset()):
+                raise _wrong_arguments(function, ast.unparse(call), formula.where)
             return {id(argument) for argument in call.args}
         if function not in ("min", "max", "abs", "clip", *_AGGREGATES):
             known = {*CHECK_FUNCTIONS, "min", "max", "abs", "clip", *_AGGREGATES}
@@ -185,7 +202,11 @@ class _Pricing:
 
     def score(self) -> Traced:
         """The trial's score."""
-        value = self.sheet.score.evaluate(_Environment(self, self.trial, ()))
+        try:
+            value = self.sheet.score.evaluate(_Environment(self, self.trial, ()))
+        except FormulaError as error:
+            error.place = error.place or self.sheet.score.where
+            raise
         return Traced("score", value.value, "term", children=(value,))
 
     def term(self, scope: Scope, name: str, outer: tuple[Scope, ...]) -> Traced:
@@ -196,6 +217,7 @@ class _Pricing:
             try:
                 value = formula.evaluate(_Environment(self, scope, outer))
             except FormulaError as error:
+                error.place = error.place or formula.where
                 if scope.path and scope.path not in error.place:
                     error.place = f"{error.place} of {scope.path}"
                 raise
@@ -260,11 +282,11 @@ class _Environment:
         return next((level for level in reversed(inner) if level in named), "")
 
     def _aggregate(self, function: str, argument: Expression, level: str) -> Traced:
-        outer = (self.scope, *self.outer)
-        each = [argument.evaluate(_Environment(self.pricing, s, outer)) for s in self.scope.each(level)]
+        inside = _inside(self.scope, level, self.outer)
+        each = [argument.evaluate(_Environment(self.pricing, scope, outer)) for scope, outer in inside]
         scoped = tuple(
             Traced(value.label, value.value, "each", "value", (value,), subject=scope.path)
-            for value, scope in zip(each, self.scope.each(level), strict=True)
+            for value, (scope, _) in zip(each, inside, strict=True)
         )
         label = f"{function}({argument.source})"
         values = [value.value for value in each]
@@ -320,10 +342,6 @@ class _Environment:
         label: str,
     ) -> tuple[Number, list[tuple[str, Number]]]:
         """The value of a function on a check, and the share of each finding in it."""
-        allowed = {"demerits": {"tau_s"}, "product": {"p"}}.get(function, set())
-        wrong = sorted(set(options) - allowed)
-        if wrong or len(rest) != (1 if function == "measure" else 0):
-            raise FormulaError(f"{label}: wrong arguments", hint=CHECK_FUNCTIONS[function])
         violations = _violations(findings)
         if function == "points":
             shares = _points(findings)
@@ -343,10 +361,31 @@ class _Environment:
         elif function in ("holds", "violated"):
             return int(bool(violations) is (function == "violated")), violations
         elif function == "product":
-            return options.get("p", 0.5) ** len(violations), violations
+            return _product(options.get("p", 0.5), len(violations), label), violations
         else:
             shares = violations
         return sum(share for _, share in shares), shares
+
+
+def _inside(scope: Scope, level: str, outer: tuple[Scope, ...]) -> list[tuple[Scope, tuple[Scope, ...]]]:
+    """The scopes of a level inside one, each with those around it from the inside out."""
+    around = (scope, *outer)
+    return [
+        found
+        for inner in scope.inner
+        for found in ([(inner, around)] if inner.level == level else _inside(inner, level, around))
+    ]
+
+
+def _wrong_arguments(function: str, call: str, where: str) -> FormulaError:
+    return FormulaError(f"{call}: wrong arguments", place=where, hint=CHECK_FUNCTIONS[function])
+
+
+def _product(p: Number, times: int, label: str) -> Number:
+    try:
+        return p**times
+    except OverflowError:
+        raise FormulaError(f"{label}: overflow", hint=CHECK_FUNCTIONS["product"]) from None
 
 
 def _demerits(findings: Mapping[str, Finding], tau_s: Number, label: str) -> list[tuple[str, Number]]:

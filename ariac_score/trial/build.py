@@ -76,10 +76,7 @@ class TrialBuilder:
     def add_body(self, body: Body) -> None:
         """Take a body; the links of one that is known already are joined."""
         known = self.bodies.get(body.id)
-        if known is not None and (known.kind, known.radius_m) != (body.kind, body.radius_m):
-            raise LogError(f"body {body.id!r} is described twice, differently", file=self.file)
-        links = tuple(sorted({*(known.links if known else ()), *body.links}))
-        self.bodies[body.id] = replace(body, links=links)
+        self.bodies[body.id] = _joined(known, body, self.file)
 
     def defect(self, kind: str, where: str, count: int, message: str) -> None:
         """Count something wrong that was survived; nothing happens when the count is 0."""
@@ -148,22 +145,27 @@ def _span_of(
     return Span(min(times), max(times)) if times else None
 
 
+def _joined(known: Body | None, body: Body, file: object) -> Body:
+    """A body with the links it had already."""
+    if known is not None and (known.kind, known.radius_m) != (body.kind, body.radius_m):
+        raise LogError(f"body {body.id!r} is described twice, differently", file=file)
+    return replace(body, links=tuple(sorted({*(known.links if known else ()), *body.links})))
+
+
 def settle_orders(announced: Sequence[Order]) -> tuple[Order, ...]:
     """Apply updates to the orders they name.
 
     An update takes over the products and the start time; the order keeps its id
-    and priority; the last update wins. An update whose own id was announced
-    before is ignored, and so is one that names no announced order.
+    and priority; the last update wins. An update whose own id is that of an announced
+    order is ignored, and so is one that names no announced order.
 
     Source:
         ARIAC 2019, section "code" of the rulebook: update, priority.
     """
     orders: dict[str, Order] = {}
-    seen: set[str] = set()
     for order in announced:
-        if order.id in seen:
+        if order.id in orders:
             continue
-        seen.add(order.id)
         if not order.updates:
             orders[order.id] = order
         elif order.updates in orders:
@@ -193,7 +195,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
         orders=_orders(parts, events, file),
         submissions=_submissions(parts, file),
         events=events,
-        bodies=tuple(sorted({b.id: b for p in parts for b in p.bodies}.values(), key=lambda b: b.id)),
+        bodies=_bodies(parts, file),
         signals=_signals(parts, file),
         team=_only("a team set-up", [p.team for p in parts if p.team], file),
         official=_only("an official result", [p.official for p in parts if p.official], file),
@@ -264,6 +266,13 @@ def _submissions(parts: Sequence[Trial], file: object) -> tuple[Submission, ...]
     told = [part.submissions for part in parts if part.submissions]
     with_contents = [group for group in told if any(s.contents is not None for s in group)]
     return _only("submissions", with_contents or told, file) or ()
+
+
+def _bodies(parts: Sequence[Trial], file: object) -> tuple[Body, ...]:
+    bodies: dict[str, Body] = {}
+    for body in (body for part in parts for body in part.bodies):
+        bodies[body.id] = _joined(bodies.get(body.id), body, file)
+    return tuple(bodies[name] for name in sorted(bodies))
 
 
 def _signals(parts: Sequence[Trial], file: object) -> dict[str, Signal]:

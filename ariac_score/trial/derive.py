@@ -136,7 +136,11 @@ def derive_signals(trial: Trial, wanted: Iterable[Derivation], *, speed_window_s
     gaps: dict[str, float] = {}
     for item in wanted:
         gaps[item.quantity] = min(item.max_gap_s, gaps.get(item.quantity, np.inf))
-    deriver = _Deriver(trial, speed_window_s)
+    shortest: dict[str, float] = {}
+    for quantity, gap_s in gaps.items():
+        for source in source_quantities([quantity]):
+            shortest[source] = min(gap_s, shortest.get(source, np.inf))
+    deriver = _Deriver(trial, speed_window_s, shortest)
     for quantity in sorted(gaps):
         for subject in _subjects(trial, quantity):
             deriver.get(f"{quantity}/{subject}", gaps[quantity])
@@ -159,10 +163,11 @@ def _subjects(trial: Trial, quantity: str) -> Iterator[str]:
 class _Deriver:
     """Finds or derives one signal after the other, keeping what it found."""
 
-    def __init__(self, trial: Trial, speed_window_s: float) -> None:
+    def __init__(self, trial: Trial, speed_window_s: float, shortest_gaps_s: Mapping[str, float]) -> None:
         self.bodies = {body.id: body for body in trial.bodies}
         self.signals: dict[str, Signal] = dict(trial.signals)
         self.speed_window_s = speed_window_s
+        self.shortest_gaps_s = shortest_gaps_s
         self.defects: set[LogDefect] = set()
 
     def get(self, name: str, max_gap_s: float) -> Signal | None:
@@ -170,6 +175,7 @@ class _Deriver:
         if name in self.signals:
             return self.signals[name]
         quantity, _, subject = name.partition("/")
+        max_gap_s = min(max_gap_s, self.shortest_gaps_s.get(quantity, max_gap_s))
         derive = {
             "velocity": self._velocity,
             "speed": self._speed,

@@ -37,7 +37,7 @@ class Pose:
         orientation_wxyz: Quaternion, scalar first, as recorded (not normalised).
 
     Raises:
-        ValueError: A number is not finite, or the quaternion has norm 0.
+        ValueError: A number is not finite, or the quaternion has norm 0 (or one that float64 cannot hold).
     """
 
     position_m: tuple[float, float, float]
@@ -46,8 +46,8 @@ class Pose:
     def __post_init__(self) -> None:
         if not all(math.isfinite(v) for v in (*self.position_m, *self.orientation_wxyz)):
             raise ValueError("a pose must be finite")
-        if not any(self.orientation_wxyz):
-            raise ValueError("a quaternion of norm 0 is no orientation")
+        if not 0 < sum(v * v for v in self.orientation_wxyz) < math.inf:
+            raise ValueError("a quaternion of norm 0, or of one beyond all numbers, is no orientation")
 
     @classmethod
     def from_rpy(cls, position_m: tuple[float, float, float], rpy_rad: tuple[float, float, float]) -> Pose:

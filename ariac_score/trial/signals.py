@@ -154,7 +154,8 @@ def settle(t: FloatArray, values: FloatArray) -> Settled:
         t: Times in recorded order, shape (n,), s.
         values: Values, shape (n,) or (n, k).
     """
-    finite = np.isfinite(t) & np.isfinite(values.reshape(len(t), -1)).all(axis=1)
+    sound = np.isfinite(values)
+    finite = np.isfinite(t) & (sound.all(axis=1) if sound.ndim > 1 else sound)
     not_finite = int(len(t) - finite.sum())
     t, values = t[finite], values[finite]
     steps = np.diff(t)

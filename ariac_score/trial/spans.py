@@ -130,4 +130,8 @@ def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Sp
     marks = np.concatenate(([window.start_s], inside, [window.end_s]))
     long = np.flatnonzero(np.diff(marks) > max_gap_s + _TIME_TOLERANCE_S)
     gaps = [Span(float(marks[i]), float(marks[i + 1])) for i in long]
-    return gaps if len(inside) or gaps else [window]
+    if len(inside) or gaps:
+        return gaps
+    after = int(np.searchsorted(t, window.end_s))
+    bridged = 0 < after < len(t) and t[after] - t[after - 1] <= max_gap_s + _TIME_TOLERANCE_S
+    return [] if bridged else [window]

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from ariac_score import Finding, Order, Submission, Task, Trial
 
 NOT_SUBMITTED = "it was never submitted"
+EMPTY_KIT = "no product is ordered"
 
 
 def kitting_tasks(order: Order) -> Iterator[tuple[str, Task]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Order, Product, Task, Trial
-from ariac_score_kitting.claims import NOT_SUBMITTED, claimed, kitting_tasks, undecidable
+from ariac_score_kitting.claims import EMPTY_KIT, NOT_SUBMITTED, claimed, kitting_tasks, undecidable
 
 
 def base_type(product_type: str) -> str:
@@ -50,6 +50,9 @@ class Presence:
         clause = "ARIAC scoring, product presence"
         key = base_type if self.compare == "type" else _full_type
         for subject, task in kitting_tasks(order):
+            if not task.products:
+                yield Finding.not_applicable(subject, EMPTY_KIT, clause=clause)
+                continue
             submission = claimed(trial, order, task)
             unknown = undecidable(trial, submission, subject, clause)
             if unknown or submission is None:

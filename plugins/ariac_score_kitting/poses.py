@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Limit, Order, Pose, Product, Task, Trial, WantedProduct
-from ariac_score_kitting.claims import NOT_SUBMITTED, claimed, kitting_tasks, undecidable
+from ariac_score_kitting.claims import EMPTY_KIT, NOT_SUBMITTED, claimed, kitting_tasks, undecidable
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class PoseError:
         product, yaw is read from a normalised copy.
         """
         dx, dy = (d - w for w, d in zip(wanted.position_m[:2], delivered.position_m[:2], strict=True))
-        dot = sum(a * b for a, b in zip(wanted.orientation_wxyz, delivered.orientation_wxyz, strict=True))
-        cosine = sum(a * b for a, b in zip(_up(wanted), _up(delivered), strict=True))
+        dot = _dot(wanted.orientation_wxyz, delivered.orientation_wxyz)
+        cosine = _dot(_up(wanted), _up(delivered))
         return cls(
             math.sqrt(dx * dx + dy * dy),
             abs(dot),
@@ -45,9 +45,20 @@ class PoseError:
         )
 
 
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    """Scalar product, added up left to right as the simulator does.
+
+    Not by `sum`: from Python 3.12 on it rounds differently, which would decide at a limit.
+    """
+    total = 0.0
+    for x, y in zip(a, b, strict=True):
+        total += x * y
+    return total
+
+
 def _up(pose: Pose) -> tuple[float, float, float]:
     """The part's own vertical axis in the tray frame."""
-    norm = math.sqrt(sum(v * v for v in pose.orientation_wxyz))
+    norm = math.sqrt(_dot(pose.orientation_wxyz, pose.orientation_wxyz))
     w, x, y, z = (v / norm for v in pose.orientation_wxyz)
     return 2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z
 
@@ -77,6 +88,9 @@ class KitPose:
         clause = "ARIAC scoring, product pose"
         for subject, task in kitting_tasks(order):
             submission = claimed(trial, order, task)
+            if not task.products:
+                yield Finding.not_applicable(subject, EMPTY_KIT, clause=clause)
+                continue
             for wanted in task.products:
                 slot = f"{subject}/{wanted.slot}"
                 unknown = undecidable(trial, submission, slot, clause)

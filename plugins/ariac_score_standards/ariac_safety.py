@@ -37,9 +37,10 @@ class HumanContact:
     t_off_s: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.contact_distance_m < 0:
-            raise ValueError(f"contact_distance_m is {self.contact_distance_m:g} but cannot be negative")
-        if self.max_gap_s <= 0:
+        for name in ("contact_distance_m", "t_off_s"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} is {getattr(self, name):g} but cannot be negative")
+        if not self.max_gap_s > 0:
             raise ValueError(f"max_gap_s is {self.max_gap_s:g} but must be positive")
 
     def needs(self) -> Iterator[SignalNeed]:

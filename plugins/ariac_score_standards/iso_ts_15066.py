@@ -62,9 +62,9 @@ class SsmSeparation:
     def __post_init__(self) -> None:
         for name in ("t1_s", "t2_s", "stopping_distance_m", "delta_m", "t_on_s", "t_off_s"):
             value = getattr(self, name)
-            if value is not None and value < 0:
+            if value is not None and not value >= 0:
                 raise ValueError(f"{name} is {value:g} but cannot be negative")
-        if self.max_gap_s <= 0:
+        if not self.max_gap_s > 0:
             raise ValueError(f"max_gap_s is {self.max_gap_s:g} but must be positive")
 
     def _value(self, name: str) -> float:

@@ -1,0 +1,247 @@
+"""The command line: what it prints where, and with which exit code it leaves."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ariac_score.cli import main
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return write_trial_log(tmp_path / "trial.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
+
+
+@pytest.fixture
+def stored(log: Path, tmp_path: Path) -> Path:
+    result = tmp_path / "result.json"
+    assert (
+        main(["score", str(log), "--rules", "paper2020", "--output-format", "json", "-o", str(result)]) == 0
+    )
+    return result
+
+
+def _run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "ariac_score.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+
+
+def test_a_result_goes_to_the_file_and_nothing_to_stdout(
+    stored: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert json.loads(stored.read_text())["score"] == 19.761677
+    assert capsys.readouterr().out == ""
+    assert sorted(p.name for p in stored.parent.iterdir()) == ["result.json", "trial.jsonl"]
+
+
+def test_a_score_that_fails_leaves_an_older_result_alone(
+    stored: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = stored.read_bytes()
+
+    assert main(["score", "nowhere", "--rules", "paper2020", "-o", str(stored)]) == 5
+
+    assert stored.read_bytes() == before
+    assert "no such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["scroe"],
+        ["score"],
+        ["score", "x"],
+        ["score", "x", "--rules", "r", "--output-format", "xml"],
+        ["rules"],
+        ["rules", "show"],
+    ],
+)
+def test_a_usage_error_has_its_own_exit_code_and_points_to_help(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(arguments)
+
+    out, err = capsys.readouterr()
+    assert left.value.code == 4
+    assert out == ""
+    assert "error:" in err
+    assert "--help" in err
+
+
+def test_version_and_help_need_neither_numpy_nor_rosbags() -> None:
+    code = (
+        "import sys; from ariac_score.cli import main\n"
+        "try: main(sys.argv[1:])\n"
+        "except SystemExit: pass\n"
+        "print({m for m in ('numpy', 'rosbags', 'jsonschema', 'rich', 'yaml') if m in sys.modules})"
+    )
+    for argument in ("--version", "--help"):
+        done = subprocess.run(  # our own command
+            [sys.executable, "-c", code, argument], capture_output=True, text=True, check=True
+        )
+        assert done.stdout.splitlines()[-1] == "set()"
+
+
+def test_the_module_can_be_run_and_says_its_version() -> None:
+    done = _run("--version")
+
+    assert (done.returncode, done.stdout.split()[0]) == (0, "ariac-score")
+
+
+def test_a_pipe_that_closes_early_is_not_an_error() -> None:
+    done = subprocess.run(
+        ["/bin/sh", "-c", f"{sys.executable} -m ariac_score.cli rules show paper2020 | head -n 1"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+    )
+
+    assert done.stdout.startswith("id: paper2020")
+    assert "Traceback" not in done.stderr
+
+
+def test_colours_stay_away_from_anything_but_a_terminal(log: Path) -> None:
+    assert "\x1b" not in _run("score", log, "--rules", "paper2020").stdout
+
+
+def test_text_from_a_log_cannot_steer_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = write_trial_log(tmp_path / "a.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS).read_text()
+    hostile = tmp_path / "b.jsonl"
+    hostile.write_text(lines.replace("gear_part_red", "gear_\\u001b[31m_red"))
+
+    assert main(["score", str(hostile), "--rules", "paper2020"]) == 0
+
+    out = capsys.readouterr().out
+    assert "\x1b" not in out
+    assert "gear_\\x1b[31m_red" in out
+
+
+def test_explain_leads_from_the_score_to_the_samples(
+    stored: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["explain", str(stored)]) == 0
+
+    out = capsys.readouterr().out
+    assert out.splitlines()[0] == "score"
+    assert "divided by 1 + demerits" in out
+    assert "at 20.000 s: centre_distance/robot/human = 4.50249528 m" in out
+    assert "at 20.000 s: required_distance/robot/human = 5.45849528 m" in out
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("order_1", "score/task/order_1"),
+        ("score/task/order_0/completion", "score/task/order_0/completion"),
+        ("separation", "time_in_violation_s = 2.4"),
+        ("separation#1", "robot_moving: yes"),
+        ("part_pose#5", "distance 0.031 m (at most 0.03)"),
+        ("order_0/order_0_shipment_0/part_1", "no gear_part_blue for it"),
+    ],
+)
+def test_explain_finds_lines_checks_findings_and_subjects(
+    path: str, expected: str, stored: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["explain", str(stored), path]) == 0
+    assert expected in capsys.readouterr().out
+
+
+def test_explain_refuses_a_name_that_is_not_there(stored: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", str(stored), "seperation"]) == 4
+    assert "did you mean 'separation'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("damage", "cause"),
+    [
+        (lambda d: d.update(score=20.0), "the ledger adds up to 19.761677, the score is 20.000000"),
+        (lambda d: d["ledger"]["children"][0].update(amount=29.0), "its lines add up to"),
+        (lambda d: d.update(scorre=1), "unknown key 'scorre'"),
+        (lambda d: d.pop("provenance"), "key 'provenance' is missing"),
+        (lambda d: d.update(status="incomplete"), "status 'incomplete' does not go with score"),
+        (lambda d: d.update(ledger=None), "status 'scored' does not go with"),
+    ],
+)
+def test_a_result_that_was_tampered_with_is_refused(
+    damage: object, cause: str, stored: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = json.loads(stored.read_text())
+    damage(data)  # type: ignore[operator]
+    stored.write_text(json.dumps(data))
+
+    assert main(["explain", str(stored)]) == 6
+
+    err = capsys.readouterr().err
+    assert cause in err
+    assert "hint:" in err
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"schema": "other"}', "\x00"])
+def test_a_file_that_is_no_result_is_refused(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "x.json").write_text(text)
+
+    assert main(["explain", str(tmp_path / "x.json")]) == 6
+    assert "x.json" in capsys.readouterr().err
+
+
+def test_rules_are_listed_shown_and_validated(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rules", "list"]) == 0
+    names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert {"paper2020", "ariac2022.as_coded"} <= set(names)
+
+    assert main(["rules", "validate", *names]) == 0
+    assert capsys.readouterr().out.count("sound") == len(names)
+
+    assert main(["rules", "show", "paper2020"]) == 0
+    assert capsys.readouterr().out == (ROOT / "rules/paper2020/ruleset.yaml").read_text()
+
+
+def test_plugins_are_listed_with_who_brought_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plugins", "list"]) == 0
+
+    out = capsys.readouterr().out
+    assert "monitors  iso_ts_15066.ssm_separation" in out
+    assert all("ariac-score 0." in line for line in out.splitlines() if " kitting." in line)
+
+
+def test_info_says_what_a_log_holds_and_what_could_be_decided(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(EXAMPLE), "--rules", "paper2020"]) == 0
+
+    out = capsys.readouterr().out
+    assert "/snapshot" in out
+    assert "100.0 Hz" in out
+    assert "order order_1, priority 1, announced 8.000 s" in out
+    assert "separation           can be decided" in out
+
+
+def test_info_without_rules_describes_the_log_and_says_how_to_learn_more(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["info", str(EXAMPLE)]) == 0
+    assert "--rules" in capsys.readouterr().out
+
+
+def test_info_on_a_log_without_a_human_says_what_could_not_be_decided(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = kitting_trial(human=False)
+    write_trial_log(tmp_path / "x.jsonl", trial, signals=["speed/robot"])
+
+    assert main(["info", str(tmp_path / "x.jsonl"), "--rules", "paper2020"]) == 0
+    assert "separation           undecided: the log shows no human" in capsys.readouterr().out

@@ -1,0 +1,127 @@
+"""The import table of `docs/architecture.md`, kept true."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+CORE = ROOT / "ariac_score"
+PLUGINS = sorted(p.name for p in (ROOT / "plugins").iterdir() if (p / "__init__.py").is_file())
+
+# What each part may import besides the standard library and itself.
+MAY_IMPORT: dict[str, set[str]] = {
+    "errors": set(),
+    "datafiles": {"errors", "jsonschema", "yaml"},
+    "expression": {"errors", "numpy"},
+    "trial": {"errors", "numpy"},
+    "findings": {"trial"},
+    "contracts": {"findings", "trial"},
+    "registry": {"contracts", "errors"},
+    "scoring": {"errors", "expression", "findings"},
+    "ruleset": {"datafiles", "errors", "expression", "registry", "scoring"},
+    "logmap": {"datafiles", "errors", "trial"},
+    "result": {"errors", "findings", "scoring", "trial"},
+    "result_json": {"datafiles", "errors", "expression", "findings", "result", "scoring", "trial"},
+    "engine": {
+        "contracts",
+        "errors",
+        "findings",
+        "logmap",
+        "logs",
+        "registry",
+        "result",
+        "ruleset",
+        "scoring",
+        "trial",
+    },
+    "logs": {"backports", "contracts", "datafiles", "errors", "lz4", "numpy", "rosbags", "trial"},
+    "report": {"expression", "findings", "result", "scoring", "trial"},
+    "testing": {"logs", "numpy", "rosbags", "trial"},
+}
+ANYTHING = {"cli", "__init__"}
+SLOW = {"rosbags", "jsonschema", "rich", "jinja2"}
+
+
+def _part(path: Path) -> str:
+    relative = path.relative_to(CORE)
+    return relative.parts[0].removesuffix(".py")
+
+
+def _imports(path: Path, *, at_top: bool = False) -> set[str]:
+    """Every module a file imports, both as `import x` and as `from x import y`."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    nodes = tree.body if at_top else list(ast.walk(tree))
+    found: set[str] = set()
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: imports are absolute"
+            module = node.module or ""
+            found |= (
+                {f"{module}.{alias.name}" for alias in node.names} if module == "ariac_score" else {module}
+            )
+    return found
+
+
+def _names(modules: set[str]) -> set[str]:
+    """Parts of ours by their name, other packages by their top one; the standard library left out."""
+    names: set[str] = set()
+    for module in modules:
+        top, _, rest = module.partition(".")
+        if top == "ariac_score":
+            names.add(rest.partition(".")[0] or "__init__")
+        elif top not in sys.stdlib_module_names:
+            names.add(top)
+    return names
+
+
+CORE_FILES = sorted(CORE.rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", CORE_FILES, ids=lambda p: str(p.relative_to(CORE)))
+def test_a_part_imports_only_what_the_architecture_allows(path: Path) -> None:
+    part = _part(path)
+    if part in ANYTHING:
+        return
+    assert part in MAY_IMPORT, f"{part} is not in the architecture: add it there first"
+
+    assert _names(_imports(path)) - {part} <= MAY_IMPORT[part]
+
+
+def test_every_part_of_the_table_exists() -> None:
+    assert set(MAY_IMPORT) | ANYTHING == {_part(path) for path in CORE_FILES}
+
+
+@pytest.mark.parametrize("package", PLUGINS)
+def test_first_party_plugins_use_only_what_is_public(package: str) -> None:
+    for path in sorted((ROOT / "plugins" / package).rglob("*.py")):
+        modules = _imports(path)
+        ours = {m for m in modules if m.split(".")[0] == "ariac_score"}
+        import ariac_score  # noqa: PLC0415  # the list of public names is what is tested
+
+        assert {m.removeprefix("ariac_score.") for m in ours} <= set(ariac_score.__all__), path
+        assert _names(modules - ours) <= {"numpy", package}, path
+
+
+@pytest.mark.parametrize("path", CORE_FILES, ids=lambda p: str(p.relative_to(CORE)))
+def test_slow_libraries_are_imported_only_where_they_are_used(path: Path) -> None:
+    assert not _names(_imports(path, at_top=True)) & SLOW
+
+
+def test_a_price_cannot_depend_on_a_log() -> None:
+    for path in (CORE / "scoring").rglob("*.py"):
+        assert not _names(_imports(path)) & {"trial", "logs", "contracts", "engine"}
+
+
+def test_every_public_name_can_be_had() -> None:
+    import ariac_score  # noqa: PLC0415  # the package is what is tested
+
+    for name in ariac_score.__all__:
+        assert getattr(ariac_score, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = ariac_score.nothing  # type: ignore[attr-defined]

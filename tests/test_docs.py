@@ -1,0 +1,113 @@
+"""What the documentation says is tried here."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from ariac_score import errors, load_rule_set, score_trial
+from ariac_score.datafiles import schema_errors
+from ariac_score.registry import Registry
+from ariac_score.ruleset import rule_set_names
+from ariac_score.scoring.policy import POLICIES
+from ariac_score.scoring.sheet import CHECK_FUNCTIONS, FACTS
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def _blocks(text: str, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+def test_ci_runs_the_two_commands_of_the_readme_to_the_letter() -> None:
+    commands = [block.strip() for block in _blocks(README, "sh")[:2]]
+    ci = (ROOT / ".ci/run").read_text(encoding="utf-8")
+
+    assert len(commands) == 2
+    for command in commands:
+        assert command in ci.splitlines()
+
+
+def test_the_readme_starts_with_the_two_commands() -> None:
+    assert README.index("pytest") < README.index("## What it does")
+    assert README.index("ariac-score score") < README.index("pytest")
+
+
+def test_the_readme_lists_every_shipped_rule_set() -> None:
+    for name in rule_set_names():
+        assert f"`{name}`" in README
+
+
+def test_the_readme_has_every_exit_code() -> None:
+    codes = {
+        cls.exit_code
+        for cls in vars(errors).values()
+        if isinstance(cls, type) and issubclass(cls, errors.ScoreError)
+    }
+
+    assert codes == {3, 4, 5, 6}
+    for code in (0, 2, *codes):
+        assert re.search(rf"^\| {code} \|", README, re.MULTILINE)
+
+
+def test_the_python_example_of_the_readme_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    (example,) = _blocks(README, "python")
+
+    exec(compile(example, "README.md", "exec"), {})  # noqa: S102  # our own text
+
+    assert capsys.readouterr().out.startswith("19.761677\nviolated Span(start_s=18.81, end_s=21.21)")
+
+
+def test_the_rule_set_of_its_page_is_sound(tmp_path: Path) -> None:
+    page = (ROOT / "docs/rule_sets.md").read_text(encoding="utf-8")
+    (tmp_path / "example.yaml").write_text(_blocks(page, "yaml")[0])
+
+    rule_set = load_rule_set(str(tmp_path / "example.yaml"))
+
+    assert set(rule_set.build(Registry())) == {"part_color", "right_agv", "separation"}
+    # 3 * (2 + 2) colour points, one breach of 0.4 * (1 + 0.211047… / 5) demerits
+    result = score_trial(ROOT / "examples/kitting_near_miss.mcap", rule_set)
+    assert result.score is not None
+    assert float(result.score) == pytest.approx(12 / (1 + 0.4 * (1 + 1.152 / 5.45849528 / 5)), abs=1e-6)
+
+
+def test_the_page_on_rule_sets_names_every_function_fact_and_policy() -> None:
+    page = (ROOT / "docs/rule_sets.md").read_text(encoding="utf-8")
+
+    for name in CHECK_FUNCTIONS:
+        assert f"`{name}(check" in page or f", `{name}(check" in page
+    for name in (*POLICIES, *(fact for facts in FACTS.values() for fact in facts)):
+        assert f"`{name}`" in page
+
+
+def test_the_trial_log_of_its_page_keeps_the_schema_and_scores(tmp_path: Path) -> None:
+    page = (ROOT / "docs/recording.md").read_text(encoding="utf-8")
+    (log,) = _blocks(page, "json")
+    (tmp_path / "run_7.jsonl").write_text(log)
+
+    for line in log.splitlines():
+        assert schema_errors(json.loads(line), "trial_log") == []
+    result = score_trial(tmp_path / "run_7.jsonl", "paper2020")
+    # One sample says nothing about the nine seconds: undecided, and said so.
+    assert result.status == "incomplete"
+
+
+def test_the_architecture_page_names_every_module() -> None:
+    page = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    for path in (ROOT / "ariac_score").rglob("*.py"):
+        part = path.relative_to(ROOT / "ariac_score")
+        if path.name.startswith("__") or part.parts[0] in ("cli", "report", "testing"):
+            continue
+        assert path.name in page, f"{part} is not on the architecture page"
+
+
+def test_no_file_speaks_of_the_machine_it_was_made_on() -> None:
+    for path in [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("rules/**/*.yaml")]:
+        assert str(ROOT) not in path.read_text(encoding="utf-8")

@@ -1,0 +1,105 @@
+"""What is in the wheel: every package and data file; and that it works from there."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+from ariac_score.contracts import GROUPS
+from ariac_score.logmap import log_map_names
+from ariac_score.ruleset import rule_set_names
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """The wheel of a copy of the checkout, so that building leaves nothing behind in it."""
+    files = subprocess.run(
+        ["git", "ls-files", "-co", "--exclude-standard"],  # noqa: S607  # git is what made the checkout
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if files.returncode:
+        pytest.skip("not a git checkout, so which files belong to it is not known")
+    copy, out = tmp_path_factory.mktemp("checkout"), tmp_path_factory.mktemp("wheel")
+    for name in files.stdout.splitlines():
+        if (ROOT / name).is_file():
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            (copy / name).write_bytes((ROOT / name).read_bytes())
+    command = [sys.executable, "-c", _BUILD, str(out)]
+    subprocess.run(command, cwd=copy, check=True, capture_output=True)  # our own command
+    (path,) = out.glob("*.whl")
+    return zipfile.ZipFile(path)
+
+
+# Built with the setuptools of this environment: the tests need no network.
+_BUILD = "import sys, setuptools.build_meta as b; b.build_wheel(sys.argv[1])"
+
+
+def _tree(folder: str, pattern: str) -> set[str]:
+    return {
+        p.relative_to(ROOT / folder).as_posix()
+        for p in (ROOT / folder).rglob(pattern)
+        if "egg-info" not in str(p)
+    }
+
+
+def test_the_wheel_holds_every_module_and_data_file(wheel: zipfile.ZipFile) -> None:
+    names = set(wheel.namelist())
+    wanted = {
+        f"ariac_score/{p}"
+        for p in _tree("ariac_score", "*.py") | _tree("ariac_score", "*.msg") | {"py.typed"}
+    }
+    wanted |= {f"ariac_score/rules/{p}" for p in _tree("rules", "*.yaml") | {"__init__.py"}}
+    wanted |= {f"ariac_score/schemas/{p}" for p in _tree("schemas", "*.json") | {"__init__.py"}}
+    wanted |= _tree("plugins", "*.py") | {"ariac_score_kitting/py.typed", "ariac_score_standards/py.typed"}
+
+    assert wanted - names == set()
+    assert {n for n in names - wanted if ".dist-info/" not in n} == set()
+
+
+def test_the_wheel_scores_a_trial_from_anywhere(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    wheel.extractall(site)
+    example = ROOT / "examples/kitting_near_miss.mcap"
+    command = (
+        "import sys; sys.path.insert(0, sys.argv.pop(1)); from ariac_score.cli import main; sys.exit(main())"
+    )
+    arguments = ["score", str(example), "--rules", "paper2020", "--output-format", "json"]
+
+    done = subprocess.run(  # our own command
+        [sys.executable, "-P" if sys.version_info >= (3, 11) else "-s", "-c", command, str(site), *arguments],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert done.returncode == 0, done.stderr
+    assert '"score": 19.761677' in done.stdout
+
+
+def test_every_entry_point_of_ours_can_be_loaded() -> None:
+    ours = [
+        point
+        for group in GROUPS
+        for point in entry_points(group=group)
+        if point.dist and point.dist.name == "ariac-score"
+    ]
+
+    assert len(ours) >= 20
+    for point in ours:
+        assert point.load().__doc__, point.name
+
+
+def test_shipped_data_is_found_where_the_package_is_installed() -> None:
+    assert {"paper2020", "ariac2022.as_coded"} <= set(rule_set_names())
+    assert {"ariac2020", "ariac2022", "ariac2023"} <= set(log_map_names())
