@@ -422,6 +422,17 @@ def bundle_with_two_trials(folder: Path) -> list[str]:
 
 
 @case
+def bundle_yaml_that_names_the_parts(folder: Path) -> list[str]:
+    _state_log(folder, 200, "</gazebo_log>\n")
+    (folder / "trial/state.log").rename(folder / "trial/motion.log")
+    shutil.copyfile(folder / "trial/trial.yaml", folder / "trial/another_trial.yaml")
+    (folder / "trial/bundle.yaml").write_text(
+        "id: run_3\nlogs: [motion.log]\ntrial_config: trial.yaml\nofficial: performance.log\n"
+    )
+    return _score("trial", "ariac2022.as_coded")
+
+
+@case
 def bundle_yaml_with_a_misspelt_key(folder: Path) -> list[str]:
     _mcap(folder)
     (folder / "bundle.yaml").write_text("log: [trial.mcap]\n")

@@ -90,7 +90,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
         return ["", "Give --rules (or --log-map) to see orders, entities and which checks could be decided."]
     mapping = load_log_map(name, beside=Path(rule_set.file).parent if rule_set else None)
     try:
-        with progress_bar("reading") as progress:
+        with progress_bar(arguments.path) as progress:
             trial = read_trial(bundle, readers, mapping, registry, quantities=QUANTITIES, progress=progress)
     except NothingToScoreError as error:
         return ["", f"As a trial: {error.cause} — {error.hint}"]

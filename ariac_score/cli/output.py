@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 
 from ariac_score.errors import UsageError
+from ariac_score.report.style import plain
 
 __all__ = ["progress_bar", "write"]
 
@@ -44,10 +45,19 @@ def write(text: str, file: Path | None) -> None:
         ) from cause
 
 
+LONG_LOG_BYTES = 16_000_000
+"""Below this a log is read before a bar could be drawn."""
+
+
+def _bytes_below(path: Path) -> int:
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file())
+
+
 @contextmanager
-def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
-    """A bar on stderr, on a terminal only, and gone when done."""
-    if not sys.stderr.isatty():
+def progress_bar(path: Path) -> Iterator[Callable[[float], None]]:
+    """A bar on stderr for a long log, on a terminal only, and gone when done."""
+    if not sys.stderr.isatty() or _bytes_below(path) < LONG_LOG_BYTES:
         yield lambda _done: None
         return
     # Imported here: rich takes longer to import than most trials to score.
@@ -55,5 +65,5 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
     from rich.progress import Progress  # noqa: PLC0415
 
     with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=1.0)
+        task = progress.add_task(f"reading {plain(path.name)}", total=1.0)
         yield lambda done: progress.update(task, completed=done)

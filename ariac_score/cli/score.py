@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ariac_score.report.text import score_text  # noqa: PLC0415
     from ariac_score.result_json import as_json  # noqa: PLC0415
 
-    with progress_bar(f"reading {arguments.path.name}") as progress:
+    with progress_bar(arguments.path) as progress:
         result = score_trial(arguments.path, arguments.rules, log_map=arguments.log_map, progress=progress)
     if arguments.output_format == "json":
         write(as_json(result), arguments.output)

@@ -18,6 +18,7 @@ from ariac_score.logs.transforms import ModelPoses, TransformTree, times_s
 from ariac_score.logs.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, FieldMap
+from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
 __all__ = ["LARGEST_CLOCK_DIFFERENCE_S", "Gathering"]
@@ -225,7 +226,7 @@ class _Intake:
     def _settle_signals(self, builder: TrialBuilder, origin_ns: int) -> None:
         for column in self._columns:
             if column.stamps_ns:
-                values = np.frombuffer(column.values, dtype=np.float64)
+                values: FloatArray = np.frombuffer(column.values, dtype=np.float64)
                 if len(column.getters) > 1:
                     values = values.reshape(-1, len(column.getters))
                 t = times_s(column.stamps_ns, origin_ns)

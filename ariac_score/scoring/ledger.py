@@ -76,9 +76,7 @@ def rounded(value: Number, digits: int) -> Decimal:
         FormulaError: So large that float64 no longer knows its whole points.
     """
     if abs(value) > LARGEST_INTEGER:
-        raise FormulaError(
-            f"{value:.6g} is too large to be a score", hint="check the weights of the formulas"
-        )
+        raise FormulaError("the result is too large to be a score", hint="check the weights of the formulas")
     number = Decimal(repr(float(value))) if isinstance(value, float) else Decimal(value)
     return number.quantize(Decimal(1).scaleb(-digits), rounding=ROUND_HALF_EVEN) + Decimal(0)
 
@@ -257,13 +255,14 @@ def reconcile(ledger: Ledger, score: Decimal, *, digits: int) -> None:
         ResultError: Naming the first line that does not add up.
     """
     unit = Decimal(1).scaleb(-digits)
+    for line in ledger.walk():  # first, because numbers that are none cannot be added up
+        if not line.amount.is_finite() or abs(line.amount) > LARGEST_INTEGER:
+            raise ResultError(f"amount {line.amount} is no score", place=line.path, hint=_FORGED)
     if ledger.amount != score:
         raise ResultError(
             f"the ledger adds up to {ledger.amount}, the score is {score}", place=ledger.path, hint=_FORGED
         )
     for line in ledger.walk():
-        if not line.amount.is_finite() or abs(line.amount) > LARGEST_INTEGER:
-            raise ResultError(f"amount {line.amount} is no score", place=line.path, hint=_FORGED)
         if line.amount != line.amount.quantize(unit):
             raise ResultError(
                 f"amount {line.amount} has more than {digits} decimals", place=line.path, hint=_FORGED

@@ -17,6 +17,17 @@ def kitting_tasks(order: Order) -> Iterator[tuple[str, Task]]:
             yield f"{order.id}/{task.id}", task
 
 
+def not_kits(order: Order) -> Iterator[Finding]:
+    """For each task of another kind that a rule about kits does not judge it.
+
+    Said rather than passed over, so that a formula about the task has an answer and
+    `kitting.only_kitting` is what withholds the score.
+    """
+    for task in order.tasks:
+        if task.kind != "kitting":
+            yield Finding.not_applicable(f"{order.id}/{task.id}", f"a task of kind {task.kind} is not a kit")
+
+
 def claimed(trial: Trial, order: Order, task: Task) -> Submission | None:
     """The first submission of the task's type since the order (or its update) was announced.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Order, Product, Task, Trial
-from ariac_score_kitting.claims import EMPTY_KIT, NOT_SUBMITTED, claimed, kitting_tasks, undecidable
+from ariac_score_kitting.claims import EMPTY_KIT, NOT_SUBMITTED, claimed, kitting_tasks, not_kits, undecidable
 
 
 def base_type(product_type: str) -> str:
@@ -49,6 +49,7 @@ class Presence:
         """One finding for each wanted product of each kitting task."""
         clause = "ARIAC scoring, product presence"
         key = base_type if self.compare == "type" else _full_type
+        yield from not_kits(order)
         for subject, task in kitting_tasks(order):
             if not task.products:
                 yield Finding.not_applicable(subject, EMPTY_KIT, clause=clause)
@@ -100,6 +101,7 @@ def _each_tray(
     fine: str,
 ) -> Iterator[Finding]:
     """One finding for each kitting task: what `faults` finds on its tray, in words, violates."""
+    yield from not_kits(order)
     for subject, task in kitting_tasks(order):
         submission = claimed(trial, order, task)
         unknown = undecidable(trial, submission, subject, clause)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Limit, Order, Submission, Task, Trial
-from ariac_score_kitting.claims import NOT_SUBMITTED, claimed, kitting_tasks
+from ariac_score_kitting.claims import NOT_SUBMITTED, claimed, kitting_tasks, not_kits
 
 
 def _unwitnessed(trial: Trial, submission: Submission | None) -> bool:
@@ -28,6 +28,7 @@ class Submitted:
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each kitting task."""
+        yield from not_kits(order)
         for subject, task in kitting_tasks(order):
             submission = claimed(trial, order, task)
             if _unwitnessed(trial, submission):
@@ -55,6 +56,7 @@ class Destination:
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each kitting task."""
         clause = "ARIAC scoring, destination"
+        yield from not_kits(order)
         for subject, task in kitting_tasks(order):
             submission = claimed(trial, order, task)
             if _unwitnessed(trial, submission):

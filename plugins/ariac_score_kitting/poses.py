@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Limit, Order, Pose, Product, Task, Trial, WantedProduct
-from ariac_score_kitting.claims import EMPTY_KIT, NOT_SUBMITTED, claimed, kitting_tasks, undecidable
+from ariac_score_kitting.claims import EMPTY_KIT, NOT_SUBMITTED, claimed, kitting_tasks, not_kits, undecidable
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,7 @@ class KitPose:
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each wanted product of each kitting task."""
         clause = "ARIAC scoring, product pose"
+        yield from not_kits(order)
         for subject, task in kitting_tasks(order):
             submission = claimed(trial, order, task)
             if not task.products:
@@ -221,6 +222,7 @@ class TrayRight:
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each kitting task."""
         clause = "ARIAC 2022 scoring, movable tray"
+        yield from not_kits(order)
         for subject, task in kitting_tasks(order):
             submission = claimed(trial, order, task)
             if task.tray is None:

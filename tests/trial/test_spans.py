@@ -154,7 +154,7 @@ def test_the_episode_of_w1_7_does_not_depend_on_the_log_rate() -> None:
         for t, d in (approach(rate) for rate in (10, 50, 100, 200))
     ]
 
-    assert lengths == pytest.approx([4.0] * 4, abs=0.1)  # one sample at the lowest rate
+    assert lengths == pytest.approx([4.0] * 4, abs=0.1 + 1e-9)  # one sample at the lowest rate
 
 
 @LAWFUL
@@ -186,9 +186,7 @@ def test_without_bridging_episodes_last_as_long_as_the_condition_holds(holds: li
 
 @LAWFUL
 @given(CONDITIONS, st.integers(0, 8), st.integers(0, 8))
-def test_episodes_are_apart_by_t_off_and_last_at_least_t_on(
-    holds: list[bool], t_on: int, t_off: int
-) -> None:
+def test_episodes_are_apart_by_t_off_and_last_at_least_t_on(holds: list[bool], t_on: int, t_off: int) -> None:
     t = np.arange(len(holds), dtype=float)
 
     found = episodes_where(t, np.array(holds), t_on_s=float(t_on), t_off_s=float(t_off))

@@ -1,0 +1,591 @@
+"""From a trial to a result: what a broken check does, what an undecided one does, and what a score obeys."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from decimal import Decimal
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ariac_score import (
+    Body,
+    Event,
+    Measured,
+    Order,
+    Result,
+    RuleSet,
+    ScoreError,
+    Signal,
+    Trial,
+    Verdict,
+    as_json,
+    load_result,
+    load_rule_set,
+    measure_trial,
+    price_trial,
+)
+from ariac_score.engine import decidable
+from ariac_score.errors import PluginError
+from ariac_score.logmap import load_log_map
+from ariac_score.registry import Plugin, Registry, _installed
+from ariac_score.result import Provenance
+from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, kitting_trial
+
+LAWS = settings(max_examples=50, derandomize=True, deadline=None)
+REGISTRY = Registry()
+PAPER = load_rule_set("paper2020")
+PAPER_CHECKS = PAPER.build(REGISTRY)
+TRIAL = kitting_trial()
+
+# order_0: 3 types, 2 colours, 2 poses, no bonus for one of the wrong colour = 7.
+# order_1: 2 types, 2 colours, 1 pose, bonus 2 = 7, times 3.
+TASK = 7 + 3 * 7
+# The near miss is a triangle, 2.4 s wide: mean depth is half of the deepest one.
+NEAR_MISS_DEMERITS = 0.4 * (1 + 2.4 * (0.8 * 1.2) / 2 / NEAR_MISS.required_m / 5)
+WINDOW_S = 38.0 - 0.5  # of the competition in the example
+
+
+def provenance(rule_set: RuleSet) -> Provenance:
+    return Provenance((), (), (rule_set.id, rule_set.sha256), ("ariac2020", "0" * 64), ())
+
+
+def measured(trial: Trial, rule_set: RuleSet = PAPER, registry: Registry = REGISTRY) -> Measured:
+    checks = PAPER_CHECKS if rule_set is PAPER else rule_set.build(registry)
+    return measure_trial(trial, checks, registry=registry, rule_set=rule_set)
+
+
+def priced(trial: Trial, rule_set: RuleSet = PAPER, registry: Registry = REGISTRY) -> Result:
+    return price_trial(measured(trial, rule_set, registry), rule_set, provenance(rule_set))
+
+
+def score(trial: Trial, rule_set: RuleSet = PAPER) -> float:
+    result = priced(trial, rule_set)
+    assert result.score is not None
+    return float(result.score)
+
+
+def without(trial: Trial, *names: str) -> Trial:
+    return replace(trial, signals={n: s for n, s in trial.signals.items() if n not in names})
+
+
+def keeping_apart(trial: Trial, distance_m: Any) -> Trial:
+    """The trial with another course of the distance, and both at the robot's pace all the time."""
+    t = trial.signals["speed/human"].t
+    pace = np.full(len(t), NEAR_MISS.robot_speed_m_s)
+    columns = {"centre_distance/robot/human": ("m", distance_m), "speed/human": ("m/s", pace)}
+    changed = {n: Signal(n, unit, t, np.broadcast_to(v, len(t))) for n, (unit, v) in columns.items()}
+    return replace(trial, signals={**trial.signals, **changed})
+
+
+SCORE = score(TRIAL)
+
+
+# The paper's score ---------------------------------------------------------------------
+
+
+def test_the_example_scores_what_hand_arithmetic_says() -> None:
+    result = priced(TRIAL)
+
+    assert result.status == "scored"
+    assert float(result.score or 0) == pytest.approx(TASK / (1 + NEAR_MISS_DEMERITS), abs=1e-3)
+    assert result.possible == Decimal(3 * 4 + 3 * 2 * 4)  # n products are worth 4 n, the second order 3 times
+
+
+def test_without_a_near_miss_the_score_is_the_task() -> None:
+    assert score(keeping_apart(TRIAL, 9.0)) == TASK
+
+
+def test_an_arm_collision_zeroes_the_score() -> None:
+    result = priced(replace(TRIAL, events=(*TRIAL.events, Event(30.0, "arm_collision"))))
+
+    assert (result.status, result.score) == ("scored", 0)
+
+
+@pytest.mark.parametrize(("closest_m", "gated"), [(0.5, True), (float(np.nextafter(0.5, 1.0)), False)])
+def test_touching_the_human_gates_the_score_to_zero(closest_m: float, gated: bool) -> None:
+    distance = np.full(len(TRIAL.signals["speed/human"].t), 9.0)
+    distance[2000] = closest_m
+
+    result = priced(keeping_apart(TRIAL, distance))
+
+    assert result.status == "scored"
+    assert (result.score == 0) is gated
+
+
+@pytest.mark.parametrize("event", ["order_announced", "part_dropped", "anything"])
+def test_events_that_no_check_asks_for_cost_nothing(event: str) -> None:
+    assert score(replace(TRIAL, events=(*TRIAL.events, Event(30.0, event)))) == score(TRIAL)
+
+
+# The same answer again -----------------------------------------------------------------
+
+
+def test_the_same_trial_measured_twice_gives_the_same_bytes() -> None:
+    assert as_json(priced(kitting_trial())) == as_json(priced(kitting_trial()))
+
+
+def test_the_order_of_signals_bodies_and_events_changes_no_byte() -> None:
+    shuffled = replace(
+        TRIAL,
+        signals=dict(sorted(TRIAL.signals.items(), reverse=True)),
+        bodies=TRIAL.bodies[::-1],
+        events=TRIAL.events[::-1],
+    )
+    # Coverage repeats the signals as the trial holds them, which readers sort.
+    first, second = (replace(priced(t).measured, coverage=()) for t in (TRIAL, shuffled))
+
+    assert second == first
+
+
+def test_a_stored_result_comes_back_whole(tmp_path: Path) -> None:
+    file = tmp_path / "result.json"
+    file.write_text(as_json(priced(TRIAL)), encoding="utf-8")
+
+    assert as_json(load_result(file)) == file.read_text(encoding="utf-8")
+
+
+def test_old_findings_are_priced_again_without_their_log(tmp_path: Path) -> None:
+    file = tmp_path / "result.json"
+    file.write_text(as_json(priced(TRIAL)), encoding="utf-8")
+    stored = load_result(file)
+
+    assert price_trial(stored.measured, PAPER, stored.provenance).score == priced(TRIAL).score
+
+
+# Undecided -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SNAPSHOT_SIGNALS)
+def test_a_deleted_signal_of_the_human_withholds_the_score(name: str) -> None:
+    result = priced(without(TRIAL, name))
+
+    assert (result.status, result.score, result.ledger) == ("incomplete", None, None)
+    assert "separation" in {assumption.check for assumption in result.assumptions}
+    assert any(name in assumption.message for assumption in result.assumptions)
+
+
+def test_a_trial_recorded_without_the_human_withholds_the_score() -> None:
+    assert priced(kitting_trial(human=False)).status == "incomplete"
+
+
+def test_a_withheld_result_has_no_score_in_its_json_either() -> None:
+    data = json.loads(as_json(priced(kitting_trial(human=False))))
+
+    assert (data["status"], data["score"], data["ledger"]) == ("incomplete", None, None)
+    assert data["assumptions"]
+
+
+@pytest.mark.parametrize("witness", ["submissions", "arm_collision"])
+def test_a_log_that_promises_less_withholds_the_score(witness: str) -> None:
+    trial = replace(TRIAL, submissions=(), witnessed=TRIAL.witnessed - {witness})
+
+    assert priced(trial).status == "incomplete"
+
+
+@given(st.sets(st.sampled_from([*SNAPSHOT_SIGNALS, "position/human", "position/robot"]), min_size=1))
+@LAWS
+def test_deleting_signals_never_raises_the_score(names: set[str]) -> None:
+    result = priced(without(TRIAL, *names))
+
+    assert result.score is None or float(result.score) <= SCORE
+
+
+@given(start=st.integers(0, 3900), length=st.integers(1, 400))
+@LAWS
+def test_cutting_a_hole_never_raises_the_score(start: int, length: int) -> None:
+    kept = np.ones(len(TRIAL.signals["speed/human"].t), dtype=bool)
+    kept[start : start + length] = False
+    holed = {n: Signal(n, s.unit, s.t[kept], s.values[kept]) for n, s in TRIAL.signals.items()}
+
+    result = priced(replace(TRIAL, signals=holed))
+
+    # Holes of up to 0.05 s are allowed. Four samples at the deepest moment are 0.04 s of 0.96/5.46
+    # relative depth, and a second of that is worth 28 * 0.4 / 5 / 1.42**2 = 1.1 points: below 0.01.
+    assert result.score is None or float(result.score) <= SCORE + 0.01
+
+
+def paper_with(folder: Path, **policies: str) -> RuleSet:
+    """The paper's rule set with other policies for some checks."""
+    data = yaml.safe_load(Path(PAPER.file).read_text(encoding="utf-8"))
+    for check, policy in policies.items():
+        group = "rules" if check in data["rules"] else "monitors"
+        data[group][check]["on_inconclusive"] = policy
+    file = folder / "paper.yaml"
+    file.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+    return load_rule_set(str(file))
+
+
+BLIND = without(TRIAL, *SNAPSHOT_SIGNALS)
+
+
+@pytest.mark.parametrize(
+    ("separation", "expected"),
+    [
+        ("zero", 0.0),
+        # one violation at full depth for all of the competition: 0.4 (1 + 37.5 / 5) = 3.4
+        ("worst_case", TASK / (1 + 0.4 * (1 + WINDOW_S / 5))),
+        ("exclude", float(TASK)),
+    ],
+)
+def test_a_rule_set_may_say_what_an_undecided_check_counts_as(
+    separation: str, expected: float, tmp_path: Path
+) -> None:
+    rules = paper_with(tmp_path, separation=separation, human_contact="exclude")
+
+    result = priced(BLIND, rules)
+
+    assert result.status == "scored"
+    assert float(result.score or 0) == pytest.approx(expected, abs=1e-6)
+    assert {(a.check, a.policy) for a in result.assumptions} == {
+        ("separation", separation),
+        ("human_contact", "exclude"),
+    }
+
+
+def test_one_withheld_check_withholds_the_score_whatever_the_others_say(tmp_path: Path) -> None:
+    rules = paper_with(tmp_path, separation="zero")
+
+    result = priced(BLIND, rules)
+
+    assert {a.check: a.policy for a in result.assumptions} == {
+        "separation": "zero",
+        "human_contact": "withhold",
+    }
+    assert (result.status, result.score) == ("incomplete", None)
+
+
+@pytest.mark.parametrize("policy", ["withhold", "zero", "worst_case", "exclude"])
+def test_a_policy_changes_nothing_where_everything_is_decided(policy: str, tmp_path: Path) -> None:
+    rules = paper_with(tmp_path, **dict.fromkeys(PAPER.checks, policy))
+
+    result = priced(TRIAL, rules)
+
+    assert result.score == priced(TRIAL).score
+    assert result.assumptions == ()
+
+
+def test_a_check_that_is_not_priced_withholds_nothing() -> None:
+    orders = tuple(replace(order, announced_s=None) for order in TRIAL.orders)
+
+    result = priced(replace(TRIAL, orders=orders))  # leaves `order_time` undecided
+
+    assert {f.verdict for f in result.measured.of("order_time").values()} == {Verdict.INCONCLUSIVE}
+    assert result.score == priced(TRIAL).score
+
+
+def test_the_worst_case_of_an_unseen_contact_is_a_contact(tmp_path: Path) -> None:
+    rules = paper_with(tmp_path, separation="worst_case", human_contact="worst_case")
+
+    assert score(BLIND, rules) == 0
+
+
+@pytest.mark.parametrize(
+    ("trial", "answer"),
+    [
+        (TRIAL, "can be decided"),
+        (BLIND, "undecided: signal"),
+        (kitting_trial(human=False), "undecided: the log"),
+    ],
+    ids=["whole", "blind", "no human"],
+)
+def test_a_trial_tells_which_checks_it_can_decide(trial: Trial, answer: str) -> None:
+    # Distances would be derived from the positions.
+    trial = without(trial, "position/human", "position/robot")
+    answers = dict(decidable(trial, PAPER, load_log_map("ariac2020"), REGISTRY))
+
+    assert answers["separation"].startswith(answer)
+    assert answers["part_pose"] == "can be decided"
+    assert list(answers) == list(PAPER.checks)
+
+
+# More violations -----------------------------------------------------------------------
+
+THIN = replace(
+    TRIAL, signals={n: Signal(n, s.unit, s.t[::4], s.values[::4]) for n, s in TRIAL.signals.items()}
+)
+"""The example at 25 Hz: 0.04 s between samples are allowed, and laws need many trials."""
+
+
+def course(*dips: tuple[float, float, float]) -> Any:
+    """9 m apart, but for dips (when, half their width, closest); 4.35 m are required at this pace."""
+    t = THIN.signals["speed/human"].t
+    distance = np.full(len(t), 9.0)
+    for when_s, half_s, closest_m in dips:
+        distance = np.minimum(distance, closest_m + (9.0 - closest_m) * np.abs(t - when_s) / half_s)
+    return distance
+
+
+dips = st.tuples(st.floats(2.0, 16.0), st.floats(0.1, 3.0), st.floats(0.0, 4.3))
+
+
+@given(dips, st.floats(0.0, 1.0))
+@LAWS
+def test_coming_closer_never_raises_the_score(dip: tuple[float, float, float], share: float) -> None:
+    when_s, half_s, closest_m = dip
+    closer = (when_s, half_s, closest_m * share)
+
+    assert score(keeping_apart(THIN, course(closer))) <= score(keeping_apart(THIN, course(dip)))
+
+
+@given(dips, st.floats(1.0, 3.0))
+@LAWS
+def test_staying_close_for_longer_never_raises_the_score(
+    dip: tuple[float, float, float], factor: float
+) -> None:
+    when_s, half_s, closest_m = dip
+    longer = (when_s, half_s * factor, closest_m)
+
+    assert score(keeping_apart(THIN, course(longer))) <= score(keeping_apart(THIN, course(dip)))
+
+
+@given(dips, st.floats(22.0, 36.0))
+@LAWS
+def test_one_more_near_miss_never_raises_the_score(dip: tuple[float, float, float], when_s: float) -> None:
+    # The second is at least a second after the first: closer ones would be one episode.
+    again = (when_s, 1.0, 4.0)
+
+    assert score(keeping_apart(THIN, course(dip, again))) <= score(keeping_apart(THIN, course(dip)))
+
+
+# Broken checks -------------------------------------------------------------------------
+
+Played = Callable[..., Result]
+
+
+@pytest.fixture
+def play(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+    """Score the example with one check whose methods are the source given."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before, number = set(sys.modules), count()
+
+    def with_check(body: str, *, group: str = "monitors", trial: Trial = TRIAL) -> Result:
+        head = "from ariac_score import *\n\nclass Check:\n    def needs(self):\n        return ()\n"
+        method = "watch(self, trial)" if group == "monitors" else "judge(self, trial, order)"
+        lines = "".join(f"        {line}\n" for line in body.splitlines())
+        module = f"stranger_check_{next(number)}"  # a module of its own, for Python remembers them
+        (tmp_path / f"{module}.py").write_text(f"{head}    def {method}:\n{lines}", encoding="utf-8")
+        stranger = Plugin("odd.check", f"ariac_score.{group}", f"{module}:Check", "odd-rules", "6.6")
+        monkeypatch.setattr("ariac_score.registry._installed", lambda: iter([*_installed(), stranger]))
+        file = tmp_path / "odd.yaml"
+        file.write_text(
+            f"{{id: odd, title: odd, source: test, log_map: ariac2020, "
+            f"{group}: {{oddity: {{use: odd.check}}}}, score: holds(oddity)}}",
+            encoding="utf-8",
+        )
+        result = priced(trial, load_rule_set(str(file)), Registry())
+        as_json(result)
+        return result
+
+    yield with_check
+    for name in set(sys.modules) - before:
+        if name.startswith("stranger_"):
+            del sys.modules[name]
+
+
+def test_a_sound_check_of_a_stranger_is_priced(play: Played) -> None:
+    assert play("yield Finding.satisfied('trial', 'fine')").score == 1
+    assert play("yield Finding.violated('trial', 'not fine')").score == 0
+
+
+BROKEN = {
+    "raises": ("raise RuntimeError('out of cheese')", "raised RuntimeError: out of cheese"),
+    "raises after speaking": (
+        "yield Finding.satisfied('t', 'x')\n{}['order']",
+        "raised KeyError: 'order'",
+    ),
+    "divides by zero": ("yield 1 / 0", "raised ZeroDivisionError"),
+    "exhausts the stack": (
+        "return self.watch(trial) if hasattr(self, 'watch') else self.judge(trial, order)",
+        "RecursionError",
+    ),
+    "returns no iterable": ("return Finding.satisfied('t', 'x')", "raised TypeError"),
+    "returns nothing": ("pass", "raised TypeError"),
+    "yields a word": ("yield 'satisfied'", "yields a str instead of a Finding"),
+    "yields nothing at all": ("yield None", "yields a NoneType instead of a Finding"),
+    "yields a verdict": ("yield Verdict.SATISFIED", "yields a Verdict instead of a Finding"),
+    "yields NaN": (
+        "yield Finding('t', Verdict.VIOLATED, 'x', quantities={'depth_m': float('nan')})",
+        "yields a number that is none: nan",
+    ),
+    "yields infinity": (
+        "yield Finding('t', Verdict.VIOLATED, 'x', robustness=float('-inf'), unit='m')",
+        "yields a number that is none: -inf",
+    ),
+    "sets a field": ("trial.id = 'mine'\nyield", "raised FrozenInstanceError"),
+    "adds a signal": ("trial.signals['mine'] = None\nyield", "raised TypeError"),
+    "moves the human away": (
+        "trial.signals['centre_distance/robot/human'].values[:] = 99.0\nyield",
+        "raised ValueError: assignment destination is read-only",
+    ),
+    "stretches time": ("trial.signals['speed/human'].t[0] = -1.0\nyield", "raised ValueError"),
+}
+
+
+@pytest.mark.parametrize("group", ["rules", "monitors"])
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_check_stops_the_score_and_is_named_in_full(play: Played, name: str, group: str) -> None:
+    body, words = BROKEN[name]
+
+    with pytest.raises(PluginError) as error:
+        play(body, group=group)
+
+    said = str(error.value)
+    assert "check 'oddity'" in said
+    assert "plugin odd.check (odd-rules 6.6)" in said
+    assert words in said
+    assert "odd-rules" in error.value.hint
+
+
+def test_a_monitor_that_says_nothing_stops_the_score(play: Played) -> None:
+    with pytest.raises(PluginError, match=r"odd\.check \(odd-rules 6\.6\) says nothing"):
+        play("return ()")
+
+
+def test_a_rule_that_says_nothing_about_an_order_satisfies_nothing(play: Played) -> None:
+    result = play("return ()", group="rules")
+
+    assert [(f.subject, f.verdict) for f in result.measured.findings.values()] == [
+        ("order_0", Verdict.NOT_APPLICABLE),
+        ("order_1", Verdict.NOT_APPLICABLE),
+    ]
+
+
+def test_a_missing_signal_is_undecided_and_no_fault_of_the_plugin(play: Played) -> None:
+    result = play("trial.signal('force/robot', unit='N')\nyield")
+
+    (finding,) = result.measured.findings.values()
+    assert (finding.subject, finding.verdict) == ("force/robot", Verdict.INCONCLUSIVE)
+    assert result.status == "incomplete"
+
+
+def test_what_was_said_before_a_signal_was_missed_stands(play: Played) -> None:
+    body = "yield Finding.violated('trial', 'seen')\ntrial.signal('force/robot', unit='N')"
+
+    found = {f.verdict for f in play(body).measured.findings.values()}
+
+    assert found == {Verdict.VIOLATED, Verdict.INCONCLUSIVE}
+
+
+def test_an_attempt_to_change_the_trial_leaves_it_as_it_was(play: Played) -> None:
+    before = as_json(priced(TRIAL))
+
+    with pytest.raises(PluginError):
+        play("for s in trial.signals.values():\n    s.values[:] = 0.0\nyield")
+
+    assert as_json(priced(TRIAL)) == before
+
+
+def test_a_check_knows_its_findings_by_its_name_in_the_rule_set(play: Played) -> None:
+    result = play("yield Finding('t', Verdict.SATISFIED, 'x', check='somebody_else')")
+
+    assert {key: f.check for key, f in result.measured.findings.items()} == {"oddity#1": "oddity"}
+
+
+def test_findings_are_numbered_by_subject_and_time_and_not_as_they_come(play: Played) -> None:
+    body = "\n".join(
+        f"yield Finding({subject!r}, Verdict.SATISFIED, 'x', span=Span({start_s}, 9.0))"
+        for subject, start_s in (("b", 1.0), ("a", 5.0), ("a", 2.0))
+    )
+
+    found = [(f.subject, f.span and f.span.start_s) for f in play(body).measured.findings.values()]
+
+    assert found == [("a", 2.0), ("a", 5.0), ("b", 1.0)]
+
+
+FAULTS = {
+    "a number that is a word": (
+        "yield Finding('t', Verdict.VIOLATED, 'x', quantities={'depth_m': 'deep'})",
+        "measure_trial catches ValueError only",
+    ),
+    "evidence that is no number": (
+        "yield Finding('t', Verdict.VIOLATED, 'x', evidence=(Sample('s', 0.0, float('nan'), 'm'),))",
+        "evidence is not settled, so that as_json fails with a bare ValueError",
+    ),
+    "a span without end": (
+        "yield Finding('t', Verdict.VIOLATED, 'x', span=Span(0.0, float('inf')))",
+        "spans are not settled, so that as_json fails with a bare ValueError",
+    ),
+    "a verdict that is a word": (
+        "yield Finding('t', 'violated', 'x')",
+        "a str is no Verdict: the violation is scored as kept, as_json fails with AttributeError",
+    ),
+    "a subject that is a number": (
+        "yield Finding(1, Verdict.VIOLATED, 'x')\nyield Finding('t', Verdict.VIOLATED, 'x')",
+        "sorting the findings fails with a bare TypeError",
+    ),
+    "an error of ours": ("raise ScoreError('odd')", "ScoreErrors pass through without the check's name"),
+    "an exit": ("raise SystemExit(0)", "SystemExit passes through: exit code 0 without a score"),
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.xfail(strict=True, reason=why)) for n, (_, why) in FAULTS.items()],
+)
+def test_a_fault_in_what_a_check_says_is_named_in_full(play: Played, name: str) -> None:
+    try:
+        play(FAULTS[name][0])
+    except BaseException as error:  # noqa: BLE001  # SystemExit is one of the faults
+        caught: BaseException | None = error
+    else:
+        caught = None
+
+    assert isinstance(caught, PluginError)
+    assert "odd-rules 6.6" in str(caught)
+
+
+@pytest.mark.xfail(strict=True, raises=PluginError, reason="without orders every rule is blamed for silence")
+def test_a_trial_before_its_first_order_scores_nothing_and_blames_no_plugin() -> None:
+    assert score(replace(TRIAL, orders=(), submissions=())) == 0
+
+
+# Coverage and scopes -------------------------------------------------------------------
+
+
+def test_the_result_repeats_how_much_of_the_competition_each_signal_covers() -> None:
+    t = np.array([0.5, 1.0, 3.0, 3.5])
+    signal = Signal("speed/robot", "m/s", t, np.zeros(4))
+
+    (coverage,) = measured(
+        replace(TRIAL, signals={signal.name: signal}, bodies=(Body("robot", "robot"),))
+    ).coverage
+
+    assert (coverage.signal, coverage.samples) == ("speed/robot", 4)
+    assert coverage.rate_hz == pytest.approx(1.0)  # three steps in 3 s
+    assert coverage.largest_gap_s == pytest.approx(38.0 - 3.5)  # to the end of the competition
+
+
+def test_every_wanted_product_is_a_scope_handed_in_or_not() -> None:
+    scopes = measured(replace(TRIAL, submissions=())).scopes
+
+    assert [scope.path for scope in scopes.each("part")] == [
+        *(f"order_0/order_0_shipment_0/part_{i}" for i in range(3)),
+        *(f"order_1/order_1_shipment_0/part_{i}" for i in range(2)),
+    ]
+    assert dict(scopes.facts) == {"duration_s": WINDOW_S, "orders": 2}
+
+
+def test_the_first_order_announced_is_the_first_whatever_its_name() -> None:
+    second, first = Order("a_late_one", announced_s=9.0), Order("z_early_one", announced_s=1.0)
+
+    scopes = measured(replace(TRIAL, orders=(first, second))).scopes
+
+    assert {scope.path: scope.facts["index"] for scope in scopes.each("order")} == {
+        "z_early_one": 0,
+        "a_late_one": 1,
+    }
+
+
+def test_a_plugin_error_is_an_error_of_ours() -> None:
+    assert issubclass(PluginError, ScoreError)
+    assert PluginError("x").exit_code == 3

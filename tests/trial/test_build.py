@@ -1,0 +1,359 @@
+"""One trial from what readers find, and one from several logs; updates as in the rulebook of 2019."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ariac_score.errors import LogError
+from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder, merge_trials, settle_orders
+from ariac_score.trial.events import ARM_COLLISION, COMPETITION_STARTED, ORDER_ANNOUNCED, WATCHING, Event
+from ariac_score.trial.model import (
+    Body,
+    LogDefect,
+    OfficialResult,
+    Order,
+    Product,
+    Submission,
+    Task,
+    TeamSetup,
+    Trial,
+)
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import Span
+
+FIRST, SECOND, THIRD = Task("first"), Task("second"), Task("third")
+
+
+def builder() -> TrialBuilder:
+    return TrialBuilder("t", file="t.bag", clock="log time")
+
+
+def signal(name: str = "speed/human", t: tuple[float, ...] = (0.0, 1.0)) -> Signal:
+    return Signal(name, "m/s", np.array(t), np.zeros(len(t)))
+
+
+def merged(*parts: Trial) -> Trial:
+    return merge_trials("whole", parts, file="bundle")
+
+
+# Orders --------------------------------------------------------------------------------
+
+
+def test_an_update_brings_its_tasks_and_start_and_leaves_id_and_priority() -> None:
+    old = Order("order_0", (FIRST,), announced_s=1.0, priority=3)
+    update = Order("order_0_update_0", (SECOND,), announced_s=9.0, priority=1, updates="order_0")
+
+    assert settle_orders([old, update]) == (Order("order_0", (SECOND,), announced_s=9.0, priority=3),)
+
+
+def test_the_last_update_wins() -> None:
+    orders = [
+        Order("a", (FIRST,), announced_s=1.0),
+        Order("a_update_0", (SECOND,), announced_s=2.0, updates="a"),
+        Order("a_update_1", (THIRD,), announced_s=3.0, updates="a"),
+    ]
+
+    assert settle_orders(orders) == (Order("a", (THIRD,), announced_s=3.0),)
+
+
+def test_an_update_announced_again_with_other_tasks_is_the_last_update() -> None:
+    # Rulebook, 3 Code: only the id of an announced *order* makes an update void.
+    orders = [
+        Order("a", (FIRST,), announced_s=1.0),
+        Order("a_update", (SECOND,), announced_s=2.0, updates="a"),
+        Order("a_update", (THIRD,), announced_s=3.0, updates="a"),
+    ]
+
+    assert settle_orders(orders) == (Order("a", (THIRD,), announced_s=3.0),)
+
+
+def test_an_update_with_the_id_of_an_announced_order_is_ignored() -> None:
+    orders = (Order("a", (FIRST,), announced_s=1.0), Order("b", (SECOND,), announced_s=2.0))
+    void = Order("b", (THIRD,), announced_s=3.0, updates="a")
+
+    assert settle_orders([*orders, void]) == orders
+
+
+@pytest.mark.parametrize("named", ["b", "a_update"])
+def test_an_update_that_names_no_announced_order_is_ignored(named: str) -> None:
+    order = Order("a", (FIRST,), announced_s=1.0)
+
+    assert settle_orders([order, Order("u", (SECOND,), updates=named)]) == (order,)
+
+
+def test_an_order_announced_twice_counts_as_announced_first() -> None:
+    again = Order("a", (SECOND,), announced_s=5.0)
+
+    assert settle_orders([Order("a", (FIRST,), announced_s=1.0), again]) == (
+        Order("a", (FIRST,), announced_s=1.0),
+    )
+
+
+def test_an_updated_order_keeps_its_place_among_the_orders() -> None:
+    orders = [Order("a"), Order("b"), Order("a_update", (FIRST,), updates="a")]
+
+    assert [order.id for order in settle_orders(orders)] == ["a", "b"]
+
+
+# Building ------------------------------------------------------------------------------
+
+
+def test_an_announced_order_makes_an_event_and_one_without_a_time_does_not() -> None:
+    found = builder()
+    found.add(Order("order_0", announced_s=4.0))
+    found.add(Order("order_1"))
+
+    assert found.build().events == (Event(4.0, ORDER_ANNOUNCED, "order_0"),)
+
+
+def test_what_the_recorder_watches_for_is_witnessed_and_no_event() -> None:
+    found = builder()
+    found.add(Event(0.0, WATCHING, ARM_COLLISION))
+
+    assert found.build().witnessed == {ARM_COLLISION}
+    assert found.build().events == ()
+
+
+def test_everything_comes_in_order_of_time_and_events_once() -> None:
+    found = builder()
+    for t_s in (5.0, 1.0, 5.0):
+        found.add(Event(t_s, ARM_COLLISION))
+        found.add(Submission("task", t_s))
+
+    trial = found.build()
+    assert [event.t_s for event in trial.events] == [1.0, 5.0]
+    assert [submission.submitted_s for submission in trial.submissions] == [1.0, 5.0, 5.0]
+
+
+def test_the_recording_spans_everything_with_a_time_unless_the_reader_knows_better() -> None:
+    found = builder()
+    found.add_signal("speed/human", "m/s", np.array([2.0, 3.0]), np.zeros(2))
+    found.add(Event(1.0, ARM_COLLISION))
+    found.add(Submission("task", 7.0))
+    assert found.build().recorded == Span(1.0, 7.0)
+
+    found.recorded = Span(0.0, 9.0)
+    assert found.build().recorded == Span(0.0, 9.0)
+    assert builder().build().recorded is None
+
+
+def test_samples_that_had_to_be_settled_are_counted_as_defects_of_their_signal() -> None:
+    found = builder()
+    t = np.array([0.0, 0.2, 0.1, 0.3, 0.3, 0.4])
+    found.add_signal("speed/human", "m/s", t, np.array([0.0, 1.0, 2.0, 3.0, 4.0, np.nan]))
+
+    trial = found.build()
+    assert trial.signals["speed/human"].t.tolist() == [0.0, 0.1, 0.2, 0.3]
+    assert trial.signals["speed/human"].values.tolist() == [0.0, 2.0, 1.0, 4.0]
+    assert [(d.kind, d.where, d.count) for d in trial.log_defects] == [
+        ("disordered_stamps", "speed/human", 1),
+        ("not_finite", "speed/human", 1),
+        ("repeated_stamps", "speed/human", 1),
+    ]
+
+
+def test_a_sound_signal_has_no_defects() -> None:
+    found = builder()
+    found.add_signal("speed/human", "m/s", np.array([0.0, 1.0]), np.zeros(2))
+
+    assert found.build().log_defects == ()
+
+
+def test_defects_of_one_kind_and_place_add_up() -> None:
+    found = builder()
+    for count in (2, 0, 3):
+        found.defect("cut", "/tf", count, "words")
+
+    assert found.build().log_defects == (LogDefect("cut", "/tf", 5, "words"),)
+
+
+def test_a_signal_without_a_usable_sample_is_absent() -> None:
+    found = builder()
+    found.add_signal("speed/human", "m/s", np.array([0.0, 1.0]), np.array([np.nan, np.inf]))
+    found.add_signal("speed/robot", "m/s", np.zeros(0), np.zeros(0))
+
+    assert dict(found.build().signals) == {}
+    assert [d.count for d in found.build().log_defects] == [2]
+
+
+def test_time_may_run_back_a_little_and_no_further() -> None:
+    back = LARGEST_STEP_BACK_S
+    builder().add_signal("s", "m", np.array([back, 0.0]), np.zeros(2))
+
+    with pytest.raises(LogError, match="time runs backwards by 1.000 s in signal 's'") as refused:
+        builder().add_signal("s", "m", np.array([np.nextafter(back, 2.0), 0.0]), np.zeros(2))
+    assert refused.value.file == "t.bag"
+    assert "two recordings" in refused.value.hint
+
+
+def test_a_signal_recorded_twice_is_refused() -> None:
+    found = builder()
+    found.add_signal("s", "m", np.zeros(1), np.zeros(1))
+
+    with pytest.raises(LogError, match="'s' is recorded twice") as refused:
+        found.add_signal("s", "m", np.ones(1), np.ones(1))
+    assert "log map" in refused.value.hint
+
+
+def test_the_links_of_a_body_seen_twice_are_joined() -> None:
+    found = builder()
+    found.add_body(Body("gantry", "robot", 0.3, ("torso",)))
+    found.add_body(Body("gantry", "robot", 0.3, ("hand", "torso")))
+
+    assert found.build().bodies == (Body("gantry", "robot", 0.3, ("hand", "torso")),)
+
+
+@pytest.mark.parametrize("other", [Body("gantry", "agv", 0.3), Body("gantry", "robot", 0.4)])
+def test_a_body_described_twice_differently_is_refused(other: Body) -> None:
+    known = Body("gantry", "robot", 0.3)
+    found = builder()
+    found.add_body(known)
+
+    with pytest.raises(LogError, match="'gantry' is described twice, differently"):
+        found.add_body(other)
+    with pytest.raises(LogError, match="'gantry' is described twice, differently") as refused:
+        merged(Trial("a", bodies=(known,)), Trial("b", bodies=(other,)))
+    assert refused.value.file == "bundle"
+
+
+# Merging -------------------------------------------------------------------------------
+
+
+def test_events_bodies_defects_and_witnesses_of_several_logs_add_up() -> None:
+    a = Trial(
+        "a",
+        events=(Event(2.0, ARM_COLLISION),),
+        bodies=(Body("r", "robot", links=("torso",)),),
+        witnessed=frozenset({"submissions"}),
+        log_defects=(LogDefect("cut", "b", 1, ""),),
+        recorded=Span(0.0, 5.0),
+    )
+    b = Trial(
+        "b",
+        events=(Event(1.0, COMPETITION_STARTED), Event(2.0, ARM_COLLISION)),
+        bodies=(Body("h", "human"), Body("r", "robot", links=("hand",))),
+        witnessed=frozenset({ARM_COLLISION}),
+        log_defects=(LogDefect("cut", "a", 1, ""),),
+        recorded=Span(1.0, 9.0),
+    )
+
+    whole = merged(a, b)
+
+    assert whole.id == "whole"
+    assert [event.t_s for event in whole.events] == [1.0, 2.0]
+    assert whole.bodies == (Body("h", "human"), Body("r", "robot", links=("hand", "torso")))
+    assert whole.witnessed == {"submissions", ARM_COLLISION}
+    assert [defect.where for defect in whole.log_defects] == ["a", "b"]
+    assert whole.recorded == Span(0.0, 9.0)
+
+
+ORDERS = (Order("a", (FIRST,), announced_s=1.0),)
+SUBMITTED = (Submission("task", 1.0, (Product("gear"),)),)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "what"),
+    [
+        (
+            Trial("a", orders=ORDERS),
+            Trial("b", orders=(Order("a", (SECOND,), announced_s=1.0),)),
+            "orders",
+        ),
+        (
+            Trial("a", submissions=SUBMITTED),
+            Trial("b", submissions=(Submission("task", 2.0, (Product("gear"),)),)),
+            "submissions",
+        ),
+        (Trial("a", team=TeamSetup("x")), Trial("b", team=TeamSetup("y")), "a team set-up"),
+        (
+            Trial("a", official=OfficialResult("a", 1.0, None)),
+            Trial("b", official=OfficialResult("a", 2.0, None)),
+            "an official result",
+        ),
+    ],
+)
+def test_two_logs_that_tell_one_thing_differently_are_refused(one: Trial, other: Trial, what: str) -> None:
+    with pytest.raises(LogError, match=f"2 logs hold {what}, and they differ") as refused:
+        merged(one, other)
+    assert refused.value.file == "bundle"
+    assert "one trial" in refused.value.hint
+
+
+def test_two_logs_that_tell_the_same_agree() -> None:
+    one = Trial("a", orders=ORDERS, submissions=SUBMITTED, team=TeamSetup("x"))
+    other = Trial("b", orders=ORDERS, submissions=SUBMITTED, team=TeamSetup("x"))
+
+    whole = merged(one, other)
+
+    assert (whole.orders, whole.submissions, whole.team) == (ORDERS, SUBMITTED, TeamSetup("x"))
+
+
+def test_two_logs_with_one_signal_are_refused_even_if_they_agree() -> None:
+    parts = [Trial(name, signals={"speed/human": signal()}) for name in "ab"]
+
+    with pytest.raises(LogError, match="two logs record the signal 'speed/human'"):
+        merged(*parts)
+
+
+def test_an_order_without_a_time_takes_it_from_its_first_announcement() -> None:
+    configured = Trial("a", orders=(Order("a", (FIRST,)), Order("b", (SECOND,))))
+    log = Trial("b", events=(Event(7.0, ORDER_ANNOUNCED, "a"), Event(3.0, ORDER_ANNOUNCED, "a")))
+
+    assert [(o.id, o.announced_s) for o in merged(configured, log).orders] == [("a", 3.0), ("b", None)]
+
+
+def test_a_configured_update_counts_only_if_it_was_announced() -> None:
+    configured = Trial("a", orders=(Order("a", (FIRST,)), Order("a_update", (SECOND,), updates="a")))
+    announced = Event(1.0, ORDER_ANNOUNCED, "a"), Event(6.0, ORDER_ANNOUNCED, "a_update")
+
+    (quiet,) = merged(configured, Trial("b", events=announced[:1])).orders
+    (updated,) = merged(configured, Trial("b", events=announced)).orders
+
+    assert (quiet.tasks, quiet.announced_s) == ((FIRST,), 1.0)
+    assert (updated.tasks, updated.announced_s) == ((SECOND,), 6.0)
+
+
+def test_orders_as_announced_stand_before_orders_as_configured() -> None:
+    configured = Trial("a", orders=(Order("a", (SECOND,)), Order("b", (THIRD,))))
+
+    assert merged(configured, Trial("b", orders=ORDERS)).orders == ORDERS
+
+
+def test_submissions_with_contents_stand_before_those_without() -> None:
+    text = Trial("a", submissions=(Submission("task", 30.0),))
+
+    assert merged(text, Trial("b", submissions=SUBMITTED)).submissions == SUBMITTED
+
+
+def test_a_log_on_another_clock_keeps_what_needs_no_time() -> None:
+    motion = Trial(
+        "bag", signals={"speed/human": signal()}, recorded=Span(0.0, 50.0), clock="log time, origin 7 ns"
+    )
+    text = Trial(
+        "text",
+        events=(Event(900.0, ARM_COLLISION), Event(800.0, COMPETITION_STARTED)),
+        submissions=(Submission("task", 950.0),),
+        recorded=Span(800.0, 950.0),
+        clock="simulated time",
+    )
+
+    whole = merged(motion, text)
+
+    assert whole.events == (Event(50.0, ARM_COLLISION),)
+    assert [s.submitted_s for s in whole.submissions] == [50.0]
+    assert whole.started_s is None
+    assert whole.recorded == Span(0.0, 50.0)
+    assert [(d.kind, d.where, d.count) for d in whole.log_defects] == [("other_clock", "text", 3)]
+
+
+def test_one_log_merges_to_itself() -> None:
+    alone = Trial("a", orders=ORDERS, signals={"speed/human": signal()}, recorded=Span(0.0, 1.0))
+
+    whole = merged(alone)
+
+    assert (whole.orders, dict(whole.signals), whole.recorded) == (
+        alone.orders,
+        dict(alone.signals),
+        alone.recorded,
+    )
