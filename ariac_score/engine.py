@@ -21,6 +21,7 @@ from ariac_score.errors import (
     ScoreError,
 )
 from ariac_score.findings import Finding, Verdict
+from ariac_score.guard import GuardedDecoder, broken, open_readers
 from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts
 from ariac_score.registry import Plugin, Registry, package_sha256
@@ -36,7 +37,7 @@ from ariac_score.trial.model import Order, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
 
-__all__ = ["decidable", "measure_trial", "open_readers", "price_trial", "read_trial", "score_trial"]
+__all__ = ["decidable", "find_trial", "measure_trial", "price_trial", "read_trial", "score_trial"]
 
 Progress = Callable[[float], None]
 
@@ -69,8 +70,7 @@ def score_trial(
     rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules)
     checks = rule_set.build(registry)
     mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
-    readers = open_readers(registry)
-    bundle = find_parts(path, readers)
+    bundle, readers = find_trial(path, registry)
     needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
     trial = read_trial(
         bundle, readers, mapping, registry, quantities=[need.quantity for need in needs], progress=progress
@@ -85,12 +85,22 @@ def score_trial(
 # Reading -------------------------------------------------------------------------------
 
 
-def open_readers(registry: Registry) -> dict[str, Reader]:
-    """Every installed reader, built, by name."""
-    return {
-        plugin.name: registry.find(plugin.group, plugin.name).build({})
-        for plugin in registry.all("ariac_score.readers")
-    }
+def find_trial(path: Path, registry: Registry) -> tuple[Bundle, dict[str, Reader]]:
+    """The parts of the trial at a path, and the readers that know them.
+
+    Raises:
+        NothingToScoreError: There is nothing, or no reader knows it; readers that
+            could not be loaded are named.
+        LogError: The parts contradict each other.
+    """
+    readers, problems = open_readers(registry)
+    try:
+        return find_parts(path, readers), readers
+    except NothingToScoreError as error:
+        if problems:
+            words = "; ".join(problem.cause for problem in problems)
+            error.hint = f"{error.hint}; these readers could not be asked: {words}"
+        raise
 
 
 def read_trial(
@@ -119,7 +129,8 @@ def read_trial(
     decoders = {}
     for name in sorted({channel.decoder for channel in log_map.channels if channel.decoder}):
         try:
-            decoders[name] = registry.find("ariac_score.decoders", name).build({})
+            plugin = registry.find("ariac_score.decoders", name)
+            decoders[name] = GuardedDecoder(plugin, plugin.build({}))
         except PluginError as error:
             raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
     if not any(part.role in ("log", "official") for part in bundle.parts):
@@ -179,7 +190,7 @@ def measure_trial(
             try:
                 findings[f"{name}#{number}"] = settled(replace(finding, check=name))
             except ValueError as cause:
-                raise _broken(plugin, name, f"yields a number that is none: {cause}") from cause
+                raise broken(plugin, f"yields a number that is none: {cause}", of=name) from cause
     return Measured(
         trial=trial.id,
         findings=findings,
@@ -211,16 +222,16 @@ def _ask(plugin: Plugin, name: str, check: Rule | Monitor, trial: Trial) -> list
         )
         for finding in answers:
             if not isinstance(finding, Finding):
-                raise _broken(plugin, name, f"yields a {type(finding).__name__} instead of a Finding")
+                raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
             said.append(finding)
     except MissingSignalError as missing:
         said.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
     except ScoreError:
         raise
     except Exception as cause:
-        raise _broken(plugin, name, f"raised {type(cause).__name__}: {cause}") from cause
+        raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
     if not said:
-        raise _broken(plugin, name, "says nothing, and silence is not a verdict")
+        raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
     return said
 
 
@@ -228,13 +239,6 @@ def _some(findings: Iterable[Finding], order: Order) -> Iterable[Finding]:
     """The findings about one order; that there are none is a finding too."""
     said = list(findings)
     return said or [Finding.not_applicable(order.id, "the order holds nothing that this check judges")]
-
-
-def _broken(plugin: Plugin, name: str, what: str) -> PluginError:
-    return PluginError(
-        f"check {name!r}: plugin {plugin.origin} {what}",
-        hint=f"no score is given with a broken check; report it to the authors of {plugin.distribution}",
-    )
 
 
 def _scopes(trial: Trial) -> Scope:

@@ -26,7 +26,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "logmap": {"datafiles", "errors", "trial"},
     "result": {"errors", "findings", "scoring", "trial"},
     "result_json": {"datafiles", "errors", "expression", "findings", "result", "scoring", "trial"},
+    "guard": {"contracts", "errors", "registry", "trial"},
     "engine": {
+        "guard",
         "contracts",
         "errors",
         "findings",

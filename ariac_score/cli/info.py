@@ -30,15 +30,13 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Describe every part, then what the trial as a whole shows."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.engine import open_readers  # noqa: PLC0415
-    from ariac_score.logs.bundle import find_parts  # noqa: PLC0415
+    from ariac_score.engine import find_trial  # noqa: PLC0415
     from ariac_score.registry import Registry  # noqa: PLC0415
     from ariac_score.report.style import plain, style_for  # noqa: PLC0415
 
     style = style_for(sys.stdout)
     registry = Registry()
-    readers = open_readers(registry)
-    bundle = find_parts(arguments.path, readers)
+    bundle, readers = find_trial(arguments.path, registry)
     damaged = False
     for part in bundle.parts:
         description = readers[part.reader].describe(part.path)

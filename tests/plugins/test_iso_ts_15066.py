@@ -424,6 +424,18 @@ def test_a_hole_and_a_violation_are_both_said() -> None:
     assert found == [(INCONCLUSIVE, Span(1.0, 2.0)), (VIOLATED, Span(3.0, 3.5))]
 
 
+def test_a_sample_before_a_hole_stands_for_no_longer_than_a_hole_may_be() -> None:
+    # Too close from 0.50 s to the hole at 1.00 s: 50 samples of 0.01 s, the last stands for 0.05 s.
+    t = without(at_100_hz(4.0), 1.0, 3.0)
+    near = [1.0 if 0.5 <= s <= 1.0 else 9.0 for s in t]
+
+    (violation,) = of(VIOLATED, SsmSeparation(), watched(t, near))
+
+    assert violation.span == Span(0.5, 1.05)
+    assert violation.quantities["time_in_violation_s"] == pytest.approx(0.55)
+    assert violation.quantities["depth_integral_m_s"] == pytest.approx(0.55 * (2.6 - 1.0))
+
+
 def test_a_recording_that_ends_long_before_the_competition_never_satisfies() -> None:
     found = list(SsmSeparation().watch(watched([0.0, 0.01], 9.0, window=Span(0.0, 60.0))))
 

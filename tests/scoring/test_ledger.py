@@ -346,7 +346,7 @@ def test_a_changed_amount_is_refused_wherever_it_stands(path: str, by: str) -> N
 
 
 def test_another_score_beside_a_sound_ledger_is_refused() -> None:
-    with pytest.raises(ResultError, match="the ledger adds up to 6.000000, the score is 7"):
+    with pytest.raises(ResultError, match=r"the ledger adds up to 6\.000000, the score is 7"):
         reconcile(LEDGER, Decimal(7), digits=6)
 
 

@@ -181,7 +181,7 @@ def test_time_may_run_back_a_little_and_no_further() -> None:
     back = LARGEST_STEP_BACK_S
     builder().add_signal("s", "m", np.array([back, 0.0]), np.zeros(2))
 
-    with pytest.raises(LogError, match="time runs backwards by 1.000 s in signal 's'") as refused:
+    with pytest.raises(LogError, match=r"time runs backwards by 1\.000 s in signal 's'") as refused:
         builder().add_signal("s", "m", np.array([np.nextafter(back, 2.0), 0.0]), np.zeros(2))
     assert refused.value.file == "t.bag"
     assert "two recordings" in refused.value.hint

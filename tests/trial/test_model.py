@@ -98,7 +98,7 @@ def test_a_pose_with_a_number_that_is_none_is_refused(index: int, bad: float) ->
 
 @pytest.mark.parametrize("bad", [NAN, INF])
 def test_angles_that_are_no_numbers_are_refused(bad: float) -> None:
-    with pytest.raises(ValueError, match="finite|domain"):
+    with pytest.raises(ValueError, match=r"finite|domain"):
         Pose.from_rpy(HERE, (0.0, 0.0, bad))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -192,7 +194,7 @@ def test_episodes_are_apart_by_t_off_and_last_at_least_t_on(holds: list[bool], t
     found = episodes_where(t, np.array(holds), t_on_s=float(t_on), t_off_s=float(t_off))
 
     assert all(span.duration_s >= t_on for span in found)
-    assert all(b.start_s - a.end_s >= max(t_off, 1) for a, b in zip(found, found[1:], strict=False))
+    assert all(b.start_s - a.end_s >= max(t_off, 1) for a, b in pairwise(found))
 
 
 @LAWFUL
