@@ -6,9 +6,10 @@ Measuring needs the log and knows no points; pricing needs only what was measure
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ariac_score.contracts import Monitor, Reader, Rule, Wanted
 from ariac_score.errors import (
@@ -18,7 +19,6 @@ from ariac_score.errors import (
     MissingSignalError,
     NothingToScoreError,
     PluginError,
-    ScoreError,
 )
 from ariac_score.findings import Finding, Verdict
 from ariac_score.guard import GuardedDecoder, broken, open_readers
@@ -33,7 +33,7 @@ from ariac_score.scoring.scope import Scope
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
-from ariac_score.trial.model import Order, Trial
+from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
 
@@ -189,7 +189,7 @@ def measure_trial(
         for number, finding in enumerate(said, start=1):
             try:
                 findings[f"{name}#{number}"] = settled(replace(finding, check=name))
-            except ValueError as cause:
+            except (TypeError, ValueError) as cause:
                 raise broken(plugin, f"yields a number that is none: {cause}", of=name) from cause
     return Measured(
         trial=trial.id,
@@ -215,30 +215,36 @@ def _ask(plugin: Plugin, name: str, check: Rule | Monitor, trial: Trial) -> list
     """Everything one check says, with its failures named and never swallowed."""
     said: list[Finding] = []
     try:
-        answers = (
-            (finding for order in trial.orders for finding in _some(check.judge(trial, order), order))
-            if isinstance(check, Rule)
-            else check.watch(trial)
-        )
-        for finding in answers:
+        for finding in _answers(plugin, name, check, trial):
             if not isinstance(finding, Finding):
                 raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
             said.append(finding)
     except MissingSignalError as missing:
         said.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
-    except ScoreError:
+    except PluginError:
         raise
-    except Exception as cause:
+    except (Exception, SystemExit) as cause:
         raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
     if not said:
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
     return said
 
 
-def _some(findings: Iterable[Finding], order: Order) -> Iterable[Finding]:
-    """The findings about one order; that there are none is a finding too."""
-    said = list(findings)
-    return said or [Finding.not_applicable(order.id, "the order holds nothing that this check judges")]
+def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Finding]:
+    """What a rule says about each order, or a monitor about the trial."""
+    if plugin.group != "ariac_score.rules":
+        yield from check.watch(trial)
+    elif not trial.orders:
+        yield Finding.not_applicable("trial", "no order was announced")
+    for order in trial.orders if plugin.group == "ariac_score.rules" else ():
+        spoken = False
+        for finding in check.judge(trial, order):
+            spoken = True
+            yield finding
+        if not spoken and not order.tasks:
+            yield Finding.not_applicable(order.id, "the order asks for nothing")
+        elif not spoken:
+            raise broken(plugin, f"says nothing about {order.id}, and silence is not a verdict", of=name)
 
 
 def _scopes(trial: Trial) -> Scope:

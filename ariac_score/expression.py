@@ -10,8 +10,9 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from ariac_score.errors import FormulaError, did_you_mean
 
-__all__ = ["Environment", "Expression", "Number", "Traced"]
+__all__ = ["Environment", "Expression", "Number", "Traced", "add_up"]
 
 Number = int | float
 """What a formula works with; comparisons give 1 or 0."""
@@ -87,6 +88,15 @@ _COMPARE: Mapping[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
 }
 
 
+def add_up(values: Iterable[Any]) -> Any:
+    """The sum from left to right; `sum` itself rounds differently from Python 3.12 on.
+
+    >>> add_up([0.1] * 10)
+    0.9999999999999999
+    """
+    return reduce(operator.add, values, 0)
+
+
 def _clip(value: Any, low: Any, high: Any) -> Any:
     return min(max(value, low), high)
 
@@ -96,16 +106,16 @@ _SCALAR_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "max": (None, lambda *v: max(v)),
     "abs": (1, abs),
     "clip": (3, _clip),
-    "sum": (None, lambda *v: sum(v)),
-    "mean": (None, lambda *v: sum(v) / len(v)),
+    "sum": (None, lambda *v: add_up(v)),
+    "mean": (None, lambda *v: add_up(v) / len(v)),
 }
 _COLUMN_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "min": (None, lambda *v: np.minimum.reduce(np.broadcast_arrays(*v))),
     "max": (None, lambda *v: np.maximum.reduce(np.broadcast_arrays(*v))),
     "abs": (1, np.abs),
     "clip": (3, np.clip),
-    "sum": (None, lambda *v: sum(v)),
-    "mean": (None, lambda *v: sum(v) / len(v)),
+    "sum": (None, lambda *v: add_up(v)),
+    "mean": (None, lambda *v: add_up(v) / len(v)),
 }
 _STRUCTURE = (
     ast.BinOp,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -71,6 +72,10 @@ class Limit:
         return f"{self.what} {self.value:.6g} {self.unit} ({relation} {bound:.6g})"
 
 
+def _components(value: float | tuple[float, ...]) -> tuple[float, ...]:
+    return value if isinstance(value, tuple) else (value,)
+
+
 _NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
 _NO_WORDS: Mapping[str, str] = MappingProxyType({})
 
@@ -110,6 +115,13 @@ class Finding:
     check: str = ""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.verdict, Verdict):
+            raise TypeError(f"verdict {self.verdict!r} is not one of Verdict")
+        if not isinstance(self.subject, str):
+            raise TypeError(f"subject {self.subject!r} is not text")
+        for sample in self.evidence:
+            if not all(math.isfinite(v) for v in _components(sample.value)):
+                raise ValueError(f"evidence {sample.signal!r} is {sample.value!r}")
         object.__setattr__(self, "quantities", MappingProxyType(dict(self.quantities)))
         object.__setattr__(self, "labels", MappingProxyType(dict(self.labels)))
         object.__setattr__(self, "evidence", tuple(self.evidence))

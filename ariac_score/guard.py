@@ -42,7 +42,7 @@ class GuardedReader:
         """
         try:
             return bool(self.reader.can_read(path))
-        except Exception as cause:
+        except (Exception, SystemExit) as cause:
             raise self._failed(cause, path) from cause
 
     def describe(self, path: Path) -> LogDescription:
@@ -55,7 +55,7 @@ class GuardedReader:
             return self.reader.describe(path)
         except ScoreError:
             raise
-        except Exception as cause:
+        except (Exception, SystemExit) as cause:
             raise self._failed(cause, path) from cause
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
@@ -69,13 +69,13 @@ class GuardedReader:
             trial = self.reader.read(path, wanted)
         except ScoreError:
             raise
-        except Exception as cause:
+        except (Exception, SystemExit) as cause:
             raise self._failed(cause, path) from cause
         if not isinstance(trial, Trial):
             raise broken(self.plugin, f"brings a {type(trial).__name__} instead of a Trial")
         return trial
 
-    def _failed(self, cause: Exception, path: Path) -> PluginError:
+    def _failed(self, cause: BaseException, path: Path) -> PluginError:
         return broken(self.plugin, f"raised {type(cause).__name__} on {path.name}: {cause}")
 
 
@@ -96,7 +96,7 @@ class GuardedDecoder:
             decoded = self.decoder.decode(msgtype, message, t_s)
         except (ScoreError, ValueError):
             raise
-        except Exception as cause:
+        except (Exception, SystemExit) as cause:
             raise broken(self.plugin, f"raised {type(cause).__name__} on a {msgtype}: {cause}") from cause
         if decoded is not None and not isinstance(decoded, Order | Submission | Event):
             raise broken(self.plugin, f"makes a {type(decoded).__name__} of a {msgtype}")

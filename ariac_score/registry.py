@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -67,7 +68,7 @@ class Plugin:
         """
         try:
             return EntryPoint(self.name, self.target, self.group).load()
-        except Exception as cause:  # a stranger's module may raise anything at import
+        except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
             raise PluginError(
                 f"plugin {self.origin} cannot be imported: {type(cause).__name__}: {cause}",
                 hint=f"repair or reinstall {self.distribution}",
@@ -85,7 +86,13 @@ class Plugin:
             PluginError: The plugin does not keep its contract.
         """
         kind = self.load()
-        fields = parameters_of(kind)
+        try:
+            fields = parameters_of(kind)
+        except (NameError, TypeError, AttributeError) as cause:
+            raise PluginError(
+                f"plugin {self.origin} has a parameter whose type cannot be resolved: {cause}",
+                hint="annotate parameters with types that exist when the plugin runs",
+            ) from cause
         values: dict[str, Any] = {}
         for name, value in parameters.items():
             if name not in fields:
@@ -105,10 +112,12 @@ class Plugin:
         try:
             plugin = kind(**values)
         except ValueError as cause:
-            raise RuleSetError(f"{self.name} refuses its parameters: {cause}", place=place("")) from None
-        except TypeError as cause:
+            raise RuleSetError(
+                f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
+            ) from None
+        except (Exception, SystemExit) as cause:
             raise PluginError(
-                f"plugin {self.origin} cannot be built: {cause}",
+                f"plugin {self.origin} cannot be built: {type(cause).__name__}: {cause}",
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             ) from cause
         if not isinstance(plugin, GROUPS[self.group]):
@@ -157,7 +166,7 @@ def _as_type(value: Any, wanted: Any) -> Any:
             raise ValueError(f"{value!r} is not a list")
         return tuple(_as_type(item, get_args(wanted)[0]) for item in value)
     if wanted is float and isinstance(value, int | float) and not isinstance(value, bool):
-        if value - value != 0:
+        if not -_LARGEST <= value <= _LARGEST:  # NaN keeps neither
             raise ValueError(f"{value!r} is not finite")
         return float(value)
     if (
@@ -167,6 +176,9 @@ def _as_type(value: Any, wanted: Any) -> Any:
     ):
         return value
     raise ValueError(f"{value!r} is not a {getattr(wanted, '__name__', wanted)}")
+
+
+_LARGEST = sys.float_info.max
 
 
 class Registry:

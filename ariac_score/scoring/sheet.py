@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ariac_score.errors import FormulaError, did_you_mean
-from ariac_score.expression import Expression, Number, Traced
+from ariac_score.expression import Expression, Number, Traced, add_up
 from ariac_score.findings import Finding, Verdict
 from ariac_score.scoring.scope import LEVELS, Scope
 
@@ -297,8 +297,8 @@ class _Environment:
                 hint=f"guard it: {label} if count({level}) else 0",
             )
         combine: Mapping[str, Callable[[list[Number]], Number]] = {
-            "sum": sum,
-            "mean": lambda v: sum(v) / len(v),
+            "sum": add_up,
+            "mean": lambda v: add_up(v) / len(v),
             "min": min,
             "max": max,
             "any": lambda v: int(any(v)),
@@ -364,7 +364,7 @@ class _Environment:
             return _product(options.get("p", 0.5), len(violations), label), violations
         else:
             shares = violations
-        return sum(share for _, share in shares), shares
+        return add_up(share for _, share in shares), shares
 
 
 def _inside(scope: Scope, level: str, outer: tuple[Scope, ...]) -> list[tuple[Scope, tuple[Scope, ...]]]:

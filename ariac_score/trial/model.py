@@ -46,7 +46,8 @@ class Pose:
     def __post_init__(self) -> None:
         if not all(math.isfinite(v) for v in (*self.position_m, *self.orientation_wxyz)):
             raise ValueError("a pose must be finite")
-        if not 0 < sum(v * v for v in self.orientation_wxyz) < math.inf:
+        w, x, y, z = self.orientation_wxyz
+        if not 0 < w * w + x * x + y * y + z * z < math.inf:
             raise ValueError("a quaternion of norm 0, or of one beyond all numbers, is no orientation")
 
     @classmethod
@@ -69,8 +70,10 @@ class Pose:
     @property
     def yaw_rad(self) -> float:
         """Rotation about z as Gazebo's maths library extracts it, in rad."""
-        norm = math.sqrt(sum(v * v for v in self.orientation_wxyz))
-        w, x, y, z = (v / norm for v in self.orientation_wxyz)
+        w, x, y, z = self.orientation_wxyz
+        # Added up by hand: `sum` rounds differently from Python 3.12 on.
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
+        w, x, y, z = w / norm, x / norm, y / norm, z / norm
         return math.atan2(2 * (x * y + w * z), w * w + x * x - y * y - z * z)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,8 @@ class Span:
     end_s: float
 
     def __post_init__(self) -> None:
+        if not (math.isfinite(self.start_s) and math.isfinite(self.end_s)):
+            raise ValueError(f"a span from {self.start_s} to {self.end_s} has no end")
         if not self.start_s <= self.end_s:
             raise ValueError(f"a span cannot end ({self.end_s}) before it starts ({self.start_s})")
 
@@ -66,10 +69,16 @@ def sample_durations(t: FloatArray, *, longest_s: float = np.inf) -> FloatArray:
     return durations
 
 
-def _runs(holds: BoolArray) -> tuple[NDArray[Any], NDArray[Any]]:
-    """First and one-past-last index of each run of true samples."""
-    edges = np.diff(np.concatenate(([False], holds, [False])).astype(np.int8))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+def _runs(t: FloatArray, holds: BoolArray, longest_s: float) -> Iterator[tuple[int, int]]:
+    """First and last index of each run of true samples; a hole in the samples ends a run."""
+    (true,) = np.nonzero(holds)
+    if not len(true):
+        return
+    apart = (np.diff(true) > 1) | (np.diff(t[true]) > longest_s + _TIME_TOLERANCE_S)
+    (cuts,) = np.nonzero(apart)
+    firsts = np.concatenate((true[:1], true[cuts + 1]))
+    lasts = np.concatenate((true[cuts], true[-1:]))
+    yield from zip(firsts.tolist(), lasts.tolist(), strict=True)
 
 
 def episodes_where(
@@ -80,7 +89,8 @@ def episodes_where(
     An episode opens at the first true sample once the condition has held for
     `t_on_s`, and closes at the end of the last true sample once it has been
     false for `t_off_s`; shorter pauses are bridged, so that a distance that
-    flickers around its limit is one violation and not forty.
+    flickers around its limit is one violation and not forty. A hole in the samples
+    is a pause too: nothing is known to have held in it.
 
     Args:
         t: Sample times, shape (n,), s, strictly increasing.
@@ -103,8 +113,8 @@ def episodes_where(
     """
     ends = t + sample_durations(t, longest_s=longest_s)
     episodes: list[Span] = []
-    for first, past in zip(*_runs(holds), strict=True):
-        start, end = float(t[first]), float(ends[past - 1])
+    for first, last in _runs(t, holds, longest_s):
+        start, end = float(t[first]), float(ends[last])
         if episodes and start - episodes[-1].end_s < t_off_s - _TIME_TOLERANCE_S:
             episodes[-1] = Span(episodes[-1].start_s, end)
         elif end - start >= t_on_s - _TIME_TOLERANCE_S:
