@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from ariac_score.errors import (
     MissingSignalError,
     NothingToScoreError,
     PluginError,
+    RuleSetError,
 )
 from ariac_score.findings import Finding, Verdict
 from ariac_score.guard import GuardedDecoder, broken, open_readers
@@ -37,7 +39,7 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
 
-__all__ = ["decidable", "find_trial", "measure_trial", "price_trial", "read_trial", "score_trial"]
+__all__ = ["decidable", "find_trial", "measure_trial", "price_trial", "read_trial", "reprice", "score_trial"]
 
 Progress = Callable[[float], None]
 
@@ -318,6 +320,37 @@ def price_trial(measured: Measured, rule_set: RuleSet, provenance: Provenance) -
     )
 
 
+def reprice(result: Result, rule_set: RuleSet) -> Result:
+    """Price a stored result under another rule set, without its log.
+
+    The checks of the rule set must be among those that were measured: same plugin,
+    same parameters, whatever they are called.
+
+    Raises:
+        RuleSetError: A check was not measured; the message names it.
+        FormulaError: A formula has no value here.
+    """
+    findings: dict[str, Finding] = {}
+    for check in rule_set.checks.values():
+        same = [
+            name
+            for name, stored in result.checks.items()
+            if stored["use"] == check.use and stored["with"] == dict(check.parameters)
+        ]
+        if not same:
+            raise RuleSetError(
+                f"check {check.name!r} ({check.use} with these parameters) was not measured",
+                file=rule_set.file,
+                place=check.place.get("use", check.name),
+                hint="score the log under this rule set instead; only prices can change without it",
+            )
+        for number, finding in enumerate(result.measured.of(same[0]).values(), start=1):
+            findings[f"{check.name}#{number}"] = replace(finding, check=check.name)
+    code = tuple(sorted({_engine(), *result.provenance.code}))
+    provenance = replace(result.provenance, rule_set=(rule_set.id, rule_set.sha256), code=code)
+    return price_trial(replace(result.measured, findings=findings), rule_set, provenance)
+
+
 def _ledger(measured: Measured, rule_set: RuleSet, assumed: Assumed) -> Line:
     ledger = make_ledger(rule_set.sheet.evaluate(measured.scopes, assumed.findings), digits=rule_set.digits)
     if not assumed.zeroed:
@@ -347,15 +380,20 @@ def _provenance(bundle: Bundle, rule_set: RuleSet, log_map: LogMap, registry: Re
         for channel in log_map.channels
         if channel.decoder
     ]
-    # The engine comes with the first-party plugins; its hash is always there.
     packages = {(p.distribution, p.version, p.package) for p in plugins}
     return Provenance(
         inputs=tuple(sorted((s for part in bundle.parts for s in _sources(part, bundle.root)), key=_by_role)),
         ignored=tuple(sorted(bundle.ignored)),
         rule_set=(rule_set.id, rule_set.sha256),
         log_map=(log_map.id, log_map.sha256),
-        code=tuple((d, v, p, package_sha256(p)) for d, v, p in sorted(packages)),
+        code=tuple(sorted({_engine(), *((d, v, p, package_sha256(p)) for d, v, p in packages)})),
     )
+
+
+def _engine() -> tuple[str, str, str, str]:
+    """The code that prices, whoever measured."""
+    name, package = "ariac-score", "ariac_score"
+    return name, version(name), package, package_sha256(package)
 
 
 def _by_role(source: Source) -> tuple[str, str]:

@@ -108,6 +108,8 @@ _SCALAR_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "clip": (3, _clip),
     "sum": (None, lambda *v: add_up(v)),
     "mean": (None, lambda *v: add_up(v) / len(v)),
+    "any": (None, lambda *v: int(any(v))),
+    "all": (None, lambda *v: int(all(v))),
 }
 _COLUMN_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "min": (None, lambda *v: np.minimum.reduce(np.broadcast_arrays(*v))),
@@ -116,6 +118,8 @@ _COLUMN_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "clip": (3, np.clip),
     "sum": (None, lambda *v: add_up(v)),
     "mean": (None, lambda *v: add_up(v) / len(v)),
+    "any": (None, lambda *v: np.logical_or.reduce(np.broadcast_arrays(*v)).astype(float)),
+    "all": (None, lambda *v: np.logical_and.reduce(np.broadcast_arrays(*v)).astype(float)),
 }
 _STRUCTURE = (
     ast.BinOp,

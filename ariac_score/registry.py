@@ -107,7 +107,7 @@ class Plugin:
                 raise RuleSetError(
                     f"parameter {name!r} of {self.name}: {cause}",
                     place=place(name),
-                    hint=f"its default is {fields[name].default!r}",
+                    hint=_remedy(value, fields[name]),
                 ) from None
         try:
             plugin = kind(**values)
@@ -134,6 +134,13 @@ class Parameter:
 
     type: Any
     default: Any
+
+
+def _remedy(value: Any, field: Parameter) -> str:
+    hint = f"its default is {field.default!r}"
+    if isinstance(value, str) and _NUMBER.fullmatch(value):
+        hint += "; YAML takes a number with an exponent for text unless it has a point and a sign: 3.0e-2"
+    return hint
 
 
 def parameters_of(kind: Any) -> dict[str, Parameter]:
@@ -178,6 +185,7 @@ def _as_type(value: Any, wanted: Any) -> Any:
     raise ValueError(f"{value!r} is not a {getattr(wanted, '__name__', wanted)}")
 
 
+_NUMBER = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
 _LARGEST = sys.float_info.max
 
 

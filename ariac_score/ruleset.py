@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from ariac_score.datafiles import YamlDocument, load_yaml, shipped_rules, validate
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
@@ -14,7 +17,10 @@ from ariac_score.registry import Registry
 from ariac_score.scoring.scope import LEVELS
 from ariac_score.scoring.sheet import ScoreSheet
 
-__all__ = ["Check", "RuleSet", "load_rule_set", "rule_set_names"]
+__all__ = ["Check", "RuleSet", "differences", "expanded_yaml", "load_rule_set", "rule_set_names"]
+
+MAX_EXTENDS = 8
+"""Rule sets that may extend each other in a row."""
 
 _DEFAULT = "ruleset"
 _NOT_RULE_SETS = frozenset({"log_map"})
@@ -55,7 +61,8 @@ class RuleSet:
         sheet: What findings are worth.
         digits: Decimal digits of the score.
         file: Where it was loaded from.
-        sha256: Hash of the file.
+        sha256: Hash of the file, and of those it extends.
+        expanded: The whole as plain values, after `extends`.
     """
 
     id: str
@@ -68,6 +75,7 @@ class RuleSet:
     digits: int
     file: str
     sha256: str
+    expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def build(self, registry: Registry) -> dict[str, Any]:
         """Every check's plugin, built with its parameters, by check name.
@@ -113,23 +121,72 @@ def load_rule_set(name: str) -> RuleSet:
 
     Raises:
         UsageError: There is no rule set of that name.
-        RuleSetError: Malformed, breaks the schema, or contradicts itself.
+        RuleSetError: Malformed, breaks the schema, or contradicts itself or the rule
+            set it extends.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
+    return _parsed(_expanded(_path_of(name, Path()), ()))
+
+
+def expanded_yaml(rule_set: RuleSet) -> str:
+    """The rule set as it is after `extends`, as YAML."""
+    return yaml.safe_dump(dict(rule_set.expanded), sort_keys=False, allow_unicode=True, width=100)
+
+
+def _path_of(name: str, beside: Path) -> Path:
+    """The file of a rule set, by name or by path relative to a folder."""
     if name.endswith((".yaml", ".yml")) or "/" in name:
-        path = Path(name)
-    else:
-        shipped = _shipped()
-        if name not in shipped:
-            raise UsageError(
-                f"there is no rule set {name!r}",
-                hint=did_you_mean(name, shipped, what="shipped rule sets")
-                + "; a path to a .yaml file works too",
-            )
-        path = shipped[name]
+        return beside / name
+    shipped = _shipped()
+    if name not in shipped:
+        raise UsageError(
+            f"there is no rule set {name!r}",
+            hint=did_you_mean(name, shipped, what="shipped rule sets") + "; a path to a .yaml file works too",
+        )
+    return shipped[name]
+
+
+def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
+    """A rule set file with what it extends merged in, checked against the schema."""
     document = load_yaml(path, error=RuleSetError)
     validate(document, "ruleset", error=RuleSetError)
-    return _parsed(document)
+    base_name = document.data.pop("extends", None)
+    if base_name is None:
+        return document
+    place = document.place(["extends"])
+    if path.resolve() in below or len(below) >= MAX_EXTENDS:
+        raise RuleSetError(
+            "rule sets extend each other in a circle",
+            file=path,
+            place=place,
+            hint="one must stand alone",
+        )
+    try:
+        base = _expanded(_path_of(base_name, path.parent), (*below, path.resolve()))
+    except UsageError as error:
+        raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
+    if "log_map" not in document.data and base.data["log_map"].endswith((".yaml", ".yml")):
+        base.data["log_map"] = str(Path(base.file).parent / base.data["log_map"])
+    both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
+    return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
+
+
+def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """The base with what is new or changed; a check moved between rules and monitors moves."""
+    merged = {**base, **own}
+    merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
+    for key in ("parameters", "rules", "monitors"):
+        merged[key] = {**base.get(key, {}), **own.get(key, {})}
+    for key, other in (("rules", "monitors"), ("monitors", "rules")):
+        for name in own.get(key, {}):
+            if name not in own.get(other, {}):
+                merged[other].pop(name, None)
+    levels = {**base.get("terms", {}), **own.get("terms", {})}
+    merged["terms"] = {
+        level: {**base.get("terms", {}).get(level, {}), **own.get("terms", {}).get(level, {})}
+        for level in levels
+    }
+    return merged
 
 
 def _parsed(document: YamlDocument) -> RuleSet:
@@ -173,6 +230,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
         digits=data.get("round", 6),
         file=document.file,
         sha256=document.sha256,
+        expanded=data,
     )
 
 
@@ -187,3 +245,16 @@ def _check(document: YamlDocument, key: str, name: str, body: dict[str, Any]) ->
         on_inconclusive=body.get("on_inconclusive", "withhold"),
         place={**places, "use": document.place([key, name, "use"]), "": document.place([key, name])},
     )
+
+
+def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    """What differs between two expanded rule sets: place, before, after; `None` where one has nothing."""
+    return _differences("$", first, second)
+
+
+def _differences(place: str, first: Any, second: Any) -> Iterator[tuple[str, Any, Any]]:
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        for key in dict.fromkeys([*first, *second]):
+            yield from _differences(f"{place}.{key}", first.get(key), second.get(key))
+    elif first != second:
+        yield place, first, second

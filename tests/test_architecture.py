@@ -22,7 +22,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "contracts": {"findings", "trial"},
     "registry": {"contracts", "errors"},
     "scoring": {"errors", "expression", "findings"},
-    "ruleset": {"datafiles", "errors", "expression", "registry", "scoring"},
+    "ruleset": {"datafiles", "errors", "expression", "registry", "scoring", "yaml"},
     "logmap": {"datafiles", "errors", "trial"},
     "result": {"errors", "findings", "scoring", "trial"},
     "result_json": {"datafiles", "errors", "expression", "findings", "result", "scoring", "trial"},

@@ -1,22 +1,31 @@
-"""`ariac-score rules list|show|validate`: the rule sets, and whether one is sound."""
+"""`ariac-score rules list|show|validate|diff`: the rule sets, whether one is sound, how two differ."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 
 def register(commands: Any) -> None:
     """Add the command and its actions."""
-    parser = commands.add_parser("rules", help="list, show and validate rule sets")
+    parser = commands.add_parser("rules", help="list, show, validate and compare rule sets")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="the shipped rule sets")
     listing.set_defaults(run=run_list)
     show = actions.add_parser("show", help="the text of a rule set")
     show.add_argument("name", metavar="NAME")
+    show.add_argument("--expanded", action="store_true", help="with everything it extends merged in")
     show.set_defaults(run=run_show)
+    diff = actions.add_parser("diff", help="what differs between two rule sets")
+    diff.add_argument("first", metavar="A")
+    diff.add_argument("second", metavar="B")
+    diff.add_argument(
+        "--results", type=Path, metavar="DIR", help="stored results: say whose score would change, and how"
+    )
+    diff.set_defaults(run=run_diff)
     validate = actions.add_parser("validate", help="check a rule set and the plugins it names")
     validate.add_argument("names", metavar="NAME", nargs="+", help="names or .yaml files")
     validate.set_defaults(run=run_validate)
@@ -32,12 +41,50 @@ def run_list(_arguments: argparse.Namespace) -> int:
 
 
 def run_show(arguments: argparse.Namespace) -> int:
-    """Print the rule set as it stands, comments included."""
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415  # keeps --help quick
+    """Print the rule set as it stands, comments included; or with what it extends."""
+    from ariac_score.ruleset import expanded_yaml, load_rule_set  # noqa: PLC0415  # keeps --help quick
 
     rule_set = load_rule_set(arguments.name)
-    sys.stdout.write(Path(rule_set.file).read_text(encoding="utf-8"))
+    text = expanded_yaml(rule_set) if arguments.expanded else Path(rule_set.file).read_text(encoding="utf-8")
+    sys.stdout.write(text)
     return 0
+
+
+def run_diff(arguments: argparse.Namespace) -> int:
+    """Print what differs, one line a difference; nothing when the two are alike."""
+    from ariac_score.ruleset import differences, load_rule_set  # noqa: PLC0415  # keeps --help quick
+
+    first, second = load_rule_set(arguments.first), load_rule_set(arguments.second)
+    for place, before, after in differences(first.expanded, second.expanded):
+        print(f"{place}\n  - {before}\n  + {after}")
+    if arguments.results is not None:
+        for line in _changed_scores(arguments.results, first, second):
+            print(line)
+    return 0
+
+
+def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
+    """For each stored result its score under both rule sets."""
+    from ariac_score.engine import reprice  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.errors import ScoreError, UsageError  # noqa: PLC0415
+    from ariac_score.report.style import plain  # noqa: PLC0415
+    from ariac_score.report.text import amount_text  # noqa: PLC0415
+    from ariac_score.result_json import load_result  # noqa: PLC0415
+
+    files = sorted(folder.glob("*.json"))
+    if not files:
+        raise UsageError(
+            "no stored result is here", file=folder, hint="give the folder of 'score -o' results"
+        )
+    for file in files:
+        try:
+            result = load_result(file)
+            scores = [reprice(result, rule_set).score for rule_set in (first, second)]
+        except ScoreError as error:
+            yield f"{plain(file.name)}: cannot be priced: {plain(error.cause)}"
+            continue
+        before, after = ("no score" if s is None else amount_text(s) for s in scores)
+        yield f"{plain(file.name)}: {before}" + (f" -> {after}" if before != after else " (unchanged)")
 
 
 def run_validate(arguments: argparse.Namespace) -> int:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ariac_score.result import Result
 
 EXIT_UNDECIDED = 6
 
@@ -32,14 +35,21 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Score, show, and say with the exit code whether there is a score."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.cli.output import progress_bar, write  # noqa: PLC0415
+    from ariac_score.cli.output import progress_bar  # noqa: PLC0415
     from ariac_score.engine import score_trial  # noqa: PLC0415
-    from ariac_score.report.style import Style, style_for  # noqa: PLC0415
-    from ariac_score.report.text import score_text  # noqa: PLC0415
-    from ariac_score.result_json import as_json  # noqa: PLC0415
 
     with progress_bar(arguments.path) as progress:
         result = score_trial(arguments.path, arguments.rules, log_map=arguments.log_map, progress=progress)
+    return show(result, arguments)
+
+
+def show(result: Result, arguments: argparse.Namespace) -> int:
+    """Print or write a result as the arguments ask, and say what withholds a score."""
+    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.report.style import Style, plain, style_for  # noqa: PLC0415
+    from ariac_score.report.text import score_text  # noqa: PLC0415
+    from ariac_score.result_json import as_json  # noqa: PLC0415
+
     if arguments.output_format == "json":
         write(as_json(result), arguments.output)
     else:
@@ -48,6 +58,6 @@ def run(arguments: argparse.Namespace) -> int:
     if result.score is None:
         for assumption in result.assumptions:
             if assumption.policy == "withhold":
-                print(f"undecided: {assumption.finding}: {assumption.message}", file=sys.stderr)
+                print(f"undecided: {assumption.finding}: {plain(assumption.message)}", file=sys.stderr)
         return EXIT_UNDECIDED
     return 0

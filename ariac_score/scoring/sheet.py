@@ -350,11 +350,7 @@ class _Environment:
         elif function == "demerits":
             shares = _demerits(findings, options.get("tau_s", 5.0), label)
         elif function == "measure":
-            shares = [
-                (k, f.quantities[rest[0].source])
-                for k, f in findings.items()
-                if rest[0].source in f.quantities
-            ]
+            shares = _measures(findings, rest[0].source, label)
         elif function == "gate":
             critical = [(key, one) for key, one in violations if findings[key].critical]
             return int(not critical), critical
@@ -386,6 +382,18 @@ def _product(p: Number, times: int, label: str) -> Number:
         return p**times
     except OverflowError:
         raise FormulaError(f"{label}: overflow", hint=CHECK_FUNCTIONS["product"]) from None
+
+
+def _measures(findings: Mapping[str, Finding], quantity: str, label: str) -> list[tuple[str, Number]]:
+    """A named quantity of each finding that has it; a name that no satisfied finding has is misspelt."""
+    kept = [finding for finding in findings.values() if finding.verdict is Verdict.SATISFIED]
+    if kept and not any(quantity in finding.quantities for finding in kept):
+        known = {name for finding in kept for name in finding.quantities}
+        raise FormulaError(
+            f"{label}: no finding has the quantity {quantity!r}",
+            hint=did_you_mean(quantity, known, what="quantities of this check"),
+        )
+    return [(key, f.quantities[quantity]) for key, f in findings.items() if quantity in f.quantities]
 
 
 def _demerits(findings: Mapping[str, Finding], tau_s: Number, label: str) -> list[tuple[str, Number]]:

@@ -1,0 +1,40 @@
+"""`ariac-score price RESULT --rules NAME`: price what was measured again, without the log."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "price",
+        help="price a stored result under other rules, without its log",
+        description="Price a stored result again. Only prices may differ: every check of the rule set "
+        "must have been measured with the same parameters.",
+    )
+    parser.add_argument(
+        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
+    )
+    parser.add_argument("--rules", required=True, metavar="NAME", help="rule set: a name or a .yaml file")
+    parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Load, price, show; the same output and exit codes as `score`."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.cli.score import show  # noqa: PLC0415
+    from ariac_score.engine import reprice  # noqa: PLC0415
+    from ariac_score.result_json import load_result  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+
+    stored = load_result(arguments.result)
+    again = reprice(stored, load_rule_set(arguments.rules))
+    if arguments.output_format == "text" and stored.score is not None and again.score is not None:
+        print(f"before, under {stored.provenance.rule_set[0]}: {stored.score:f}", file=sys.stderr)
+    return show(again, arguments)
