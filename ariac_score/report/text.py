@@ -135,7 +135,7 @@ def _losses(result: Result, style: Style) -> Iterator[str]:
         yield style("What cost points", "bold")
         timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, item[0]))
         for key, finding in timed[: 2 * _SHOWN]:
-            yield f"  {style(key, 'red'):<24} {_where(finding)}{plain(finding.message)}"
+            yield f"  {style(f'{key:<24}', 'red')} {_where(finding)}{plain(finding.message)}"
         yield from _more(len(timed) - 2 * _SHOWN, style)
 
 
