@@ -386,9 +386,9 @@ def _product(p: Number, times: int, label: str) -> Number:
 
 def _measures(findings: Mapping[str, Finding], quantity: str, label: str) -> list[tuple[str, Number]]:
     """A named quantity of each finding that has it; a name that no satisfied finding has is misspelt."""
-    kept = [finding for finding in findings.values() if finding.verdict is Verdict.SATISFIED]
-    if kept and not any(quantity in finding.quantities for finding in kept):
-        known = {name for finding in kept for name in finding.quantities}
+    kept = any(finding.verdict is Verdict.SATISFIED for finding in findings.values())
+    known = {name for finding in findings.values() for name in finding.quantities}
+    if kept and quantity not in known:
         raise FormulaError(
             f"{label}: no finding has the quantity {quantity!r}",
             hint=did_you_mean(quantity, known, what="quantities of this check"),

@@ -455,7 +455,7 @@ def test_a_misspelt_function_is_answered_with_the_nearest_one() -> None:
         ("9**9**9", "not finite in row 0"),
         ("unknwn", "unknown name 'unknwn'"),
         ("a.b", "unknown name 'a.b'"),
-        ("any(a)", "unknown function 'any'"),
+        ("median(a)", "unknown function 'median'"),
         ("abs(a, b)", "'abs' takes 1 values"),
         ("clip(a)", "'clip' takes 3 values"),
         ("max(a, k=b)", "'max' takes one or more values"),
@@ -471,3 +471,10 @@ def test_a_misspelt_column_is_answered_with_the_nearest_one() -> None:
     with pytest.raises(FormulaError) as refused:
         column("sped * 2", speed=[1.0], time=[2.0])
     assert refused.value.hint == "did you mean 'speed'?"
+
+
+def test_any_and_all_of_several_values_are_1_or_0_on_scalars_and_on_columns() -> None:
+    a, b = np.array([0.0, 0.0, 2.0]), np.array([0.0, 3.0, 1.0])
+
+    assert Expression.parse("any(a, b)").columns({"a": a, "b": b}).tolist() == [0.0, 1.0, 1.0]
+    assert Expression.parse("all(a, b)").columns({"a": a, "b": b}).tolist() == [0.0, 0.0, 1.0]

@@ -403,3 +403,14 @@ def test_levels_run_from_the_part_outwards() -> None:
         "order_1/task_1",
     ]
     assert list(order(0, 1, 2).each("order")) == []
+
+
+def test_a_quantity_that_no_finding_has_is_misspelt_and_not_zero() -> None:
+    kept = Finding("trial", Verdict.SATISFIED, "fine", quantities={"time_taken_s": 3.0}, check="time")
+    sheet = ScoreSheet({}, Expression.parse("measure(time, time_takn_s)"), frozenset({"time"}))
+
+    with pytest.raises(FormulaError) as refused:
+        sheet.evaluate(Scope("trial", ""), {"time#1": kept})
+
+    assert "no finding has the quantity 'time_takn_s'" in str(refused.value)
+    assert refused.value.hint == "did you mean 'time_taken_s'?"
