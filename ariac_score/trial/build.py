@@ -27,6 +27,7 @@ from ariac_score.trial.model import (
 )
 from ariac_score.trial.signals import Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
+from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 
 __all__ = ["LARGEST_STEP_BACK_S", "TrialBuilder", "merge_trials", "settle_orders"]
 
@@ -98,7 +99,12 @@ class TrialBuilder:
                 file=self.file,
                 hint="the log map leads two topics to one signal; map one of them, or record one of them",
             )
-        settled = settle(np.asarray(t, dtype=np.float64), np.asarray(values, dtype=np.float64))
+        known = QUANTITIES.get(quantity_of(name))
+        settled = settle(
+            np.asarray(t, dtype=np.float64),
+            np.asarray(values, dtype=np.float64),
+            at_least=known.at_least if known else -np.inf,
+        )
         if settled.largest_step_back_s > LARGEST_STEP_BACK_S:
             raise LogError(
                 f"time runs backwards by {settled.largest_step_back_s:.3f} s in signal {name!r}",
@@ -112,9 +118,20 @@ class TrialBuilder:
             "repeated_stamps",
             name,
             settled.repeated,
-            "stamps were repeated; the last sample of each was kept",
+            "stamps were repeated; of samples that agree one was kept",
         )
-        self.defect("not_finite", name, settled.not_finite, "NaN or infinite samples were left out, as gaps")
+        self.defect(
+            "contradicting_stamps",
+            name,
+            settled.contradicting,
+            "samples with one stamp contradict each other; they were left out, as gaps",
+        )
+        self.defect(
+            "impossible_values",
+            name,
+            settled.not_finite,
+            "values that are NaN, infinite or impossible were left out, as gaps",
+        )
         if len(settled.t):
             self.signals[name] = Signal(name, unit, settled.t, settled.values)
 

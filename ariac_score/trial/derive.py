@@ -78,7 +78,7 @@ def centred_velocity(
     At each sample the difference runs over the samples up to the half window away
     on both sides, fewer at the ends. Where a body jumps (a step faster than
     `teleport_speed_m_s`) or a gap is too long, the track is split: no difference
-    crosses the split, so a jump is never a speed.
+    crosses the split, so a jump is never a speed, and the samples beside it have none.
 
     Args:
         t: Sample times, shape (n,), s, strictly increasing.
@@ -90,7 +90,7 @@ def centred_velocity(
 
     Returns:
         Times, shape (m,), s; velocities, shape (m, 3), m/s; number of jumps. Samples
-        alone in their track have no velocity and are left out.
+        beside a jump or alone in their track have no velocity and are left out.
 
     Source:
         Monitor catalogue, section 1.1; mistake 6 of section 5 (stamps without seconds).
@@ -115,7 +115,11 @@ def centred_velocity(
     else:
         low, high = index - half_window_samples, index + half_window_samples
     low, high = np.maximum(low, first), np.minimum(high, last)
-    moving = high > low
+    # Beside a jump nothing is known: a pose updated in leaps would otherwise stand still between them.
+    beside = np.zeros(len(t), dtype=bool)
+    beside[:-1] |= jump
+    beside[1:] |= jump
+    moving = (high > low) & ~beside
     low, high = low[moving], high[moving]
     velocity = (positions_m[high] - positions_m[low]) / (t[high] - t[low])[:, None]
     return t[moving], velocity, int(jump.sum())
@@ -191,59 +195,72 @@ class _Deriver:
         self.signals[name] = Signal(name, QUANTITIES[quantity].unit, *derived)
         return self.signals[name]
 
-    def _velocity(self, body: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
-        position = self.signals.get(f"position/{body}")
+    def _velocity(self, point: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
+        position = self.signals.get(f"position/{point}")
         if position is None:
             return None
         t, velocity, jumps = centred_velocity(
             position.t, position.values, half_window_s=self.speed_window_s, max_gap_s=max_gap_s
         )
         if jumps:
-            message = f"{body} jumped faster than {TELEPORT_SPEED_M_S:g} m/s; its track was split there"
+            message = f"{point} jumped faster than {TELEPORT_SPEED_M_S:g} m/s; its track was split there"
             self.defects.add(LogDefect("teleport", position.name, jumps, message))
         return t, velocity
 
-    def _speed(self, body: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
-        velocity = self.get(f"velocity/{body}", max_gap_s)
-        return None if velocity is None else (velocity.t, _norm(velocity.values))
+    def _speed(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
+        """Speed of the origin; where links are followed, of the fastest of them and it."""
+        body = self.bodies.get(subject)
+        points = [subject, *(f"{subject}::{link}" for link in body.links)] if body else [subject]
+        velocities = [self.get(f"velocity/{point}", max_gap_s) for point in points]
+        present = [signal for signal in velocities if signal is not None]
+        if len(present) < len(points) - (f"position/{subject}" not in self.signals) or not present:
+            return None
+        t, values = align(present, max_gap_s=max_gap_s)
+        fastest = np.zeros(len(t))
+        for velocity in values:
+            np.maximum(fastest, _norm(velocity), out=fastest)
+        return t, fastest
 
-    def _pair(self, subject: str) -> tuple[Body, Body] | None:
+    def _points_of(self, subject: str, max_gap_s: float, quantity: str) -> tuple[FloatArray, _Tracks] | None:
+        """A quantity of every point of the robot and of the human of a pair, on one time base."""
         robot, _, human = subject.partition("/")
-        return (self.bodies[robot], self.bodies[human]) if {robot, human} <= self.bodies.keys() else None
-
-    def _between(
-        self, subject: str, max_gap_s: float, *quantities: str
-    ) -> tuple[FloatArray, list[FloatArray]] | None:
-        """Quantities of the robot and the human of a pair on one time base."""
-        names = [f"{quantity}/{body}" for quantity in quantities for body in subject.split("/")]
-        found = [self.get(name, max_gap_s) for name in names]
+        if not {robot, human} <= self.bodies.keys():
+            return None
+        names = [[f"{quantity}/{point}" for point in _points(self.bodies[b])] for b in (robot, human)]
+        found = [self.get(name, max_gap_s) for name in (*names[0], *names[1])]
         present = [signal for signal in found if signal is not None]
-        return align(present, max_gap_s=max_gap_s) if len(present) == len(names) else None
+        if len(present) < len(found):
+            return None  # one that is missing may be the nearest
+        t, values = align(present, max_gap_s=max_gap_s)
+        return t, (values[: len(names[0])], values[len(names[0]) :])
 
-    def _centre_distance(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
-        both = self._between(subject, max_gap_s, "position")
-        return both and (both[0], _norm(both[1][1] - both[1][0]))
-
-    def _centre_distance_2d(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
-        both = self._between(subject, max_gap_s, "position")
-        return both and (both[0], _norm((both[1][1] - both[1][0])[:, :2]))
-
-    def _separation(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
-        pair = self._pair(subject)
-        if pair is None:
+    def _nearest(
+        self, subject: str, max_gap_s: float, columns: slice
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """The smallest distance between a point of the robot and one of the human."""
+        points = self._points_of(subject, max_gap_s, "position")
+        if points is None:
             return None
-        robot, human = pair
-        tracks = [[self.signals.get(f"position/{p}") for p in _points(body)] for body in pair]
-        present = [[s for s in track if s is not None] for track in tracks]
-        if not all(present):
-            return None
-        t, values = align([*present[0], *present[1]], max_gap_s=max_gap_s)
-        of_robot, of_human = values[: len(present[0])], values[len(present[0]) :]
+        t, (of_robot, of_human) = points
         nearest = np.full(len(t), np.inf)
         for a in of_robot:
             for b in of_human:
-                np.minimum(nearest, _norm(b - a), out=nearest)
-        return t, np.maximum(nearest - robot.radius_m - human.radius_m, 0.0)
+                np.minimum(nearest, _norm((b - a)[:, columns]), out=nearest)
+        return t, nearest
+
+    def _centre_distance(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
+        return self._nearest(subject, max_gap_s, slice(0, 3))
+
+    def _centre_distance_2d(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
+        return self._nearest(subject, max_gap_s, slice(0, 2))
+
+    def _separation(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
+        nearest = self._nearest(subject, max_gap_s, slice(0, 3))
+        if nearest is None:
+            return None
+        robot, _, human = subject.partition("/")
+        t, distance_m = nearest
+        return t, np.maximum(distance_m - self.bodies[robot].radius_m - self.bodies[human].radius_m, 0.0)
 
     def _approach_of_robot(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
         return self._approach(subject, max_gap_s, of_human=False)
@@ -254,17 +271,28 @@ class _Deriver:
     def _approach(
         self, subject: str, max_gap_s: float, *, of_human: bool
     ) -> tuple[FloatArray, FloatArray] | None:
-        """v . u for the robot and -(v . u) for the human, u the unit vector from robot to human."""
-        both = self._between(subject, max_gap_s, "position", "velocity")
-        if both is None:
+        """v . u for the robot and -(v . u) for the human, u the unit vector between the closest points."""
+        positions = self._points_of(subject, max_gap_s, "position")
+        velocities = self._points_of(subject, max_gap_s, "velocity")
+        if positions is None or velocities is None:
             return None
-        t, (p_robot, p_human, v_robot, v_human) = both
-        apart = p_human - p_robot
-        distance = _norm(apart)
-        somewhere: BoolArray = distance > 0  # in one point there is no direction
-        unit = apart[somewhere] / distance[somewhere][:, None]
-        velocity = -v_human if of_human else v_robot
-        return t[somewhere], _dot(velocity[somewhere], unit)
+        # Velocities lack samples at jumps, so the common base is that of the velocities.
+        t = velocities[0][np.isin(velocities[0], positions[0])]
+        at = np.searchsorted(positions[0], t), np.searchsorted(velocities[0], t)
+        nearest, towards = np.full(len(t), np.inf), np.zeros(len(t))
+        for i, a in enumerate(positions[1][0]):
+            for j, b in enumerate(positions[1][1]):
+                apart = (b - a)[at[0]]
+                distance = _norm(apart)
+                velocity = -velocities[1][1][j] if of_human else velocities[1][0][i]
+                along = _dot(velocity[at[1]], apart)
+                closer = distance < nearest
+                nearest[closer], towards[closer] = distance[closer], along[closer]
+        somewhere: BoolArray = nearest > 0  # in one point there is no direction
+        return t[somewhere], towards[somewhere] / nearest[somewhere]
+
+
+_Tracks = tuple[list[FloatArray], list[FloatArray]]
 
 
 def _points(body: Body) -> list[str]:

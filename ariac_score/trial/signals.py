@@ -139,22 +139,30 @@ class Settled:
     values: FloatArray
     disordered: int
     repeated: int
+    contradicting: int
     not_finite: int
     largest_step_back_s: float
 
 
-def settle(t: FloatArray, values: FloatArray) -> Settled:
+LARGEST_VALUE = 1e9
+"""No quantity of a competition cell, in SI units, is larger; what is, is a fault of the recorder."""
+
+
+def settle(t: FloatArray, values: FloatArray, *, at_least: float = -np.inf) -> Settled:
     """The one policy for samples as they come: sorted, unique in time, finite.
 
-    Samples are sorted by time (stably); of those with one stamp the last recorded
-    stays; those with a value that is not finite go, which leaves a gap for the
-    monitors to see. Everything done is counted.
+    Samples are sorted by time (stably). Of equal samples with one stamp one stays;
+    where they contradict each other none does, for nothing says which is right.
+    Values that are not finite, beyond `LARGEST_VALUE`, or below what the quantity
+    can be, go too. What goes leaves a gap for the monitors to see, and is counted.
 
     Args:
         t: Times in recorded order, shape (n,), s.
         values: Values, shape (n,) or (n, k).
+        at_least: The least value the quantity can have, such as 0 for a speed.
     """
-    sound = np.isfinite(values)
+    with np.errstate(invalid="ignore"):  # NaN keeps no limit, which is what is wanted
+        sound = (np.abs(values) <= LARGEST_VALUE) & (values >= at_least)
     finite = np.isfinite(t) & (sound.all(axis=1) if sound.ndim > 1 else sound)
     not_finite = int(len(t) - finite.sum())
     t, values = t[finite], values[finite]
@@ -164,8 +172,14 @@ def settle(t: FloatArray, values: FloatArray) -> Settled:
     if disordered:
         order = np.argsort(t, kind="stable")
         t, values = t[order], values[order]
-    last_of_stamp = np.append(np.diff(t) > 0, True) if len(t) else np.zeros(0, dtype=bool)
-    repeated = int(len(t) - last_of_stamp.sum())
+    first_of_stamp = np.append(True, np.diff(t) > 0) if len(t) else np.zeros(0, dtype=bool)
+    repeated = int(len(t) - first_of_stamp.sum())
+    contradicting = 0
     if repeated:
-        t, values = t[last_of_stamp], values[last_of_stamp]
-    return Settled(t, values, disordered, repeated, not_finite, back)
+        stamp = np.cumsum(first_of_stamp) - 1
+        differs = (values != values[first_of_stamp][stamp]).reshape(len(t), -1).any(axis=1)
+        agreed = np.bincount(stamp, weights=differs) == 0
+        contradicting = int((~agreed).sum())
+        kept = first_of_stamp & agreed[stamp]
+        t, values = t[kept], values[kept]
+    return Settled(t, values, disordered, repeated, contradicting, not_finite, back)

@@ -326,7 +326,7 @@ def test_a_pose_that_is_not_finite_leaves_a_gap(tmp_path: Path) -> None:
     )
 
     assert trial.signal("position/arm", unit="m").t.tolist() == [1, 3]
-    assert [(d.kind, d.count) for d in trial.log_defects] == [("not_finite", 1)]
+    assert [(d.kind, d.count) for d in trial.log_defects] == [("impossible_values", 1)]
 
 
 @pytest.mark.parametrize("how", ENCODERS)

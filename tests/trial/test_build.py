@@ -144,13 +144,25 @@ def test_samples_that_had_to_be_settled_are_counted_as_defects_of_their_signal()
     found.add_signal("speed/human", "m/s", t, np.array([0.0, 1.0, 2.0, 3.0, 4.0, np.nan]))
 
     trial = found.build()
-    assert trial.signals["speed/human"].t.tolist() == [0.0, 0.1, 0.2, 0.3]
-    assert trial.signals["speed/human"].values.tolist() == [0.0, 2.0, 1.0, 4.0]
+    # The two samples of 0.3 s contradict each other, so neither counts.
+    assert trial.signals["speed/human"].t.tolist() == [0.0, 0.1, 0.2]
+    assert trial.signals["speed/human"].values.tolist() == [0.0, 2.0, 1.0]
     assert [(d.kind, d.where, d.count) for d in trial.log_defects] == [
+        ("contradicting_stamps", "speed/human", 1),
         ("disordered_stamps", "speed/human", 1),
-        ("not_finite", "speed/human", 1),
+        ("impossible_values", "speed/human", 1),
         ("repeated_stamps", "speed/human", 1),
     ]
+
+
+@pytest.mark.parametrize("name", ["speed/human", "centre_distance/robot/human", "separation/robot/human"])
+def test_a_negative_speed_or_distance_is_a_gap_and_no_measurement(name: str) -> None:
+    found = builder()
+    found.add_signal(name, "m", np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, -1e-9, -5.0, 2e9]))
+
+    trial = found.build()
+    assert trial.signals[name].values.tolist() == [0.0]
+    assert [(d.kind, d.count) for d in trial.log_defects] == [("impossible_values", 3)]
 
 
 def test_a_sound_signal_has_no_defects() -> None:

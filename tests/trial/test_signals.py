@@ -218,10 +218,18 @@ def test_samples_are_sorted_by_time_and_counted() -> None:
     assert (done.disordered, done.repeated, done.not_finite, done.largest_step_back_s) == (1, 0, 0, 1.0)
 
 
-def test_of_samples_with_one_stamp_the_last_recorded_stays() -> None:
-    assert settled([0.0, 1.0, 1.0, 1.0], [0.0, 1.0, 2.0, 3.0]) == ([0.0, 1.0], [0.0, 3.0])
-    assert settled([1.0, 2.0, 1.0], [1.0, 2.0, 9.0]) == ([1.0, 2.0], [9.0, 2.0])
-    assert settle(np.array([0.0, 1.0, 1.0, 1.0]), np.zeros(4)).repeated == 2
+def test_samples_with_one_stamp_stay_when_they_agree_and_go_when_they_contradict() -> None:
+    assert settled([0.0, 1.0, 1.0, 1.0], [0.0, 3.0, 3.0, 3.0]) == ([0.0, 1.0], [0.0, 3.0])
+    assert settled([0.0, 1.0, 1.0, 1.0], [0.0, 3.0, 3.0, 2.0]) == ([0.0], [0.0])
+    assert settled([1.0, 2.0, 1.0], [1.0, 2.0, 9.0]) == ([2.0], [2.0])
+    done = settle(np.array([0.0, 1.0, 1.0, 2.0, 2.0]), np.array([0.0, 1.0, 1.0, 1.0, 2.0]))
+    assert (done.repeated, done.contradicting) == (2, 1)
+
+
+def test_positions_with_one_stamp_contradict_when_any_component_differs() -> None:
+    t, p = np.array([0.0, 0.0, 1.0, 1.0]), np.array([[1, 2, 3], [1, 2, 4], [5, 6, 7], [5, 6, 7.0]])
+
+    assert settle(t, p).values.tolist() == [[5, 6, 7]]
 
 
 def test_samples_that_are_not_finite_leave_a_gap_and_are_counted() -> None:
@@ -262,9 +270,13 @@ def test_settled_samples_make_a_signal_and_every_sample_is_accounted_for(
     done = settle(t, np.array([v for _, v in samples]))
 
     kept = signal(done.t.tolist(), done.values.tolist())
-    assert len(kept) + done.repeated + done.not_finite == len(samples)
-    last = {t: v for t, v in samples if np.isfinite(t) and np.isfinite(v)}
-    assert dict(zip(kept.t.tolist(), kept.values.tolist(), strict=True)) == last
+    assert len(kept) + done.repeated + done.contradicting + done.not_finite == len(samples)
+    told: dict[float, set[float]] = {}
+    for t_s, value in samples:
+        if np.isfinite(t_s) and np.isfinite(value):
+            told.setdefault(t_s, set()).add(value)
+    agreed = {t_s: values.pop() for t_s, values in told.items() if len(values) == 1}
+    assert dict(zip(kept.t.tolist(), kept.values.tolist(), strict=True)) == agreed
 
 
 @LAWFUL
