@@ -262,16 +262,18 @@ def schema(name: str) -> Any:
 
 
 @cache
-def _validator(name: str) -> Any:
+def _validator(name: str, definition: str) -> Any:
     # Imported here: jsonschema takes longer to import than most commands to run.
     from jsonschema import Draft202012Validator  # noqa: PLC0415
 
-    return Draft202012Validator(schema(name))
+    whole = schema(name)
+    part = {"$ref": f"#/$defs/{definition}", "$defs": whole["$defs"]} if definition else whole
+    return Draft202012Validator(part)
 
 
-def schema_errors(data: Any, name: str) -> list[tuple[_Place, str, str]]:
+def schema_errors(data: Any, name: str, definition: str = "") -> list[tuple[_Place, str, str]]:
     """What breaks a schema: for each fault its path, the cause and the remedy, misspelt keys first."""
-    faults = [_worded(_deepest(fault)) for fault in _validator(name).iter_errors(data)]
+    faults = [_worded(_deepest(fault)) for fault in _validator(name, definition).iter_errors(data)]
     # A key that is missing is most often there, misspelt.
     return sorted(faults, key=lambda fault: (fault[1].endswith("is missing"), [str(p) for p in fault[0]]))
 

@@ -21,6 +21,7 @@ from ariac_score.errors import (
     NothingToScoreError,
     PluginError,
     RuleSetError,
+    did_you_mean,
 )
 from ariac_score.findings import Finding, Verdict
 from ariac_score.guard import GuardedDecoder, broken, open_readers
@@ -38,8 +39,18 @@ from ariac_score.trial.derive import Derivation, derive_signals, source_quantiti
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
+from ariac_score.trial.vocabulary import QUANTITIES
 
-__all__ = ["decidable", "find_trial", "measure_trial", "price_trial", "read_trial", "reprice", "score_trial"]
+__all__ = [
+    "check_needs",
+    "decidable",
+    "find_trial",
+    "measure_trial",
+    "price_trial",
+    "read_trial",
+    "reprice",
+    "score_trial",
+]
 
 Progress = Callable[[float], None]
 
@@ -82,6 +93,25 @@ def score_trial(
     measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
     provenance = _provenance(bundle, rule_set, mapping, registry)
     return price_trial(measured, rule_set, provenance)
+
+
+def check_needs(rule_set: RuleSet, checks: Mapping[str, Any], log_map: LogMap) -> None:
+    """Find monitors that ask for quantities nobody has heard of, before a log is read.
+
+    Raises:
+        RuleSetError: Naming the check and the quantity.
+    """
+    known = {**QUANTITIES, **log_map.quantities}
+    for name, check in checks.items():
+        for need in check.needs() if isinstance(check, Monitor) else ():
+            if need.quantity not in known:
+                raise RuleSetError(
+                    f"check {name!r} asks for the quantity {need.quantity!r}, which is unknown",
+                    file=rule_set.file,
+                    place=rule_set.checks[name].place.get("use", name),
+                    hint=did_you_mean(need.quantity, known, what="known")
+                    + "; declare it under 'quantities:' in the log map",
+                )
 
 
 # Reading -------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from ariac_score.datafiles import YamlDocument, load_yaml, shipped_rules, valida
 from ariac_score.errors import LogMapError, did_you_mean
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.model import Body
-from ariac_score.trial.vocabulary import QUANTITIES, quantity_of, subject_of
+from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of, subject_of
 
 __all__ = ["load_log_map", "log_map_names"]
 
@@ -59,9 +59,27 @@ def _parsed(document: YamlDocument) -> LogMap:
         models=tuple(_match(m) for m in data.get("models", [])),
         frames=tuple(_match(m) for m in data.get("frames", [])),
         root_frame=data.get("root_frame", "world"),
+        quantities=_quantities(document),
         speed_window_s=float(data.get("speed_window_s", 0.0)),
         sha256=document.sha256,
     )
+
+
+def _quantities(document: YamlDocument) -> dict[str, Quantity]:
+    """The quantities the map brings of its own; those of the vocabulary cannot be changed."""
+    declared = document.data.get("quantities", {})
+    taken = sorted(set(declared) & set(QUANTITIES))
+    if taken:
+        raise LogMapError(
+            f"quantity {taken[0]!r} has its meaning already",
+            file=document.file,
+            place=document.place(["quantities", taken[0]]),
+            hint="choose another name",
+        )
+    return {
+        name: Quantity(q["unit"], q.get("components", 1), q["of"], q.get("meaning", ""))
+        for name, q in declared.items()
+    }
 
 
 def _match(data: dict[str, Any]) -> BodyMatch:
@@ -102,13 +120,14 @@ def _field_map(
     document: YamlDocument, index: int, name: str, fields: list[str], bodies: dict[str, Body]
 ) -> FieldMap:
     place = document.place(["channels", index, "signals", name])
-    quantity = QUANTITIES.get(quantity_of(name))
+    quantities = {**QUANTITIES, **_quantities(document)}
+    quantity = quantities.get(quantity_of(name))
     if quantity is None:
         raise LogMapError(
             f"unknown quantity {quantity_of(name)!r}",
             file=document.file,
             place=place,
-            hint=did_you_mean(quantity_of(name), QUANTITIES, what="quantities"),
+            hint=did_you_mean(quantity_of(name), quantities, what="quantities"),
         )
     subjects = subject_of(name).split("/")
     unknown = [s for s in subjects if s not in bodies]

@@ -45,9 +45,9 @@ def as_json(result: Result) -> str:
     """
     if result.ledger is not None and result.score is not None:
         reconcile(result.ledger, result.score, digits=result.digits)
-    return (
-        json.dumps(_result_data(result), sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    )
+    text = json.dumps(_result_data(result), sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
+    # Half a surrogate pair, which a log may hold in a name, has no place in UTF-8 but has one in JSON.
+    return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
 
 
 def _number(value: float | int) -> float | int:
@@ -230,7 +230,7 @@ def load_result(path: Path) -> Result:
     except ResultError as error:
         error.file = str(path)
         raise
-    except (KeyError, TypeError, ValueError, RecursionError) as cause:
+    except (KeyError, TypeError, ValueError, RecursionError, ArithmeticError) as cause:
         raise ResultError(f"not a whole result: {cause}", file=path, hint="score the trial again") from None
 
 

@@ -11,6 +11,11 @@ ROOT = Path(__file__).parents[1]
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="rewrite golden files; read the diff")
+    parser.addoption(
+        "--official-cases",
+        metavar="DIR",
+        help="folder of official cases to run (default: ../shared/ariac/cases); it may not be empty",
+    )
 
 
 @pytest.fixture

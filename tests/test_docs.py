@@ -38,8 +38,10 @@ def test_the_readme_starts_with_the_two_commands() -> None:
 
 
 def test_the_readme_lists_every_shipped_rule_set() -> None:
-    for name in rule_set_names():
-        assert f"`{name}`" in README
+    listed = set(re.findall(r"`([a-z0-9_.]+)`", README)) | {"ariac2018.as_coded", "ariac2019.as_coded"}
+
+    assert "`ariac2017.as_coded` … `ariac2020.as_coded`" in README
+    assert set(rule_set_names()) <= listed
 
 
 def test_the_readme_has_every_exit_code() -> None:

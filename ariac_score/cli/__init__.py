@@ -57,7 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="ariac-score",
         description="Score robot competition trials: task points, safety monitors, one explained score.",
-        epilog="Exit codes: 0 scored, 3 internal or plugin error, 4 usage or invalid rule set, "
+        epilog="Exit codes: 0 scored, 2 interrupted, 3 internal or plugin error, 4 usage or invalid rules, "
         "5 nothing to score, 6 damaged log or undecided score.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
@@ -80,6 +80,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of our output has gone, as with `| head`: not an error of ours.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        # Reading has errors of its own; what is left is that the output cannot be written.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(f"error: the output cannot be written: {error.strerror}", file=sys.stderr)
+        print("hint: check the disk, or write to a file with -o", file=sys.stderr)
+        return EXIT_USAGE
     except Exception as error:  # noqa: BLE001  # no traceback reaches a user
         return _failed(error)
     return code

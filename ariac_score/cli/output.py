@@ -12,11 +12,13 @@ from tempfile import NamedTemporaryFile
 from ariac_score.errors import UsageError
 from ariac_score.report.style import plain
 
-__all__ = ["progress_bar", "write"]
+__all__ = ["progress_bar", "refuse_inputs", "write"]
 
 
 def write(text: str, file: Path | None) -> None:
     """Print the text, or put it into a file that is either complete or not there.
+
+    A link keeps pointing where it did; a device or pipe is written to, not replaced.
 
     Raises:
         UsageError: The file cannot be written.
@@ -24,25 +26,51 @@ def write(text: str, file: Path | None) -> None:
     if file is None:
         sys.stdout.write(text)
         return
+    try:
+        target = file.resolve()
+        if target.exists() and not target.is_file():
+            with target.open("w", encoding="utf-8", newline="\n") as out:
+                out.write(text)
+        else:
+            _replace(target, text)
+    except (OSError, RuntimeError) as cause:
+        reason = getattr(cause, "strerror", None) or str(cause)
+        raise UsageError(
+            f"cannot be written: {reason}", file=file, hint="check that the folder exists and has room"
+        ) from cause
+
+
+def _replace(target: Path, text: str) -> None:
     temporary = ""
     try:
         with NamedTemporaryFile(
-            "w", encoding="utf-8", newline="\n", dir=file.parent, prefix=".part-", delete=False
+            "w", encoding="utf-8", newline="\n", dir=target.parent, prefix=".part-", delete=False
         ) as out:
             temporary = out.name
             out.write(text)
         mask = os.umask(0)
         os.umask(mask)
         Path(temporary).chmod(0o666 & ~mask)  # a temporary file is private, a result is not
-        Path(temporary).replace(file)
-    except OSError as cause:
+        Path(temporary).replace(target)
+    except OSError:
         if temporary:
             Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def refuse_inputs(output: Path | None, source: Path) -> None:
+    """Refuse to write a result over what it was made from; a new file beside a bundle's parts is fine.
+
+    Raises:
+        UsageError: The output is the input, or a file of the folder that is the input.
+    """
+    if output is None:
+        return
+    target, origin = output.resolve(), source.resolve()
+    if target == origin or (target.is_file() and origin in target.parents):
         raise UsageError(
-            f"cannot be written: {cause.strerror}",
-            file=file,
-            hint="check that the folder exists and has room",
-        ) from cause
+            "the result would overwrite what it is made from", file=output, hint="write it somewhere else"
+        )
 
 
 LONG_LOG_BYTES = 16_000_000

@@ -28,11 +28,13 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Load, price, show; the same output and exit codes as `score`."""
     # Imported here, so that --help and --version stay quick.
+    from ariac_score.cli.output import refuse_inputs  # noqa: PLC0415
     from ariac_score.cli.score import show  # noqa: PLC0415
     from ariac_score.engine import reprice  # noqa: PLC0415
     from ariac_score.result_json import load_result  # noqa: PLC0415
     from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
 
+    refuse_inputs(arguments.output, arguments.result)
     stored = load_result(arguments.result)
     again = reprice(stored, load_rule_set(arguments.rules))
     if arguments.output_format == "text" and stored.score is not None and again.score is not None:

@@ -89,15 +89,17 @@ def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
 
 def run_validate(arguments: argparse.Namespace) -> int:
     """Load each rule set, build its checks and load its log map."""
-    from ariac_score.logmap import load_log_map  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.engine import check_needs  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.logmap import load_log_map  # noqa: PLC0415
     from ariac_score.registry import Registry  # noqa: PLC0415
     from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
 
     registry = Registry()
     for name in arguments.names:
         rule_set = load_rule_set(name)
-        rule_set.build(registry)
-        load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
+        checks = rule_set.build(registry)
+        log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
+        check_needs(rule_set, checks, log_map)
         unpriced = sorted(set(rule_set.checks) - rule_set.sheet.priced)
         remark = f"; not priced: {', '.join(unpriced)}" if unpriced else ""
         print(f"{rule_set.id}: sound, {len(rule_set.checks)} checks{remark}")

@@ -35,9 +35,10 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Score, show, and say with the exit code whether there is a score."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.cli.output import progress_bar  # noqa: PLC0415
+    from ariac_score.cli.output import progress_bar, refuse_inputs  # noqa: PLC0415
     from ariac_score.engine import score_trial  # noqa: PLC0415
 
+    refuse_inputs(arguments.output, arguments.path)
     with progress_bar(arguments.path) as progress:
         result = score_trial(arguments.path, arguments.rules, log_map=arguments.log_map, progress=progress)
     return show(result, arguments)

@@ -1,11 +1,11 @@
-"""Reading the YAML files of ARIAC 2017 to 2022: the trial's orders and the team's sensors.
+"""Reading the YAML files of ARIAC 2017 to 2024: the trial's orders and the team's sensors.
 
 Numbers may be written as arithmetic with `pi`, such as `'-pi/2'`, which the official
 start-up script passes to `eval`. Here they are parsed and walked: numbers, `pi`, the
 four operations and signs, nothing else.
 
 Source: `nist_gear/script/gear.py` of 2017 to 2022; ARIAC notes on log formats,
-sections 7.1, 7.2 and 8.
+sections 7.1 to 7.3 and 8.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import ast
 import math
 import operator
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NoReturn, TypeVar
 
 from ariac_score.contracts import LogDescription, Wanted
 from ariac_score.datafiles import YamlDocument, load_yaml
-from ariac_score.errors import DataFileError, LogError
-from ariac_score.trial.model import Order, Pose, Task, TeamSetup, Tray, Trial, WantedProduct
+from ariac_score.errors import DataFileError, LogError, did_you_mean
+from ariac_score.trial.model import LogDefect, Order, Pose, Task, TeamSetup, Tray, Trial, WantedProduct
 
 __all__ = ["TeamConfigReader", "TrialConfigReader", "arithmetic"]
 
@@ -34,6 +34,16 @@ _GLUED = re.compile(r"\d(?![eE][+-]?\d)[A-Za-z_]")
 _UPDATE = re.compile(r"^(?P<order>.+)_update_\d+$")
 _OTHER_CAMERAS = ("robot_camera", "gantry_bin_camera", "gantry_tray_camera")
 _HIGH_PRIORITY = 3
+
+# Trials of 2023 and 2024; log formats, section 7.3.
+_KINDS = ("kitting", "assembly", "combined")
+_TYPES = ("battery", "pump", "sensor", "regulator")
+_COLORS = ("red", "green", "blue", "orange", "purple")
+_DESTINATIONS = ("kitting", "assembly_front", "assembly_back", "warehouse")
+_STATIONS = ("as1", "as2", "as3", "as4")
+_CONDITIONS = ("time_condition", "part_place_condition", "submission_condition")
+_CHALLENGES = ("faulty_part", "dropped_part", "robot_malfunction", "sensor_blackout", "human")
+_QUADRANTS = (1, 2, 3, 4)
 
 _Path = tuple["str | int", ...]
 _Kind = TypeVar("_Kind")
@@ -53,12 +63,14 @@ class TrialConfigReader:
     def describe(self, path: Path) -> LogDescription:
         """How many orders, tasks and products it asks for."""
         try:
-            orders = _orders(load_yaml(path))
+            document = load_yaml(path)
+            orders = _orders(document)
         except (DataFileError, LogError) as error:
             return LogDescription(format="ARIAC trial configuration", damage=str(error))
         tasks = [task for order in orders for task in order.tasks]
         return LogDescription(
             format="ARIAC trial configuration",
+            defects=tuple(_mistakes(document, path.name)),
             facts={
                 "orders": sum(1 for order in orders if not order.updates),
                 "updates": sum(1 for order in orders if order.updates),
@@ -70,21 +82,25 @@ class TrialConfigReader:
     def read(self, path: Path, wanted: Wanted) -> Trial:
         """The orders, in the order of the file.
 
+        A mistake where parts are put before the start, such as the rotation `p1/2` of
+        official files, changes no order: it is named among the defects.
+
         Raises:
-            DataFileError: It is malformed, or an order has not the shape of 2017 to 2022.
+            DataFileError: It is malformed, or an order has not the shape of 2017 to 2024.
         """
-        orders = _orders(load_yaml(path))
+        document = load_yaml(path)
+        orders = _orders(document)
         wanted.progress(1.0)
-        return Trial(id=path.stem, orders=orders)
+        return Trial(id=path.stem, orders=orders, log_defects=tuple(_mistakes(document, path.name)))
 
 
 class TeamConfigReader:
     """Reads the sensors a team placed; a robot camera it switched on is one of them, typed by its key."""
 
     def can_read(self, path: Path) -> bool:
-        """Whether it is a YAML file with `sensors` but no `orders` at its top level."""
+        """Whether it is a YAML file with sensors (2024: static ones or robot cameras) but no `orders`."""
         keys = _top_level_keys(path)
-        return "sensors" in keys and "orders" not in keys
+        return bool(keys) and "orders" not in keys
 
     def describe(self, path: Path) -> LogDescription:
         """How many sensors the team has, by type."""
@@ -167,7 +183,11 @@ def _top_level_keys(path: Path) -> frozenset[str]:
             head = file.read(_SNIFFED_BYTES)
     except OSError:
         return frozenset()
-    found = re.findall(rb"""^(?:\xef\xbb\xbf)?["']?(orders|sensors)["']?[ \t]*:""", head, re.MULTILINE)
+    found = re.findall(
+        rb"""^(?:\xef\xbb\xbf)?["']?(orders|sensors|static_sensors|robot_cameras)["']?[ \t]*:""",
+        head,
+        re.MULTILINE,
+    )
     return frozenset(key.decode() for key in found)
 
 
@@ -242,6 +262,28 @@ class _Reading:
             )
         return [self.text(name, (*path, key, i)) for i, name in enumerate(names)]
 
+    def given(self, parent: Mapping[Any, Any], key: str, path: _Path) -> Any:
+        """The value of a key that must be there."""
+        if key not in parent:
+            near = did_you_mean(key, [str(k) for k in parent], what="given") if parent else ""
+            self.refuse(path, f"key {key!r} is missing", f"add {key!r}" + (f"; {near}" if near else ""))
+        return parent[key]
+
+    def one_of(self, parent: Mapping[Any, Any], key: str, known: Sequence[_Kind], path: _Path) -> _Kind:
+        """The value of a key that must be there and be one of a few."""
+        value = self.given(parent, key, path)
+        # Not by `in`: True is 1 to Python.
+        for choice in known:
+            if type(value) is type(choice) and value == choice:
+                return choice
+        words = [str(choice) for choice in known]
+        return self.refuse((*path, key), f"{value!r} is no {key}", did_you_mean(str(value), words))
+
+    def truth(self, parent: Mapping[Any, Any], key: str, path: _Path) -> bool:
+        """The value of a key that is true or false; false when it is left out."""
+        value = parent.get(key, False)
+        return self._typed(value, bool, "true or false", (*path, key))
+
 
 def _orders(document: YamlDocument) -> tuple[Order, ...]:
     reading = _Reading(document)
@@ -250,9 +292,7 @@ def _orders(document: YamlDocument) -> tuple[Order, ...]:
     root = reading.mapping(document.data, ())
     orders = root.get("orders")
     if isinstance(orders, list):
-        reading.refuse(
-            ("orders",), "orders are a list", "this is a trial of 2023 or later; only 2017 to 2022 are read"
-        )
+        return _listed_orders(reading, root, orders)
     aliases = _aliases(reading, root)
     taken: list[Order] = []
     for order_id, value in reading.mapping(orders, ("orders",)).items():
@@ -369,17 +409,170 @@ def _products(
     return tuple(products)
 
 
+def _listed_orders(reading: _Reading, root: Mapping[Any, Any], orders: Sequence[Any]) -> tuple[Order, ...]:
+    """The orders of 2023 and 2024; each has one task, which is handed in under the order's id."""
+    if len(orders) > MAX_SHIPMENTS:
+        reading.refuse(("orders",), f"{len(orders)} orders cannot be announced", f"give 1 to {MAX_SHIPMENTS}")
+    ids: list[str] = []
+    for number, value in enumerate(orders):
+        path: _Path = ("orders", number)
+        order_id = reading.text(reading.given(reading.mapping(value, path), "id", path), (*path, "id"))
+        if "/" in order_id or order_id.split() != [order_id]:
+            reading.refuse(
+                (*path, "id"), f"{order_id!r} is no order id", "ids are 8 letters and digits, without spaces"
+            )
+        if order_id in ids:
+            reading.refuse((*path, "id"), f"order {order_id!r} is given twice", "give each order its own id")
+        ids.append(order_id)
+    challenged = _challenged(reading, root, ids)
+    return tuple(
+        _listed_order(reading, order_id, orders[number], ("orders", number), ids, challenged)
+        for number, order_id in enumerate(ids)
+    )
+
+
+def _challenged(reading: _Reading, root: Mapping[Any, Any], ids: Sequence[str]) -> frozenset[tuple[str, int]]:
+    """The quadrants of orders that a faulty-part challenge is set on."""
+    found: set[tuple[str, int]] = set()
+    for number, value in enumerate(reading.sequence(root.get("challenges") or [], ("challenges",))):
+        path: _Path = ("challenges", number)
+        for kind, challenge in reading.mapping(value, path).items():
+            if kind not in _CHALLENGES:
+                reading.refuse(path, f"{kind!r} is no challenge", did_you_mean(str(kind), _CHALLENGES))
+            if kind == "faulty_part":
+                place = (*path, "faulty_part")
+                parts = reading.mapping(challenge, place)
+                order_id = reading.one_of(parts, "order_id", ids, place)
+                found |= {(order_id, q) for q in _QUADRANTS if reading.truth(parts, f"quadrant{q}", place)}
+    return frozenset(found)
+
+
+def _listed_order(
+    reading: _Reading,
+    order_id: str,
+    value: Any,
+    path: _Path,
+    ids: Sequence[str],
+    challenged: frozenset[tuple[str, int]],
+) -> Order:
+    parts = reading.mapping(value, path)
+    _check_announcement(reading, parts, path, ids)
+    kind = reading.one_of(parts, "type", _KINDS, path)
+    key = f"{kind}_task"
+    block = reading.mapping(reading.given(parts, key, path), (*path, key))
+    path = (*path, key)
+    priority = _HIGH_PRIORITY if reading.truth(parts, "priority", path[:-1]) else 1
+    if kind == "kitting":
+        tray_id = reading.given(block, "tray_id", path)
+        if type(tray_id) is not int or not 0 <= tray_id <= 99:
+            reading.refuse(
+                (*path, "tray_id"), f"{tray_id!r} is no tray id", "give the number of a tray, 0 to 9"
+            )
+        task = Task(
+            id=order_id,
+            kind=kind,
+            products=_listed_products(
+                reading, block, path, {q for order, q in challenged if order == order_id}
+            ),
+            agv=f"agv{reading.one_of(block, 'agv_number', _QUADRANTS, path)}",
+            station=reading.one_of(block, "destination", _DESTINATIONS, path),
+            tray=Tray(f"kit_tray_{tray_id:02d}"),
+        )
+    else:
+        products = _listed_products(reading, block, path, None)
+        task = Task(order_id, kind, products, station=reading.one_of(block, "station", _STATIONS, path))
+    return Order(order_id, (task,), None, priority)
+
+
+def _check_announcement(reading: _Reading, order: Mapping[Any, Any], path: _Path, ids: Sequence[str]) -> None:
+    """That an order says when it is announced; the time itself only a log can tell."""
+    place = (*path, "announcement")
+    condition = reading.mapping(reading.given(order, "announcement", path), place)
+    for kind, value in condition.items():
+        if kind not in _CONDITIONS:
+            reading.refuse(place, f"{kind!r} is no condition", did_you_mean(str(kind), _CONDITIONS))
+        if kind == "submission_condition":
+            reading.one_of(reading.mapping(value, (*place, kind)), "order_id", ids, (*place, kind))
+        if kind == "time_condition" and reading.number(value, (*place, kind)) < 0:
+            reading.refuse((*place, kind), f"{value!r} s is before the start", "give 0 or more")
+
+
+def _listed_products(
+    reading: _Reading, block: Mapping[Any, Any], path: _Path, challenged: set[int] | None
+) -> tuple[WantedProduct, ...]:
+    """The products of a task; those of a kit (`challenged` is given) have a quadrant, others a pose."""
+    path = (*path, "products")
+    products: list[WantedProduct] = []
+    for number, value in enumerate(reading.sequence(reading.given(block, "products", path[:-1]), path)):
+        place = (*path, number)
+        product = reading.mapping(value, place)
+        kind = reading.one_of(product, "type", _TYPES, place)
+        name = f"{kind}_{reading.one_of(product, 'color', _COLORS, place)}"
+        if challenged is None:
+            pose = reading.pose(reading.given(product, "assembled_pose", place), (*place, "assembled_pose"))
+            products.append(WantedProduct(f"part_{number}", name, pose))
+        else:
+            quadrant = reading.one_of(product, "quadrant", _QUADRANTS, place)
+            products.append(
+                WantedProduct(f"part_{number}", name, None, quadrant, challenged=quadrant in challenged)
+            )
+    return tuple(products)
+
+
+def _mistakes(document: YamlDocument, where: str) -> Iterator[LogDefect]:
+    """Numbers of 2023 and 2024 outside the orders that are none, such as the official `p1/2`."""
+    root = document.data
+    if not isinstance(root, dict) or not isinstance(root.get("orders"), list):
+        return
+    for path, value in _numbers_in(root.get("parts"), ("parts",)):
+        yield from _mistake(document, path, value, where)
+    for path, value in _leaves(root.get("assembly_inserts"), ("assembly_inserts",)):
+        yield from _mistake(document, path, value, where)
+
+
+def _mistake(document: YamlDocument, path: _Path, value: Any, where: str) -> Iterator[LogDefect]:
+    if isinstance(value, str):
+        try:
+            arithmetic(value)
+        except ValueError as cause:
+            message = f"{cause} ({document.place(path)}); no order depends on it"
+            yield LogDefect("configuration_mistake", where, 1, message)
+
+
+def _leaves(value: Any, path: _Path) -> Iterator[tuple[_Path, Any]]:
+    """Every value that is no map or list, with its path."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _leaves(inner, (*path, str(key)))
+    elif isinstance(value, list):
+        for number, inner in enumerate(value):
+            yield from _leaves(inner, (*path, number))
+    else:
+        yield path, value
+
+
+def _numbers_in(value: Any, path: _Path) -> Iterator[tuple[_Path, Any]]:
+    return ((place, leaf) for place, leaf in _leaves(value, path) if place[-1] in ("rotation", "offset"))
+
+
 def _sensors(document: YamlDocument) -> dict[str, str]:
     reading = _Reading(document)
     root = reading.mapping(document.data, ())
     sensors: dict[str, str] = {}
-    if root.get("sensors") is not None:
-        for name, value in reading.mapping(root["sensors"], ("sensors",)).items():
-            path = ("sensors", str(name))
-            sensor = reading.mapping(value, path)
-            if "type" not in sensor:
-                reading.refuse(path, "key 'type' is missing", "add the sensor's type")
-            sensors[str(name)] = reading.text(sensor["type"], (*path, "type"))
+    for key in ("sensors", "static_sensors"):
+        if root.get(key) is not None:
+            for name, value in reading.mapping(root[key], (key,)).items():
+                path: _Path = (key, str(name))
+                sensor = reading.mapping(value, path)
+                if "type" not in sensor:
+                    reading.refuse(path, "key 'type' is missing", "add the sensor's type")
+                sensors[str(name)] = reading.text(sensor["type"], (*path, "type"))
+    if root.get("robot_cameras") is not None:
+        for name, value in reading.mapping(root["robot_cameras"], ("robot_cameras",)).items():
+            path = ("robot_cameras", str(name))
+            on_robot = reading.mapping(value, path)
+            if reading.truth(on_robot, "active", path):
+                sensors[str(name)] = f"robot_{reading.one_of(on_robot, 'type', ('rgb', 'rgbd'), path)}_camera"
     for name in _OTHER_CAMERAS:
         camera = root.get(name)
         if camera is not None and reading.mapping(camera, (name,)).get("enable") is True:

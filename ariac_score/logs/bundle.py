@@ -29,6 +29,9 @@ ROLES: Mapping[str, str] = MappingProxyType(
         "jsonl": "log",
         "rosbag": "log",
         "gazebo_text": "official",
+        "trial_log": "official",
+        "ariac_database": "official",
+        "sensor_cost": "sensor_cost",
         "ariac_config": "trial_config",
         "ariac_team": "team_config",
     }
@@ -40,6 +43,7 @@ _WORDS = {
     "trial_config": "a trial configuration",
     "team_config": "a team configuration",
     "official": "an official result",
+    "sensor_cost": "an official sensor cost",
 }
 
 FORMATS = (
@@ -54,7 +58,7 @@ class Part:
     """One file (or bag folder) of a trial.
 
     Attributes:
-        role: `log`, `trial_config`, `team_config` or `official`.
+        role: `log`, `trial_config`, `team_config`, `official` or `sensor_cost`.
         path: Where it is.
         reader: Name of the reader that recognised it.
     """

@@ -655,7 +655,8 @@ class GazeboStateReader:
             path, lambda entity: positions and _is_followed(entity, models), progress=wanted.progress
         )
         builder = TrialBuilder(path.stem, file=path, clock=CLOCK)
-        builder.witnessed.add("bodies")
+        if not states.cut_off:
+            builder.witnessed.add("bodies")  # what the lost part would have shown is not known
         for defect in _placed(states.defects, path):
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         for key in sorted(states.entities):

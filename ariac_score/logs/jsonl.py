@@ -35,14 +35,19 @@ from ariac_score.trial.model import (
     WantedProduct,
 )
 from ariac_score.trial.spans import Span
-from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
+from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of, subject_of
 
 __all__ = ["FORMAT", "JsonLinesReader"]
 
 FORMAT = "ariac-score-trial-log/1"
 MAX_LINE_BYTES = 10_000_000
+MAX_TIME_S = 1e11
+"""Stamps further from 0 than this are no times of a trial."""
+_LARGEST_INTEGER = 2**53
 
 Record = dict[str, Any]
+
+_KINDS = ("trial", "body", "order", "submission", "event", "sample", "end")
 
 
 @dataclass
@@ -96,6 +101,7 @@ class JsonLinesReader:
         """
         builder = TrialBuilder(path.stem, file=path, clock="as written in the log")
         columns = _Columns()
+        units = {name: quantity.unit for name, quantity in QUANTITIES.items()}
         size = max(path.stat().st_size, 1)
         low, high = math.inf, -math.inf
         for done, record in enumerate(_records(path)):
@@ -108,19 +114,34 @@ class JsonLinesReader:
                         columns.t[name].append(record["t_s"])
                         columns.values[name].append(value)
             else:
+                units |= {name: q["unit"] for name, q in record.get("quantities", {}).items()}
                 _take(builder, record)
             if done % 20_000 == 0:
                 wanted.progress(min(0.95, done * 80 / size))
         for name in sorted(columns.t):
-            unit = QUANTITIES[quantity_of(name)].unit
-            builder.add_signal(name, unit, np.array(columns.t[name]), np.array(columns.values[name]))
+            _check_bodies(path, name, builder.bodies)
+            builder.add_signal(
+                name, units[quantity_of(name)], np.array(columns.t[name]), np.array(columns.values[name])
+            )
         if low <= high:
             builder.recorded = Span(low, high)
         return builder.build()
 
 
+def _check_bodies(path: Path, signal: str, bodies: Mapping[str, Body]) -> None:
+    """Refuse a signal of a body that no record declares: nobody would watch it."""
+    for subject in subject_of(signal).split("/"):
+        body, _, link = subject.partition("::")
+        if body not in bodies or (link and link not in bodies[body].links):
+            raise LogError(
+                f"signal {signal!r} speaks of {subject!r}, which no 'body' record declares",
+                file=path,
+                hint=did_you_mean(body, bodies, what="declared bodies"),
+            )
+
+
 def _topic(name: str, times: list[float]) -> TopicDescription:
-    kind = name.strip("()") + " record" if name.startswith("(") else QUANTITIES[quantity_of(name)].unit
+    kind = name.strip("()") + " record" if name.startswith("(") else "samples"
     ordered = sorted(times)
     gap = max((b - a for a, b in pairwise(ordered)), default=None)
     return TopicDescription(name, kind, len(times), ordered[0], ordered[-1], gap)
@@ -133,13 +154,14 @@ def _records(path: Path) -> Iterator[Record]:
         LogError: With the line, for the first that is wrong, or when the end is missing.
     """
     number, last = 0, ""
+    known = dict(QUANTITIES)
     try:
         with path.open("rb") as stream:
             while line := stream.readline(MAX_LINE_BYTES + 1):
                 number += 1
                 if not line.strip():
                     continue
-                record = _parsed(path, number, line)
+                record = _parsed(path, number, line, known)
                 kind = record["record"]
                 if (kind == "trial") != (last == "") or last == "end":
                     raise _fault(
@@ -153,6 +175,7 @@ def _records(path: Path) -> Iterator[Record]:
                         path, number, f"the end says {record['records']} lines, there are {number}", _CUT
                     )
                 last = kind
+                known |= _declared(path, number, record.get("quantities", {}))
                 yield record
     except OSError as cause:
         raise LogError(
@@ -164,6 +187,17 @@ def _records(path: Path) -> Iterator[Record]:
         raise _fault(path, number, "the log is cut off: there is no 'end' record", _CUT)
 
 
+def _declared(path: Path, number: int, quantities: Mapping[str, Any]) -> dict[str, Quantity]:
+    """The quantities a log brings of its own; those of the vocabulary cannot be changed."""
+    taken = sorted(set(quantities) & set(QUANTITIES))
+    if taken:
+        raise _fault(path, number, f"quantity {taken[0]!r} has its meaning already", "choose another name")
+    return {
+        name: Quantity(q["unit"], q.get("components", 1), q["of"], q.get("meaning", ""))
+        for name, q in quantities.items()
+    }
+
+
 _CUT = "record the trial again, or complete the log; a score must not rest on part of it"
 
 
@@ -171,7 +205,7 @@ def _fault(path: Path, number: int, cause: str, hint: str) -> LogError:
     return LogError(cause, file=path, place=f"line {number}", hint=hint)
 
 
-def _parsed(path: Path, number: int, line: bytes) -> Record:
+def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity]) -> Record:
     if len(line) > MAX_LINE_BYTES:
         raise _fault(
             path, number, f"the line is longer than {MAX_LINE_BYTES:,} bytes", "one record on each line"
@@ -182,17 +216,33 @@ def _parsed(path: Path, number: int, line: bytes) -> Record:
         raise _fault(path, number, f"not a JSON record: {cause}", "one JSON object on each line") from None
     if not isinstance(record, dict):
         raise _fault(path, number, "not a JSON object", "one JSON object on each line")
-    if record.get("record") == "sample":
-        _check_sample(path, number, record)
+    kind = record.get("record")
+    if kind == "sample":
+        _check_sample(path, number, record, known)
         return record
-    faults = schema_errors(record, "trial_log")
+    if kind not in _KINDS:
+        raise _fault(
+            path, number, f"record {kind!r} is unknown", did_you_mean(str(kind), _KINDS, what="records")
+        )
+    if _has_huge_integer(record):
+        raise _fault(path, number, "a number is too large", "numbers are SI units of a trial; see the schema")
+    faults = schema_errors(record, "trial_log", f"{kind}_record")
     if faults:
         where, fault, hint = faults[0]
         place = f"line {number}" + (f", {'.'.join(map(str, where))}" if where else "")
         raise LogError(fault, file=path, place=place, hint=hint)
-    if record.get("t_s") is not None and not math.isfinite(record["t_s"]):
-        raise _fault(path, number, f"t_s is {record['t_s']!r}", "times are finite numbers, s of trial time")
+    if record.get("t_s") is not None and not abs(record["t_s"]) <= MAX_TIME_S:  # NaN keeps no limit
+        raise _fault(path, number, f"t_s is {record['t_s']!r}", "times are numbers, s of trial time")
     return record
+
+
+def _has_huge_integer(value: object) -> bool:
+    """Whether an integer somewhere in a record is beyond what float64 and JSON can carry."""
+    if isinstance(value, dict):
+        return any(map(_has_huge_integer, value.values()))
+    if isinstance(value, list):
+        return any(map(_has_huge_integer, value))
+    return isinstance(value, int) and not -_LARGEST_INTEGER <= value <= _LARGEST_INTEGER
 
 
 def _no_duplicates(pairs: list[tuple[str, Any]]) -> Record:
@@ -203,18 +253,18 @@ def _no_duplicates(pairs: list[tuple[str, Any]]) -> Record:
     return record
 
 
-def _check_sample(path: Path, number: int, record: Record) -> None:
+def _check_sample(path: Path, number: int, record: Record, known: Mapping[str, Quantity]) -> None:
     values = record.get("values")
     if set(record) != {"record", "t_s", "values"} or not isinstance(values, dict) or not values:
         raise _fault(
             path, number, "a sample has exactly 't_s' and 'values'", "see schemas/trial_log.schema.json"
         )
-    if not _is_number(record["t_s"]):
+    if not _is_number(record["t_s"]) or abs(record["t_s"]) > MAX_TIME_S:
         raise _fault(path, number, f"t_s is {record['t_s']!r}", "times are numbers, s of trial time")
     for name, value in values.items():
-        quantity = QUANTITIES.get(quantity_of(name))
+        quantity = known.get(quantity_of(name))
         if quantity is None:
-            hint = did_you_mean(quantity_of(name), QUANTITIES, what="quantities")
+            hint = did_you_mean(quantity_of(name), known, what="quantities")
             raise _fault(path, number, f"signal {name!r} measures nothing known", hint)
         if name.count("/") != (2 if quantity.of == "pair" else 1) or "" in name.split("/"):
             shape = "quantity/robot/human" if quantity.of == "pair" else "quantity/body"
@@ -225,7 +275,10 @@ def _check_sample(path: Path, number: int, record: Record) -> None:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    """Whether a value is a number that float64 can hold; NaN and infinities are, and become gaps."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return abs(value) <= _LARGEST_INTEGER
+    return isinstance(value, float)
 
 
 def _take(builder: TrialBuilder, record: Record) -> None:
@@ -269,7 +322,10 @@ def _order(record: Record) -> Order:
             id=task["id"],
             kind=task.get("kind", "kitting"),
             products=tuple(
-                WantedProduct(p["slot"], p["type"], _pose(p.get("pose"))) for p in task["products"]
+                WantedProduct(
+                    p["slot"], p["type"], _pose(p.get("pose")), p.get("quadrant", 0), p.get("challenged")
+                )
+                for p in task["products"]
             ),
             agv=task.get("agv", "any"),
             station=task.get("station", ""),

@@ -74,12 +74,12 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
 
 def _official(result: Result, total: float, style: Style) -> Iterator[str]:
     official = result.measured.official
-    time_s = f", process time {official.process_time_s:g} s" if official and official.process_time_s else ""
     same = result.score is not None and result.score == Decimal(repr(total))
-    words = (
-        "the same as ours" if same else "not ours: these rules or this log differ from the official scorer's"
-    )
-    yield style(f"official result: {total:g}{time_s} — {words}", *([] if same else ["yellow"]))
+    words = "the same as ours" if same else "not ours: rules or log differ from the official scorer's"
+    yield style(f"official total {total:g}: {words}", *([] if same else ["yellow"]))
+    if official is not None and official.process_time_s:
+        own = f"; from this log {result.measured.window.duration_s:.3f} s" if result.measured.window else ""
+        yield style(f"official process time {official.process_time_s:g} s{own}", "dim")
 
 
 def _ledger(result: Result, style: Style) -> Iterator[str]:

@@ -64,6 +64,7 @@ class TrialBuilder:
     def add(self, item: Order | Submission | Event) -> None:
         """Take one decoded item; an order with a time also makes its announcement an event."""
         if isinstance(item, Order):
+            _check_ids(item, self.file)
             self.orders.append(item)
             if item.announced_s is not None:
                 self.events.append(Event(item.announced_s, ORDER_ANNOUNCED, item.id))
@@ -154,6 +155,21 @@ class TrialBuilder:
         )
 
 
+def _check_ids(order: Order, file: object) -> None:
+    """Refuse an order in which two things have one name: findings could not tell them apart."""
+    for what, names in (
+        ("shipments", [task.id for task in order.tasks]),
+        *(("slots", [wanted.slot for wanted in task.products]) for task in order.tasks),
+    ):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise LogError(
+                f"order {order.id!r} has two {what} named {twice[0]!r}",
+                file=file,
+                hint="give each its own name",
+            )
+
+
 def _span_of(
     signals: Iterable[Signal], events: Iterable[Event], submissions: Iterable[Submission]
 ) -> Span | None:
@@ -176,11 +192,21 @@ def settle_orders(announced: Sequence[Order]) -> tuple[Order, ...]:
     and priority; the last update wins. An update whose own id is that of an announced
     order is ignored, and so is one that names no announced order.
 
+    Raises:
+        LogError: An order is announced again with other contents.
+
     Source:
         ARIAC 2019, section "code" of the rulebook: update, priority.
     """
     orders: dict[str, Order] = {}
+    first: dict[str, Order] = {}
     for order in announced:
+        known = first.setdefault(order.id, order)
+        if not order.updates and order.tasks != known.tasks:
+            raise LogError(
+                f"order {order.id!r} is announced twice, with different contents",
+                hint="a change of an order is an update of its own id, such as order_0_update_0",
+            )
         if order.id in orders:
             continue
         if not order.updates:
@@ -207,7 +233,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     parts = _on_one_clock(parts)
     events = tuple(sorted({e for p in parts for e in p.events}))
     spans = [p.recorded for p in parts if p.recorded]
-    return Trial(
+    merged = Trial(
         id=trial_id,
         orders=_orders(parts, events, file),
         submissions=_submissions(parts, file),
@@ -219,9 +245,55 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
         witnessed=frozenset(w for p in parts for w in p.witnessed),
         unrecorded=tuple(sorted({u for p in parts for u in p.unrecorded})),
         log_defects=tuple(sorted(d for p in parts for d in p.log_defects)),
-        clock="; ".join(dict.fromkeys(p.clock for p in parts if p.clock)),
+        clock=_clock(parts),
         recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
     )
+    return _within_competition(merged)
+
+
+def _within_competition(trial: Trial) -> Trial:
+    """The trial with the submissions that can count, and what is odd about its course as defects.
+
+    A submission before the start or after the end is refused by every edition. What
+    is left out, and what answers no order, is counted, so that nobody has to wonder.
+    """
+    defects = list(trial.log_defects)
+
+    def note(kind: str, count: int, message: str) -> None:
+        if count:
+            defects.append(LogDefect(kind, trial.id, count, message))
+
+    start_s, end_s = trial.started_s, trial.ended_s
+    if start_s is None and end_s is None:
+        note("no_window", 1, "start and end of the competition are not in the log; all of it was watched")
+    elif start_s is not None and end_s is not None and start_s >= end_s:
+        note(
+            "no_window",
+            1,
+            f"it ends ({end_s:.3f} s) before it starts ({start_s:.3f} s); all of it was watched",
+        )
+        start_s = end_s = None
+    low = -np.inf if start_s is None else start_s
+    high = np.inf if end_s is None else end_s
+    counted = tuple(s for s in trial.submissions if low <= s.submitted_s <= high)
+    note(
+        "outside_competition",
+        len(trial.submissions) - len(counted),
+        "submissions before the start or after the end were refused",
+    )
+    ordered = {task.id for order in trial.orders for task in order.tasks}
+    unknown = [s for s in counted if s.task_id not in ordered]
+    note("unknown_shipment", len(unknown), "submissions answer no shipment of any order")
+    known = [s.task_id for s in counted if s.task_id in ordered]
+    note("repeated_submission", len(known) - len(set(known)), "shipments were submitted more than once")
+    return replace(trial, submissions=counted, log_defects=tuple(sorted(defects)))
+
+
+def _clock(parts: Sequence[Trial]) -> str:
+    """The clocks of the parts, each kind once, in its fullest words."""
+    clocks = sorted({part.clock for part in parts if part.clock})
+    kinds = dict.fromkeys(clock.split(" (")[0] for clock in clocks)
+    return "; ".join(max((c for c in clocks if c.split(" (")[0] == kind), key=len) for kind in kinds)
 
 
 def _clock_kind(part: Trial) -> str:

@@ -5,12 +5,12 @@ This is data. `ariac_score.logmap` loads it from YAML; readers follow it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
 from ariac_score.trial.model import Body
-from ariac_score.trial.vocabulary import quantity_of
+from ariac_score.trial.vocabulary import Quantity, quantity_of
 
 __all__ = ["BodyMatch", "Channel", "FieldMap", "LogMap"]
 
@@ -93,6 +93,7 @@ class LogMap:
         models: Gazebo model names.
         frames: tf frame names.
         root_frame: The tf frame positions are given in.
+        quantities: Quantities beyond the vocabulary that signals of this map measure.
         speed_window_s: Half width of the centred difference that gives speeds, s; 0 means two samples.
         sha256: Hash of the file it came from; empty for one made in memory.
     """
@@ -103,6 +104,7 @@ class LogMap:
     models: tuple[BodyMatch, ...] = ()
     frames: tuple[BodyMatch, ...] = ()
     root_frame: str = "world"
+    quantities: Mapping[str, Quantity] = field(default_factory=dict)
     speed_window_s: float = 0.0
     sha256: str = ""
 

@@ -15,6 +15,7 @@ from ariac_score.trial.spans import Span
 __all__ = [
     "Body",
     "LogDefect",
+    "OfficialOrder",
     "OfficialResult",
     "Order",
     "Pose",
@@ -84,12 +85,16 @@ class WantedProduct:
     Attributes:
         slot: Its name within the kit, such as `part_0`.
         type: Full product type, such as `gear_part_red`.
-        pose: Wanted pose in the tray frame; `None` when the order gives none.
+        pose: Wanted pose in the frame of the tray, briefcase or insert; `None` when the order gives none.
+        quadrant: Quadrant of the kitting tray it is wanted in (2023 on), 1 to 4; 0 when the order names none.
+        challenged: Whether a faulty-part challenge (2023 on) is set on its quadrant; `None`: nothing says.
     """
 
     slot: str
     type: str
     pose: Pose | None = None
+    quadrant: int = 0
+    challenged: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -111,10 +116,11 @@ class Product:
 
 @dataclass(frozen=True)
 class Tray:
-    """The movable tray a kit is built on (2022 on).
+    """The tray a kit is built on (2022 on), or the insert parts are assembled in (2023 on).
 
     Attributes:
-        type: Its model, such as `movable_tray_metal_shiny`.
+        type: Its model, such as `movable_tray_metal_shiny`, `kit_tray_03` or `assembly_insert_2`;
+            empty when the log shows that there was none.
         pose: Its pose on the AGV; `None` when unknown or not asked for.
     """
 
@@ -207,10 +213,39 @@ class TeamSetup:
     Attributes:
         name: Team name; empty when unknown.
         sensors: Sensor types by sensor name.
+        sensor_cost: What an official record says that the sensors cost, in dollars; `None` when none does.
     """
 
     name: str = ""
     sensors: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    sensor_cost: float | None = None
+
+
+@dataclass(frozen=True)
+class OfficialOrder:
+    """What an official record of 2023 or later says about one order; `None` where it says nothing.
+
+    Attributes:
+        id: Of the order.
+        kind: Of its task: `kitting`, `assembly` or `combined`; empty when not printed.
+        submitted: Whether it was handed in.
+        priority: Whether it is a priority order.
+        score: What its task was given, without any factor for priority; may be negative.
+        max_score: The most it could have been given.
+        announced_s: When it was announced, s since the start of the competition.
+        submitted_s: When it was handed in, s since the start of the competition.
+        items: Everything printed in detail, as printed, by path, such as `quadrant_1/flipped_part`.
+    """
+
+    id: str
+    kind: str = ""
+    submitted: bool | None = None
+    priority: bool | None = None
+    score: float | None = None
+    max_score: float | None = None
+    announced_s: float | None = None
+    submitted_s: float | None = None
+    items: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
 
 @dataclass(frozen=True)
@@ -219,15 +254,22 @@ class OfficialResult:
 
     Attributes:
         source: File it was read from.
-        total: Printed final score; `None` when the text has none.
+        total: Printed final score; of a text that prints scores of orders only, their sum; `None`: neither.
         process_time_s: Printed total process time, s.
         orders: Printed total by order id.
+        outcome: How the run ended where that is out of the ordinary: `crashed` (the simulator died, nothing
+            was scored), `cancelled` (by the user), `aborted` (2025: before all orders were in); else empty.
+        summaries: What is printed of each order (2023 on), in the order of the record.
+        items: What else is printed of the trial, as printed, by label, such as `trial_time_limit`.
     """
 
     source: str
     total: float | None
     process_time_s: float | None
     orders: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    outcome: str = ""
+    summaries: tuple[OfficialOrder, ...] = ()
+    items: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
 
 @dataclass(frozen=True, order=True)
@@ -334,13 +376,14 @@ class Trial:
     def window(self) -> Span | None:
         """The stretch in which behaviour counts: start to end of the competition.
 
-        Where the log does not say, the recording's own first and last stamp stand in.
+        Where the log does not say, the recording's own first and last stamp stand in,
+        and the whole recording where start and end leave nothing between them.
         """
         if self.recorded is None:
             return None
         start_s = self.recorded.start_s if self.started_s is None else self.started_s
         end_s = self.recorded.end_s if self.ended_s is None else self.ended_s
-        return Span(start_s, end_s) if start_s <= end_s else self.recorded
+        return Span(start_s, end_s) if start_s < end_s else self.recorded
 
     @property
     def duration_s(self) -> float:

@@ -1,19 +1,34 @@
 """Rules about kits: what was delivered, where it lies, where it went, and how long it took."""
 
-from ariac_score_kitting.contents import NoneFaulty, NoneMissing, NoneUnwanted, Presence
+from ariac_score_kitting.assembly import AssemblyCounters, AssemblyPart
+from ariac_score_kitting.contents import NoneFaulty, NoneMissing, NoneUnwanted, Presence, RightNumber
 from ariac_score_kitting.coverage import OnlyKitting
 from ariac_score_kitting.delivery import Destination, OrderTime, Submitted
+from ariac_score_kitting.inserts import InsertedPart, InsertSeen
 from ariac_score_kitting.poses import KitPose, TrayRight
+from ariac_score_kitting.quadrants import ExtraParts, OrderSubmitted, QuadrantPart, TaskKind, TrayNumber
+from ariac_score_kitting.wrong_color import WrongColorPose
 
 __all__ = [
+    "AssemblyCounters",
+    "AssemblyPart",
     "Destination",
+    "ExtraParts",
+    "InsertSeen",
+    "InsertedPart",
     "KitPose",
     "NoneFaulty",
     "NoneMissing",
     "NoneUnwanted",
     "OnlyKitting",
+    "OrderSubmitted",
     "OrderTime",
     "Presence",
+    "QuadrantPart",
+    "RightNumber",
     "Submitted",
+    "TaskKind",
+    "TrayNumber",
     "TrayRight",
+    "WrongColorPose",
 ]

@@ -3,50 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Literal
 
 from ariac_score import Finding, Order, Submission, Task, Trial
 
 NOT_SUBMITTED = "it was never submitted"
 EMPTY_KIT = "no product is ordered"
 
+CountsFrom = Literal["update", "announcement"]
+"""Since when submissions count: the latest version of the order, or its first one."""
 
-def kitting_tasks(order: Order) -> Iterator[tuple[str, Task]]:
-    """The kitting tasks of an order with the subject of findings about each."""
+KindOfTask = Literal["kitting", "assembly"]
+"""The kind of task a rule judges."""
+
+
+def kitting_tasks(order: Order, kind: str = "kitting") -> Iterator[tuple[str, Task]]:
+    """The tasks of one kind of an order with the subject of findings about each."""
     for task in order.tasks:
-        if task.kind == "kitting":
+        if task.kind == kind:
             yield f"{order.id}/{task.id}", task
 
 
-def not_kits(order: Order) -> Iterator[Finding]:
-    """For each task of another kind that a rule about kits does not judge it.
+def not_kits(order: Order, kind: str = "kitting") -> Iterator[Finding]:
+    """For each task of another kind that the rule does not judge it.
 
     Said rather than passed over, so that a formula about the task has an answer and
     `kitting.only_kitting` is what withholds the score.
     """
+    what = "a kit" if kind == "kitting" else f"of kind {kind}"
     for task in order.tasks:
-        if task.kind != "kitting":
-            yield Finding.not_applicable(f"{order.id}/{task.id}", f"a task of kind {task.kind} is not a kit")
+        if task.kind != kind:
+            yield Finding.not_applicable(f"{order.id}/{task.id}", f"a task of kind {task.kind} is not {what}")
 
 
-def claimed(trial: Trial, order: Order, task: Task) -> Submission | None:
-    """The first submission of the task's type since the order (or its update) was announced.
+def first_announced_s(trial: Trial, order: Order) -> float | None:
+    """When the first version of an order was announced, whatever updates came later."""
+    events = [event for event in trial.events_of("order_announced") if event.subject == order.id]
+    return events[0].t_s if events else order.announced_s
 
-    Later submissions of the same type, and those before an update, do not count.
+
+def claimed(trial: Trial, order: Order, task: Task, counts_from: CountsFrom = "update") -> Submission | None:
+    """The first submission of the task's type since the order was announced.
+
+    Later submissions of the same type do not count, nor do those before the
+    announcement (with `update`: of the latest version of the order).
 
     Source:
-        ARIAC 2019 and later, "claiming" in the rulebook's coded section.
+        ARIAC 2017 and 2018 (`announcement`), 2019 and later (`update`), "claiming" in
+        the rulebook's coded section.
     """
-    start_s = order.announced_s
+    start_s = order.announced_s if counts_from == "update" else first_announced_s(trial, order)
     for submission in trial.submissions:
         if submission.task_id == task.id and (start_s is None or submission.submitted_s >= start_s):
             return submission
     return None
 
 
-def undecidable(trial: Trial, submission: Submission | None, subject: str, clause: str) -> Finding | None:
+def undecidable(
+    trial: Trial, submission: Submission | None, subject: str, clause: str, *, order: Order | None = None
+) -> Finding | None:
     """The finding for a task whose delivery the log does not show; `None` when it does.
 
-    Nothing found means nothing submitted only in a log that shows submissions.
+    Nothing found means nothing submitted only in a log that shows submissions. With
+    the order given, a submission from before its update is undecided too: it was
+    judged against a version that is no longer known.
     """
     if submission is None and "submissions" not in trial.witnessed:
         return Finding.inconclusive(
@@ -57,5 +77,13 @@ def undecidable(trial: Trial, submission: Submission | None, subject: str, claus
     if submission is not None and submission.contents is None:
         return Finding.inconclusive(
             subject, "it was submitted, but the log does not show what was on the tray", clause=clause
+        )
+    changed_s = order.announced_s if order is not None else None
+    if submission is not None and changed_s is not None and submission.submitted_s < changed_s:
+        return Finding.inconclusive(
+            subject,
+            "it was submitted and judged before the order was changed, and the version it was judged "
+            "against is not known",
+            clause=clause,
         )
     return None

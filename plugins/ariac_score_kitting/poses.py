@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from ariac_score import Finding, Limit, Order, Pose, Product, Task, Trial, WantedProduct
-from ariac_score_kitting.claims import EMPTY_KIT, NOT_SUBMITTED, claimed, kitting_tasks, not_kits, undecidable
+from ariac_score_kitting.claims import (
+    EMPTY_KIT,
+    NOT_SUBMITTED,
+    CountsFrom,
+    claimed,
+    kitting_tasks,
+    not_kits,
+    undecidable,
+)
+from ariac_score_kitting.contents import sound
+from ariac_score_kitting.names import TypeNames, delivered_type
 
 
 @dataclass(frozen=True)
@@ -63,6 +73,60 @@ def _up(pose: Pose) -> tuple[float, float, float]:
     return 2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z
 
 
+def _normalised(pose: Pose) -> Pose:
+    """The pose with a quaternion of norm 1, divided as the simulator's maths library does."""
+    norm = math.sqrt(_dot(pose.orientation_wxyz, pose.orientation_wxyz))
+    w, x, y, z = pose.orientation_wxyz
+    return Pose(pose.position_m, (w / norm, x / norm, y / norm, z / norm))
+
+
+@dataclass(frozen=True)
+class PoseTest:
+    """Whether a part lies where it is wanted.
+
+    Attributes:
+        max_distance_m: Largest distance in the plane; equality passes.
+        min_quaternion_dot: Least absolute dot product; equality passes.
+        max_heading_error_rad: Bound of the yaw error, equality failing unless
+            `heading_limit_passes`; the long way round equality passes. `None`: no test.
+        heading_limit_passes: Whether a yaw error at the bound passes.
+        normalise_delivered: Whether the delivered quaternion gets norm 1 first.
+
+    Source:
+        Rulebooks, sections 0.3 and 0.4.
+    """
+
+    max_distance_m: float
+    min_quaternion_dot: float
+    max_heading_error_rad: float | None
+    heading_limit_passes: bool = False
+    normalise_delivered: bool = False
+
+    def error(self, wanted: Pose, delivered: Pose) -> PoseError:
+        """The error of a delivered pose as this test sees it."""
+        return PoseError.between(wanted, _normalised(delivered) if self.normalise_delivered else delivered)
+
+    def limits(self, error: PoseError) -> tuple[Limit, ...]:
+        """The errors against their limits."""
+        limits = [
+            Limit("distance", error.distance_m, "m", at_most=self.max_distance_m),
+            Limit("quaternion dot", error.quaternion_dot, "1", at_least=self.min_quaternion_dot),
+        ]
+        if self.max_heading_error_rad is not None:
+            heading = min(error.heading_error_rad, abs(error.heading_error_rad - 2 * math.pi))
+            strict = heading == error.heading_error_rad and not self.heading_limit_passes
+            limits.append(
+                Limit("heading error", heading, "rad", at_most=self.max_heading_error_rad, strict=strict)
+            )
+        return tuple(limits)
+
+    def passes(self, wanted: Pose | None, delivered: Pose | None) -> bool:
+        """Whether both poses are known and the delivered one keeps every limit."""
+        if wanted is None or delivered is None:
+            return False
+        return all(limit.kept for limit in self.limits(self.error(wanted, delivered)))
+
+
 @dataclass(frozen=True)
 class KitPose:
     """Each part lies where the order wants it.
@@ -70,37 +134,57 @@ class KitPose:
     Measures:
         Distance in the tray's plane, absolute dot product of the quaternions (part
         facing) and yaw error of each part. Parts of one exact type are assigned to
-        their slots so that as many as possible pass.
+        their slots so that as many as possible pass (`best_assignment`), or in order
+        of delivery each to the first free slot where it passes (`greedy`).
     Violated when:
         No delivered part of the right type and colour passes at the slot: distance
         above its limit, dot product below its limit (limits themselves pass), or yaw
-        error at or above its limit, a full turn allowed for.
+        error at or above its limit (`heading_limit_passes`: above it), a full turn
+        allowed for.
     Source:
-        ARIAC 2019-2022 as coded: pose test P(0.03 m, 0.1 rad), best assignment.
+        ARIAC 2019-2022 as coded: pose test P(0.03 m, 0.1 rad), best assignment. 2017
+        and 2018 as coded: greedy, the delivered quaternion normalised, a yaw error at
+        the limit passing.
     """
 
     max_distance_m: float = 0.03
     min_quaternion_dot: float = 0.95
     max_heading_error_rad: float = 0.1
+    heading_limit_passes: bool = False
+    normalise_delivered: bool = False
+    matching: Literal["best_assignment", "greedy"] = "best_assignment"
+    type_names: TypeNames = "whole"
+    counts_from: CountsFrom = "update"
+
+    @property
+    def test(self) -> PoseTest:
+        """The test of one part at one slot."""
+        return PoseTest(
+            self.max_distance_m,
+            self.min_quaternion_dot,
+            self.max_heading_error_rad,
+            self.heading_limit_passes,
+            self.normalise_delivered,
+        )
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each wanted product of each kitting task."""
         clause = "ARIAC scoring, product pose"
         yield from not_kits(order)
         for subject, task in kitting_tasks(order):
-            submission = claimed(trial, order, task)
+            submission = claimed(trial, order, task, self.counts_from)
             if not task.products:
                 yield Finding.not_applicable(subject, EMPTY_KIT, clause=clause)
                 continue
+            unknown = undecidable(trial, submission, subject, clause, order=order)
             for wanted in task.products:
                 slot = f"{subject}/{wanted.slot}"
-                unknown = undecidable(trial, submission, slot, clause)
                 if unknown:
-                    yield unknown
+                    yield replace(unknown, subject=slot)
                 elif submission is None:
                     yield Finding.violated(slot, f"{wanted.type}: {NOT_SUBMITTED}", clause=clause)
-            if submission is not None and submission.contents is not None:
-                yield from self._placed(subject, task, submission.contents, clause)
+            if submission is not None and not unknown:
+                yield from self._placed(subject, task, submission.contents or (), clause)
 
     def _placed(
         self, subject: str, task: Task, contents: tuple[Product, ...], clause: str
@@ -108,7 +192,7 @@ class KitPose:
         findings: dict[str, Finding] = {}
         for kind in sorted({wanted.type for wanted in task.products}):
             slots = [wanted for wanted in task.products if wanted.type == kind]
-            parts = [product for product in contents if product.type == kind and not product.faulty]
+            parts = [p for p in sound(contents) if delivered_type(p.type, self.type_names) == kind]
             findings |= self._assigned(subject, slots, parts, clause)
         yield from (findings[wanted.slot] for wanted in task.products)
 
@@ -116,8 +200,12 @@ class KitPose:
         self, subject: str, slots: Sequence[WantedProduct], parts: Sequence[Product], clause: str
     ) -> dict[str, Finding]:
         """The finding of each slot of one exact product type."""
-        passing = [[j for j, part in enumerate(parts) if self._passes(slot, part)] for slot in slots]
-        match = best_assignment(passing)
+        passing = [[j for j, p in enumerate(parts) if self.test.passes(slot.pose, p.pose)] for slot in slots]
+        match = (
+            best_assignment(passing)
+            if self.matching == "best_assignment"
+            else greedy_assignment(passing, len(parts))
+        )
         unseen = any(part.pose is None for part in parts)
         return {
             slot.slot: self._finding(f"{subject}/{slot.slot}", slot, parts, match[i], unseen, clause)
@@ -137,37 +225,48 @@ class KitPose:
             return Finding.inconclusive(subject, "the order gives no pose", clause=clause)
         if matched is None and unseen:
             return Finding.inconclusive(subject, f"the pose of a {slot.type} is not usable", clause=clause)
-        errors = [PoseError.between(slot.pose, p.pose) for p in parts if p.pose is not None]
+        errors = [self.test.error(slot.pose, p.pose) for p in parts if p.pose is not None]
         if matched is not None:
             pose = parts[matched].pose
             assert pose is not None  # only a part with a pose passes
-            nearest = PoseError.between(slot.pose, pose)
+            nearest = self.test.error(slot.pose, pose)
         elif errors:
             nearest = min(errors, key=lambda error: error.distance_m)
         else:
             return Finding.violated(subject, f"no {slot.type} on the tray", clause=clause)
-        finding = Finding.from_limits(subject, *self._limits(nearest), clause=clause)
-        if matched is None and not any(not limit.kept for limit in self._limits(nearest)):
+        limits = self.test.limits(nearest)
+        if matched is None and all(limit.kept for limit in limits):
             return Finding.violated(
                 subject, f"the {slot.type} near it counts for another slot", clause=clause
             )
-        return finding
+        return Finding.from_limits(subject, *limits, clause=clause)
 
-    def _limits(self, error: PoseError) -> tuple[Limit, ...]:
-        heading = min(error.heading_error_rad, abs(error.heading_error_rad - 2 * math.pi))
-        over_a_turn = heading != error.heading_error_rad
-        return (
-            Limit("distance", error.distance_m, "m", at_most=self.max_distance_m),
-            Limit("quaternion dot", error.quaternion_dot, "1", at_least=self.min_quaternion_dot),
-            Limit(
-                "heading error", heading, "rad", at_most=self.max_heading_error_rad, strict=not over_a_turn
-            ),
-        )
 
-    def _passes(self, slot: WantedProduct, part: Product) -> bool:
-        if slot.pose is None or part.pose is None:
-            return False
-        return all(limit.kept for limit in self._limits(PoseError.between(slot.pose, part.pose)))
+def greedy_assignment(passing: Sequence[Sequence[int]], parts: int) -> list[int | None]:
+    """Assign each part in turn to the first free slot where it passes.
+
+    Fewer slots may be filled than by the best assignment.
+
+    Args:
+        passing: For each slot the parts that pass there.
+        parts: How many parts there are.
+
+    Returns:
+        For each slot its part, or `None`.
+
+    Source:
+        Rulebooks, section 1, code: pose.
+
+    >>> greedy_assignment([[0, 1], [0]], 2)
+    [0, None]
+    """
+    part_of: list[int | None] = [None] * len(passing)
+    for part in range(parts):
+        for slot, fitting in enumerate(passing):
+            if part_of[slot] is None and part in fitting:
+                part_of[slot] = part
+                break
+    return part_of
 
 
 def best_assignment(passing: Sequence[Sequence[int]]) -> list[int | None]:

@@ -124,5 +124,5 @@ class NoEvent:
             yield Finding.satisfied("trial", f"the log records no {name}", clause="ARIAC scoring")
         elif not events:
             yield Finding.inconclusive(
-                "trial", f"the log does not show whether there was a {name}", clause="ARIAC scoring"
+                "trial", f"the log does not show whether there was any {name}", clause="ARIAC scoring"
             )

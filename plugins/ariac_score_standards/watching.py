@@ -81,6 +81,12 @@ def watch_pairs(
             )
             continue
         watched = _watched(trial, signals, max_gap_s)
+        if (trial.started_s is None) != (trial.ended_s is None):
+            missing_end = "end" if trial.ended_s is None else "start"
+            message = (
+                f"the log does not show the {missing_end} of the competition, so part of it may be missing"
+            )
+            yield Finding.inconclusive(subject, message, span=trial.window, clause=clause)
         for gap in watched.gaps:
             message = f"no samples for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
             yield Finding.inconclusive(subject, message, span=gap, clause=clause)

@@ -11,7 +11,7 @@ from ariac_score.contracts import Reader, Wanted
 from ariac_score.errors import DataFileError
 from ariac_score.logs.ariac_config import TeamConfigReader, TrialConfigReader, arithmetic
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.model import Order, Pose, Trial
+from ariac_score.trial.model import Order, Pose, Tray, Trial
 
 ARIAC = Path(__file__).parents[2].parent / "shared" / "ariac" / "data"
 CONFIG = ARIAC / "config"
@@ -84,8 +84,12 @@ FAILING = {
 """Official files that are wrong, and what is wrong with them."""
 
 
+OTHER_FILES = ("human_params.yaml", "nist_competitor.yaml", "object_poses.yaml")
+"""Official files of 2023 and 2024 that are neither trials nor sensors."""
+
+
 def official_files() -> list[str]:
-    years = ("2019", "2020", "2021", "2022")
+    years = ("2019", "2020", "2021", "2022", "2023", "2024")
     return [
         path.relative_to(CONFIG).as_posix() for y in years for path in sorted((CONFIG / y).rglob("*.yaml"))
     ]
@@ -108,7 +112,7 @@ def test_every_official_file_loads_or_names_its_mistake(name: str) -> None:
         assert all(task.products for order in orders for task in order.tasks)
     else:
         # The test worlds of the scorer put products into the simulation and order nothing.
-        assert "test_scoring" in path.parts
+        assert "test_scoring" in path.parts or path.name in OTHER_FILES
 
 
 @needs_official_files
@@ -148,10 +152,126 @@ def test_a_trial_of_2020_found_in_the_wild_is_read_exactly() -> None:
 
 
 @needs_official_files
-@pytest.mark.parametrize("name", ["2023/trials/kitting.yaml", "2024/trials/kitting.yaml"])
-def test_trials_of_later_years_are_refused_by_their_list_of_orders(name: str) -> None:
-    with pytest.raises(DataFileError, match="orders are a list"):
-        TRIALS.read(CONFIG / name, WANTED)
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("2023/trials/assembly.yaml", 37),
+        ("2023/trials/human_assembly.yaml", 40),
+        ("2023/trials/kitting_assembly.yaml", 31),
+        ("2023/trials/tutorial.yaml", 31),
+        ("2024/trials/assembly.yaml", 43),
+        ("2024/trials/tutorial.yaml", 37),
+    ],
+)
+def test_the_official_mistakes_of_2023_and_2024_are_named_and_change_no_order(name: str, line: int) -> None:
+    trial = TRIALS.read(CONFIG / name, WANTED)
+    (mistake,) = trial.log_defects
+
+    assert trial.orders
+    assert mistake.kind == "configuration_mistake"
+    assert "'p1/2'" in mistake.message
+    assert f"line {line}," in mistake.message
+
+
+# Trials of 2023 and 2024: log formats, section 7.3
+
+TRIAL_2024 = """\
+orders:
+  - id: 'MMB30H00'
+    type: kitting
+    announcement: {time_condition: 0}
+    priority: true
+    kitting_task:
+      agv_number: 4
+      tray_id: 3
+      destination: warehouse
+      products: [{type: pump, color: green, quadrant: 1}, {type: sensor, color: red, quadrant: 4}]
+  - id: 'MMB30H58'
+    type: combined
+    announcement: {submission_condition: {order_id: 'MMB30H00'}}
+    priority: false
+    combined_task:
+      station: as4
+      products: [{type: battery, color: blue, assembled_pose: {xyz: [0.1, 0, 0], rpy: [0, 0, 'pi/2']}}]
+challenges:
+  - faulty_part: {order_id: 'MMB30H00', quadrant1: true}
+  - human: {behavior: antagonistic, time_condition: 10.0}
+"""
+
+
+def test_orders_of_2024_have_one_task_that_is_handed_in_by_their_id(tmp_path: Path) -> None:
+    kit, combined = read(tmp_path, TRIAL_2024).orders
+    (task,) = kit.tasks
+
+    assert (kit.id, kit.priority, kit.announced_s, task.id, task.kind) == (
+        "MMB30H00",
+        3,
+        None,
+        "MMB30H00",
+        "kitting",
+    )
+    assert (task.agv, task.station, task.tray) == ("agv4", "warehouse", Tray("kit_tray_03"))
+    assert [(p.slot, p.type, p.quadrant, p.challenged) for p in task.products] == [
+        ("part_0", "pump_green", 1, True),
+        ("part_1", "sensor_red", 4, False),
+    ]
+    (task,) = combined.tasks
+    assert (combined.priority, task.kind, task.station, task.agv) == (1, "combined", "as4", "any")
+    assert task.products[0].pose == Pose.from_rpy((0.1, 0.0, 0.0), (0.0, 0.0, math.pi / 2))
+    assert task.products[0].challenged is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "cause"),
+    [
+        ("type: pump", "type: gear", "'gear' is no type"),
+        ("color: green", "color: gren", "'gren' is no color"),
+        ("quadrant: 4", "quadrant: 5", "5 is no quadrant"),
+        ("quadrant: 1}", "quadrant: true}", "True is no quadrant"),
+        ("agv_number: 4", "agv_number: [4]", "[4] is no agv_number"),
+        ("tray_id: 3", "tray_id: -3", "-3 is no tray id"),
+        ("station: as4", "station: as5", "'as5' is no station"),
+        ("destination: warehouse", "destination: moon", "'moon' is no destination"),
+        ("type: combined", "type: asembly", "'asembly' is no type"),
+        ("combined_task:", "assembly_task:", "key 'combined_task' is missing"),
+        ("priority: true", "priority: 3", "3 is not true or false"),
+        ("id: 'MMB30H58'", "id: 'MMB30H00'", "order 'MMB30H00' is given twice"),
+        ("id: 'MMB30H58'", "id: 'MMB 30H58'", "'MMB 30H58' is no order id"),
+        ("{time_condition: 0}", "{time_condition: -1}", "-1 s is before the start"),
+        ("{time_condition: 0}", "{tme_condition: 0}", "'tme_condition' is no condition"),
+        ("order_id: 'MMB30H00', quad", "order_id: 'OTHER', quad", "'OTHER' is no order_id"),
+        ("faulty_part:", "faulty_parts:", "'faulty_parts' is no challenge"),
+        ("quadrant1: true", "quadrant1: 1", "1 is not true or false"),
+        ("'pi/2'", "'p1/2'", "'p1/2' names 'p1'"),
+    ],
+)
+def test_a_mistake_in_a_trial_of_2024_is_refused(tmp_path: Path, old: str, new: str, cause: str) -> None:
+    assert old in TRIAL_2024
+    assert cause in str(refusal(tmp_path, TRIAL_2024.replace(old, new, 1)))
+
+
+def test_a_rotation_that_is_none_is_named_and_changes_no_order(tmp_path: Path) -> None:
+    parts = "parts: {agvs: {agv1: {parts: [{type: pump, color: red, quadrant: 1, rotation: 'p1/2'}]}}}\n"
+    right, wrong = read(tmp_path, TRIAL_2024), read(tmp_path, TRIAL_2024 + parts)
+
+    assert right.orders == wrong.orders
+    assert [d.message.partition(" (")[0] for d in wrong.log_defects] == [
+        "'p1/2' names 'p1'; only pi is known"
+    ]
+
+
+def test_the_sensors_of_2024_are_static_ones_and_active_robot_cameras(tmp_path: Path) -> None:
+    path = tmp_path / "sensors.yaml"
+    path.write_text(
+        "robot_cameras:\n  floor_robot_camera: {active: true, type: rgb}\n"
+        "  ceiling_robot_camera: {active: false, type: rgbd}\nstatic_sensors: {beam: {type: break_beam}}\n",
+        encoding="utf-8",
+    )
+    team = TEAMS.read(path, WANTED).team
+
+    assert TEAMS.can_read(path)
+    assert team is not None
+    assert dict(team.sensors) == {"beam": "break_beam", "floor_robot_camera": "robot_rgb_camera"}
 
 
 # Shapes

@@ -650,9 +650,14 @@ def test_a_rule_about_kits_says_of_an_assembly_that_it_does_not_judge_it(rule: R
 
 
 @pytest.mark.parametrize("kits", [(), (Task("s"),)], ids=["alone", "beside a kit"])
-@pytest.mark.parametrize("rules", ["paper2020", "ariac2022.as_coded"])
-def test_an_assembly_withholds_the_score_of_a_rule_set_for_kits(rules: str, kits: tuple[Task, ...]) -> None:
-    order = Order("order_0", (Task("a", kind="assembly"), *kits), announced_s=1.0)
+@pytest.mark.parametrize(
+    ("rules", "kind"),
+    [("paper2020", "assembly"), ("ariac2020.as_coded", "assembly"), ("ariac2022.as_coded", "combined")],
+)
+def test_a_task_of_another_kind_withholds_the_score_of_a_rule_set_without_rules_for_it(
+    rules: str, kind: str, kits: tuple[Task, ...]
+) -> None:
+    order = Order("order_0", (Task("a", kind=kind), *kits), announced_s=1.0)
     dropped_witnessed = frozenset({"submissions", "arm_collision", "part_dropped"})
 
     result = scored(replace(kitting_trial(), orders=(order,), witnessed=dropped_witnessed), rules)
