@@ -528,12 +528,12 @@ def formula_that_divides_by_zero(folder: Path) -> list[str]:
 
 @case
 def formula_with_a_misspelt_term(folder: Path) -> list[str]:
-    return _rules(folder, "gate * task", "gate * tusk")
+    return _rules(folder, "(human_contact) * task", "(human_contact) * tusk")
 
 
 @case
 def formula_that_is_code(folder: Path) -> list[str]:
-    return _rules(folder, "gate * task / (1 + demerits)", "__import__('os').system('true')")
+    return _rules(folder, "gate(human_contact) * task / (1 + demerits)", "__import__('os').system('true')")
 
 
 @case

@@ -156,7 +156,7 @@ def test_diff_says_what_differs_and_whose_score_would_change(
     assert main(["rules", "diff", "paper2020", mine, "--results", str(stored.parent)]) == 0
 
     out = capsys.readouterr().out
-    assert "$.score\n  - gate * task / (1 + demerits)\n  + task\n" in out
+    assert "$.score\n  - gate(human_contact) * task / (1 + demerits)\n  + task\n" in out
     assert "example.json: 19.761677 -> 28" in out
     assert "broken.json: cannot be priced" in out
     (stored.parent / "broken.json").unlink()

@@ -198,7 +198,19 @@ class TransformTree:
                 "disordered_stamps", where, settled.disordered, "stamps ran backwards; samples were sorted"
             )
             builder.defect(
-                "repeated_stamps", where, settled.repeated, "stamps were repeated; the last was kept"
+                "repeated_stamps",
+                where,
+                settled.repeated,
+                "stamps were repeated; of those that agree one was kept",
+            )
+            builder.defect(
+                "contradicting_stamps",
+                where,
+                settled.contradicting,
+                "transforms of one stamp contradict each other",
+            )
+            builder.defect(
+                "impossible_values", where, settled.not_finite, "places too far away were left out, as gaps"
             )
             values = settled.values.copy()
             values[:, 3:] = _continuous(values[:, 3:])

@@ -265,7 +265,9 @@ def test_samples_that_are_not_finite_become_gaps_that_are_counted(tmp_path: Path
     )
 
     assert trial.signals["speed/human"].t.tolist() == [0.0, 2e-9]
-    assert [(d.kind, d.where, d.count) for d in trial.log_defects] == [("not_finite", "speed/human", 1)]
+    assert [(d.kind, d.where, d.count) for d in trial.log_defects] == [
+        ("impossible_values", "speed/human", 1)
+    ]
 
 
 # Refusals.

@@ -211,14 +211,20 @@ def test_places_too_far_to_compute_with_are_left_out_and_counted() -> None:
     builder = settled(tree)
 
     assert "position/gantry::hand" not in builder.signals
-    assert "not_finite" in {defect.kind for defect in builder.build().log_defects}
+    assert "impossible_values" in {defect.kind for defect in builder.build().log_defects}
 
 
-def test_repeated_stamps_keep_the_last_and_are_counted() -> None:
-    builder = settled(tree_of(*((0.0, transform("world", "torso", (x, 0, 0))) for x in (1, 2))))
+def test_repeated_stamps_are_counted_and_go_when_they_contradict() -> None:
+    same = settled(tree_of(*((0.0, transform("world", "torso", (x, 0, 0))) for x in (2, 2))))
+    other = settled(tree_of(*((0.0, transform("world", "torso", (x, 0, 0))) for x in (1, 2))))
 
-    assert builder.signals["position/gantry"].values.tolist() == [[2.0, 0.0, 0.0]]
-    assert [(d.kind, d.count) for d in builder.build().log_defects] == [("repeated_stamps", 1)]
+    assert same.signals["position/gantry"].values.tolist() == [[2.0, 0.0, 0.0]]
+    assert [(d.kind, d.count) for d in same.build().log_defects] == [("repeated_stamps", 1)]
+    assert "position/gantry" not in other.signals
+    assert [(d.kind, d.count) for d in other.build().log_defects] == [
+        ("contradicting_stamps", 1),
+        ("repeated_stamps", 1),
+    ]
 
 
 # Refusals.

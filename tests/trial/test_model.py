@@ -191,7 +191,7 @@ def ended(t_s: float) -> Event:
         ((started(10.0), started(20.0), ended(80.0), ended(90.0)), Span(10.0, 90.0)),
         ((ended(90.0), started(10.0)), Span(10.0, 90.0)),  # events in any order
         ((started(90.0), ended(10.0)), RECORDED),  # a start after the end is no window
-        ((started(50.0), ended(50.0)), Span(50.0, 50.0)),
+        ((started(50.0), ended(50.0)), RECORDED),  # nor is an instant
     ],
 )
 def test_behaviour_counts_from_start_to_end_or_for_the_whole_recording(
