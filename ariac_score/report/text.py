@@ -133,10 +133,22 @@ def _losses(result: Result, style: Style) -> Iterator[str]:
     ]
     if found:
         yield style("What cost points", "bold")
+        costs = _costs(result)
         timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, item[0]))
         for key, finding in timed[: 2 * _SHOWN]:
-            yield f"  {style(f'{key:<24}', 'red')} {_where(finding)}{plain(finding.message)}"
+            cost = costs.get(key, "")
+            yield f"  {style(f'{key:<24}', 'red')} {_where(finding)}{plain(finding.message)}{cost}"
         yield from _more(len(timed) - 2 * _SHOWN, style)
+
+
+def _costs(result: Result) -> dict[str, str]:
+    """For each finding behind a factor that took something, what the factor took."""
+    costs: dict[str, str] = {}
+    for line in result.ledger.walk() if result.ledger else ():
+        if line.kind == "factor" and line.amount < 0:
+            for key in line.findings:
+                costs.setdefault(key, f" ({amount_text(line.amount)}, {plain(line.label)})")
+    return costs
 
 
 def _where(finding: Finding) -> str:
@@ -149,34 +161,34 @@ def _more(count: int, style: Style) -> Iterator[str]:
         yield style(f"  … and {count} more; see 'ariac-score explain'", "dim")
 
 
+_POLICY_WORDS = {
+    "withhold": "no score",
+    "zero": "scores 0",
+    "worst_case": "counted as violated",
+    "exclude": "left out",
+}
+
+
 def _undecided(result: Result, style: Style) -> Iterator[str]:
-    """What could not be judged, and what that did to the score."""
+    """What could not be judged and what that did to the score; checks with one reason on one line."""
     policies = {a.finding: a.policy for a in result.assumptions}
-    found = [
-        (key, finding)
-        for key, finding in result.measured.findings.items()
-        if finding.verdict in (Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE)
-    ]
-    if found:
-        yield style("Not judged", "bold")
-        words = {
-            "withhold": "no score",
-            "zero": "scores 0",
-            "worst_case": "counted as violated",
-            "exclude": "left out",
-        }
-        shown: Counter[tuple[str, str]] = Counter((f.check, f.message) for _, f in found)
-        seen: set[tuple[str, str]] = set()
-        for key, finding in sorted(found, key=lambda item: (item[1].verdict.value, item[0])):
-            reason = finding.check, finding.message
-            if reason in seen or len(seen) >= _SHOWN:
-                continue
-            seen.add(reason)
-            mark, look = _MARKS[finding.verdict]
-            policy = f" → {words[policies[key]]}" if key in policies else ""
-            times = f" ({shown[reason]} times)" if shown[reason] > 1 else ""
-            yield f"  {finding.check}: {style(mark + policy, look)}: {plain(finding.message)}{times}"
-        yield from _more(len(shown) - len(seen), style)
+    reasons: dict[tuple[str, str, str], list[str]] = {}
+    for key, finding in result.measured.findings.items():
+        if finding.verdict in (Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE):
+            policy = _POLICY_WORDS.get(policies.get(key, ""), "")
+            reasons.setdefault((finding.verdict.value, policy, finding.message), []).append(finding.check)
+    if not reasons:
+        return
+    yield style("Not judged", "bold")
+    # What is undecided comes first, and what concerns few checks before what concerns many.
+    shown = sorted(reasons.items(), key=lambda item: (item[0][0], len(set(item[1])), item[0][2]))
+    for (verdict, policy, message), checks in shown[:_SHOWN]:
+        mark, look = _MARKS[Verdict(verdict)]
+        effect = f" → {policy}" if policy else ""
+        times = f" ({len(checks)} times)" if len(checks) > len(set(checks)) else ""
+        names = ", ".join(dict.fromkeys(checks))
+        yield f"  {names}: {style(mark + effect, look)}: {plain(message)}{times}"
+    yield from _more(len(shown) - _SHOWN, style)
 
 
 def _checks(result: Result, style: Style) -> Iterator[str]:

@@ -140,7 +140,7 @@ class TrialBuilder:
         """The trial, with updates of orders applied and everything in order of time."""
         return Trial(
             id=self.trial_id,
-            orders=settle_orders(self.orders),
+            orders=settle_orders(self.orders, file=self.file),
             submissions=tuple(sorted(self.submissions, key=lambda s: s.submitted_s)),
             events=tuple(sorted(set(self.events))),
             bodies=tuple(self.bodies[k] for k in sorted(self.bodies)),
@@ -185,7 +185,7 @@ def _joined(known: Body | None, body: Body, file: object) -> Body:
     return replace(body, links=tuple(sorted({*(known.links if known else ()), *body.links})))
 
 
-def settle_orders(announced: Sequence[Order]) -> tuple[Order, ...]:
+def settle_orders(announced: Sequence[Order], *, file: object = None) -> tuple[Order, ...]:
     """Apply updates to the orders they name.
 
     An update takes over the products and the start time; the order keeps its id
@@ -205,6 +205,7 @@ def settle_orders(announced: Sequence[Order]) -> tuple[Order, ...]:
         if not order.updates and order.tasks != known.tasks:
             raise LogError(
                 f"order {order.id!r} is announced twice, with different contents",
+                file=file,
                 hint="a change of an order is an update of its own id, such as order_0_update_0",
             )
         if order.id in orders:
@@ -248,10 +249,16 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
         clock=_clock(parts),
         recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
     )
-    return _within_competition(merged)
+    return _within_competition(merged, _unannounced(parts, merged))
 
 
-def _within_competition(trial: Trial) -> Trial:
+def _unannounced(parts: Sequence[Trial], merged: Trial) -> int:
+    """How many configured orders the orders of the trial do not include."""
+    known = {order.id for order in merged.orders}
+    return len({o.id for part in parts for o in part.orders if not o.updates} - known)
+
+
+def _within_competition(trial: Trial, unannounced: int) -> Trial:
     """The trial with the submissions that can count, and what is odd about its course as defects.
 
     A submission before the start or after the end is refused by every edition. What
@@ -281,6 +288,7 @@ def _within_competition(trial: Trial) -> Trial:
         len(trial.submissions) - len(counted),
         "submissions before the start or after the end were refused",
     )
+    note("orders_not_announced", unannounced, "orders of the configuration were never announced in the log")
     ordered = {task.id for order in trial.orders for task in order.tasks}
     unknown = [s for s in counted if s.task_id not in ordered]
     note("unknown_shipment", len(unknown), "submissions answer no shipment of any order")
@@ -348,7 +356,7 @@ def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tu
             announced.setdefault(event.subject, event.t_s)
     dated = [o if o.announced_s is not None else replace(o, announced_s=announced.get(o.id)) for o in orders]
     # An update in a configuration takes effect only if the log shows that it was announced.
-    return settle_orders([o for o in dated if not o.updates or o.announced_s is not None])
+    return settle_orders([o for o in dated if not o.updates or o.announced_s is not None], file=file)
 
 
 def _submissions(parts: Sequence[Trial], file: object) -> tuple[Submission, ...]:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
-from ariac_score.trial.signals import Signal
+from ariac_score.trial.signals import LARGEST_VALUE, Signal
 from ariac_score.trial.spans import Span
 
 __all__ = [
@@ -45,8 +45,8 @@ class Pose:
     orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(v) for v in (*self.position_m, *self.orientation_wxyz)):
-            raise ValueError("a pose must be finite")
+        if not all(abs(v) <= LARGEST_VALUE for v in (*self.position_m, *self.orientation_wxyz)):
+            raise ValueError("a pose must be finite, and near enough to compute with")
         w, x, y, z = self.orientation_wxyz
         if not 0 < w * w + x * x + y * y + z * z < math.inf:
             raise ValueError("a quaternion of norm 0, or of one beyond all numbers, is no orientation")
@@ -376,6 +376,8 @@ class Trial:
     def window(self) -> Span | None:
         """The stretch in which behaviour counts: start to end of the competition.
 
+        An order announced before the start opens it early: from then on there is work.
+
         Where the log does not say, the recording's own first and last stamp stand in,
         and the whole recording where start and end leave nothing between them.
         """
@@ -383,7 +385,10 @@ class Trial:
             return None
         start_s = self.recorded.start_s if self.started_s is None else self.started_s
         end_s = self.recorded.end_s if self.ended_s is None else self.ended_s
-        return Span(start_s, end_s) if start_s < end_s else self.recorded
+        if not start_s < end_s:
+            return self.recorded
+        announced = [order.announced_s for order in self.orders if order.announced_s is not None]
+        return Span(min([start_s, *announced]), end_s)
 
     @property
     def duration_s(self) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, uncovered_spans
 
-__all__ = ["Sample", "Signal", "align", "settle"]
+__all__ = ["LARGEST_VALUE", "Sample", "Signal", "align", "settle"]
 
 
 @dataclass(frozen=True)
