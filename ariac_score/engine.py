@@ -29,9 +29,8 @@ from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts
 from ariac_score.registry import Plugin, Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical, settled
-from ariac_score.ruleset import RuleSet, load_rule_set
-from ariac_score.scoring.ledger import Line, make_ledger, rounded
-from ariac_score.scoring.policy import Assumed, assume, ideal
+from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
+from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
@@ -318,15 +317,13 @@ def price_trial(measured: Measured, rule_set: RuleSet, provenance: Provenance) -
     Raises:
         FormulaError: A formula has no value here, such as a division by zero.
     """
-    sheet = rule_set.sheet
     policies = {check.name: check.on_inconclusive for check in rule_set.checks.values()}
-    assumed = assume(measured.findings, policies, priced=sheet.priced)
     try:
-        best = sheet.evaluate(measured.scopes, ideal(measured.findings))
-        ledger = None if assumed.withheld else _ledger(measured, rule_set, assumed)
+        priced = price(measured.findings, measured.scopes, rule_set.sheet, policies, digits=rule_set.digits)
     except FormulaError as error:
         error.file = error.file or rule_set.file
         raise
+    ledger = priced.ledger
     return Result(
         measured=measured,
         rule_set_title=rule_set.title,
@@ -335,16 +332,17 @@ def price_trial(measured: Measured, rule_set: RuleSet, provenance: Provenance) -
                 "use": check.use,
                 "with": dict(check.parameters),
                 "on_inconclusive": check.on_inconclusive,
-                "priced": check.name in sheet.priced,
+                "priced": check.name in rule_set.sheet.priced,
             }
             for check in rule_set.checks.values()
         },
         notes=rule_set.notes,
+        rules=expanded_yaml(rule_set),
         status="incomplete" if ledger is None else "scored",
         score=None if ledger is None else ledger.amount,
-        possible=rounded(best.value, rule_set.digits),
+        possible=priced.possible,
         ledger=ledger,
-        assumptions=assumed.assumptions,
+        assumptions=priced.assumptions,
         digits=rule_set.digits,
         provenance=provenance,
     )
@@ -379,24 +377,6 @@ def reprice(result: Result, rule_set: RuleSet) -> Result:
     code = tuple(sorted({_engine(), *result.provenance.code}))
     provenance = replace(result.provenance, rule_set=(rule_set.id, rule_set.sha256), code=code)
     return price_trial(replace(result.measured, findings=findings), rule_set, provenance)
-
-
-def _ledger(measured: Measured, rule_set: RuleSet, assumed: Assumed) -> Line:
-    ledger = make_ledger(rule_set.sheet.evaluate(measured.scopes, assumed.findings), digits=rule_set.digits)
-    if not assumed.zeroed:
-        return ledger
-    reasons = ", ".join(assumption.finding for assumption in assumed.zeroed)
-    taken = Line(
-        "score/undecided",
-        f"undecided, so the rule set gives 0: {reasons}",
-        "factor",
-        -ledger.amount,
-        0,
-        findings=tuple(assumption.finding for assumption in assumed.zeroed),
-    )
-    zero = ledger.amount - ledger.amount
-    first = replace(ledger, path="score/before")
-    return Line("score", "score", "sum", zero, 0, children=(first, taken))
 
 
 # Provenance ----------------------------------------------------------------------------

@@ -144,6 +144,7 @@ class Result:
         rule_set_title: One line about the rules.
         checks: Which plugin each check is, with its parameters.
         notes: What the rule set wants a referee to know.
+        rules: The whole rule set as YAML, so that a result can be checked on its own.
         status: `scored`, or `incomplete` when something needed was undecided.
         score: The final score; `None` unless scored.
         possible: What the trial could have earned with every finding satisfied.
@@ -157,6 +158,7 @@ class Result:
     rule_set_title: str
     checks: Mapping[str, Mapping[str, Any]]
     notes: tuple[str, ...]
+    rules: str
     status: str
     score: Decimal | None
     possible: Decimal | None

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.datafiles import schema_errors
-from ariac_score.errors import ResultError
+from ariac_score.errors import ResultError, ScoreError
 from ariac_score.expression import Traced
 from ariac_score.findings import Finding, Verdict
 from ariac_score.result import (
@@ -25,8 +25,10 @@ from ariac_score.result import (
     Source,
     canonical,
 )
+from ariac_score.ruleset import rule_set_from_text
 from ariac_score.scoring.ledger import Line, reconcile
 from ariac_score.scoring.policy import Assumption
+from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
 from ariac_score.trial.model import LogDefect, OfficialResult
 from ariac_score.trial.signals import Sample
@@ -185,6 +187,7 @@ def _result_data(result: Result) -> dict[str, Any]:
         "rule_set_title": result.rule_set_title,
         "checks": {name: dict(check) for name, check in result.checks.items()},
         "notes": list(result.notes),
+        "rules": result.rules,
         "status": result.status,
         "score": _amount(result.score),
         "possible": _amount(result.possible),
@@ -226,12 +229,40 @@ def load_result(path: Path) -> Result:
             faults[0][1], file=path, place=where, hint="score the trial again with this version"
         )
     try:
-        return _result(exact)
+        result = _result(exact)
+        _check_follows(result)
+        return result
     except ResultError as error:
         error.file = str(path)
         raise
     except (KeyError, TypeError, ValueError, RecursionError, ArithmeticError) as cause:
         raise ResultError(f"not a whole result: {cause}", file=path, hint="score the trial again") from None
+
+
+def _check_follows(result: Result) -> None:
+    """Price the findings again by the rules in the result, and compare every line.
+
+    Raises:
+        ResultError: Score or ledger do not follow from the findings.
+    """
+    hint = "the result was edited or damaged, or made by another version: score the trial again"
+    try:
+        rule_set = rule_set_from_text(result.rules, file="the rules in the result")
+        policies = {check.name: check.on_inconclusive for check in rule_set.checks.values()}
+        priced = price(
+            result.measured.findings, result.measured.scopes, rule_set.sheet, policies, digits=rule_set.digits
+        )
+    except ScoreError as error:
+        raise ResultError(f"its findings cannot be priced by its rules: {error}", hint=hint) from error
+    again, stored = (None if x is None else _line_data(x) for x in (priced.ledger, result.ledger))
+    same = (again, priced.possible, priced.assumptions, rule_set.digits) == (
+        stored,
+        result.possible,
+        result.assumptions,
+        result.digits,
+    )
+    if not same:
+        raise ResultError("its score does not follow from its findings", hint=hint)
 
 
 def _plain(value: Any) -> Any:
@@ -251,6 +282,7 @@ def _result(data: Mapping[str, Any]) -> Result:
         rule_set_title=data["rule_set_title"],
         checks=_plain(data["checks"]),
         notes=tuple(data["notes"]),
+        rules=data["rules"],
         status=data["status"],
         score=_exact(data["score"], unit),
         possible=_exact(data["possible"], unit),

@@ -10,14 +10,22 @@ from typing import Any
 
 import yaml
 
-from ariac_score.datafiles import YamlDocument, load_yaml, shipped_rules, validate
+from ariac_score.datafiles import YamlDocument, load_yaml, parse_yaml, shipped_rules, validate
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
 from ariac_score.expression import Expression
 from ariac_score.registry import Registry
 from ariac_score.scoring.scope import LEVELS
 from ariac_score.scoring.sheet import ScoreSheet
 
-__all__ = ["Check", "RuleSet", "differences", "expanded_yaml", "load_rule_set", "rule_set_names"]
+__all__ = [
+    "Check",
+    "RuleSet",
+    "differences",
+    "expanded_yaml",
+    "load_rule_set",
+    "rule_set_from_text",
+    "rule_set_names",
+]
 
 MAX_EXTENDS = 8
 """Rule sets that may extend each other in a row."""
@@ -126,6 +134,20 @@ def load_rule_set(name: str) -> RuleSet:
         FormulaError: A formula cannot be parsed or names something unknown.
     """
     return _parsed(_expanded(_path_of(name, Path()), ()))
+
+
+def rule_set_from_text(text: str, *, file: str) -> RuleSet:
+    """A rule set from its expanded text, as a result holds it.
+
+    Raises:
+        RuleSetError: It is not the text of a whole rule set.
+        FormulaError: A formula cannot be parsed or names something unknown.
+    """
+    document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
+    validate(document, "ruleset", error=RuleSetError)
+    if "extends" in document.data:
+        raise RuleSetError("the rules of a result stand alone", file=file, place="$.extends")
+    return _parsed(document)
 
 
 def expanded_yaml(rule_set: RuleSet) -> str:

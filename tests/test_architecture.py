@@ -25,7 +25,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "ruleset": {"datafiles", "errors", "expression", "registry", "scoring", "yaml"},
     "logmap": {"datafiles", "errors", "trial"},
     "result": {"errors", "findings", "scoring", "trial"},
-    "result_json": {"datafiles", "errors", "expression", "findings", "result", "scoring", "trial"},
+    "result_json": {"datafiles", "errors", "expression", "findings", "result", "ruleset", "scoring", "trial"},
     "guard": {"contracts", "errors", "registry", "trial"},
     "engine": {
         "guard",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -253,6 +254,7 @@ def _matching(ledger: Line, path: str) -> list[Line]:
         [line for path, line in paths if path == wanted],
         [line for path, line in paths if path.endswith(wanted)],
         [line for path, line in paths if wanted in path],
+        [line for _, line in paths if wanted.strip("/") in re.findall(r"\w+", line.label)],
     ):
         if found:
             return [line for line in found if not any(_below(line, other) for other in found)]

@@ -173,6 +173,11 @@ def test_explain_refuses_a_name_that_is_not_there(stored: Path, capsys: pytest.C
         (lambda d: d.update(scorre=1), "unknown key 'scorre'"),
         (lambda d: d.pop("provenance"), "key 'provenance' is missing"),
         (lambda d: d.update(status="incomplete"), "status 'incomplete' does not go with score"),
+        (lambda d: d["measured"]["findings"]["separation#1"].update(verdict="satisfied"), "does not follow"),
+        (lambda d: d["measured"]["findings"].pop("separation#1"), "findings"),
+        (lambda d: d.update(rules=d["rules"].replace("0.4", "0.1")), "does not follow"),
+        (lambda d: d.update(rules="score: 20"), "cannot be priced by its rules"),
+        (lambda d: d.update(possible=100.0), "does not follow"),
         (lambda d: d.update(ledger=None), "status 'scored' does not go with"),
     ],
 )

@@ -108,7 +108,7 @@ def test_angles_that_are_no_numbers_are_refused(bad: float) -> None:
 def test_a_quaternion_without_a_usable_norm_is_no_orientation(
     wxyz: tuple[float, float, float, float],
 ) -> None:
-    with pytest.raises(ValueError, match="no orientation|near enough"):
+    with pytest.raises(ValueError, match=r"no orientation|near enough"):
         Pose(HERE, wxyz)
 
 
