@@ -36,7 +36,7 @@ def run_list(_arguments: argparse.Namespace) -> int:
     from ariac_score.ruleset import load_rule_set, rule_set_names  # noqa: PLC0415  # keeps --help quick
 
     for name in rule_set_names():
-        print(f"{name:<24} {load_rule_set(name).title}")
+        print(f"{name:<30} {load_rule_set(name).title}")
     return 0
 
 
