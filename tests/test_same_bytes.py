@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from ariac_score import as_json, load_result, score_trial
+from ariac_score.cli import main
 from ariac_score.testing import (
     NEAR_MISS,
     SNAPSHOT_SIGNALS,
@@ -27,7 +28,7 @@ EXPECTED = ROOT / "examples/kitting_near_miss.result.json"
 def _without_code(text: str) -> dict[str, Any]:
     """A result without the hashes of the code, which change with every edit of it."""
     data: dict[str, Any] = json.loads(text)
-    del data["provenance"]["code"]
+    data["provenance"]["code"] = []
     return data
 
 
@@ -39,6 +40,11 @@ def test_the_committed_example_scores_as_its_committed_result_says(update_golden
             json.dumps(found, sort_keys=True, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
         )
     assert found == json.loads(EXPECTED.read_text(encoding="utf-8"))
+
+
+def test_the_committed_result_can_be_explained(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", str(EXPECTED), "demerits"]) == 0
+    assert "divided by 1 + demerits" in capsys.readouterr().out
 
 
 def test_the_example_is_worth_what_a_hand_calculation_gives() -> None:
