@@ -73,8 +73,8 @@ def refuse_inputs(output: Path | None, source: Path) -> None:
         )
 
 
-LONG_LOG_BYTES = 16_000_000
-"""Below this a log is read before a bar could be drawn."""
+LONG_LOG_BYTES = 4_000_000
+"""Below this a log is read in less than a second."""
 
 
 def _bytes_below(path: Path) -> int:
