@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
@@ -241,7 +242,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
         events=events,
         bodies=_bodies(parts, file),
         signals=_signals(parts, file),
-        team=_only("a team set-up", [p.team for p in parts if p.team], file),
+        team=_team([p.team for p in parts if p.team], file),
         official=_only("an official result", [p.official for p in parts if p.official], file),
         witnessed=frozenset(w for p in parts for w in p.witnessed),
         unrecorded=tuple(sorted({u for p in parts for u in p.unrecorded})),
@@ -357,6 +358,20 @@ def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tu
     dated = [o if o.announced_s is not None else replace(o, announced_s=announced.get(o.id)) for o in orders]
     # An update in a configuration takes effect only if the log shows that it was announced.
     return settle_orders([o for o in dated if not o.updates or o.announced_s is not None], file=file)
+
+
+def _team(told: Sequence[TeamSetup], file: object) -> TeamSetup | None:
+    """One set-up from a configuration, which has sensors, and an official record, which has their cost."""
+    if not told:
+        return None
+    names = [team.name for team in told if team.name]
+    sensors = [dict(team.sensors) for team in told if team.sensors]
+    costs = [team.sensor_cost for team in told if team.sensor_cost is not None]
+    return TeamSetup(
+        _only("a team set-up", names, file) or "",
+        MappingProxyType(_only("a team set-up", sensors, file) or {}),
+        _only("a sensor cost", costs, file),
+    )
 
 
 def _submissions(parts: Sequence[Trial], file: object) -> tuple[Submission, ...]:

@@ -435,3 +435,18 @@ def test_one_log_merges_to_itself() -> None:
         dict(alone.signals),
         alone.recorded,
     )
+
+
+def test_sensors_of_a_configuration_and_their_cost_of_a_record_make_one_team() -> None:
+    configured = Trial("a", team=TeamSetup(sensors={"camera": "rgb_camera"}))
+    recorded = Trial("b", team=TeamSetup(sensor_cost=300.0))
+
+    team = merged(configured, recorded).team
+
+    assert team is not None
+    assert (dict(team.sensors), team.sensor_cost) == ({"camera": "rgb_camera"}, 300.0)
+
+
+def test_two_records_of_different_cost_are_refused() -> None:
+    with pytest.raises(LogError, match="a sensor cost"):
+        merged(Trial("a", team=TeamSetup(sensor_cost=1.0)), Trial("b", team=TeamSetup(sensor_cost=2.0)))
