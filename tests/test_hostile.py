@@ -82,6 +82,14 @@ def test_a_doctored_log_never_scores_more_than_the_honest_one(name: str, tmp_pat
     assert result.score is None or float(result.score) <= HONEST
 
 
+@pytest.mark.parametrize("lost", ["competition_started", "competition_ended"])
+def test_a_log_that_shows_only_one_end_of_the_competition_is_undecided(lost: str, tmp_path: Path) -> None:
+    result = score_trial(_doctored(tmp_path, _without(lost)), "paper2020")
+
+    assert result.score is None
+    assert {a.check for a in result.assumptions} == {"separation", "human_contact"}
+
+
 def _first(kind: str, records: Records) -> dict[str, Any]:
     return next(record for record in records if record["record"] == kind)
 

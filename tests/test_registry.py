@@ -12,7 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ariac_score import load_log_map, load_rule_set
 from ariac_score.contracts import GROUPS
+from ariac_score.engine import check_needs
 from ariac_score.errors import (
     PluginConflictError,
     PluginError,
@@ -414,3 +416,29 @@ def test_the_hash_of_a_package_tells_contents_and_names_apart(
 def test_a_package_that_is_not_on_disk_has_no_hash() -> None:
     with pytest.raises(PluginError, match="not on disk"):
         package_sha256("a_package_that_nobody_has")
+
+
+def test_a_monitor_that_asks_for_an_unknown_quantity_is_named_before_a_log_is_read(
+    install: Install, tmp_path: Path
+) -> None:
+    source = (
+        "from ariac_score import Finding, SignalNeed\n"
+        "class Grip:\n"
+        "    def needs(self): yield SignalNeed('forse', 'N')\n"
+        "    def watch(self, trial): yield Finding.satisfied('trial', 'x')\n"
+    )
+    install("grip-rules", {"grip.force": "Grip"}, source=source, group=MONITORS)
+    (tmp_path / "map.yaml").write_text(
+        "id: m\ntitle: M\nsource: a test\nquantities: {force: {unit: N, of: body}}\n"
+    )
+    (tmp_path / "rules.yaml").write_text(
+        "id: r\ntitle: R\nsource: a test\nlog_map: ./map.yaml\n"
+        "monitors: {grip: {use: grip.force}}\nscore: holds(grip)\n"
+    )
+    rule_set = load_rule_set(str(tmp_path / "rules.yaml"))
+    checks = rule_set.build(Registry())
+
+    with pytest.raises(RuleSetError, match="'grip' asks for the quantity 'forse'") as refused:
+        check_needs(rule_set, checks, load_log_map("./map.yaml", beside=tmp_path))
+
+    assert refused.value.hint.startswith("did you mean 'force'?")

@@ -12,6 +12,7 @@ from zlib import crc32
 
 from ariac_score.logs.salvage import (
     Connection,
+    FileScan,
     Message,
     Source,
     checked_stamp,
@@ -36,32 +37,19 @@ _Item = Connection | Message
 _Body = bytes | memoryview
 
 
-class McapScan:
+class McapScan(FileScan):
     """One MCAP file; see `ariac_score.logs.salvage.Scan`."""
 
     format = "ROS 2 bag (MCAP)"
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._readable = "byte 0"
-        self._source: Source | None = None
+        super().__init__(path)
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._channels: dict[int, tuple[tuple[int, str], Connection]] = {}
         self._messages = 0
         self._announced: int | None = None
         # The specification leaves open whether the data section starts at the magic or behind the header.
         self._crc_of_file = self._crc_behind_header = self._crc_of_summary = 0
-
-    @property
-    def readable(self) -> str:
-        """How far reading got."""
-        return self._readable
-
-    @property
-    def share(self) -> float:
-        """The share read, 0 to 1."""
-        source = self._source
-        return source.offset / source.size if source and source.size else 0.0
 
     def __iter__(self) -> Iterator[_Item]:
         """Every declared connection and message, in recorded order.

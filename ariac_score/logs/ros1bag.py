@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ariac_score.logs.salvage import (
     Connection,
+    FileScan,
     Message,
     Source,
     checked_stamp,
@@ -40,31 +41,18 @@ _Header = Mapping[bytes, bytes]
 _Item = Connection | Message
 
 
-class Ros1Scan:
+class Ros1Scan(FileScan):
     """One ROS 1 bag; see `ariac_score.logs.salvage.Scan`."""
 
     format = "ROS 1 bag"
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._readable = "byte 0"
-        self._source: Source | None = None
+        super().__init__(path)
         self._connections: dict[int, Connection] = {}
         self._found: Counter[int] = Counter()
         self._announced: Counter[int] = Counter()
         self._chunks = self._chunk_infos = 0
         self._index_at = 0
-
-    @property
-    def readable(self) -> str:
-        """How far reading got."""
-        return self._readable
-
-    @property
-    def share(self) -> float:
-        """The share read, 0 to 1."""
-        source = self._source
-        return source.offset / source.size if source and source.size else 0.0
 
     def __iter__(self) -> Iterator[_Item]:
         """Every declared connection and message, in recorded order.

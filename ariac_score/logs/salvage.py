@@ -25,6 +25,7 @@ from ariac_score.errors import LogError
 __all__ = [
     "LARGEST_INFLATED_BYTES",
     "Connection",
+    "FileScan",
     "Message",
     "Scan",
     "Source",
@@ -187,6 +188,30 @@ class Source:
             raise self.damaged(
                 f"the file is cut off: {what} needs {count} bytes, {max(self.left, 0)} are there", what=what
             )
+
+
+class FileScan:
+    """What scans of one file share: where they are in it, and how far it was readable.
+
+    Attributes:
+        path: The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._readable = "byte 0"
+        self._source: Source | None = None
+
+    @property
+    def readable(self) -> str:
+        """How far reading got."""
+        return self._readable
+
+    @property
+    def share(self) -> float:
+        """The share read, 0 to 1."""
+        source = self._source
+        return source.offset / source.size if source and source.size else 0.0
 
 
 _INFLATERS = {

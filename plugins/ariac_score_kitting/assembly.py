@@ -8,7 +8,14 @@ from itertools import permutations
 from typing import Literal
 
 from ariac_score import Finding, Order, Product, Task, Trial, WantedProduct
-from ariac_score_kitting.claims import NOT_SUBMITTED, claimed, kitting_tasks, not_kits, undecidable
+from ariac_score_kitting.claims import (
+    NOT_SUBMITTED,
+    claimed,
+    each_delivered,
+    kitting_tasks,
+    not_kits,
+    undecidable,
+)
 from ariac_score_kitting.contents import sound
 from ariac_score_kitting.names import base_type, delivered_type
 from ariac_score_kitting.poses import PoseTest
@@ -268,16 +275,7 @@ class AssemblyCounters(_Briefcases):
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each assembly task."""
-        yield from not_kits(order, "assembly")
-        for subject, task in kitting_tasks(order, "assembly"):
-            submission = claimed(trial, order, task)
-            unknown = undecidable(trial, submission, subject, _CLAUSE)
-            if unknown:
-                yield unknown
-            elif submission is None:
-                yield Finding.not_applicable(subject, NOT_SUBMITTED, clause=_CLAUSE)
-            else:
-                yield self._finding(subject, task, submission.contents or ())
+        return each_delivered(trial, order, _CLAUSE, self._finding, kind="assembly")
 
     def _finding(self, subject: str, task: Task, contents: tuple[Product, ...]) -> Finding:
         compared = self.compared(task, contents)

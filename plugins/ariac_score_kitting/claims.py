@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Literal
 
-from ariac_score import Finding, Order, Submission, Task, Trial
+from ariac_score import Finding, Order, Product, Submission, Task, Trial
 
 NOT_SUBMITTED = "it was never submitted"
 EMPTY_KIT = "no product is ordered"
@@ -57,6 +57,27 @@ def claimed(trial: Trial, order: Order, task: Task, counts_from: CountsFrom = "u
         if submission.task_id == task.id and (start_s is None or submission.submitted_s >= start_s):
             return submission
     return None
+
+
+def each_delivered(
+    trial: Trial,
+    order: Order,
+    clause: str,
+    judge: Callable[[str, Task, tuple[Product, ...]], Finding],
+    *,
+    kind: KindOfTask = "kitting",
+) -> Iterator[Finding]:
+    """One finding for each task of the kind: what `judge` says of its contents, or why it cannot."""
+    yield from not_kits(order, kind)
+    for subject, task in kitting_tasks(order, kind):
+        submission = claimed(trial, order, task)
+        unknown = undecidable(trial, submission, subject, clause)
+        if unknown:
+            yield unknown
+        elif submission is None:
+            yield Finding.not_applicable(subject, NOT_SUBMITTED, clause=clause)
+        else:
+            yield judge(subject, task, submission.contents or ())
 
 
 def undecidable(

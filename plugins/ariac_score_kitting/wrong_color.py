@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Order, Product, Task, Trial, WantedProduct
-from ariac_score_kitting.claims import NOT_SUBMITTED, claimed, kitting_tasks, not_kits, undecidable
+from ariac_score_kitting.claims import (
+    each_delivered,
+)
 from ariac_score_kitting.contents import sound
 from ariac_score_kitting.names import TypeNames, base_type, delivered_type
 from ariac_score_kitting.poses import PoseTest
@@ -43,16 +45,7 @@ class WrongColorPose:
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each kitting task."""
-        yield from not_kits(order)
-        for subject, task in kitting_tasks(order):
-            submission = claimed(trial, order, task)
-            unknown = undecidable(trial, submission, subject, _CLAUSE)
-            if unknown:
-                yield unknown
-            elif submission is None:
-                yield Finding.not_applicable(subject, NOT_SUBMITTED, clause=_CLAUSE)
-            else:
-                yield self._counted(subject, task, submission.contents or ())
+        return each_delivered(trial, order, _CLAUSE, self._counted)
 
     def _counted(self, subject: str, task: Task, contents: tuple[Product, ...]) -> Finding:
         ordered = {wanted.type for wanted in task.products}

@@ -421,3 +421,36 @@ def test_a_reader_is_asked_for_what_quantities_derive_from() -> None:
     assert source_quantities(["separation"]) == {"separation", "position"}
     assert source_quantities(["temperature"]) == {"temperature"}
     assert source_quantities([]) == frozenset()
+
+
+# Links ---------------------------------------------------------------------------------
+
+STANDING = track("position/gantry", [0.0, 1.0, 2.0], (0.0, 0.0, 0.0))
+ARM = track("position/gantry::arm", [0.0, 1.0, 2.0], (0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (4.0, 0.0, 0.0))
+VISITOR = track("position/person_1", [0.0, 1.0, 2.0], (9.0, 0.0, 0.0))
+ARTICULATED = Body("gantry", "robot", radius_m=0.5, links=("arm",))
+
+
+def test_a_robot_whose_origin_stands_still_moves_as_fast_as_its_fastest_link() -> None:
+    moved = derived(trial(STANDING, ARM, VISITOR, bodies=(ARTICULATED, HUMAN)), "speed")
+
+    assert moved.signals["speed/gantry"].values.tolist() == [2.0, 2.0, 2.0]
+
+
+@pytest.mark.parametrize("quantity", ["centre_distance", "centre_distance_2d"])
+def test_the_nearest_link_gives_the_distance(quantity: str) -> None:
+    moved = derived(trial(STANDING, ARM, VISITOR, bodies=(ARTICULATED, HUMAN)), quantity)
+
+    assert moved.signals[f"{quantity}/{PAIR}"].values.tolist() == [9.0, 7.0, 5.0]
+
+
+def test_the_nearest_link_gives_the_directed_speed() -> None:
+    moved = derived(trial(STANDING, ARM, VISITOR, bodies=(ARTICULATED, HUMAN)), "approach_speed_robot")
+
+    assert moved.signals[f"approach_speed_robot/{PAIR}"].values.tolist() == [2.0, 2.0, 2.0]
+
+
+def test_a_followed_link_that_is_not_recorded_leaves_distance_and_speed_unknown() -> None:
+    blind = derived(trial(STANDING, VISITOR, bodies=(ARTICULATED, HUMAN)), "speed", "centre_distance")
+
+    assert not {"speed/gantry", f"centre_distance/{PAIR}"} & blind.signals.keys()
