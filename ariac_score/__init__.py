@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ariac_score.cohort import Cohort, load_cohort
     from ariac_score.contracts import (
         Decoder,
         LogDescription,
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
         TopicDescription,
         Wanted,
     )
-    from ariac_score.engine import measure_trial, price_trial, score_trial
+    from ariac_score.engine import measure_trial, price_trial, reprice, score_trial
     from ariac_score.errors import (
         LogError,
         MissingSignalError,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.model import (
         Body,
         LogDefect,
+        OfficialOrder,
         OfficialResult,
         Order,
         Pose,
@@ -60,7 +62,8 @@ _HOME = {
     "ariac_score.contracts": (
         "Decoder LogDescription Monitor Reader Rule SignalNeed TopicDescription Wanted"
     ),
-    "ariac_score.engine": "measure_trial price_trial score_trial",
+    "ariac_score.cohort": "Cohort load_cohort",
+    "ariac_score.engine": "measure_trial price_trial reprice score_trial",
     "ariac_score.errors": "LogError MissingSignalError NothingToScoreError ScoreError",
     "ariac_score.findings": "Finding Limit Verdict",
     "ariac_score.logmap": "load_log_map",
@@ -71,7 +74,8 @@ _HOME = {
     "ariac_score.trial.channels": "LogMap",
     "ariac_score.trial.events": "Event",
     "ariac_score.trial.model": (
-        "Body LogDefect OfficialResult Order Pose Product Submission Task TeamSetup Tray Trial WantedProduct"
+        "Body LogDefect OfficialOrder OfficialResult Order Pose Product Submission Task TeamSetup Tray "
+        "Trial WantedProduct"
     ),
     "ariac_score.trial.signals": "Sample Signal align",
     "ariac_score.trial.spans": "Span episodes_where sample_durations uncovered_spans",
@@ -80,6 +84,7 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.
 
 __all__ = [
     "Body",
+    "Cohort",
     "Decoder",
     "Event",
     "Finding",
@@ -92,6 +97,7 @@ __all__ = [
     "MissingSignalError",
     "Monitor",
     "NothingToScoreError",
+    "OfficialOrder",
     "OfficialResult",
     "Order",
     "Pose",
@@ -119,11 +125,13 @@ __all__ = [
     "align",
     "as_json",
     "episodes_where",
+    "load_cohort",
     "load_log_map",
     "load_result",
     "load_rule_set",
     "measure_trial",
     "price_trial",
+    "reprice",
     "sample_durations",
     "score_trial",
     "uncovered_spans",

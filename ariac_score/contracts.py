@@ -47,7 +47,12 @@ class SignalNeed:
 
 @runtime_checkable
 class Rule(Protocol):
-    """Judges an order: entry-point group `ariac_score.rules`."""
+    """Judges an order: entry-point group `ariac_score.rules`.
+
+    A rule that rests on the official result alone says so with a class attribute
+    `reads_official = True`; only such rules are asked about an order of which
+    nothing but its official score is known (`Order.outline`).
+    """
 
     def judge(self, trial: Trial, order: Order) -> Iterable[Finding]:
         """Findings about one order; at least one, for silence is not a verdict."""

@@ -30,6 +30,7 @@ from ariac_score.logs.bundle import Bundle, Part, find_parts
 from ariac_score.registry import Plugin, Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical, settled
 from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
+from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
 from ariac_score.trial.build import merge_trials
@@ -66,7 +67,7 @@ def score_trial(
     registry: Registry | None = None,
     progress: Progress = _no_progress,
 ) -> Result:
-    """Score the trial at a path.
+    """Score the trial at a path; where its rules compare teams, `reprice` adds the cohort.
 
     Args:
         path: A log, a rosbag2 folder, a bundle folder, or a `bundle.yaml`.
@@ -268,6 +269,9 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Fi
     elif not trial.orders:
         yield Finding.not_applicable("trial", "no order was announced")
     for order in trial.orders if plugin.group == "ariac_score.rules" else ():
+        if order.outline and not getattr(check, "reads_official", False):
+            yield Finding.inconclusive(order.id, "what it asked for is not recorded, only its official score")
+            continue
         spoken = False
         for finding in check.judge(trial, order):
             spoken = True
@@ -306,20 +310,30 @@ def _coverage(signal: Signal, window: Span | None) -> Coverage:
 # Pricing -------------------------------------------------------------------------------
 
 
-def price_trial(measured: Measured, rule_set: RuleSet, provenance: Provenance) -> Result:
+def price_trial(
+    measured: Measured, rule_set: RuleSet, provenance: Provenance, cohort: CohortValues | None = None
+) -> Result:
     """Price what was measured.
 
     Args:
         measured: The findings.
         rule_set: What they are worth; its checks must be those that measured.
         provenance: Where the findings come from.
+        cohort: Values across teams, where there are any.
 
     Raises:
         FormulaError: A formula has no value here, such as a division by zero.
     """
-    policies = {check.name: check.on_inconclusive for check in rule_set.checks.values()}
+    cohort = cohort or CohortValues()
     try:
-        priced = price(measured.findings, measured.scopes, rule_set.sheet, policies, digits=rule_set.digits)
+        priced = price(
+            measured.findings,
+            measured.scopes,
+            rule_set.sheet,
+            rule_set.policies,
+            digits=rule_set.digits,
+            cohort=cohort,
+        )
     except FormulaError as error:
         error.file = error.file or rule_set.file
         raise
@@ -338,18 +352,21 @@ def price_trial(measured: Measured, rule_set: RuleSet, provenance: Provenance) -
         },
         notes=rule_set.notes,
         rules=expanded_yaml(rule_set),
-        status="incomplete" if ledger is None else "scored",
+        status=priced.status,
         score=None if ledger is None else ledger.amount,
         possible=priced.possible,
         ledger=ledger,
         assumptions=priced.assumptions,
         digits=rule_set.digits,
         provenance=provenance,
+        task=priced.task,
+        cohort=cohort,
+        missing=priced.missing,
     )
 
 
-def reprice(result: Result, rule_set: RuleSet) -> Result:
-    """Price a stored result under another rule set, without its log.
+def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = None) -> Result:
+    """Price a stored result under another rule set, or with a cohort, without its log.
 
     The checks of the rule set must be among those that were measured: same plugin,
     same parameters, whatever they are called.
@@ -376,7 +393,7 @@ def reprice(result: Result, rule_set: RuleSet) -> Result:
             findings[f"{check.name}#{number}"] = replace(finding, check=check.name)
     code = tuple(sorted({_engine(), *result.provenance.code}))
     provenance = replace(result.provenance, rule_set=(rule_set.id, rule_set.sha256), code=code)
-    return price_trial(replace(result.measured, findings=findings), rule_set, provenance)
+    return price_trial(replace(result.measured, findings=findings), rule_set, provenance, cohort)
 
 
 # Provenance ----------------------------------------------------------------------------

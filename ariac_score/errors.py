@@ -6,6 +6,7 @@
     │   ├── RuleSetError            4  a rule set
     │   └── LogMapError             4  a log map
     ├── FormulaError                4  a formula cannot be parsed or evaluated
+    │   └── NeedsCohortError        6  it asks for a value across teams, and none is given
     ├── PluginError                 3  a plugin misbehaves
     │   ├── PluginNotFoundError     4  a name that no installed distribution provides
     │   └── PluginConflictError     4  two distributions provide one name
@@ -29,6 +30,7 @@ __all__ = [
     "LogError",
     "LogMapError",
     "MissingSignalError",
+    "NeedsCohortError",
     "NothingToScoreError",
     "PluginConflictError",
     "PluginError",
@@ -107,6 +109,12 @@ class FormulaError(ScoreError):
     """A formula cannot be parsed or evaluated; `place` names the term."""
 
     exit_code = 4
+
+
+class NeedsCohortError(FormulaError):
+    """A formula asks for a value across teams (`cohort.…`), and none is given."""
+
+    exit_code = 6
 
 
 class PluginError(ScoreError):

@@ -10,6 +10,7 @@ from typing import Any
 
 from ariac_score.errors import ResultError
 from ariac_score.findings import Finding
+from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.policy import Assumption
 from ariac_score.scoring.scope import Scope
@@ -145,13 +146,19 @@ class Result:
         checks: Which plugin each check is, with its parameters.
         notes: What the rule set wants a referee to know.
         rules: The whole rule set as YAML, so that a result can be checked on its own.
-        status: `scored`, or `incomplete` when something needed was undecided.
+        status: `scored`; `incomplete` when something needed was undecided; `needs_cohort`
+            when the score asks for values across teams that were not given.
         score: The final score; `None` unless scored.
-        possible: What the trial could have earned with every finding satisfied.
+        possible: What the trial could have earned with every finding satisfied; `None`
+            when that has no value.
         ledger: The score taken apart; `None` unless scored.
         assumptions: What was made of undecided findings.
         digits: Decimal digits of score and ledger.
         provenance: Where it came from.
+        task: The task score taken apart, before any value across teams enters; `None`
+            when the rule set has none, or it is withheld.
+        cohort: The values across teams it was priced with.
+        missing: What the score needs from all teams, in words.
     """
 
     measured: Measured
@@ -166,6 +173,9 @@ class Result:
     assumptions: tuple[Assumption, ...]
     digits: int
     provenance: Provenance
+    task: Ledger | None = None
+    cohort: CohortValues = field(default_factory=CohortValues)
+    missing: str = ""
 
     def __post_init__(self) -> None:
         if (self.score is None) != (self.status != "scored") or (self.ledger is None) != (self.score is None):
@@ -175,3 +185,5 @@ class Result:
             )
         if self.ledger is not None and self.score is not None:
             reconcile(self.ledger, self.score, digits=self.digits)
+        if self.task is not None:
+            reconcile(self.task, self.task.amount, digits=self.digits)

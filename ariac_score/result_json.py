@@ -26,11 +26,12 @@ from ariac_score.result import (
     canonical,
 )
 from ariac_score.ruleset import rule_set_from_text
+from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.ledger import Line, reconcile
 from ariac_score.scoring.policy import Assumption
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
-from ariac_score.trial.model import LogDefect, OfficialResult
+from ariac_score.trial.model import LogDefect, OfficialOrder, OfficialResult
 from ariac_score.trial.signals import Sample
 from ariac_score.trial.spans import Span
 
@@ -136,6 +137,23 @@ def _official_data(official: OfficialResult | None) -> dict[str, Any] | None:
         "total": official.total,
         "process_time_s": official.process_time_s,
         "orders": dict(official.orders),
+        "outcome": official.outcome,
+        "items": dict(official.items),
+        "summaries": [_official_order_data(order) for order in official.summaries],
+    }
+
+
+def _official_order_data(order: OfficialOrder) -> dict[str, Any]:
+    return {
+        "id": order.id,
+        "kind": order.kind,
+        "submitted": order.submitted,
+        "priority": order.priority,
+        "score": order.score,
+        "max_score": order.max_score,
+        "announced_s": order.announced_s,
+        "submitted_s": order.submitted_s,
+        "items": dict(order.items),
     }
 
 
@@ -192,6 +210,12 @@ def _result_data(result: Result) -> dict[str, Any]:
         "score": _amount(result.score),
         "possible": _amount(result.possible),
         "ledger": None if result.ledger is None else _line_data(result.ledger),
+        "task": None if result.task is None else _line_data(result.task),
+        "cohort": {
+            "sha256": result.cohort.sha256,
+            "values": {name: dict(values) for name, values in result.cohort.values.items()},
+        },
+        "missing": result.missing,
         "assumptions": [
             {"finding": a.finding, "check": a.check, "policy": a.policy, "message": a.message}
             for a in result.assumptions
@@ -248,15 +272,24 @@ def _check_follows(result: Result) -> None:
     hint = "the result was edited or damaged, or made by another version: score the trial again"
     try:
         rule_set = rule_set_from_text(result.rules, file="the rules in the result")
-        policies = {check.name: check.on_inconclusive for check in rule_set.checks.values()}
         priced = price(
-            result.measured.findings, result.measured.scopes, rule_set.sheet, policies, digits=rule_set.digits
+            result.measured.findings,
+            result.measured.scopes,
+            rule_set.sheet,
+            rule_set.policies,
+            digits=rule_set.digits,
+            cohort=result.cohort,
         )
     except ScoreError as error:
         raise ResultError(f"its findings cannot be priced by its rules: {error}", hint=hint) from error
-    again, stored = (None if x is None else _line_data(x) for x in (priced.ledger, result.ledger))
-    same = (again, priced.possible, priced.assumptions, rule_set.digits) == (
+    again, stored = (
+        [None if line is None else _line_data(line) for line in (of.ledger, of.task)]
+        for of in (priced, result)
+    )
+    same = (again, priced.status, priced.missing, priced.possible, priced.assumptions, rule_set.digits) == (
         stored,
+        result.status,
+        result.missing,
         result.possible,
         result.assumptions,
         result.digits,
@@ -290,6 +323,9 @@ def _result(data: Mapping[str, Any]) -> Result:
         assumptions=tuple(Assumption(**a) for a in data["assumptions"]),
         digits=digits,
         provenance=_provenance(data["provenance"]),
+        task=None if data["task"] is None else _line(data["task"], unit),
+        cohort=CohortValues(data["cohort"]["sha256"], _plain(data["cohort"]["values"])),
+        missing=data["missing"],
     )
 
 
@@ -384,7 +420,12 @@ def _measured(data: Mapping[str, Any]) -> Measured:
             official["source"],
             _plain(official["total"]),
             _plain(official["process_time_s"]),
-            {k: _plain(v) for k, v in official["orders"].items()},
+            _plain(official["orders"]),
+            outcome=official["outcome"],
+            summaries=tuple(
+                OfficialOrder(**{**_plain(order), "items": order["items"]}) for order in official["summaries"]
+            ),
+            items=official["items"],
         ),
         team=data["team"],
     )

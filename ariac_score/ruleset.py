@@ -14,6 +14,7 @@ from ariac_score.datafiles import YamlDocument, load_yaml, parse_yaml, shipped_r
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
 from ariac_score.expression import Expression
 from ariac_score.registry import Registry
+from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.scope import LEVELS
 from ariac_score.scoring.sheet import ScoreSheet
 
@@ -71,6 +72,7 @@ class RuleSet:
         file: Where it was loaded from.
         sha256: Hash of the file, and of those it extends.
         expanded: The whole as plain values, after `extends`.
+        ranking: How runs become a ranking, as the file says it; empty when it does not.
     """
 
     id: str
@@ -84,6 +86,12 @@ class RuleSet:
     file: str
     sha256: str
     expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    ranking: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def policies(self) -> dict[str, str]:
+        """What undecided findings count as, by check."""
+        return {check.name: check.on_inconclusive for check in self.checks.values()}
 
     def build(self, registry: Registry) -> dict[str, Any]:
         """Every check's plugin, built with its parameters, by check name.
@@ -197,7 +205,7 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     """The base with what is new or changed; a check moved between rules and monitors moves."""
     merged = {**base, **own}
     merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
-    for key in ("parameters", "rules", "monitors"):
+    for key in ("parameters", "rules", "monitors", "cohort"):
         merged[key] = {**base.get(key, {}), **own.get(key, {})}
     for key, other in (("rules", "monitors"), ("monitors", "rules")):
         for name in own.get(key, {}):
@@ -236,6 +244,8 @@ def _parsed(document: YamlDocument) -> RuleSet:
             score=Expression.parse(data["score"], where="$.score"),
             checks=frozenset(checks),
             parameters=data.get("parameters", {}),
+            cohort={name: _cohort_term(name, body) for name, body in data.get("cohort", {}).items()},
+            task=Expression.parse(data["task"], where="$.task") if "task" in data else None,
         )
     except FormulaError as error:
         error.file = document.file
@@ -253,6 +263,17 @@ def _parsed(document: YamlDocument) -> RuleSet:
         file=document.file,
         sha256=document.sha256,
         expanded=data,
+        ranking=data.get("ranking", {}),
+    )
+
+
+def _cohort_term(name: str, body: Mapping[str, Any]) -> CohortTerm:
+    return CohortTerm(
+        name=name,
+        level=body["of"],
+        value=Expression.parse(body["mean"], where=f"$.cohort.{name}.mean"),
+        where=Expression.parse(body["where"], where=f"$.cohort.{name}.where") if "where" in body else None,
+        empty=body.get("empty"),
     )
 
 

@@ -26,6 +26,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "logmap": {"datafiles", "errors", "trial"},
     "result": {"errors", "findings", "scoring", "trial"},
     "result_json": {"datafiles", "errors", "expression", "findings", "result", "ruleset", "scoring", "trial"},
+    "cohort": {"datafiles", "errors", "expression", "result", "ruleset", "scoring"},
     "guard": {"contracts", "errors", "registry", "trial"},
     "engine": {
         "guard",

@@ -10,6 +10,8 @@ from typing import Any
 
 def register(commands: Any) -> None:
     """Add the command."""
+    from ariac_score.cli.score import add_cohort  # noqa: PLC0415  # commands are registered one by one
+
     parser = commands.add_parser(
         "price",
         help="price a stored result under other rules, without its log",
@@ -20,6 +22,7 @@ def register(commands: Any) -> None:
         "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
     )
     parser.add_argument("--rules", required=True, metavar="NAME", help="rule set: a name or a .yaml file")
+    add_cohort(parser)
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
     parser.set_defaults(run=run)
@@ -29,14 +32,17 @@ def run(arguments: argparse.Namespace) -> int:
     """Load, price, show; the same output and exit codes as `score`."""
     # Imported here, so that --help and --version stay quick.
     from ariac_score.cli.output import refuse_inputs  # noqa: PLC0415
-    from ariac_score.cli.score import show  # noqa: PLC0415
+    from ariac_score.cli.score import load_cohort_of, show, trial_name  # noqa: PLC0415
     from ariac_score.engine import reprice  # noqa: PLC0415
     from ariac_score.result_json import load_result  # noqa: PLC0415
     from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
 
     refuse_inputs(arguments.output, arguments.result)
     stored = load_result(arguments.result)
-    again = reprice(stored, load_rule_set(arguments.rules))
+    rule_set = load_rule_set(arguments.rules)
+    cohort = load_cohort_of(arguments, rule_set)
+    values = None if cohort is None else cohort.of_trial(trial_name(arguments, stored), stored.measured)
+    again = reprice(stored, rule_set, values)
     if arguments.output_format == "text" and stored.score is not None and again.score is not None:
         print(f"before, under {stored.provenance.rule_set[0]}: {stored.score:f}", file=sys.stderr)
     return show(again, arguments)

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ariac_score.cohort import Cohort
     from ariac_score.result import Result
+    from ariac_score.ruleset import RuleSet
 
 EXIT_UNDECIDED = 6
 
@@ -27,21 +29,52 @@ def register(commands: Any) -> None:
         "--rules", required=True, metavar="NAME", help="rule set: a name ('rules list') or a .yaml file"
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    add_cohort(parser)
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
     parser.set_defaults(run=run)
+
+
+def add_cohort(parser: argparse.ArgumentParser) -> None:
+    """Add the options that name the values across teams."""
+    parser.add_argument(
+        "--cohort",
+        type=Path,
+        metavar="FILE",
+        help="cohort.json of the organisers, for rules that compare teams",
+    )
+    parser.add_argument(
+        "--cohort-trial", default="", metavar="NAME", help="which trial of the cohort this is, when unclear"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Score, show, and say with the exit code whether there is a score."""
     # Imported here, so that --help and --version stay quick.
     from ariac_score.cli.output import progress_bar, refuse_inputs  # noqa: PLC0415
-    from ariac_score.engine import score_trial  # noqa: PLC0415
+    from ariac_score.engine import reprice, score_trial  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
 
     refuse_inputs(arguments.output, arguments.path)
+    rule_set = load_rule_set(arguments.rules)
+    cohort = load_cohort_of(arguments, rule_set)
     with progress_bar(arguments.path) as progress:
-        result = score_trial(arguments.path, arguments.rules, log_map=arguments.log_map, progress=progress)
+        result = score_trial(arguments.path, rule_set, log_map=arguments.log_map, progress=progress)
+    if cohort is not None:
+        result = reprice(result, rule_set, cohort.of_trial(trial_name(arguments, result), result.measured))
     return show(result, arguments)
+
+
+def load_cohort_of(arguments: argparse.Namespace, rule_set: RuleSet) -> Cohort | None:
+    """The cohort the arguments name, if any."""
+    from ariac_score.cohort import load_cohort  # noqa: PLC0415  # keeps --help quick
+
+    return None if arguments.cohort is None else load_cohort(arguments.cohort, rule_set)
+
+
+def trial_name(arguments: argparse.Namespace, result: Result) -> str:
+    """Which trial of the cohort a result is of."""
+    return str(arguments.cohort_trial or result.measured.trial)
 
 
 def show(result: Result, arguments: argparse.Namespace) -> int:
@@ -60,5 +93,8 @@ def show(result: Result, arguments: argparse.Namespace) -> int:
         for assumption in result.assumptions:
             if assumption.policy == "withhold":
                 print(f"undecided: {assumption.finding}: {plain(assumption.message)}", file=sys.stderr)
+        if result.missing:
+            print(f"needs_cohort: {plain(result.missing)}", file=sys.stderr)
+            print("hint: give the organisers' cohort with --cohort, or rank all teams", file=sys.stderr)
         return EXIT_UNDECIDED
     return 0

@@ -15,7 +15,7 @@ Source: ARIAC notes on log formats, section 3; task manager plug-ins of 2017 to 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -34,7 +34,7 @@ from ariac_score.trial.events import (
     PART_DROPPED,
     Event,
 )
-from ariac_score.trial.model import LogDefect, OfficialResult, Submission, Trial
+from ariac_score.trial.model import LogDefect, OfficialOrder, OfficialResult, Submission, Trial
 
 __all__ = ["PerformanceLogReader"]
 
@@ -485,6 +485,8 @@ def _add_score(builder: TrialBuilder, told: _Told, score: _Score, times: _Times,
         total=score.total,
         process_time_s=score.process_time_s,
         orders=MappingProxyType({k: v for k, v in totals.items() if v is not None}),
+        summaries=tuple(_summary(order, times) for order in score.orders if order.id),
+        items=_printed(score.values),
     )
     if not score.complete:
         builder.defect("cut_off", where, 1, "the final score is not followed by anything: it may be cut off")
@@ -507,6 +509,33 @@ def _add_score(builder: TrialBuilder, told: _Told, score: _Score, times: _Times,
     _add_submissions(builder, score, times, where)
     if score.complete and not told.submits and not any(order.shipments for order in score.orders):
         builder.witnessed.add("submissions")
+
+
+def _summary(order: _OrderScore, times: _Times) -> OfficialOrder:
+    """What is printed of an order; shipments by number, for some layouts leave them nameless."""
+    announced_s = times.announced_s(order.id)
+    taken_s = _number(order.values, "time taken")
+    items = dict(_printed(order.values))
+    for position, shipment in enumerate(order.shipments):
+        items[f"shipment_{position}/id"] = order.task_id(position)
+        for label, value in _printed(shipment.values).items():
+            items[f"shipment_{position}/{label}"] = value
+    dated = announced_s is not None and taken_s and order.all_submitted
+    return OfficialOrder(
+        order.id,
+        submitted=order.all_submitted,
+        score=_number(order.values, "completion score", "total order score", "total score"),
+        announced_s=announced_s,
+        submitted_s=announced_s + taken_s if dated and announced_s is not None and taken_s else None,
+        items=MappingProxyType(items),
+    )
+
+
+def _printed(values: Mapping[str, str]) -> Mapping[str, str]:
+    """Values as printed, by label in one word: `total_order_score`, `2pts_x_nb_of_products_with_ct_cp`."""
+    return MappingProxyType(
+        {"_".join(re.sub(r"[^a-z0-9]+", " ", label).split()): value for label, value in values.items()}
+    )
 
 
 def _end_of(score: _Score, times: _Times) -> tuple[float, str]:

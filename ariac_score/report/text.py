@@ -58,10 +58,14 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
         looks = ("bold", "green" if result.score > 0 else "yellow")
         possible = f" of {amount_text(result.possible)} possible" if result.possible is not None else ""
         yield style(amount_text(result.score), *looks) + possible
+    elif result.status == "needs_cohort":
+        yield style("needs_cohort", "bold", "yellow") + f" — {plain(result.missing)}"
     else:
         yield (
             style("no score", "bold", "yellow") + " — withheld, because something it depends on is undecided"
         )
+    if result.task is not None:
+        yield f"task score {style(amount_text(result.task.amount), 'bold')}, before other teams are looked at"
     who = f"{plain(measured.team)}, " if measured.team else ""
     yield f"{who}{plain(measured.trial)} under {result.provenance.rule_set[0]}: {result.rule_set_title}"
     if measured.window is not None:
@@ -84,9 +88,10 @@ def _official(result: Result, total: float, style: Style) -> Iterator[str]:
 
 
 def _ledger(result: Result, style: Style) -> Iterator[str]:
-    if result.ledger is not None:
-        yield style("Why", "bold")
-        yield from _ledger_lines(result.ledger.children or (result.ledger,), style, depth=1, deepest=5)
+    ledger = result.ledger or result.task
+    if ledger is not None:
+        yield style("Why" if result.ledger else "Why the task score", "bold")
+        yield from _ledger_lines(ledger.children or (ledger,), style, depth=1, deepest=5)
 
 
 def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: int) -> Iterator[str]:

@@ -81,14 +81,15 @@ def rounded(value: Number, digits: int) -> Decimal:
     return number.quantize(Decimal(1).scaleb(-digits), rounding=ROUND_HALF_EVEN) + Decimal(0)
 
 
-def make_ledger(score: Traced, *, digits: int) -> Ledger:
+def make_ledger(score: Traced, *, digits: int, root: str = "score") -> Ledger:
     """Take a traced score apart.
 
     Args:
         score: What `ScoreSheet.evaluate` returned.
         digits: Decimal digits of the score and of every amount.
+        root: Path of the root line.
     """
-    return _Maker(digits).line(score, "score", score.value)
+    return _Maker(digits).line(score, root, score.value)
 
 
 class _Maker:

@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal
 
+from ariac_score.errors import FormulaError, NeedsCohortError
 from ariac_score.findings import Finding
+from ariac_score.scoring.cohort import CohortValues, Contribution
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
 from ariac_score.scoring.policy import Assumed, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
 
-__all__ = ["Priced", "price"]
+__all__ = ["Contributed", "Priced", "contribute", "price"]
 
 
 @dataclass(frozen=True)
@@ -20,14 +22,61 @@ class Priced:
     """What findings are worth.
 
     Attributes:
-        ledger: The score taken apart; `None` when an undecided finding withholds it.
-        possible: What the trial could have earned with every finding satisfied.
+        status: `scored`; `incomplete` when an undecided finding withholds the score;
+            `needs_cohort` when it asks for values across teams that are not given.
+        ledger: The score taken apart; `None` unless scored.
+        task: The task score taken apart; `None` when the sheet has none, or it is withheld.
+        possible: What the trial could have earned with every finding satisfied; `None`
+            when that has no value, as when a time to be divided by is not known.
         assumptions: What was made of undecided findings.
+        missing: What the score needs from all teams, in words; empty when nothing.
     """
 
+    status: str
     ledger: Ledger | None
-    possible: Decimal
+    task: Ledger | None
+    possible: Decimal | None
     assumptions: tuple[Assumption, ...]
+    missing: str = ""
+
+
+@dataclass(frozen=True)
+class Contributed:
+    """What one trial brings to the values across teams.
+
+    Attributes:
+        values: Each contribution, counted or not.
+        undecided: For each value that needs something undecided, what that is.
+    """
+
+    values: tuple[Contribution, ...]
+    undecided: Mapping[str, str]
+
+
+def contribute(
+    findings: Mapping[str, Finding], scopes: Scope, sheet: ScoreSheet, policies: Mapping[str, str]
+) -> Contributed:
+    """What a trial brings to the values across teams; of what is undecided, nothing.
+
+    Args:
+        findings: By id.
+        scopes: The scopes, outermost.
+        sheet: The formulas.
+        policies: What undecided findings count as, by check.
+
+    Raises:
+        FormulaError: A formula of the cohort has no value here.
+    """
+    values: list[Contribution] = []
+    undecided: dict[str, str] = {}
+    for name, term in sheet.cohort.items():
+        asked = frozenset[str]().union(*(sheet.asked(formula, term.level) for formula in term.formulas))
+        assumed = assume(findings, policies, priced=asked)
+        if assumed.withheld:
+            undecided[name] = assumed.withheld[0].message
+        else:
+            values += sheet.contributions(scopes, assumed.findings, only=name)
+    return Contributed(tuple(values), undecided)
 
 
 def price(
@@ -37,6 +86,7 @@ def price(
     policies: Mapping[str, str],
     *,
     digits: int,
+    cohort: CohortValues | None = None,
 ) -> Priced:
     """Price findings.
 
@@ -46,30 +96,61 @@ def price(
         sheet: The formulas.
         policies: What undecided findings count as, by check.
         digits: Decimal digits of score and ledger.
+        cohort: Values across teams, where there are any.
 
     Raises:
         FormulaError: A formula has no value here, such as a division by zero.
     """
+    cohort = cohort or CohortValues()
     assumed = assume(findings, policies, priced=sheet.priced)
-    best = sheet.evaluate(scopes, ideal(findings))
-    ledger = None
-    if not assumed.withheld:
-        ledger = _zeroed(make_ledger(sheet.evaluate(scopes, assumed.findings), digits=digits), assumed)
-    return Priced(ledger, rounded(best.value, digits), assumed.assumptions)
+    task = _task(scopes, sheet, assumed, digits)
+    possible = _possible(findings, scopes, sheet, cohort, digits)
+    if _withheld(assumed, sheet.asked(sheet.score)):
+        return Priced("incomplete", None, task, possible, assumed.assumptions)
+    try:
+        score = sheet.evaluate(scopes, assumed.findings, cohort)
+    except NeedsCohortError as missing:
+        return Priced("needs_cohort", None, task, possible, assumed.assumptions, missing.cause)
+    ledger = _zeroed(make_ledger(score, digits=digits), assumed, sheet.asked(sheet.score))
+    return Priced("scored", ledger, task, possible, assumed.assumptions)
 
 
-def _zeroed(ledger: Ledger, assumed: Assumed) -> Ledger:
+def _withheld(assumed: Assumed, asked: frozenset[str]) -> bool:
+    return any(assumption.check in asked for assumption in assumed.withheld)
+
+
+def _task(scopes: Scope, sheet: ScoreSheet, assumed: Assumed, digits: int) -> Ledger | None:
+    if sheet.task is None or _withheld(assumed, sheet.asked(sheet.task)):
+        return None
+    task = sheet.evaluate_task(scopes, assumed.findings)
+    assert task is not None  # the sheet has one
+    return _zeroed(make_ledger(task, digits=digits, root="task"), assumed, sheet.asked(sheet.task))
+
+
+def _possible(
+    findings: Mapping[str, Finding], scopes: Scope, sheet: ScoreSheet, cohort: CohortValues, digits: int
+) -> Decimal | None:
+    """The best score; where satisfied findings would have brought numbers nobody measured, there is none."""
+    try:
+        return rounded(sheet.evaluate(scopes, ideal(findings), cohort).value, digits)
+    except FormulaError:
+        return None
+
+
+def _zeroed(ledger: Ledger, assumed: Assumed, asked: frozenset[str]) -> Ledger:
     """The ledger, with a line that takes everything where the rule set gives 0 for what is undecided."""
-    if not assumed.zeroed:
+    zeroed = tuple(assumption.finding for assumption in assumed.zeroed if assumption.check in asked)
+    if not zeroed:
         return ledger
-    reasons = ", ".join(assumption.finding for assumption in assumed.zeroed)
+    reasons = ", ".join(zeroed)
     taken = Line(
-        "score/undecided",
+        f"{ledger.path}/undecided",
         f"undecided, so the rule set gives 0: {reasons}",
         "factor",
         -ledger.amount,
         0,
-        findings=tuple(assumption.finding for assumption in assumed.zeroed),
+        findings=zeroed,
     )
     zero = ledger.amount - ledger.amount
-    return Line("score", "score", "sum", zero, 0, children=(replace(ledger, path="score/before"), taken))
+    before = replace(ledger, path=f"{ledger.path}/before")
+    return Line(ledger.path, ledger.label, "sum", zero, 0, children=(before, taken))

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ariac_score.errors import FormulaError, did_you_mean
+from ariac_score.errors import FormulaError, NeedsCohortError, did_you_mean
 from ariac_score.expression import Expression, Number, Traced, add_up
 from ariac_score.findings import Finding, Verdict
+from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
 from ariac_score.scoring.scope import LEVELS, Scope
 
 __all__ = ["CHECK_FUNCTIONS", "FACTS", "ScoreSheet"]
+
+_COHORT = "cohort"
+_NO_COHORT = CohortValues()
 
 FACTS: Mapping[str, Mapping[str, str]] = {
     "part": {},
@@ -66,12 +70,16 @@ class ScoreSheet:
         score: The formula of the trial's score.
         checks: The names of the checks the formulas may speak of.
         parameters: Named numbers an organiser may turn.
+        cohort: The values across teams that formulas may name as `cohort.…`.
+        task: What the trial is worth before any value across teams enters, where that has a name.
     """
 
     terms: Mapping[str, Mapping[str, Expression]]
     score: Expression
     checks: frozenset[str]
     parameters: Mapping[str, Number] = field(default_factory=dict)
+    cohort: Mapping[str, CohortTerm] = field(default_factory=dict)
+    task: Expression | None = None
 
     def __post_init__(self) -> None:
         for level in LEVELS:
@@ -80,16 +88,32 @@ class ScoreSheet:
                 self._validate_term(name, formula, level)
                 self._validate(formula, level, known)
                 known.append(name)
-        self._validate(self.score, "trial", list(self.terms.get("trial", {})))
+        for term in self.cohort.values():
+            for formula in term.formulas:
+                self._validate(formula, term.level, list(self.terms.get(term.level, {})))
+                self._validate_cohort_free(formula, term.level, f"cohort.{term.name}")
+        for formula in (self.score, *([self.task] if self.task else [])):
+            self._validate(formula, "trial", list(self.terms.get("trial", {})))
+        if self.task:
+            self._validate_cohort_free(self.task, "trial", "task")
 
     @property
     def priced(self) -> frozenset[str]:
-        """The checks the formulas really ask about."""
-        formulas = [self.score, *(f for level in self.terms.values() for f in level.values())]
+        """The checks the score or the task score really asks about."""
+        return self.asked(self.score) | (self.asked(self.task) if self.task else frozenset())
+
+    @property
+    def needs_cohort(self) -> bool:
+        """Whether the score asks for values across teams."""
+        return any(level == _COHORT for level, _ in self._reached(self.score, "trial"))
+
+    def asked(self, formula: Expression, level: str = "trial") -> frozenset[str]:
+        """The checks a formula asks about, itself or through the terms it names."""
+        reached = [self.terms[at][name] for at, name in self._reached(formula, level) if at != _COHORT]
         return frozenset(
             argument.id
-            for formula in formulas
-            for call in formula.walk()
+            for each in (formula, *reached)
+            for call in each.walk()
             if isinstance(call, ast.Call)
             and isinstance(call.func, ast.Name)
             and call.func.id in CHECK_FUNCTIONS
@@ -97,17 +121,104 @@ class ScoreSheet:
             if isinstance(argument, ast.Name) and argument.id in self.checks
         )
 
-    def evaluate(self, trial: Scope, findings: Mapping[str, Finding]) -> Traced:
+    def evaluate(
+        self, trial: Scope, findings: Mapping[str, Finding], cohort: CohortValues = _NO_COHORT
+    ) -> Traced:
         """The score with its trace.
 
         Args:
             trial: The scopes, outermost.
             findings: By id; undecided ones are settled beforehand (`policy.assume`).
+            cohort: Values across teams, for formulas that name `cohort.…`.
 
         Raises:
+            NeedsCohortError: The score asks for a value across teams that is not given.
             FormulaError: Naming the term and the scope in which it cannot be evaluated.
         """
-        return _Pricing(self, trial, findings).score()
+        return _Pricing(self, trial, findings, cohort).root(self.score, "score")
+
+    def evaluate_task(self, trial: Scope, findings: Mapping[str, Finding]) -> Traced | None:
+        """The task score, before any value across teams enters; `None` when the sheet has none.
+
+        Raises:
+            FormulaError: It has no value here.
+        """
+        return (
+            _Pricing(self, trial, findings, _NO_COHORT).root(self.task, "task score") if self.task else None
+        )
+
+    def evaluate_in(
+        self,
+        formula: Expression,
+        trial: Scope,
+        findings: Mapping[str, Finding],
+        *,
+        level: str = "trial",
+        cohort: CohortValues = _NO_COHORT,
+    ) -> dict[str, Traced]:
+        """A formula of one level in every scope of that level, by path.
+
+        Args:
+            formula: Checked beforehand with `check_formula`.
+            trial: The scopes, outermost.
+            findings: By id.
+            level: One of `LEVELS`.
+            cohort: Values across teams.
+
+        Raises:
+            FormulaError: It has no value in one of the scopes.
+        """
+        pricing = _Pricing(self, trial, findings, cohort)
+        scopes = [(trial, ())] if level == "trial" else _inside(trial, level, ())
+        return {scope.path: formula.evaluate(_Environment(pricing, scope, outer)) for scope, outer in scopes}
+
+    def check_formula(self, formula: Expression, level: str) -> None:
+        """Find misspelt names in a formula that stands outside the sheet.
+
+        Raises:
+            FormulaError: It names something this sheet does not have at that level.
+        """
+        self._validate(formula, level, list(self.terms.get(level, {})))
+
+    def contributions(
+        self, trial: Scope, findings: Mapping[str, Finding], *, only: str
+    ) -> list[Contribution]:
+        """What this trial contributes to one value across teams.
+
+        Raises:
+            FormulaError: A formula of the cohort has no value here.
+        """
+        term = self.cohort[only]
+        values = self.evaluate_in(term.value, trial, findings, level=term.level)
+        counts = self.evaluate_in(term.where, trial, findings, level=term.level) if term.where else {}
+        return [
+            Contribution(only, path, traced.value, bool(counts[path].value) if term.where else True)
+            for path, traced in values.items()
+        ]
+
+    def _reached(self, formula: Expression, level: str) -> list[tuple[str, str]]:
+        """Every term a formula rests on, by level and name; values across teams as level `cohort`."""
+        reached: dict[tuple[str, str], None] = {}
+        open_ = [(formula, level)]
+        while open_:
+            inner, at = open_.pop()
+            for dotted in _names(inner, self.checks):
+                prefix, _, name = dotted.rpartition(".")
+                key = (prefix or at, name)
+                if key in reached or not (prefix == _COHORT or name in self.terms.get(key[0], {})):
+                    continue
+                reached[key] = None
+                if prefix != _COHORT:
+                    open_.append((self.terms[key[0]][name], key[0]))
+        return list(reached)
+
+    def _validate_cohort_free(self, formula: Expression, level: str, what: str) -> None:
+        if any(at == _COHORT for at, _ in self._reached(formula, level)):
+            raise FormulaError(
+                f"{what} rests on a value across teams",
+                place=formula.where,
+                hint="what a cohort is made of, and the task score, must be known for each team alone",
+            )
 
     def _validate_term(self, name: str, formula: Expression, level: str) -> None:
         """A term may not hide behind a parameter or a fact of the same name, which would win."""
@@ -163,7 +274,9 @@ class ScoreSheet:
 
     def _validate_name(self, formula: Expression, dotted: str, level: str, known: Sequence[str]) -> None:
         prefix, _, name = dotted.rpartition(".")
-        if not prefix:
+        if prefix == _COHORT:
+            names = [n for n, t in self.cohort.items() if LEVELS.index(t.level) >= LEVELS.index(level)]
+        elif not prefix:
             names = [*known, *self.parameters]
         elif prefix == level:
             names = [*known, *FACTS[level]]
@@ -195,19 +308,21 @@ class ScoreSheet:
 class _Pricing:
     """One evaluation of a sheet over one trial; every term of every scope is evaluated once."""
 
-    def __init__(self, sheet: ScoreSheet, trial: Scope, findings: Mapping[str, Finding]) -> None:
-        self.sheet, self.trial = sheet, trial
+    def __init__(
+        self, sheet: ScoreSheet, trial: Scope, findings: Mapping[str, Finding], cohort: CohortValues
+    ) -> None:
+        self.sheet, self.trial, self.cohort = sheet, trial, cohort
         self.findings = {key: findings[key] for key in sorted(findings)}
         self._terms: dict[tuple[str, str], Traced] = {}
 
-    def score(self) -> Traced:
-        """The trial's score."""
+    def root(self, formula: Expression, label: str) -> Traced:
+        """A formula of the whole trial, such as its score."""
         try:
-            value = self.sheet.score.evaluate(_Environment(self, self.trial, ()))
+            value = formula.evaluate(_Environment(self, self.trial, ()))
         except FormulaError as error:
-            error.place = error.place or self.sheet.score.where
+            error.place = error.place or formula.where
             raise
-        return Traced("score", value.value, "term", children=(value,))
+        return Traced(label, value.value, "term", children=(value,))
 
     def term(self, scope: Scope, name: str, outer: tuple[Scope, ...]) -> Traced:
         """A named term of one scope."""
@@ -240,12 +355,24 @@ class _Environment:
         sheet = self.pricing.sheet
         if not prefix and name in sheet.parameters:
             return Traced(name, sheet.parameters[name], "parameter")
+        if prefix == _COHORT:
+            return self._across_teams(name, dotted)
         scope = self._scope(prefix or self.scope.level, dotted)
         if name in scope.facts:
             return Traced(dotted, scope.facts[name], "fact", subject=scope.path)
         if name in sheet.terms.get(scope.level, {}) and scope is self.scope:
             return self.pricing.term(scope, name, self.outer)
         raise FormulaError(f"{dotted!r} has no value in {scope.path or 'the trial'}")
+
+    def _across_teams(self, name: str, dotted: str) -> Traced:
+        scope = self._scope(self.pricing.sheet.cohort[name].level, dotted)
+        values = self.pricing.cohort.values.get(name, {})
+        if scope.path not in values:
+            raise NeedsCohortError(
+                f"{dotted} of {scope.path or 'the trial'} comes from all teams and is not given",
+                hint="give the organisers' cohort file with --cohort, or rank all teams together",
+            )
+        return Traced(dotted, values[scope.path], "fact", subject=scope.path)
 
     def _scope(self, level: str, dotted: str) -> Scope:
         for scope in (self.scope, *self.outer):
@@ -361,6 +488,22 @@ class _Environment:
         else:
             shares = violations
         return add_up(share for _, share in shares), shares
+
+
+def _names(formula: Expression, checks: frozenset[str]) -> Iterator[str]:
+    """The dotted names of a formula that are neither functions nor arguments of questions to a check."""
+    consumed: set[int] = set()
+    for node in formula.walk():
+        if isinstance(node, ast.Call):
+            consumed.add(id(node.func))
+            first = node.args[0] if node.args else None
+            if isinstance(first, ast.Name) and first.id in checks:
+                consumed |= {id(argument) for argument in node.args}
+        elif isinstance(node, ast.Attribute):
+            consumed |= {id(inner) for inner in ast.walk(node.value)}
+    for node in formula.walk():
+        if isinstance(node, ast.Name | ast.Attribute) and id(node) not in consumed:
+            yield ast.unparse(node)
 
 
 def _inside(scope: Scope, level: str, outer: tuple[Scope, ...]) -> list[tuple[Scope, tuple[Scope, ...]]]:

@@ -20,6 +20,7 @@ from ariac_score.trial.events import (
 from ariac_score.trial.model import (
     Body,
     LogDefect,
+    OfficialOrder,
     OfficialResult,
     Order,
     Submission,
@@ -291,7 +292,8 @@ def _within_competition(trial: Trial, unannounced: int) -> Trial:
     )
     note("orders_not_announced", unannounced, "orders of the configuration were never announced in the log")
     ordered = {task.id for order in trial.orders for task in order.tasks}
-    unknown = [s for s in counted if s.task_id not in ordered]
+    outlined = any(order.outline for order in trial.orders)  # then nothing says what was ordered
+    unknown = [s for s in counted if s.task_id not in ordered and not outlined]
     note("unknown_shipment", len(unknown), "submissions answer no shipment of any order")
     known = [s.task_id for s in counted if s.task_id in ordered]
     note("repeated_submission", len(known) - len(set(known)), "shipments were submitted more than once")
@@ -357,7 +359,24 @@ def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tu
             announced.setdefault(event.subject, event.t_s)
     dated = [o if o.announced_s is not None else replace(o, announced_s=announced.get(o.id)) for o in orders]
     # An update in a configuration takes effect only if the log shows that it was announced.
+    if not dated:
+        return _outlined(parts)
     return settle_orders([o for o in dated if not o.updates or o.announced_s is not None], file=file)
+
+
+def _outlined(parts: Sequence[Trial]) -> tuple[Order, ...]:
+    """The orders that nothing but the official text names, in its order."""
+    summaries = [order for part in parts if part.official for order in part.official.summaries]
+    return tuple(
+        Order(order.id, announced_s=order.announced_s, priority=_priority(order), outline=True)
+        for order in summaries
+    )
+
+
+def _priority(order: OfficialOrder) -> int:
+    """As printed: a factor until 2022, a yes or no since."""
+    printed = order.items.get("priority", "")
+    return int(printed) if printed.isdigit() else 3 if order.priority else 1
 
 
 def _team(told: Sequence[TeamSetup], file: object) -> TeamSetup | None:

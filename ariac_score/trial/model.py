@@ -159,6 +159,8 @@ class Order:
         announced_s: When it was announced, s of trial time; `None` when the log does not say.
         priority: As the edition defines it; 1 is regular.
         updates: Id of the order it replaces; empty for a new order.
+        outline: Whether it is known from an official text alone, which says that there was
+            such an order and what it was given, but not what it asked for.
     """
 
     id: str
@@ -166,6 +168,7 @@ class Order:
     announced_s: float | None = None
     priority: int = 1
     updates: str = ""
+    outline: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,62 @@
+"""Values across teams: what a trial contributes to them, and what it is priced with.
+
+Some editions measure a team against all others: the mean cost of the sensors, the
+mean time of an order. Such a value is declared in the rule set with what each team
+contributes and which teams count; formulas name it `cohort.<name>`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ariac_score.expression import Expression, Number
+
+__all__ = ["CohortTerm", "CohortValues", "Contribution"]
+
+
+@dataclass(frozen=True)
+class CohortTerm:
+    """One mean across teams, as a rule set declares it.
+
+    Attributes:
+        name: Formulas name it `cohort.<name>`.
+        level: `order` (one value for each order) or `trial`.
+        value: What a team contributes.
+        where: Whether a team counts; `None`: all that have a run count.
+        empty: The value when no team counts; `None`: there is none then.
+    """
+
+    name: str
+    level: str
+    value: Expression
+    where: Expression | None = None
+    empty: Number | None = None
+
+    @property
+    def formulas(self) -> tuple[Expression, ...]:
+        """Its formulas, for checks at load time."""
+        return (self.value, self.where) if self.where else (self.value,)
+
+
+@dataclass(frozen=True)
+class CohortValues:
+    """The values across teams that one trial is priced with.
+
+    Attributes:
+        sha256: Of the cohort they were taken from; empty for none.
+        values: By name and path of the order (empty for the trial).
+    """
+
+    sha256: str = ""
+    values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """What one team's trial contributes to one value across teams, and whether it counts."""
+
+    name: str
+    path: str
+    value: Number
+    counted: bool
