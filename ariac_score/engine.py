@@ -6,7 +6,7 @@ Measuring needs the log and knows no points; pricing needs only what was measure
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -21,12 +21,13 @@ from ariac_score.errors import (
     NothingToScoreError,
     PluginError,
     RuleSetError,
+    RunEndedError,
     did_you_mean,
 )
 from ariac_score.findings import Finding, Verdict
 from ariac_score.guard import GuardedDecoder, broken, open_readers
 from ariac_score.logmap import load_log_map
-from ariac_score.logs.bundle import Bundle, Part, find_parts
+from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
 from ariac_score.registry import Plugin, Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical, settled
 from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
@@ -36,7 +37,7 @@ from ariac_score.scoring.scope import Scope
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
-from ariac_score.trial.model import Trial
+from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import QUANTITIES
@@ -54,6 +55,12 @@ __all__ = [
 
 Progress = Callable[[float], None]
 
+ENDED_WITHOUT_SCORE: Mapping[str, str] = {
+    "crashed": "the simulator died during this run, and no score was recorded",
+    "cancelled": "the run was cancelled by its user, and no score was recorded",
+}
+"""The outcomes after which the official text holds no score."""
+
 
 def _no_progress(_done: float) -> None:
     """Show nothing."""
@@ -66,6 +73,10 @@ def score_trial(
     log_map: str = "",
     registry: Registry | None = None,
     progress: Progress = _no_progress,
+    also: Sequence[Path] = (),
+    root: Path | None = None,
+    trial_id: str = "",
+    team: str = "",
 ) -> Result:
     """Score the trial at a path; where its rules compare teams, `reprice` adds the cohort.
 
@@ -75,6 +86,11 @@ def score_trial(
         log_map: Log map to use instead of the rule set's own.
         registry: The installed plugins, where the caller has them already.
         progress: Called with the share done, 0 to 1.
+        also: Configurations of the trial or team that lie elsewhere; where the path has
+            one of its own, that one counts.
+        root: Folder that file names in the result are relative to; needed with `also`.
+        trial_id: Name of the trial, where the caller knows it better than the files.
+        team: Name of the team, likewise.
 
     Raises:
         ScoreError: For everything a user can act on; see `ariac_score.errors`.
@@ -84,15 +100,22 @@ def score_trial(
     checks = rule_set.build(registry)
     mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
     bundle, readers = find_trial(path, registry)
+    bundle = with_parts(bundle, also, root or path, readers)
     needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
     trial = read_trial(
         bundle, readers, mapping, registry, quantities=[need.quantity for need in needs], progress=progress
     )
+    trial = _renamed(trial, trial_id, team)
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
     trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
     measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
     provenance = _provenance(bundle, rule_set, mapping, registry)
     return price_trial(measured, rule_set, provenance)
+
+
+def _renamed(trial: Trial, trial_id: str, team: str) -> Trial:
+    setup = replace(trial.team or TeamSetup(), name=team) if team else trial.team
+    return replace(trial, id=trial_id or trial.id, team=setup)
 
 
 def check_needs(rule_set: RuleSet, checks: Mapping[str, Any], log_map: LogMap) -> None:
@@ -181,6 +204,13 @@ def read_trial(
         wanted = Wanted(log_map, sources, decoders, step)
         trials.append(readers[part.reader].read(part.path, wanted))
     trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
+    if not trial.orders and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
+        raise RunEndedError(
+            ENDED_WITHOUT_SCORE[trial.official.outcome],
+            outcome=trial.official.outcome,
+            file=bundle.root,
+            hint="repeat the run; a ranking counts it as 0, by name",
+        )
     if not trial.orders:
         raise NothingToScoreError(
             "no order was found",

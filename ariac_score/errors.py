@@ -12,6 +12,7 @@
     │   └── PluginConflictError     4  two distributions provide one name
     ├── LogError                    6  a log cannot be read as a trial
     │   ├── NothingToScoreError     5  the path is missing, empty or not a trial log at all
+    │   │   └── RunEndedError       5  the official text says that the run crashed or was cancelled
     │   └── MissingSignalError      6  a check asked for a signal that the log does not contain
     └── ResultError                 6  a stored result is damaged or does not add up
 
@@ -37,6 +38,7 @@ __all__ = [
     "PluginNotFoundError",
     "ResultError",
     "RuleSetError",
+    "RunEndedError",
     "ScoreError",
     "UsageError",
     "did_you_mean",
@@ -143,6 +145,16 @@ class NothingToScoreError(LogError):
     """The path is missing, empty, or no reader recognises it."""
 
     exit_code = 5
+
+
+class RunEndedError(NothingToScoreError):
+    """The official text says that the run ended without a score; `outcome` is how."""
+
+    def __init__(
+        self, cause: str, *, outcome: str = "", file: object = None, place: str = "", hint: str = ""
+    ) -> None:
+        self.outcome = outcome
+        super().__init__(cause, file=file, place=place, hint=hint)
 
 
 class MissingSignalError(LogError):

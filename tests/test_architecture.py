@@ -42,7 +42,22 @@ MAY_IMPORT: dict[str, set[str]] = {
         "trial",
     },
     "logs": {"backports", "contracts", "datafiles", "errors", "lz4", "numpy", "rosbags", "trial"},
-    "report": {"expression", "findings", "result", "scoring", "trial"},
+    "ranking": {
+        "cohort",
+        "contracts",
+        "datafiles",
+        "engine",
+        "errors",
+        "expression",
+        "logs",
+        "registry",
+        "result",
+        "result_json",
+        "ruleset",
+        "scoring",
+        "trial",
+    },
+    "report": {"expression", "findings", "ranking", "result", "scoring", "trial"},
     "testing": {"logs", "numpy", "rosbags", "trial"},
 }
 ANYTHING = {"cli", "__init__"}

@@ -12,7 +12,7 @@ from tempfile import NamedTemporaryFile
 from ariac_score.errors import UsageError
 from ariac_score.report.style import plain
 
-__all__ = ["progress_bar", "refuse_inputs", "write"]
+__all__ = ["counting_bar", "progress_bar", "refuse_inputs", "write"]
 
 
 def write(text: str, file: Path | None) -> None:
@@ -95,3 +95,18 @@ def progress_bar(path: Path) -> Iterator[Callable[[float], None]]:
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(f"reading {plain(path.name)}", total=1.0)
         yield lambda done: progress.update(task, completed=done)
+
+
+@contextmanager
+def counting_bar(what: str, total: int) -> Iterator[Callable[[int, str], None]]:
+    """A bar on stderr that counts, on a terminal only, and gone when done."""
+    if not sys.stderr.isatty() or total < 2:
+        yield lambda _done, _now: None
+        return
+    # Imported here: rich takes longer to import than most trials to score.
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress  # noqa: PLC0415
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=total)
+        yield lambda done, now: progress.update(task, completed=done, description=f"{what} {plain(now)}")

@@ -6,7 +6,7 @@ guessed: `bundle.yaml` in the folder says which is meant.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
@@ -15,7 +15,7 @@ from ariac_score.contracts import Reader
 from ariac_score.datafiles import YamlDocument, load_yaml, validate
 from ariac_score.errors import LogError, NothingToScoreError
 
-__all__ = ["MAX_DEPTH", "MAX_FILES", "ROLES", "Bundle", "Part", "find_parts"]
+__all__ = ["MAX_DEPTH", "MAX_FILES", "ROLES", "Bundle", "Part", "find_parts", "with_parts"]
 
 BUNDLE_FILE = "bundle.yaml"
 MAX_DEPTH = 4
@@ -109,6 +109,31 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
     if bag is not None:
         return Bundle(_folder_name(path), path, (bag,))
     return _searched_folder(path, readers)
+
+
+def with_parts(bundle: Bundle, paths: Sequence[Path], root: Path, readers: Mapping[str, Reader]) -> Bundle:
+    """A bundle with files that lie outside its folder, such as the configuration all runs share.
+
+    Where the bundle has a part of that role already, its own counts.
+
+    Args:
+        bundle: As found.
+        paths: The further files.
+        root: Folder that all names are relative to from now on.
+        readers: The installed readers by name.
+
+    Raises:
+        LogError: A file is not recognised.
+    """
+    taken = {part.role for part in bundle.parts}
+    parts = list(bundle.parts)
+    for path in paths:
+        part = _as_part(path, readers)
+        if part is None:
+            raise LogError("no reader recognises this file", file=path, hint=f"known formats: {FORMATS}")
+        if part.role not in taken:
+            parts.append(part)
+    return Bundle(bundle.id, root, tuple(parts), bundle.ignored) if paths else bundle
 
 
 def _folder_name(folder: Path) -> str:

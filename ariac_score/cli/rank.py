@@ -1,0 +1,175 @@
+"""`ariac-score rank COMPETITION`: rank the teams of a competition."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ariac_score.ranking.competition import Competition
+    from ariac_score.ranking.nist_text import Evaluation
+    from ariac_score.ranking.rank import Ranking
+    from ariac_score.ranking.spec import Spec
+    from ariac_score.ruleset import RuleSet
+
+EXIT_UNDECIDED = 6
+_UNSETTLED = ("undecided", "unreadable", "refused", "no_value")
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "rank",
+        help="rank the teams of a competition",
+        description="Rank a competition: a competition.yaml, or a folder with the official layout "
+        "logs/<team>/<trial>_<n>. A run that cannot be scored is named and stops nobody else.",
+    )
+    parser.add_argument("path", type=Path, metavar="COMPETITION", help="competition.yaml, or its folder")
+    parser.add_argument(
+        "--rules", default="", metavar="NAME", help="rule set instead of the competition's own"
+    )
+    parser.add_argument(
+        "--policy",
+        choices=("robust", "strict"),
+        default="robust",
+        help="robust: a run without a score is named and counts 0; strict: as the organisers' own program",
+    )
+    parser.add_argument(
+        "--output-format", choices=("text", "csv", "json"), default="text", help="default: text"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
+    parser.add_argument(
+        "--cohort-output",
+        type=Path,
+        metavar="FILE",
+        help="also write the values across teams, for publication",
+    )
+    parser.add_argument(
+        "--results",
+        type=Path,
+        metavar="DIR",
+        help="also write every run's result as DIR/<team>/<trial>_<n>.json",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Score every run, rank, show."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.cli.output import counting_bar, refuse_inputs  # noqa: PLC0415
+    from ariac_score.ranking.competition import load_competition  # noqa: PLC0415
+    from ariac_score.ranking.rank import rank_results  # noqa: PLC0415
+    from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
+    from ariac_score.ranking.spec import ranking_spec  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+
+    for output in (arguments.output, arguments.cohort_output):
+        refuse_inputs(output, arguments.path)
+    competition = load_competition(arguments.path, arguments.rules)
+    rule_set = load_rule_set(competition.rules)
+    spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
+    if arguments.policy == "strict":
+        return _strict(arguments, competition, rule_set, spec)
+    with counting_bar("scoring", len(competition.runs)) as step:
+        results = score_runs(
+            competition,
+            rule_set,
+            progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
+        )
+    ranking = rank_results(competition, spec, rule_set, results)
+    _write_more(arguments, ranking)
+    _show(arguments, ranking, _evaluation(competition, rule_set, spec))
+    unsettled = [run for run in ranking.runs if run.outcome in _UNSETTLED]
+    if unsettled:
+        print(
+            f"{len(unsettled)} of {len(ranking.runs)} runs do not count; each is named above", file=sys.stderr
+        )
+    return EXIT_UNDECIDED if unsettled else 0
+
+
+def _evaluation(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
+    """The organisers' own evaluation, where the rules name one and the runs are its texts."""
+    from ariac_score.errors import ScoreError  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.report.style import plain  # noqa: PLC0415
+
+    if not spec.strict:
+        return None
+    try:
+        return _evaluated(competition, rule_set)
+    except ScoreError as error:
+        print(f"not compared with the organisers' own program: {plain(error.cause)}", file=sys.stderr)
+        return None
+
+
+def _evaluated(competition: Competition, rule_set: RuleSet) -> Evaluation:
+    from ariac_score.logmap import load_log_map  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.ranking.runs import strict_evaluation  # noqa: PLC0415
+
+    log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
+    return strict_evaluation(competition, log_map)
+
+
+def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: RuleSet, spec: Spec) -> int:
+    """Show what the organisers' own program gives: its CSV, or its leaderboard."""
+    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.errors import UsageError  # noqa: PLC0415
+    from ariac_score.ranking.nist_text import results_csv  # noqa: PLC0415
+    from ariac_score.report.ranking import strict_text  # noqa: PLC0415
+
+    if not spec.strict:
+        raise UsageError(
+            f"{rule_set.id} names no program of the organisers to reproduce",
+            hint="rank with --policy robust, or by rules with 'ranking: {strict: …}'",
+        )
+    if arguments.output_format == "json":
+        raise UsageError(
+            "the strict policy writes text or csv",
+            hint="--policy robust --output-format json holds the strict evaluation as well",
+        )
+    evaluation = _evaluated(competition, rule_set)
+    text = results_csv(evaluation) if arguments.output_format == "csv" else strict_text(evaluation)
+    write(text, arguments.output)
+    if evaluation.stops and arguments.output_format == "csv":
+        print(strict_text(evaluation), file=sys.stderr, end="")
+    return EXIT_UNDECIDED if evaluation.stops else 0
+
+
+def _show(arguments: argparse.Namespace, ranking: Ranking, strict: Evaluation | None) -> None:
+    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.ranking.compare import differences  # noqa: PLC0415
+    from ariac_score.ranking.ranking_json import ranking_json  # noqa: PLC0415
+    from ariac_score.report.ranking import ranking_csv, ranking_text  # noqa: PLC0415
+    from ariac_score.report.style import Style, style_for  # noqa: PLC0415
+
+    found = differences(strict, ranking) if strict else ()
+    if arguments.output_format == "json":
+        text = ranking_json(ranking, strict, found)
+    elif arguments.output_format == "csv":
+        text = ranking_csv(ranking)
+    else:
+        style = Style() if arguments.output else style_for(sys.stdout)
+        text = ranking_text(ranking, strict, found, style)
+    write(text, arguments.output)
+
+
+def _write_more(arguments: argparse.Namespace, ranking: Ranking) -> None:
+    """The cohort and the single results, where they were asked for."""
+    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.cohort import cohort_text  # noqa: PLC0415
+    from ariac_score.errors import UsageError  # noqa: PLC0415
+    from ariac_score.result_json import as_json  # noqa: PLC0415
+
+    if arguments.cohort_output is not None:
+        if ranking.cohort is None:
+            raise UsageError(
+                "these rules compare no teams, so there is no cohort", hint="drop --cohort-output"
+            )
+        write(cohort_text(ranking.cohort), arguments.cohort_output)
+    if arguments.results is not None:
+        for run in ranking.runs:
+            if run.result is not None:
+                folder = arguments.results / run.team
+                folder.mkdir(parents=True, exist_ok=True)
+                write(as_json(run.result), folder / f"{run.trial}_{run.number}.json")

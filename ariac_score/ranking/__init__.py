@@ -1,0 +1,1 @@
+"""From many scored runs to a ranking: attempts, cohort, sums, judges, ranks, ties."""

@@ -1,0 +1,399 @@
+"""Competitions: whose runs of which trials there are, from `competition.yaml` or the official folders.
+
+Official folders: `logs/<team>/<trial>_<n>` with `competitor_configs/<team>.yaml` and
+`trials/<trial>.yaml` (the evaluation of 2024), or `logs/<team>/<trial>` with
+`team_config/<team>/team_config.yaml` and `trial_config/<trial>.yaml` (2017 to 2022).
+
+Source: ARIAC notes on log formats, section 2.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from ariac_score.datafiles import YamlDocument, load_yaml, validate
+from ariac_score.errors import DataFileError, NothingToScoreError, UsageError, did_you_mean
+
+__all__ = ["Competition", "Run", "RunKey", "Team", "TrialPlan", "load_competition"]
+
+FILE = "competition.yaml"
+MAX_RUNS = 100_000
+"""Entries below the folder of runs that are looked at."""
+
+RunKey = tuple[str, str, int]
+"""Team, trial, number of the run."""
+
+_FIELDS = {"team": r"(?P<team>[^/]+)", "trial": r"(?P<trial>[^/]+)", "run": r"(?P<run>\d{1,9})"}
+_TEAM_CONFIGS = ("competitor_configs/{team}.yaml", "team_config/{team}/team_config.yaml")
+_TRIAL_CONFIGS = ("trials/{trial}.yaml", "trial_config/{trial}.yaml")
+
+
+@dataclass(frozen=True)
+class Team:
+    """A team: its id in paths, its name for people, its sensor configuration, the judges' marks."""
+
+    id: str
+    name: str
+    config: Path | None = None
+    judges: tuple[tuple[float, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class TrialPlan:
+    """A trial of the competition with its configuration, where there is one."""
+
+    id: str
+    config: Path | None = None
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of one trial by one team, and where it was recorded."""
+
+    team: str
+    trial: str
+    number: int
+    path: Path
+
+    @property
+    def key(self) -> RunKey:
+        """Team, trial, number."""
+        return self.team, self.trial, self.number
+
+
+@dataclass(frozen=True)
+class Competition:
+    """What a competition consists of.
+
+    Attributes:
+        id: Its name.
+        title: One line for people.
+        rules: Name or path of its rule set; empty when none is named.
+        root: Folder its paths are in.
+        file: The file (or folder) it was read from.
+        teams: In the order in which they are listed.
+        trials: In their order.
+        runs: Sorted by team, trial and number.
+        refused: Runs that cannot be told apart, by key, with the reason.
+        strangers: Entries among the runs that belong to no team or trial, with the reason.
+        ranking: What differs from the ranking of the rule set.
+        sha256: Hash of the file; empty for the official folders.
+    """
+
+    id: str
+    title: str
+    rules: str
+    root: Path
+    file: Path
+    teams: tuple[Team, ...]
+    trials: tuple[TrialPlan, ...]
+    runs: tuple[Run, ...]
+    refused: Mapping[RunKey, str] = field(default_factory=dict)
+    strangers: tuple[str, ...] = ()
+    ranking: Mapping[str, Any] = field(default_factory=dict)
+    sha256: str = ""
+
+
+def load_competition(path: Path, rules: str = "") -> Competition:
+    """Read a competition.
+
+    Args:
+        path: A `competition.yaml`, a folder with one, or a folder with the official layout.
+        rules: Rule set to use instead of the one it names.
+
+    Raises:
+        NothingToScoreError: There is no competition at the path, or it has no team or trial.
+        DataFileError: `competition.yaml` is malformed, or leads out of its folder.
+        UsageError: No rule set is named.
+    """
+    file = path / FILE if path.is_dir() and (path / FILE).is_file() else path
+    competition = _from_file(file, rules) if file.is_file() else _from_folders(path, rules)
+    if not competition.rules:
+        raise UsageError(
+            "nothing says by which rules",
+            file=path,
+            hint="name a rule set with --rules, or in competition.yaml",
+        )
+    if not competition.teams or not competition.trials:
+        missing = "team" if not competition.teams else "trial"
+        raise NothingToScoreError(
+            f"the competition has no {missing}; {_seen(competition)}",
+            file=path,
+            hint="runs lie at the pattern of 'runs:', such as logs/{team}/{trial}_{run}",
+        )
+    return competition
+
+
+def _seen(competition: Competition) -> str:
+    return (
+        f"passed over: {'; '.join(competition.strangers[:3])}"
+        if competition.strangers
+        else "no run was found"
+    )
+
+
+# competition.yaml ----------------------------------------------------------------------
+
+
+def _from_file(file: Path, rules: str) -> Competition:
+    document = load_yaml(file)
+    validate(document, "competition")
+    data, root = document.data, file.parent
+    _refuse_twice(document, "teams")
+    _refuse_twice(document, "trials")
+    declared = [entry["id"] for entry in data.get("teams", [])], [e["id"] for e in data.get("trials", [])]
+    if isinstance(data["runs"], str):
+        found, strangers = _matching(root, data["runs"], *declared, document=document)
+    else:
+        found, strangers = _listed(document, root, *declared), ()
+    teams = [_team(document, root, i, entry) for i, entry in enumerate(data.get("teams", []))]
+    teams = teams or [_plain_team(document, root, name) for name in sorted({run.team for run in found})]
+    trials = [_trial(document, root, i, entry) for i, entry in enumerate(data.get("trials", []))]
+    trials = trials or [_plain_trial(document, root, name) for name in sorted({run.trial for run in found})]
+    runs, refused = _told_apart(found)
+    named = rules or data["rules"]
+    if not rules and (named.endswith((".yaml", ".yml")) or "/" in named):
+        named = str(_inside(document, root, named, ("rules",)))
+    return Competition(
+        id=data["id"],
+        title=data.get("title", data["id"]),
+        rules=named,
+        root=root,
+        file=file,
+        teams=tuple(teams),
+        trials=tuple(trials),
+        runs=runs,
+        refused=refused,
+        strangers=strangers,
+        ranking=data.get("ranking", {}),
+        sha256=document.sha256,
+    )
+
+
+def _refuse_twice(document: YamlDocument, key: str) -> None:
+    seen: set[str] = set()
+    for i, entry in enumerate(document.data.get(key, [])):
+        if entry["id"] in seen:
+            raise DataFileError(
+                f"{entry['id']!r} is listed twice",
+                file=document.file,
+                place=document.place([key, i, "id"]),
+                hint="keep one of the two",
+            )
+        seen.add(entry["id"])
+
+
+def _team(document: YamlDocument, root: Path, number: int, entry: Mapping[str, Any]) -> Team:
+    plain = _plain_team(document, root, entry["id"])
+    config = plain.config
+    if "config" in entry:
+        config = _existing(document, root, entry["config"], ("teams", number, "config"))
+    marks = tuple(tuple(float(mark) for mark in judge) for judge in entry.get("judges", []))
+    return Team(entry["id"], entry.get("name", entry["id"]), config, marks)
+
+
+def _plain_team(document: YamlDocument, root: Path, name: str) -> Team:
+    pattern = document.data.get("team_configs", "")
+    return Team(name, name, _by_pattern(document, root, pattern, "team_configs", team=name))
+
+
+def _trial(document: YamlDocument, root: Path, number: int, entry: Mapping[str, Any]) -> TrialPlan:
+    if "config" in entry:
+        return TrialPlan(
+            entry["id"], _existing(document, root, entry["config"], ("trials", number, "config"))
+        )
+    return _plain_trial(document, root, entry["id"])
+
+
+def _plain_trial(document: YamlDocument, root: Path, name: str) -> TrialPlan:
+    pattern = document.data.get("trial_configs", "")
+    return TrialPlan(name, _by_pattern(document, root, pattern, "trial_configs", trial=name))
+
+
+def _by_pattern(document: YamlDocument, root: Path, pattern: str, key: str, **names: str) -> Path | None:
+    """The file a pattern names, if it is there."""
+    if not pattern:
+        return None
+    path = _inside(document, root, _filled(pattern, **names), (key,))
+    return path if path.is_file() else None
+
+
+def _filled(pattern: str, **names: str) -> str:
+    for key, name in names.items():
+        pattern = pattern.replace(f"{{{key}}}", name)
+    return pattern
+
+
+def _inside(document: YamlDocument, root: Path, name: str, place: Sequence[str | int]) -> Path:
+    """A path of the file, which may not lead out of its folder."""
+    plain = PurePosixPath(name)
+    path = root / name
+    if plain.is_absolute() or ".." in plain.parts or "\0" in name or not _is_below(path, root):
+        raise DataFileError(
+            f"{name!r} leads out of the competition's folder",
+            file=document.file,
+            place=document.place(list(place)),
+            hint="copy the file into the folder and name it relative to it",
+        )
+    return path
+
+
+def _is_below(path: Path, root: Path) -> bool:
+    try:
+        return path.resolve().is_relative_to(root.resolve())
+    except (OSError, RuntimeError):  # a loop of links
+        return False
+
+
+def _existing(document: YamlDocument, root: Path, name: str, place: Sequence[str | int]) -> Path:
+    path = _inside(document, root, name, place)
+    if not path.exists():
+        raise DataFileError(
+            f"{name!r} does not exist",
+            file=document.file,
+            place=document.place(list(place)),
+            hint="check the name, or remove the entry",
+        )
+    return path
+
+
+def _listed(
+    document: YamlDocument, root: Path, teams: Sequence[str], trials: Sequence[str]
+) -> tuple[Run, ...]:
+    runs = []
+    for i, entry in enumerate(document.data["runs"]):
+        for key, known in (("team", teams), ("trial", trials)):
+            if known and entry[key] not in known:
+                raise DataFileError(
+                    f"{key} {entry[key]!r} is not listed",
+                    file=document.file,
+                    place=document.place(["runs", i, key]),
+                    hint=did_you_mean(entry[key], known),
+                )
+        path = _existing(document, root, entry["path"], ("runs", i, "path"))
+        runs.append(Run(entry["team"], entry["trial"], entry["run"], path))
+    return tuple(runs)
+
+
+def _matching(
+    root: Path, pattern: str, teams: Sequence[str], trials: Sequence[str], *, document: YamlDocument
+) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    """The runs a pattern finds, and what lies among them without being one."""
+    _inside(document, root, _filled(pattern, team="team", trial="trial", run="1"), ("runs",))
+    for key in ("team", "trial"):
+        if pattern.count(f"{{{key}}}") != 1:
+            raise DataFileError(
+                f"{pattern!r} must name {{{key}}} once",
+                file=document.file,
+                place=document.place(["runs"]),
+                hint="such as logs/{team}/{trial}_{run}",
+            )
+    return _search(root, pattern, teams, trials)
+
+
+# The official folders ------------------------------------------------------------------
+
+
+def _from_folders(path: Path, rules: str) -> Competition:
+    if not path.is_dir():
+        raise NothingToScoreError(
+            "no such file or folder", file=path, hint="check the path; it is relative to the current folder"
+        )
+    if not (path / "logs").is_dir():
+        raise NothingToScoreError(
+            f"there is neither a {FILE} nor a folder 'logs' here",
+            file=path,
+            hint=f"write a {FILE}, or lay the runs out as logs/<team>/<trial>_<n>",
+        )
+    teams = sorted(entry.name for entry in (path / "logs").iterdir() if entry.is_dir())
+    planned = sorted(file.stem for file in path.glob("trials/*.yaml"))
+    single = sorted(file.stem for file in path.glob("trial_config/*.yaml"))
+    pattern = "logs/{team}/{trial}" if single else "logs/{team}/{trial}_{run}"
+    found, strangers = _search(path, pattern, teams, planned or single)
+    trials = planned or single or sorted({run.trial for run in found})
+    runs, refused = _told_apart(found)
+    return Competition(
+        id=path.resolve().name,
+        title=path.resolve().name,
+        rules=rules,
+        root=path,
+        file=path,
+        teams=tuple(Team(name, name, _first(path, _TEAM_CONFIGS, team=name)) for name in teams),
+        trials=tuple(TrialPlan(name, _first(path, _TRIAL_CONFIGS, trial=name)) for name in trials),
+        runs=runs,
+        refused=refused,
+        strangers=strangers,
+    )
+
+
+def _first(root: Path, patterns: Sequence[str], **names: str) -> Path | None:
+    paths = [root / _filled(pattern, **names) for pattern in patterns]
+    return next((path for path in paths if path.is_file()), None)
+
+
+# Finding runs --------------------------------------------------------------------------
+
+
+def _search(
+    root: Path, pattern: str, teams: Sequence[str], trials: Sequence[str]
+) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    parts = PurePosixPath(pattern).parts
+    expression = re.escape(PurePosixPath(pattern).as_posix())
+    for key, group in _FIELDS.items():
+        expression = expression.replace(re.escape(f"{{{key}}}"), group)
+    runs, strangers = [], []
+    for path in _entries(root, parts):
+        relative = path.relative_to(root).as_posix()
+        match = re.fullmatch(expression, relative)
+        if match is None:
+            if not path.name.startswith("."):
+                strangers.append(f"{relative}: not named as {pattern}")
+            continue
+        team, trial = match["team"], match["trial"]
+        unknown = [
+            f"{relative}: {what} {name!r} is not listed; {did_you_mean(name, known)}"
+            for what, name, known in (("team", team, teams), ("trial", trial, trials))
+            if known and name not in known
+        ]
+        if unknown:
+            strangers.append(unknown[0])
+        else:
+            number = int(match["run"]) if "run" in match.groupdict() else 1
+            runs.append(Run(team, trial, number, path))
+    return tuple(sorted(runs, key=lambda run: (run.key, run.path.as_posix()))), tuple(sorted(strangers))
+
+
+def _entries(root: Path, parts: Sequence[str]) -> Iterator[Path]:
+    """Everything at the depth of the pattern, below what its plain parts name."""
+    level = [root]
+    for number, part in enumerate(parts):
+        deeper: list[Path] = []
+        for folder in level:
+            if "{" not in part:
+                deeper += [folder / part] if (folder / part).exists() else []
+            elif folder.is_dir():
+                deeper += sorted(folder.iterdir())
+            if len(deeper) > MAX_RUNS:
+                raise NothingToScoreError(
+                    f"more than {MAX_RUNS} entries: this does not look like a folder of runs", file=folder
+                )
+        last = number == len(parts) - 1
+        level = [path for path in deeper if last or path.is_dir()]
+    yield from (path for path in level if _is_below(path, root))
+
+
+def _told_apart(found: Sequence[Run]) -> tuple[tuple[Run, ...], dict[RunKey, str]]:
+    """The runs whose number is theirs alone; two of one number are both refused."""
+    by_key: dict[RunKey, list[Run]] = {}
+    for run in found:
+        by_key.setdefault(run.key, []).append(run)
+    refused = {
+        key: f"{len(same)} runs have the number {key[2]}: {', '.join(run.path.name for run in same)}"
+        for key, same in by_key.items()
+        if len(same) > 1
+    }
+    return tuple(run for run in found if run.key not in refused), refused

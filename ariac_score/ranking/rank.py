@@ -1,0 +1,375 @@
+"""From priced runs to a ranking.
+
+For each team and trial the best runs are kept; where the rules compare teams, the kept
+runs make the cohort and are priced with it; their mean is the score of the trial, the
+sum over trials the execution of the team. A run that cannot be read or decided costs
+its own team that run, by name and reason, and nobody else anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from decimal import ROUND_HALF_EVEN, Decimal
+
+from ariac_score.cohort import Cohort, contributed, make_cohort
+from ariac_score.engine import reprice
+from ariac_score.errors import FormulaError, RunEndedError, ScoreError
+from ariac_score.expression import Expression, Number, add_up
+from ariac_score.ranking.competition import Competition, RunKey, Team
+from ariac_score.ranking.spec import Spec
+from ariac_score.result import Result
+from ariac_score.ruleset import RuleSet
+from ariac_score.scoring.pricing import Contributed
+
+__all__ = ["OUTCOMES", "Cell", "Ranking", "RunOutcome", "Standing", "rank_results"]
+
+OUTCOMES: Mapping[str, str] = {
+    "scored": "it has a score",
+    "crashed": "the simulator died and wrote no score: 0",
+    "cancelled": "the run was cancelled and has no score: 0",
+    "aborted": "the run ended before all orders were in; its score stands",
+    "undecided": "something the score depends on is undecided: not counted",
+    "unreadable": "the log cannot be read as one trial: not counted",
+    "no_value": "the rules have no value for it, such as a division by 0: not counted",
+    "refused": "another run has the same number: neither counts",
+    "no_run": "there is no run",
+}
+"""How a run, or a team's trial, can end."""
+_AS_ZERO = ("crashed", "cancelled")
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """One run: how it ended, what it is worth, whether it counts.
+
+    Attributes:
+        team: Team.
+        trial: Trial.
+        number: Number of the run.
+        outcome: One of `OUTCOMES`.
+        reason: In words, where it is out of the ordinary.
+        task: Task score, where the rules have one.
+        score: Score; `None` when there is none, or it was not kept and needs a cohort.
+        kept: Whether it counts for the trial.
+        terms: The terms of the trial that runs are compared by.
+        result: The result, where there is one.
+    """
+
+    team: str
+    trial: str
+    number: int
+    outcome: str
+    reason: str = ""
+    task: Decimal | None = None
+    score: Decimal | None = None
+    kept: bool = False
+    terms: Mapping[str, float] = field(default_factory=dict)
+    result: Result | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def key(self) -> RunKey:
+        """Team, trial, number."""
+        return self.team, self.trial, self.number
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What one trial brings one team.
+
+    Attributes:
+        score: Mean of the runs kept; 0 when there are none.
+        outcome: `scored`, or why it is 0: one of `OUTCOMES`.
+        reason: In words.
+        runs: Numbers of the runs that count.
+        made: How many runs there are.
+    """
+
+    score: Decimal
+    outcome: str
+    reason: str
+    runs: tuple[int, ...]
+    made: int
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One team in the ranking.
+
+    Attributes:
+        rank: 1 for the best; teams that nothing separates share it. `None` when the team
+            has no value, as without the judges' marks.
+        team: Id.
+        name: As shown.
+        value: What teams are ranked by.
+        execution: Sum over the trials.
+        judges: What the judges' marks come to; `None` when there are none.
+        ties: The values that separate teams of equal value, by name.
+        cells: By trial.
+        remarks: What a reader of the ranking must know about this team.
+    """
+
+    rank: int | None
+    team: str
+    name: str
+    value: Number | None
+    execution: Decimal
+    judges: Decimal | None
+    ties: Mapping[str, float | None]
+    cells: Mapping[str, Cell]
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """A ranked competition.
+
+    Attributes:
+        competition: Id.
+        title: One line for people.
+        rule_set: Id and SHA-256.
+        trials: Their ids in order.
+        standings: Best first.
+        runs: Every run, sorted by team, trial and number.
+        cohort: The values across teams; `None` when the rules compare none.
+        strangers: What lies among the runs and belongs to nobody.
+    """
+
+    competition: str
+    title: str
+    rule_set: tuple[str, str]
+    trials: tuple[str, ...]
+    standings: tuple[Standing, ...]
+    runs: tuple[RunOutcome, ...]
+    cohort: Cohort | None
+    strangers: tuple[str, ...] = ()
+
+
+def rank_results(
+    competition: Competition, spec: Spec, rule_set: RuleSet, results: Mapping[RunKey, Result | ScoreError]
+) -> Ranking:
+    """Rank the runs of a competition.
+
+    Args:
+        competition: Teams, trials, judges' marks, runs refused.
+        spec: How runs become a ranking.
+        rule_set: By which the results were, or will be, priced.
+        results: For each run its result, or why there is none.
+    """
+    outcomes = [_outcome(key, result, rule_set, spec) for key, result in sorted(results.items())]
+    outcomes += [RunOutcome(*key, "refused", reason) for key, reason in competition.refused.items()]
+    kept = _kept(outcomes, spec)
+    cohort = _cohort(competition, rule_set, kept) if rule_set.sheet.needs_cohort else None
+    outcomes = [_priced(run, kept, rule_set, cohort) for run in sorted(outcomes, key=lambda run: run.key)]
+    cells = {
+        (team.id, trial.id): _cell(
+            [run for run in outcomes if (run.team, run.trial) == (team.id, trial.id)], spec, rule_set.digits
+        )
+        for team in competition.teams
+        for trial in competition.trials
+    }
+    return Ranking(
+        competition=competition.id,
+        title=competition.title,
+        rule_set=(rule_set.id, rule_set.sha256),
+        trials=tuple(trial.id for trial in competition.trials),
+        standings=_standings(competition, spec, cells, outcomes),
+        runs=tuple(outcomes),
+        cohort=cohort,
+        strangers=competition.strangers,
+    )
+
+
+# Runs ----------------------------------------------------------------------------------
+
+
+def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: Spec) -> RunOutcome:
+    if isinstance(result, RunEndedError):
+        return RunOutcome(*key, result.outcome, result.cause, task=Decimal(0), score=Decimal(0))
+    if isinstance(result, ScoreError):
+        known = "no_value" if isinstance(result, FormulaError) else "unreadable"
+        return RunOutcome(*key, known, str(result))
+    official = result.measured.official
+    ended = official.outcome if official else ""
+    if ended in _AS_ZERO:
+        return RunOutcome(*key, ended, OUTCOMES[ended], task=Decimal(0), score=Decimal(0), result=result)
+    if result.status == "incomplete" or (rule_set.sheet.task is not None and result.task is None):
+        withheld = [a.message for a in result.assumptions if a.policy == "withhold"]
+        return RunOutcome(*key, "undecided", withheld[0] if withheld else "", result=result)
+    try:
+        terms = {name: _term(name, result, rule_set) for name in spec.terms}
+    except FormulaError as error:
+        return RunOutcome(*key, "no_value", str(error), result=result)
+    return RunOutcome(
+        *key,
+        "aborted" if ended == "aborted" else "scored",
+        OUTCOMES["aborted"] if ended == "aborted" else "",
+        task=result.task.amount if result.task else None,
+        score=result.score,
+        terms=terms,
+        result=result,
+    )
+
+
+def _term(name: str, result: Result, rule_set: RuleSet) -> float:
+    """A term of the trial, which may not depend on other teams."""
+    formula = Expression.parse(name, where=f"$.ranking: {name}")
+    measured = result.measured
+    traced = rule_set.sheet.evaluate_in(formula, measured.scopes, measured.findings)
+    return float(traced[""].value)
+
+
+def _kept(outcomes: Sequence[RunOutcome], spec: Spec) -> dict[tuple[str, str], tuple[RunOutcome, ...]]:
+    """The best runs of each team and trial, best first; equal ones in order of their numbers."""
+    groups: dict[tuple[str, str], list[RunOutcome]] = {}
+    for run in outcomes:
+        if run.task is not None or run.score is not None:
+            groups.setdefault((run.team, run.trial), []).append(run)
+    return {
+        key: tuple(sorted(runs, key=lambda run: (_sort_key(run, spec), run.number))[: spec.keep])
+        for key, runs in groups.items()
+    }
+
+
+def _sort_key(run: RunOutcome, spec: Spec) -> list[tuple[int, float | Decimal]]:
+    own: Mapping[str, float | Decimal | None] = {"task": run.task, "score": run.score, **run.terms}
+    return [key.sortable(own.get(key.name)) for key in spec.by]
+
+
+def _cohort(
+    competition: Competition,
+    rule_set: RuleSet,
+    kept: Mapping[tuple[str, str], tuple[RunOutcome, ...]],
+) -> Cohort:
+    """The means over the best run of each team that has one, in the order of the teams."""
+    trials: dict[str, list[Contributed]] = {}
+    for trial in competition.trials:
+        best = [kept.get((team.id, trial.id), ())[:1] for team in competition.teams]
+        trials[trial.id] = [_brought(run, rule_set) for runs in best for run in runs]
+    return make_cohort(rule_set, trials)
+
+
+def _brought(run: RunOutcome, rule_set: RuleSet) -> Contributed:
+    if run.result is None or run.outcome in _AS_ZERO:
+        return Contributed((), {})
+    try:
+        return contributed(run.result.measured, rule_set)
+    except FormulaError as error:
+        return Contributed((), dict.fromkeys(rule_set.sheet.cohort, error.cause))
+
+
+def _priced(
+    run: RunOutcome,
+    kept: Mapping[tuple[str, str], tuple[RunOutcome, ...]],
+    rule_set: RuleSet,
+    cohort: Cohort | None,
+) -> RunOutcome:
+    """A run with its score, where the rules compare teams, and whether it is kept."""
+    counts = any(run.key == best.key for best in kept.get((run.team, run.trial), ()))
+    if cohort is None or run.result is None or run.outcome in (*_AS_ZERO, "undecided", "no_value"):
+        return replace(run, kept=counts)
+    try:
+        result = reprice(run.result, rule_set, cohort.of_trial(run.trial))
+    except FormulaError as error:
+        return replace(run, outcome="no_value", reason=str(error), kept=False)
+    if result.score is None:
+        return replace(run, outcome="no_value", reason=result.missing, result=result, kept=False)
+    return replace(run, score=result.score, result=result, kept=counts)
+
+
+def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int) -> Cell:
+    kept = [run for run in runs if run.kept and run.score is not None]
+    if not kept:
+        why = next((run for run in runs if run.outcome not in ("scored", "aborted")), None)
+        outcome, reason = (why.outcome, why.reason) if why else ("no_run", OUTCOMES["no_run"])
+        return Cell(Decimal(0), outcome, reason, (), len(runs))
+    total = sum((run.score for run in kept if run.score is not None), Decimal(0))
+    mean = total / (spec.keep if spec.fill else len(kept))
+    score = mean.quantize(
+        Decimal(1).scaleb(-max(digits, 6 if len(kept) > 1 else 0)), rounding=ROUND_HALF_EVEN
+    )
+    zeros = [run for run in kept if run.outcome in _AS_ZERO]
+    outcome, reason = (zeros[0].outcome, zeros[0].reason) if len(zeros) == len(kept) else ("scored", "")
+    return Cell(score, outcome, reason, tuple(sorted(run.number for run in kept)), len(runs))
+
+
+# Teams ---------------------------------------------------------------------------------
+
+
+def _standings(
+    competition: Competition,
+    spec: Spec,
+    cells: Mapping[tuple[str, str], Cell],
+    outcomes: Sequence[RunOutcome],
+) -> tuple[Standing, ...]:
+    own = {
+        team.id: {trial.id: cells[team.id, trial.id] for trial in competition.trials}
+        for team in competition.teams
+    }
+    totals = [
+        {
+            "execution": sum((cell.score for cell in own[team.id].values()), Decimal(0)),
+            "judges": _judges(team, spec),
+        }
+        for team in competition.teams
+    ]
+    found = [
+        Standing(
+            None,
+            team.id,
+            team.name,
+            value,
+            total["execution"] or Decimal(0),
+            total["judges"],
+            {key.name: _tie(key.name, team.id, total, outcomes) for key in spec.ties},
+            own[team.id],
+            _remarks(own[team.id], value),
+        )
+        for team, total, value in zip(competition.teams, totals, spec.values(totals), strict=True)
+    ]
+    return _ranked(found, spec)
+
+
+def _judges(team: Team, spec: Spec) -> Decimal | None:
+    if not team.judges:
+        return None
+    marks = [Decimal(repr(mark)) for judge in team.judges for mark in judge]
+    total = sum(marks, Decimal(0))
+    return total if spec.judges == "sum" else total / len(team.judges)
+
+
+def _tie(
+    name: str, team: str, total: Mapping[str, Decimal | None], outcomes: Sequence[RunOutcome]
+) -> float | None:
+    """What separates a team from its equals: a total, or a term added up over the runs kept."""
+    if name in total:
+        value = total[name]
+        return None if value is None else float(value)
+    found = [run.terms[name] for run in outcomes if run.team == team and run.kept and name in run.terms]
+    return float(add_up(found)) if found else None
+
+
+def _remarks(cells: Mapping[str, Cell], value: Number | None) -> tuple[str, ...]:
+    remarks = [
+        f"{trial}: {cell.outcome}: {cell.reason}" for trial, cell in cells.items() if cell.outcome != "scored"
+    ]
+    if value is None:
+        remarks.append("no value: the judges' marks are missing")
+    return tuple(remarks)
+
+
+def _ranked(found: Sequence[Standing], spec: Spec) -> tuple[Standing, ...]:
+    """Best first; teams that nothing separates share a rank, and the next rank counts them all."""
+
+    def place(standing: Standing) -> list[tuple[int, float | Decimal]]:
+        value = standing.value
+        first = (1, 0.0) if value is None else (0, -value if spec.highest else value)
+        return [first, *(key.sortable(standing.ties[key.name]) for key in spec.ties)]
+
+    ordered = sorted(found, key=place)
+    ranked: list[Standing] = []
+    for position, standing in enumerate(ordered, start=1):
+        same = bool(ranked) and place(ranked[-1]) == place(standing)
+        rank = None if standing.value is None else ranked[-1].rank if same else position
+        ranked.append(replace(standing, rank=rank))
+    return tuple(ranked)

@@ -1,0 +1,122 @@
+"""Scoring every run of a competition; what cannot be scored is an outcome, never a stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ariac_score.contracts import Wanted
+from ariac_score.engine import reprice, score_trial
+from ariac_score.errors import LogError, ResultError, ScoreError
+from ariac_score.logs.ariac_config import TrialConfigReader
+from ariac_score.ranking.competition import Competition, Run, RunKey
+from ariac_score.ranking.nist_text import Evaluation, OrderPlan, RunTexts, evaluate
+from ariac_score.registry import Registry
+from ariac_score.result import Result
+from ariac_score.result_json import load_result
+from ariac_score.ruleset import RuleSet
+from ariac_score.trial.channels import LogMap
+
+__all__ = ["score_runs", "strict_evaluation"]
+
+MAX_TEXT_BYTES = 4_000_000
+"""An official text is a few kilobytes."""
+
+Progress = Callable[[int, Run], None]
+
+
+def _silent(_done: int, _run: Run) -> None:
+    """Show nothing."""
+
+
+def score_runs(
+    competition: Competition,
+    rule_set: RuleSet,
+    *,
+    registry: Registry | None = None,
+    progress: Progress = _silent,
+) -> dict[RunKey, Result | ScoreError]:
+    """Each run's result, or why there is none.
+
+    A run that is a stored result is priced again, without its log.
+
+    Args:
+        competition: Its runs and configurations.
+        rule_set: By which they are scored.
+        registry: The installed plugins.
+        progress: Called before each run with how many are done.
+    """
+    registry = registry or Registry()
+    configs = {("team", team.id): team.config for team in competition.teams} | {
+        ("trial", trial.id): trial.config for trial in competition.trials
+    }
+    results: dict[RunKey, Result | ScoreError] = {}
+    for done, run in enumerate(competition.runs):
+        progress(done, run)
+        also = [c for c in (configs.get(("trial", run.trial)), configs.get(("team", run.team))) if c]
+        try:
+            results[run.key] = _scored(run, rule_set, registry, competition.root, also)
+        except ScoreError as error:
+            results[run.key] = error
+    return results
+
+
+def _scored(run: Run, rule_set: RuleSet, registry: Registry, root: Path, also: list[Path]) -> Result:
+    if run.path.suffix == ".json" and run.path.is_file():
+        stored = load_result(run.path)
+        if stored.measured.trial != run.trial or stored.measured.team not in ("", run.team):
+            raise ResultError(
+                f"it is of {stored.measured.team or 'no team'}, trial {stored.measured.trial}",
+                file=run.path,
+                hint="name stored results as the runs they are of",
+            )
+        return reprice(stored, rule_set)
+    return score_trial(
+        run.path, rule_set, registry=registry, also=also, root=root, trial_id=run.trial, team=run.team
+    )
+
+
+def strict_evaluation(competition: Competition, log_map: LogMap) -> Evaluation:
+    """The organisers' own evaluation of 2023 and 2024, from the official texts of the runs.
+
+    Args:
+        competition: Its runs and trial configurations.
+        log_map: That of the rule set.
+
+    Raises:
+        LogError: The runs are no folders with official texts, or a trial has no configuration.
+    """
+    orders: dict[str, list[OrderPlan]] = {}
+    for trial in competition.trials:
+        if trial.config is None:
+            raise LogError(
+                f"trial {trial.id!r} has no configuration, which the organisers' program reads orders from",
+                file=competition.file,
+                hint="add trials/<trial>.yaml, or 'config:' to the trial",
+            )
+        planned = TrialConfigReader().read(trial.config, Wanted(log_map)).orders
+        orders[trial.id] = [OrderPlan(order.id, order.priority > 1) for order in planned]
+    folders = [run for run in competition.runs if run.path.is_dir()]
+    if len(folders) < len(competition.runs):
+        raise LogError(
+            "the runs are not folders with trial_log.txt and sensor_cost.txt",
+            file=competition.file,
+            hint="the organisers' program reads nothing else; rank with --policy robust",
+        )
+    teams = {
+        team.id: [_texts(run.path) for run in folders if run.team == team.id] for team in competition.teams
+    }
+    return evaluate(teams, orders)
+
+
+def _texts(folder: Path) -> RunTexts:
+    return RunTexts(folder.name, _text(folder / "trial_log.txt"), _text(folder / "sensor_cost.txt"))
+
+
+def _text(file: Path) -> str | None:
+    try:
+        if file.stat().st_size > MAX_TEXT_BYTES:
+            return None
+        return file.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None

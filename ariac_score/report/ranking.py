@@ -1,0 +1,170 @@
+"""A ranking as text and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+
+from ariac_score.ranking.compare import Difference
+from ariac_score.ranking.nist_text import Evaluation
+from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing
+from ariac_score.report.style import Style, plain
+from ariac_score.report.text import amount_text
+
+__all__ = ["ranking_csv", "ranking_text", "strict_text"]
+
+_ORDINARY = ("scored",)
+
+
+def ranking_text(
+    ranking: Ranking,
+    strict: Evaluation | None = None,
+    differences: Sequence[Difference] = (),
+    style: Style | None = None,
+) -> str:
+    """The leaderboard, then what is out of the ordinary, then what the organisers' program makes of it."""
+    style = style or Style()
+    sections = [
+        _head(ranking, style),
+        _leaderboard(ranking, style),
+        _unusual(ranking, style),
+        _cohort(ranking, style),
+        _strict(strict, differences, style) if strict else (),
+    ]
+    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+
+
+def _head(ranking: Ranking, style: Style) -> Iterator[str]:
+    yield style(plain(ranking.title), "bold") + f" by {ranking.rule_set[0]}"
+    runs = f"{len(ranking.runs)} runs, {sum(run.kept for run in ranking.runs)} of them count"
+    yield style(f"{len(ranking.standings)} teams, {len(ranking.trials)} trials, {runs}", "dim")
+
+
+def _leaderboard(ranking: Ranking, style: Style) -> Iterator[str]:
+    judged = any(standing.judges is not None for standing in ranking.standings)
+    head = ["rank", "team", *(["value", "execution", "judges"] if judged else ["score"]), *ranking.trials]
+    rows = [head, *(_row(standing, ranking, judged=judged) for standing in ranking.standings)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+    for number, row in enumerate(rows):
+        cells = [
+            cell.ljust(width) if i == 1 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        line = "  ".join(cells).rstrip()
+        yield style(line, "dim") if number == 0 else line
+    shared = [s.rank for s in ranking.standings if s.rank is not None]
+    if len(set(shared)) < len(shared):
+        yield style("= shares its rank: nothing the rules name separates these teams", "dim")
+    if any(cell.outcome not in _ORDINARY for s in ranking.standings for cell in s.cells.values()):
+        yield style("* see below", "dim")
+
+
+def _row(standing: Standing, ranking: Ranking, *, judged: bool) -> list[str]:
+    same = sum(1 for other in ranking.standings if other.rank == standing.rank)
+    rank = "-" if standing.rank is None else f"{standing.rank}{'=' if same > 1 else ''}"
+    value = "-" if standing.value is None else f"{standing.value:.10g}"
+    judges = "-" if standing.judges is None else amount_text(standing.judges)
+    execution = amount_text(standing.execution)
+    cells = [
+        amount_text(standing.cells[trial].score) + ("" if standing.cells[trial].outcome in _ORDINARY else "*")
+        for trial in ranking.trials
+    ]
+    return [rank, plain(standing.name), *([value, execution, judges] if judged else [execution]), *cells]
+
+
+def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
+    """Every run that did not simply get a score, and every trial without one."""
+    lines = [
+        f"  {plain(s.team)}, {plain(trial)}: {OUTCOMES['no_run']}, so the trial brings 0"
+        for s in ranking.standings
+        for trial, cell in s.cells.items()
+        if cell.outcome == "no_run"
+    ]
+    lines += [_run_line(run) for run in ranking.runs if run.outcome not in _ORDINARY]
+    lines += [f"  passed over: {plain(stranger)}" for stranger in ranking.strangers]
+    lines += [
+        f"  {plain(s.team)}: the judges' marks are missing, so it has no place"
+        for s in ranking.standings
+        if s.value is None
+    ]
+    if lines:
+        yield style("Out of the ordinary", "bold")
+        yield from lines
+
+
+def _run_line(run: RunOutcome) -> str:
+    what = f"  {plain(run.team)}, {plain(run.trial)}, run {run.number}: {run.outcome}"
+    return f"{what}: {plain(run.reason or OUTCOMES[run.outcome])}"
+
+
+def _cohort(ranking: Ranking, style: Style) -> Iterator[str]:
+    if ranking.cohort is None:
+        return
+    yield style("Across teams", "bold")
+    for trial, values in ranking.cohort.trials.items():
+        for name, means in values.items():
+            for path, mean in means.items():
+                where = f"{plain(trial)}{'/' + plain(path) if path else ''}"
+                value = "none" if mean.value is None else f"{mean.value:.10g}"
+                left_out = f", {mean.left_out} left out" if mean.left_out else ""
+                yield f"  {where}: mean {name} {value} ({mean.teams} teams{left_out})"
+
+
+def _strict(strict: Evaluation, differences: Sequence[Difference], style: Style) -> Iterator[str]:
+    yield style("The organisers' own program", "bold")
+    if strict.stops:
+        yield "  it would have ended without a ranking; without what stopped it:"
+        for stop in strict.stops:
+            where = ", ".join(plain(part) for part in (stop.team, stop.run or stop.trial))
+            yield f"  {where}: {stop.exception}: {plain(stop.cause)}"
+    if not differences:
+        yield "  gives the same scores and ranks"
+    for d in differences:
+        theirs, ours = ("none" if v is None else f"{v:.10g}" for v in (d.strict, d.robust))
+        yield f"  {plain(d.team)}, {plain(d.what)}: {theirs} there, {ours} here: {plain(d.because)}"
+
+
+def strict_text(strict: Evaluation, style: Style | None = None) -> str:
+    """The organisers' leaderboard, and what would have stopped their program."""
+    style = style or Style()
+    lines = [style("Leaderboard of the organisers' own program", "bold")]
+    lines += [
+        f"  {place}. {plain(team)}  {score!r}" for place, (team, score) in enumerate(strict.leaderboard, 1)
+    ]
+    lines += ["", *_strict_stops(strict)] if strict.stops else []
+    return "\n".join(lines) + "\n"
+
+
+def _strict_stops(strict: Evaluation) -> Iterator[str]:
+    yield "It would have ended without a ranking; these figures leave out what stopped it:"
+    for stop in strict.stops:
+        where = ", ".join(plain(part) for part in (stop.trial, stop.team, stop.run) if part)
+        yield f"  {where}: {stop.exception}: {plain(stop.cause)}"
+
+
+def ranking_csv(ranking: Ranking) -> str:
+    """One line for each team, best first, with the score and outcome of each trial."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    columns = [f"{trial} {what}" for trial in ranking.trials for what in ("score", "outcome", "runs")]
+    writer.writerow(["rank", "team", "name", "value", "execution", "judges", *columns, "remarks"])
+    for standing in ranking.standings:
+        row: list[str] = [
+            "" if standing.rank is None else str(standing.rank),
+            _safe(standing.team),
+            _safe(standing.name),
+            "" if standing.value is None else repr(standing.value),
+            f"{standing.execution:f}",
+            "" if standing.judges is None else f"{standing.judges:f}",
+        ]
+        for trial in ranking.trials:
+            cell = standing.cells[trial]
+            row += [f"{cell.score:f}", cell.outcome, " ".join(map(str, cell.runs))]
+        writer.writerow([*row, _safe("; ".join(standing.remarks))])
+    return out.getvalue()
+
+
+def _safe(text: str) -> str:
+    """Text that a spreadsheet does not take for a formula."""
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
