@@ -167,9 +167,7 @@ def parse_yaml(
         _check_nodes(root, file, error)
         builder.lines[()] = _line_number(root)
         data = builder.value(root)
-    return YamlDocument(
-        data, file, hashlib.sha256(raw).hexdigest(), builder.lines, tuple(builder.repeats)
-    )
+    return YamlDocument(data, file, hashlib.sha256(raw).hexdigest(), builder.lines, tuple(builder.repeats))
 
 
 def _check_depth(text: str, file: str, error: type[DataFileError]) -> None:
@@ -248,9 +246,7 @@ def _line(node: yaml.Node | yaml.Event) -> str:
 class _Builder:
     """Turns nodes into plain values, refusing what a configuration has no use for."""
 
-    def __init__(
-        self, file: str, error: type[DataFileError], may_repeat: Callable[[_Place], bool]
-    ) -> None:
+    def __init__(self, file: str, error: type[DataFileError], may_repeat: Callable[[_Place], bool]) -> None:
         self.file, self.error, self.may_repeat = file, error, may_repeat
         self.lines: dict[_Place, int] = {}
         self.repeats: list[RepeatedKey] = []

@@ -229,8 +229,9 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     as configured; configured ones take their time from the event of their
     announcement, and updates are applied. Submissions with contents stand before
     those of an official text, which has none. Sensors as configured stand before
-    sensors as recorded; numbers of the trial that two files state must agree. Logs on another clock than the one
-    that records the motion keep what needs no time (see `_without_times`).
+    sensors as recorded; numbers of the trial that two files state must agree. Logs on
+    another clock than the one that records the motion keep what needs no time (see
+    `_without_times`).
 
     Raises:
         LogError: Two logs tell the same thing differently.
