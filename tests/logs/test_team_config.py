@@ -36,7 +36,6 @@ def refusal(folder: Path, text: str) -> DataFileError:
         read(folder, text)
     assert str(folder) in str(caught.value)
     assert caught.value.hint
-    assert "damage" not in TEAMS.describe(folder / "team.yaml").facts
     assert TEAMS.describe(folder / "team.yaml").damage == str(caught.value)
     return caught.value
 
@@ -168,7 +167,8 @@ SENSORS:
 
 def lidar(horizontal: int, vertical: int, rate_hz: float = 10) -> str:
     return (
-        f"TYPE: lidar, UPDATE_RATE: {rate_hz}, HORIZONTAL: {{SAMPLES: {horizontal}, MIN_ANGLE: -1, MAX_ANGLE: 1}}, "
+        f"TYPE: lidar, UPDATE_RATE: {rate_hz}, "
+        f"HORIZONTAL: {{SAMPLES: {horizontal}, MIN_ANGLE: -1, MAX_ANGLE: 1}}, "
         f"VERTICAL: {{SAMPLES: {vertical}, MIN_ANGLE: 0, MAX_ANGLE: 0.5}}"
     )
 
