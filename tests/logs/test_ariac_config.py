@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from ariac_score.contracts import Reader, Wanted
 from ariac_score.errors import DataFileError
@@ -532,3 +536,70 @@ def test_of_many_mistakes_the_first_are_named_and_the_rest_counted(tmp_path: Pat
 
     assert sum(d.count for d in found) == 50
     assert len(found) == 21
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        ("orders: {1: {products: {}}, '1': {products: {}}}", "order '1' is given twice"),
+        ("orders: {a: {products: {1: {type: x}, '1': {type: x}}}}", "slot '1' is given twice"),
+        (
+            "orders: {a: &o {shipment_count: 400, products: {}}, b: *o, c: *o}",
+            "1200 shipments cannot be ordered",
+        ),
+    ],
+)
+def test_names_that_become_one_and_absurd_sums_are_refused(tmp_path: Path, text: str, cause: str) -> None:
+    assert cause in refusal(tmp_path, text).cause
+
+
+# Whatever stands where
+
+ODD: tuple[Any, ...] = (
+    None,
+    True,
+    -1,
+    3.5,
+    float("nan"),
+    10**19,
+    1e300,
+    "",
+    "p1/2",
+    [],
+    {},
+    [None],
+    {1: 2},
+    {"a": []},
+)
+
+
+def places(tree: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The path of every value below the root."""
+    inner = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in inner:
+        yield (*path, key)
+        yield from places(value, (*path, key))
+
+
+def replaced(tree: Any, path: tuple[Any, ...], value: Any) -> Any:
+    whole = copy.deepcopy(tree)
+    inner = whole
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    return whole
+
+
+@pytest.mark.parametrize("text", [TRIAL_2020, TRIAL_2022, TRIAL_2024], ids=["2020", "2022", "2024"])
+def test_an_odd_value_anywhere_is_read_or_refused_with_a_hint(tmp_path: Path, text: str) -> None:
+    tree = yaml.safe_load(text)
+    refused = []
+    for number, path in enumerate(places(tree)):
+        odd = replaced(tree, path, ODD[number % len(ODD)])
+        try:
+            assert read(tmp_path, yaml.safe_dump(odd)).orders
+        except DataFileError as error:
+            refused.append(error)
+
+    assert refused
+    assert all(error.hint and error.file and error.place for error in refused)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Finding, TeamSetup, Trial, Verdict, Wanted
+from ariac_score import (
+    Finding,
+    TeamSetup,
+    Trial,
+    Verdict,
+    Wanted,
+    as_json,
+    load_result,
+    load_rule_set,
+    score_trial,
+)
 from ariac_score.contracts import Monitor
 from ariac_score.errors import RuleSetError
 from ariac_score.logs.team_config import TeamConfigReader
@@ -18,6 +29,7 @@ from ariac_score.trial.channels import LogMap
 from ariac_score_kitting import SensorCost
 
 CONFIG = Path(__file__).parents[2].parent / "shared" / "ariac" / "data" / "config"
+REAL = CONFIG.parent / "nist_team_2022"
 LAWS = settings(max_examples=100, derandomize=True, deadline=None)
 
 OTHER_100 = {"break_beam": 100.0, "proximity_sensor": 100.0, "laser_profiler": 100.0, "camera": 100.0}
@@ -250,3 +262,38 @@ def test_parameters_that_make_no_sense_are_refused(parameters: dict[str, Any], c
     with pytest.raises(RuleSetError) as caught:
         built(parameters)
     assert cause in str(caught.value)
+
+
+RULE_SET = """\
+id: prices_of_2022
+title: What the sensors cost
+source: rulebook 2022, documented sensor prices
+log_map: ariac2020
+monitors:
+  cost:
+    use: team.sensor_cost
+    with: {prices: {logical_camera: 500, depth_camera: 200, break_beam: 100}}
+terms:
+  trial:
+    dollars: measure(cost, dollars)
+score: dollars
+round: 2
+"""
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real trial of 2022 is not here")
+def test_a_rule_set_prices_the_sensors_of_a_real_trial(tmp_path: Path) -> None:
+    bundle = tmp_path / "bundle"
+    bundle.mkdir()
+    for name in ("performance.log", "config/team_config.yaml", "config/trial_kitting.yaml"):
+        shutil.copy(REAL / name, bundle)
+    rules = tmp_path / "prices.yaml"
+    rules.write_text(RULE_SET, encoding="utf-8")
+
+    result = score_trial(bundle, load_rule_set(str(rules)))
+
+    assert result.score == 7 * 500
+    # Priced again from its own text, map of prices included.
+    stored = tmp_path / "result.json"
+    stored.write_text(as_json(result), encoding="utf-8")
+    assert load_result(stored).score == result.score
