@@ -180,8 +180,11 @@ def _products(
 ) -> tuple[WantedProduct, ...]:
     given = values.given(parts, key, path)
     path = (*path, key)
+    slots = values.mapping(given, path)
+    if len(slots) > MAX_COUNT:
+        values.refuse(path, f"{len(slots)} products cannot be wanted", f"give up to {MAX_COUNT}")
     products: list[WantedProduct] = []
-    for slot, value in values.mapping(given, path).items():
+    for slot, value in slots.items():
         place = (*path, str(slot))
         product = values.mapping(value, place)
         if str(slot) in (known.slot for known in products):

@@ -547,6 +547,10 @@ def test_of_many_mistakes_the_first_are_named_and_the_rest_counted(tmp_path: Pat
             "orders: {a: &o {shipment_count: 400, products: {}}, b: *o, c: *o}",
             "1200 shipments cannot be ordered",
         ),
+        (
+            "orders: {a: {products: {" + ", ".join(f"p{n}: {{type: x}}" for n in range(1001)) + "}}}",
+            "1001 products cannot be wanted",
+        ),
     ],
 )
 def test_names_that_become_one_and_absurd_sums_are_refused(tmp_path: Path, text: str, cause: str) -> None:
