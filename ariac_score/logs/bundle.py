@@ -14,6 +14,7 @@ from types import MappingProxyType
 from ariac_score.contracts import Reader
 from ariac_score.datafiles import YamlDocument, load_yaml, validate
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.config_forms import looks_like
 
 __all__ = ["MAX_DEPTH", "MAX_FILES", "ROLES", "Bundle", "Part", "find_parts", "with_parts"]
 
@@ -34,6 +35,7 @@ ROLES: Mapping[str, str] = MappingProxyType(
         "sensor_cost": "sensor_cost",
         "ariac_config": "trial_config",
         "ariac_team": "team_config",
+        "ariac_team_name": "team_name",
     }
 )
 """What each reader's files are in a trial; those of any other reader are logs."""
@@ -42,6 +44,7 @@ _WORDS = {
     "log": "a log",
     "trial_config": "a trial configuration",
     "team_config": "a team configuration",
+    "team_name": "a team entry",
     "official": "an official result",
     "sensor_cost": "an official sensor cost",
 }
@@ -58,7 +61,7 @@ class Part:
     """One file (or bag folder) of a trial.
 
     Attributes:
-        role: `log`, `trial_config`, `team_config`, `official` or `sensor_cost`.
+        role: `log`, `trial_config`, `team_config`, `team_name`, `official` or `sensor_cost`.
         path: Where it is.
         reader: Name of the reader that recognised it.
     """
@@ -159,9 +162,16 @@ def _as_bag(folder: Path, readers: Mapping[str, Reader]) -> Part | None:
 def _single_file(path: Path, readers: Mapping[str, Reader]) -> Bundle:
     part = _as_part(path, readers)
     if part is None:
-        cause = "no reader recognises this file" if path.stat().st_size else "the file is empty"
+        cause = (
+            f"no reader recognises this file{_likeness(path)}" if path.stat().st_size else "the file is empty"
+        )
         raise NothingToScoreError(cause, file=path, hint=f"known formats: {FORMATS}")
     return Bundle(path.stem, path, (part,))
+
+
+def _likeness(path: Path) -> str:
+    """Words for a YAML file that is no part of a trial."""
+    return f"; it looks like {looks_like(path)}" if path.suffix in (".yaml", ".yml") else ""
 
 
 def _searched_folder(folder: Path, readers: Mapping[str, Reader]) -> Bundle:
