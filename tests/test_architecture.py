@@ -58,7 +58,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "trial",
     },
     "report": {"expression", "findings", "ranking", "result", "scoring", "trial"},
-    "testing": {"logs", "numpy", "rosbags", "trial"},
+    "testing": {"logs", "numpy", "rosbags", "trial", "yaml"},
 }
 ANYTHING = {"cli", "__init__"}
 SLOW = {"rosbags", "jsonschema", "rich", "jinja2"}

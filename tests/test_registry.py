@@ -48,8 +48,17 @@ SHIPPED = {
         "kitting.tray",
         "kitting.tray_number",
         "kitting.wrong_color_pose",
+        "official.order",
+        "run.order",
     ],
-    MONITORS: ["ariac.human_contact", "ariac.no_event", "iso_ts_15066.ssm_separation", "team.sensor_cost"],
+    MONITORS: [
+        "ariac.human_contact",
+        "ariac.no_event",
+        "iso_ts_15066.ssm_separation",
+        "official.trial",
+        "run.record",
+        "team.sensor_cost",
+    ],
     "ariac_score.readers": [
         "ariac_config",
         "ariac_database",

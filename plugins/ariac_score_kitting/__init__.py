@@ -1,12 +1,14 @@
-"""Rules about kits: what was delivered, where it lies, where it went, how long it took; a team's cost."""
+"""Rules about kits, and what official records say of orders, runs and the team's cost."""
 
 from ariac_score_kitting.assembly import AssemblyCounters, AssemblyPart
 from ariac_score_kitting.contents import NoneFaulty, NoneMissing, NoneUnwanted, Presence, RightNumber
 from ariac_score_kitting.coverage import OnlyKitting
 from ariac_score_kitting.delivery import Destination, OrderTime, Submitted
 from ariac_score_kitting.inserts import InsertedPart, InsertSeen
+from ariac_score_kitting.official import OfficialOrderScore, OfficialTrialScore
 from ariac_score_kitting.poses import KitPose, TrayRight
 from ariac_score_kitting.quadrants import ExtraParts, OrderSubmitted, QuadrantPart, TaskKind, TrayNumber
+from ariac_score_kitting.run_record import RunOrder, RunRecord
 from ariac_score_kitting.team import SensorCost
 from ariac_score_kitting.wrong_color import WrongColorPose
 
@@ -21,12 +23,16 @@ __all__ = [
     "NoneFaulty",
     "NoneMissing",
     "NoneUnwanted",
+    "OfficialOrderScore",
+    "OfficialTrialScore",
     "OnlyKitting",
     "OrderSubmitted",
     "OrderTime",
     "Presence",
     "QuadrantPart",
     "RightNumber",
+    "RunOrder",
+    "RunRecord",
     "SensorCost",
     "Submitted",
     "TaskKind",

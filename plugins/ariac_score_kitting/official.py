@@ -1,0 +1,217 @@
+"""What the official score text says, taken as it is printed.
+
+Nothing is scored again here: a text that contradicts itself stays what it is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from ariac_score import Finding, OfficialOrder, OfficialResult, Order, SignalNeed, Trial, Verdict
+
+OfOrder = Literal["score", "total", "priority_factor", "duration_s", "max_score"]
+OfTrial = Literal["total", "process_time_s", "collisions", "dropped"]
+OnCrash = Literal["zero", "undecided"]
+
+_SUBJECT = "trial"
+_NO_TEXT = "there is no official score text"
+_ENDINGS: Mapping[str, str] = {
+    "crashed": "the simulator crashed and no score was recorded",
+    "cancelled": "the run was cancelled by its user and no score was recorded",
+}
+"""How a run ends without a score, in words."""
+
+_NUMBER = re.compile(r"-?\d{1,15}(?:\.\d{1,20})?(?:e[+-]?\d{1,2})?")
+_TOTALS = ("total_order_score", "total_score")
+_COLLISIONS = ("arms_collision", "was_arm_arm_collision")
+
+
+@dataclass(frozen=True)
+class OfficialOrderScore:
+    """The order was handed in, and what the official text gave it.
+
+    Measures:
+        As printed: `score` (without any factor for priority), `submitted` 1 or 0, and
+        where the text allows to say `total` (with the factor), `priority_factor`,
+        `duration_s` (from announcement to submission; until 2022 the time taken) and
+        `max_score`. A text that says yes or no to priority means the factor
+        `priority_factor`; where the text says nothing, the configured order does. The
+        texts of 2017 and 2018 know no factor, and a time of 0 until 2022 is no time.
+        Findings that are not inconclusive always have `score` and `submitted`, and of
+        orders handed in also what is in `requires`.
+    Violated when:
+        The text says that the order, or a shipment of it, was not handed in. So is every
+        order of a run that crashed or was cancelled, with score 0, where `on_crash` is
+        `zero`.
+    Source:
+        ARIAC notes on log formats, sections 3 and 5: performance.log, trial_log.txt.
+        What a crashed run is worth is our own choice: the official evaluation stops.
+    """
+
+    reads_official = True
+
+    requires: tuple[OfOrder, ...] = ("score",)
+    priority_factor: float = 3.0
+    on_crash: OnCrash = "undecided"
+
+    def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
+        """One finding for the order."""
+        official = trial.official
+        if official is None:
+            yield Finding.inconclusive(order.id, _NO_TEXT)
+        elif official.outcome in _ENDINGS:
+            yield _ended(order.id, official, self.on_crash, {"score": 0.0, "submitted": 0.0})
+        else:
+            printed = next((summary for summary in official.summaries if summary.id == order.id), None)
+            yield self._judged(order, printed)
+
+    def _judged(self, order: Order, printed: OfficialOrder | None) -> Finding:
+        if printed is None:
+            return Finding.inconclusive(order.id, "the official text does not name it")
+        if printed.submitted is None:
+            return Finding.inconclusive(order.id, "the official text does not say whether it was handed in")
+        quantities = self._quantities(order, printed)
+        if not printed.submitted:
+            quantities = {"score": 0.0} | quantities
+            words = f"not handed in by the official text; score {quantities['score']:g}"
+            return Finding(order.id, Verdict.VIOLATED, words, quantities=quantities)
+        missing = [name for name in ("score", *self.requires) if name not in quantities]
+        if missing:
+            return Finding.inconclusive(order.id, f"the official text does not say its {_words(missing[0])}")
+        return Finding(order.id, Verdict.SATISFIED, _shown(quantities), quantities=quantities)
+
+    def _quantities(self, order: Order, printed: OfficialOrder) -> dict[str, float]:
+        """What is known of the order, by name."""
+        score, factor = printed.score, self._factor(order, printed)
+        total = _number(printed.items, *_TOTALS) if _by_simulator(printed) else None
+        if total is None and score is not None and factor is not None:
+            total = score * factor
+        known = {
+            "score": score,
+            "total": total,
+            "priority_factor": factor,
+            "duration_s": _duration_s(printed) if printed.submitted else None,
+            "max_score": printed.max_score,
+            "submitted": float(bool(printed.submitted)),
+        }
+        return {name: value for name, value in known.items() if value is not None}
+
+    def _factor(self, order: Order, printed: OfficialOrder) -> float | None:
+        """The factor for priority; until 2022 it is a number, and in 2017 and 2018 there is none."""
+        if printed.priority is not None:
+            return self.priority_factor if printed.priority else 1.0
+        factor = _number(printed.items, "priority")
+        if factor is not None:
+            return factor
+        if _by_simulator(printed):
+            return 1.0
+        if order.outline:
+            return None
+        return self.priority_factor if order.priority > 1 else 1.0
+
+
+@dataclass(frozen=True)
+class OfficialTrialScore:
+    """The run came to its official end, and what the text says of it as a whole.
+
+    Measures:
+        As printed: `total`, `process_time_s`, `collisions` of arms (0 or 1) and `dropped`
+        products. Findings that are not inconclusive have what is in `requires`.
+    Violated when:
+        A collision of arms is printed; or the run crashed or was cancelled, with total 0,
+        where `on_crash` is `zero`.
+    Source:
+        ARIAC notes on log formats, sections 3 and 5. A text that prints scores of orders
+        only (2024) has their sum as total.
+    """
+
+    requires: tuple[OfTrial, ...] = ("total",)
+    on_crash: OnCrash = "undecided"
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """No signal: it is all in the text."""
+        return iter(())
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """One finding about the trial."""
+        official = trial.official
+        if official is None:
+            yield Finding.inconclusive(_SUBJECT, _NO_TEXT)
+        elif official.outcome in _ENDINGS:
+            yield _ended(_SUBJECT, official, self.on_crash, {"total": 0.0})
+        else:
+            yield self._judged(official)
+
+    def _judged(self, official: OfficialResult) -> Finding:
+        known = {
+            "total": official.total,
+            "process_time_s": official.process_time_s,
+            "collisions": _number(official.items, *_COLLISIONS),
+            "dropped": _number(official.items, "dropped_part_penalty"),
+        }
+        quantities = {name: value for name, value in known.items() if value is not None}
+        missing = [name for name in self.requires if name not in quantities]
+        if missing:
+            return Finding.inconclusive(_SUBJECT, f"the official text does not say the {_words(missing[0])}")
+        collided = quantities.get("collisions", 0.0) > 0
+        words = (
+            f"arms collided by the official text; {_shown(quantities)}" if collided else _shown(quantities)
+        )
+        verdict = Verdict.VIOLATED if collided else Verdict.SATISFIED
+        return Finding(_SUBJECT, verdict, words, quantities=quantities, critical=collided)
+
+
+def _ended(subject: str, official: OfficialResult, on_crash: OnCrash, zero: dict[str, float]) -> Finding:
+    """What a run without a score says about an order or the trial."""
+    words, labels = _ENDINGS[official.outcome], {"outcome": official.outcome}
+    if on_crash == "zero":
+        words += "; it counts as 0"
+        return Finding(subject, Verdict.VIOLATED, words, quantities=zero, labels=labels, critical=True)
+    return Finding(subject, Verdict.INCONCLUSIVE, words, labels=labels)
+
+
+def _by_simulator(printed: OfficialOrder) -> bool:
+    """Whether it is out of performance.log (until 2022), which alone prints the time taken."""
+    return "time_taken" in printed.items
+
+
+def _duration_s(printed: OfficialOrder) -> float | None:
+    """How long the order took, as printed where it is."""
+    duration_s = _number(printed.items, "submission_duration")
+    if duration_s is not None:
+        return duration_s
+    if _by_simulator(printed):
+        # Printed as 0 while incomplete, and of assemblies until June 2021.
+        return _number(printed.items, "time_taken") or None
+    if printed.announced_s is None or printed.submitted_s is None:
+        return None
+    return printed.submitted_s - printed.announced_s
+
+
+def _number(items: Mapping[str, str], *labels: str) -> float | None:
+    """The number that is printed under the first of these labels that has one."""
+    for label in labels:
+        if _NUMBER.fullmatch(items.get(label, "")):
+            return float(items[label])
+    return None
+
+
+def _words(quantity: str) -> str:
+    """A quantity in words.
+
+    >>> _words("process_time_s"), _words("score")
+    ('process time', 'score')
+    """
+    return quantity.removesuffix("_s").replace("_", " ")
+
+
+def _shown(quantities: Mapping[str, float]) -> str:
+    """The printed numbers in one line; that it was handed in, the verdict says."""
+    return ", ".join(
+        f"{_words(name)} {value:.9g}{' s' if name.endswith('_s') else ''}"
+        for name, value in quantities.items()
+        if name != "submitted"
+    )

@@ -1,0 +1,113 @@
+"""Runs of 2025, of which the official record is numbers: orders handed in, times, cells, reports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from ariac_score import Finding, Order, SignalNeed, Trial, Verdict
+
+_KINDS = ("kit", "module", "high_priority")
+_SUBJECT = "run"
+_FACTS = (
+    "duration_s",
+    "time_limit_s",
+    "num_kits",
+    "num_modules",
+    "num_high_priority",
+    "total_cells",
+    "defective_cells",
+    "avg_report_time_s",
+    "num_reports_submitted",
+    "num_correct_reports",
+    "num_correct_report_classifications",
+    "completed",
+    "aborted",
+)
+"""What the record of a run holds, by the names of the trial's facts."""
+
+
+@dataclass(frozen=True)
+class RunOrder:
+    """The order was handed in and accepted.
+
+    Measures:
+        Its kind as `kit`, `module` and `high_priority`, each 1 or 0, and of an order that
+        was handed in `announced_s` and `submitted_s`. An order of unknown kind is 0 for
+        each, and so counts for nothing.
+    Violated when:
+        The record does not hold it among those accepted.
+    Source:
+        ARIAC 2025, database, table OrderSubmission: only accepted orders are in it; how many
+        there should be is in the table Trial.
+    """
+
+    reads_official = True
+
+    def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
+        """One finding for the order."""
+        summaries = trial.official.summaries if trial.official else ()
+        stored = next((summary for summary in summaries if summary.id == order.id), None)
+        if stored is None or stored.submitted is None:
+            yield Finding.inconclusive(order.id, "there is no record of the run that names it")
+            return
+        kinds = {kind: float(stored.kind == kind) for kind in _KINDS}
+        if not stored.submitted:
+            yield Finding(order.id, Verdict.VIOLATED, "not handed in", quantities=kinds)
+        elif stored.announced_s is None or stored.submitted_s is None:
+            yield Finding.inconclusive(order.id, "the record does not say when it was handed in")
+        else:
+            times = {"announced_s": stored.announced_s, "submitted_s": stored.submitted_s}
+            words = f"announced at {stored.announced_s:.3f} s, accepted at {stored.submitted_s:.3f} s"
+            yield Finding(order.id, Verdict.SATISFIED, words, quantities=kinds | times)
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """The run ended with all orders in; the numbers that are recorded of it.
+
+    Measures:
+        `duration_s` and `time_limit_s`; `num_kits`, `num_modules` and `num_high_priority`
+        that were to be handed in; `total_cells` and `defective_cells`;
+        `avg_report_time_s`, 0 when nothing was reported, `num_reports_submitted`,
+        `num_correct_reports`, `num_correct_report_classifications`; `completed` and
+        `aborted` as stored.
+    Violated when:
+        It is stored as aborted: it ended before all orders were in. Inconclusive when a
+        number is missing, the time limit is not positive, or (unless `unfinished` is
+        `as_stored`) the run is stored as neither completed nor aborted, because then its
+        numbers are those it began with.
+    Source:
+        ARIAC 2025, database, tables Run and Trial.
+    """
+
+    unfinished: Literal["undecided", "as_stored"] = "undecided"
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """No signal: it is all in the record."""
+        return iter(())
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """One finding about the run."""
+        missing = [name for name in _FACTS if name not in trial.facts]
+        if missing:
+            yield Finding.inconclusive(_SUBJECT, f"no record of the run says its {_words(missing[0])}")
+            return
+        numbers = {name: trial.facts[name] for name in _FACTS}
+        unfinished = not numbers["completed"] and not numbers["aborted"]
+        if not numbers["time_limit_s"] > 0:
+            yield Finding.inconclusive(_SUBJECT, f"a time limit of {numbers['time_limit_s']:g} s is none")
+        elif unfinished and self.unfinished == "undecided":
+            yield Finding.inconclusive(
+                _SUBJECT, "it is stored as neither completed nor aborted, so its numbers may not be final"
+            )
+        else:
+            verdict = Verdict.VIOLATED if numbers["aborted"] else Verdict.SATISFIED
+            ended = "aborted" if numbers["aborted"] else "not finished" if unfinished else "completed"
+            words = f"{ended} after {numbers['duration_s']:.3f} s of {numbers['time_limit_s']:g} s"
+            yield Finding(_SUBJECT, verdict, words, quantities=numbers)
+
+
+def _words(name: str) -> str:
+    return name.removesuffix("_s").removeprefix("num_").replace("avg", "average").replace("_", " ")
