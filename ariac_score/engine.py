@@ -35,6 +35,7 @@ from ariac_score.scoring.scope import Scope
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
+from ariac_score.trial.kits import with_contents
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
@@ -180,6 +181,7 @@ def read_trial(
         wanted = Wanted(log_map, sources, decoders, step)
         trials.append(readers[part.reader].read(part.path, wanted))
     trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
+    trial = with_contents(trial, max_age_s=log_map.kits.max_age_s)
     if not trial.orders:
         raise NothingToScoreError(
             "no order was found",

@@ -91,7 +91,12 @@ class TrialConfigReader:
         document = load_yaml(path)
         orders = _orders(document)
         wanted.progress(1.0)
-        return Trial(id=path.stem, orders=orders, log_defects=tuple(_mistakes(document, path.name)))
+        return Trial(
+            id=path.stem,
+            orders=orders,
+            log_defects=tuple(_mistakes(document, path.name)),
+            faulty_products=_faulty_products(document),
+        )
 
 
 class TeamConfigReader:
@@ -307,6 +312,16 @@ def _orders(document: YamlDocument) -> tuple[Order, ...]:
                 "an update is named after its order",
             )
     return tuple(taken)
+
+
+def _faulty_products(document: YamlDocument) -> frozenset[str] | None:
+    """The individuals that are faulty (2017 to 2022); from 2023 on challenges make parts faulty."""
+    reading, root = _Reading(document), document.data
+    if isinstance(root.get("orders"), list):
+        return None
+    path: _Path = ("faulty_products",)
+    listed = reading.sequence(root.get("faulty_products") or [], path)
+    return frozenset(reading.text(name, (*path, i)) for i, name in enumerate(listed))
 
 
 def _aliases(reading: _Reading, root: Mapping[Any, Any]) -> Mapping[str, str]:

@@ -6,11 +6,15 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.signals import LARGEST_VALUE, Signal
 from ariac_score.trial.spans import Span
+
+if TYPE_CHECKING:
+    from ariac_score.trial.kits import KitRecord
 
 __all__ = [
     "Body",
@@ -159,6 +163,7 @@ class Order:
         announced_s: When it was announced, s of trial time; `None` when the log does not say.
         priority: As the edition defines it; 1 is regular.
         updates: Id of the order it replaces; empty for a new order.
+        priority_said: Whether the record says the priority; where not, 1 stands in until another does.
     """
 
     id: str
@@ -166,6 +171,7 @@ class Order:
     announced_s: float | None = None
     priority: int = 1
     updates: str = ""
+    priority_said: bool = field(default=True, compare=False)
 
 
 @dataclass(frozen=True)
@@ -312,6 +318,8 @@ class Trial:
         log_defects: What was wrong with the log.
         clock: Which clock the times come from, in words.
         recorded: From the first to the last stamp of the recording.
+        kits: Records of what lay on trays over time, the surest first.
+        faulty_products: Names of the individuals that the configuration makes faulty; `None`: nothing says.
     """
 
     id: str
@@ -327,6 +335,8 @@ class Trial:
     log_defects: tuple[LogDefect, ...] = ()
     clock: str = ""
     recorded: Span | None = None
+    kits: tuple[KitRecord, ...] = ()
+    faulty_products: frozenset[str] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
