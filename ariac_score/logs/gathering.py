@@ -288,6 +288,10 @@ class _Intake:
             if item is not None and (state is None or state != before):
                 builder.add(item)
             before = state
+        if len(reasons) == len(self._items):
+            builder.unrecorded.append(
+                f"topic {self.channel.topic}: none of its messages can be used: {reasons[0]}"
+            )
         if reasons:
             builder.defect(
                 "unusable_messages",
