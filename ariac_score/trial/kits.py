@@ -98,7 +98,10 @@ def with_contents(trial: Trial, *, max_age_s: float) -> Trial:
     ]
     defects = list(trial.log_defects)
     if told:
-        message = "submissions came without contents, which were taken from other records of the trays"
+        message = (
+            "submissions came without contents, which were taken from other records of the trays "
+            "(poses of a Gazebo log are rounded, by up to 5 mm beyond 10 m)"
+        )
         defects.append(LogDefect("joined_contents", trial.id, told, message))
     return replace(
         trial,

@@ -251,9 +251,29 @@ DEFINITIONS_2021 = {
 }
 
 
+DEFINITIONS_2022 = {
+    "nist_gear/msg/TrayContents": (
+        "string kit_tray\nPublishedMovableTray movable_tray\nDetectedProduct[] products\n"
+    ),
+    "nist_gear/msg/PublishedMovableTray": (
+        "string movable_tray_name\nstring movable_tray_type\ngeometry_msgs/Pose movable_tray_pose\n"
+    ),
+}
+
+
 @pytest.fixture
 def messages_of_2021(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bags are written with the definitions of 2021, and bring them along."""
+    write_with(DEFINITIONS_2021, monkeypatch)
+
+
+@pytest.fixture
+def messages_of_2022(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bags are written with the definitions of 2022, and bring them along."""
+    write_with(DEFINITIONS_2022, monkeypatch)
+
+
+def write_with(definitions: Mapping[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415  # slow
 
     ours = bundled_typestore(1)
@@ -261,9 +281,9 @@ def messages_of_2021(monkeypatch: pytest.MonkeyPatch) -> None:
     types: dict[str, Any] = {
         name: fields
         for name, fields in ours.fielddefs.items()
-        if name not in store.fielddefs and name not in DEFINITIONS_2021
+        if name not in store.fielddefs and name not in definitions
     }
-    for name, text in DEFINITIONS_2021.items():
+    for name, text in definitions.items():
         types.update(get_types_from_msg(text, name))
     store.register(types)
     monkeypatch.setattr(bags, "bundled_typestore", lambda _ros: store)
@@ -342,6 +362,50 @@ def test_a_bag_of_another_edition_is_refused_with_its_reason_and_no_broken_plugi
     with pytest.raises(NothingToScoreError, match="no order was found") as refused:
         score_trial(path, "ariac2020.as_coded")
     assert "nist_gear/msg/Order has not the fields of this edition" in refused.value.hint
+
+
+# 2022
+
+
+def orders_2022(tray: str) -> Recorded:
+    shipment = {
+        "shipment_type": "order_0_kitting_shipment_0",
+        "agv": "agv4",
+        "assembly_station": "as3",
+        "movable_tray": {"movable_tray_type": tray, "gripper": "gripper_tray", "pose": pose()},
+        "products": [{"type": "assembly_sensor_green", "gripper": "gripper_part", "pose": pose(0.1)}],
+    }
+    return at(1.0, "/ariac/orders", "nist_gear/msg/Orders", order_id="order_0", kitting_shipments=[shipment])
+
+
+@pytest.mark.usefixtures("messages_of_2022")
+@pytest.mark.parametrize(
+    ("ordered", "score"),
+    # 1 type, 1 colour, 1 pose and the bonus of 1, which only the right tray earns.
+    [("movable_tray_dark_wood", 4), ("movable_tray_metal_shiny", 3)],
+)
+def test_a_bag_of_2022_says_which_tray_the_kit_was_built_on(tmp_path: Path, ordered: str, score: int) -> None:
+    tray = {
+        "movable_tray_name": "movable_tray_dark_wood_1",
+        "movable_tray_type": "movable_tray_dark_wood",
+        "movable_tray_pose": pose(0.05),
+    }
+    lying = {"type": "assembly_sensor_green", "is_faulty": False, "pose": pose(0.1)}
+    contents = at(
+        19.9,
+        "/ariac/trays",
+        "nist_gear/msg/TrayContents",
+        kit_tray="agv4",
+        movable_tray=tray,
+        products=[lying],
+    )
+    came = submission(20.0, "order_0_kitting_shipment_0", agv="agv4", station="as3", contents_unknown=True)
+    watched = (watching("arm_collision"), watching("part_dropped"))
+    messages = (orders_2022(ordered), contents, came, *watched)
+
+    result = score_trial(bag(tmp_path / "trial.bag", *messages, storage="ros1"), "ariac2022.as_coded")
+
+    assert (result.status, result.score) == ("scored", score)
 
 
 # 2020
