@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.build import TrialBuilder
     from ariac_score.trial.channels import LogMap
     from ariac_score.trial.events import Event
+    from ariac_score.trial.kits import Kit
     from ariac_score.trial.model import (
         Body,
         LogDefect,
@@ -73,6 +74,7 @@ _HOME = {
     "ariac_score.trial.build": "TrialBuilder",
     "ariac_score.trial.channels": "LogMap",
     "ariac_score.trial.events": "Event",
+    "ariac_score.trial.kits": "Kit",
     "ariac_score.trial.model": (
         "Body LogDefect OfficialOrder OfficialResult Order Pose Product Submission Task TeamSetup Tray "
         "Trial WantedProduct"
@@ -88,6 +90,7 @@ __all__ = [
     "Decoder",
     "Event",
     "Finding",
+    "Kit",
     "Limit",
     "LogDefect",
     "LogDescription",

@@ -15,6 +15,7 @@ from typing import Protocol, runtime_checkable
 from ariac_score.findings import Finding
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.events import Event
+from ariac_score.trial.kits import Kit
 from ariac_score.trial.model import LogDefect, Order, Submission, Trial
 
 __all__ = [
@@ -131,7 +132,7 @@ def _silent(_done: float) -> None:
 class Decoder(Protocol):
     """Understands the messages of one competition: entry-point group `ariac_score.decoders`."""
 
-    def decode(self, msgtype: str, message: object, t_s: float) -> Order | Submission | Event | None:
+    def decode(self, msgtype: str, message: object, t_s: float) -> Order | Submission | Kit | Event | None:
         """What a message means; `None` when it means nothing.
 
         Args:

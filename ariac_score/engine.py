@@ -37,6 +37,7 @@ from ariac_score.scoring.scope import Scope
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
+from ariac_score.trial.kits import with_contents
 from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
@@ -211,6 +212,7 @@ def read_trial(
             file=bundle.root,
             hint="repeat the run; a ranking counts it as 0, by name",
         )
+    trial = with_contents(trial, max_age_s=log_map.kits.max_age_s)
     if not trial.orders:
         raise NothingToScoreError(
             "no order was found",
@@ -322,9 +324,10 @@ def _scopes(trial: Trial) -> Scope:
             tasks.append(Scope("submission", path, {"parts": len(parts)}, parts))
         facts: dict[str, float] = {
             "index": index,
-            "priority": order.priority,
             "parts": sum(len(task.products) for task in order.tasks),
         }
+        if order.priority_said:
+            facts["priority"] = order.priority
         orders.append(Scope("order", order.id, facts, tuple(tasks)))
     whole: dict[str, float] = {"duration_s": canonical(trial.duration_s), "orders": len(orders)}
     return Scope("trial", "", whole, tuple(orders))

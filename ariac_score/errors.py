@@ -6,7 +6,8 @@
     │   ├── RuleSetError            4  a rule set
     │   └── LogMapError             4  a log map
     ├── FormulaError                4  a formula cannot be parsed or evaluated
-    │   └── NeedsCohortError        6  it asks for a value across teams, and none is given
+    │   ├── NeedsCohortError        6  it asks for a value across teams, and none is given
+    │   └── UnknownFactError        6  it asks for a fact that no record of the trial states
     ├── PluginError                 3  a plugin misbehaves
     │   ├── PluginNotFoundError     4  a name that no installed distribution provides
     │   └── PluginConflictError     4  two distributions provide one name
@@ -40,6 +41,7 @@ __all__ = [
     "RuleSetError",
     "RunEndedError",
     "ScoreError",
+    "UnknownFactError",
     "UsageError",
     "did_you_mean",
 ]
@@ -115,6 +117,12 @@ class FormulaError(ScoreError):
 
 class NeedsCohortError(FormulaError):
     """A formula asks for a value across teams (`cohort.…`), and none is given."""
+
+    exit_code = 6
+
+
+class UnknownFactError(FormulaError):
+    """A formula asks for a fact, such as an order's priority, that no record of the trial states."""
 
     exit_code = 6
 

@@ -8,6 +8,7 @@ from ariac_score.contracts import Decoder, LogDescription, Reader, Wanted
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.registry import Plugin, Registry
 from ariac_score.trial.events import Event
+from ariac_score.trial.kits import Kit
 from ariac_score.trial.model import Order, Submission, Trial
 
 __all__ = ["GuardedDecoder", "GuardedReader", "broken", "open_readers"]
@@ -85,7 +86,7 @@ class GuardedDecoder:
     def __init__(self, plugin: Plugin, decoder: Decoder) -> None:
         self.plugin, self.decoder = plugin, decoder
 
-    def decode(self, msgtype: str, message: object, t_s: float) -> Order | Submission | Event | None:
+    def decode(self, msgtype: str, message: object, t_s: float) -> Order | Submission | Kit | Event | None:
         """What the decoder makes of a message.
 
         Raises:
@@ -98,7 +99,7 @@ class GuardedDecoder:
             raise
         except (Exception, SystemExit) as cause:
             raise broken(self.plugin, f"raised {type(cause).__name__} on a {msgtype}: {cause}") from cause
-        if decoded is not None and not isinstance(decoded, Order | Submission | Event):
+        if decoded is not None and not isinstance(decoded, Order | Submission | Kit | Event):
             raise broken(self.plugin, f"makes a {type(decoded).__name__} of a {msgtype}")
         return decoded
 

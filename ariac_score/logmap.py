@@ -7,7 +7,7 @@ from typing import Any
 
 from ariac_score.datafiles import YamlDocument, load_yaml, shipped_rules, validate
 from ariac_score.errors import LogMapError, did_you_mean
-from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, LogMap, TrayMatch
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of, subject_of
 
@@ -61,6 +61,7 @@ def _parsed(document: YamlDocument) -> LogMap:
         root_frame=data.get("root_frame", "world"),
         quantities=_quantities(document),
         speed_window_s=float(data.get("speed_window_s", 0.0)),
+        kits=_kits(data.get("kits", {})),
         sha256=document.sha256,
     )
 
@@ -80,6 +81,35 @@ def _quantities(document: YamlDocument) -> dict[str, Quantity]:
         name: Quantity(q["unit"], q.get("components", 1), q["of"], q.get("meaning", ""))
         for name, q in declared.items()
     }
+
+
+def _kits(data: dict[str, Any]) -> KitMap:
+    return KitMap(
+        max_age_s=float(data.get("max_age_s", 1.0)),
+        names=data.get("names", "instance"),
+        products=tuple(data.get("products", [])),
+        trays=tuple(_tray(t) for t in data.get("trays", [])),
+    )
+
+
+def _tray(data: dict[str, Any]) -> TrayMatch:
+    loose = data.get("loose")
+    return TrayMatch(
+        at=data.get("at", "agv"),
+        match=data["match"],
+        footprint=_footprint(data),
+        loose=loose["match"] if loose else "",
+        loose_footprint=_footprint(loose) if loose else None,
+    )
+
+
+def _footprint(data: dict[str, Any]) -> Footprint:
+    return Footprint(
+        float(data["half_length_m"]),
+        float(data["half_width_m"]),
+        float(data["height_m"]),
+        float(data.get("depth_m", 0.02)),
+    )
 
 
 def _match(data: dict[str, Any]) -> BodyMatch:
@@ -113,6 +143,7 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
         poses=data.get("poses", ""),
         decoder=data.get("decoder", ""),
         witnesses=tuple(data.get("witnesses", [])),
+        optional=data.get("optional", False),
     )
 
 

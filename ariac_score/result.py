@@ -158,7 +158,7 @@ class Result:
         task: The task score taken apart, before any value across teams enters; `None`
             when the rule set has none, or it is withheld.
         cohort: The values across teams it was priced with.
-        missing: What the score needs from all teams, in words.
+        missing: What the score needs from all teams, or what no record states, in words.
     """
 
     measured: Measured

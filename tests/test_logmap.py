@@ -9,7 +9,7 @@ import pytest
 from ariac_score.errors import LogMapError
 from ariac_score.logmap import load_log_map, log_map_names
 from ariac_score.registry import Registry
-from ariac_score.trial.channels import BodyMatch, Channel, FieldMap
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, TrayMatch
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 
@@ -33,6 +33,17 @@ channels:
     witnesses: [submissions]
 models:
   - {match: "person_*", kind: human, links: ["*hand*"]}
+kits:
+  names: part
+  max_age_s: 2
+  products: ["pump_*"]
+  trays:
+    - at: station
+      match: "*::{place}_{n}"
+      half_length_m: 0.2
+      half_width_m: 0.3
+      height_m: 0.4
+      loose: {match: "tray_*", half_length_m: 0.1, half_width_m: 0.15, height_m: 0.1}
 """
 
 
@@ -67,7 +78,7 @@ def test_every_shipped_log_map_names_installed_decoders_and_known_quantities_onl
 
 
 def test_there_are_log_maps() -> None:
-    assert {"ariac2020", "ariac2022", "ariac2023"} <= set(log_map_names())
+    assert {f"ariac{year}" for year in range(2018, 2025)} <= set(log_map_names())
 
 
 def test_a_sound_log_map_is_read_as_written(written: Path) -> None:
@@ -90,6 +101,11 @@ def test_a_sound_log_map_is_read_as_written(written: Path) -> None:
         "/events", decoder="ariac_score.records", witnesses=("submissions",)
     )
     assert log_map.models == (BodyMatch("person_*", "human", links=("*hand*",)),)
+    tray = TrayMatch(
+        "station", "*::{place}_{n}", Footprint(0.2, 0.3, 0.4, 0.02), "tray_*", Footprint(0.1, 0.15, 0.1, 0.02)
+    )
+    assert log_map.kits == KitMap(2.0, "part", ("pump_*",), (tray,))
+    assert tray.pattern_for("as3") == "*::as3_3"
     assert (log_map.root_frame, log_map.speed_window_s) == ("world", 0.0)
 
 
@@ -236,6 +252,24 @@ def test_an_absolute_path_is_taken_as_it_is(written: Path) -> None:
             "Half",
         ),
         ("  human: {", "  robot: {", "line 6", "key 'robot' is given twice", "keep one"),
+        (
+            "witnesses: [submissions]",
+            "optional: 1",
+            "$.channels[1].optional",
+            "1 is not of type 'boolean'",
+            "",
+        ),
+        (
+            "half_length_m: 0.2",
+            "half_lenght_m: 0.2",
+            "$.kits.trays[0].half_lenght_m",
+            "unknown key 'half_lenght_m'",
+            "did you mean 'half_length_m'?",
+        ),
+        ("half_length_m: 0.2", "half_length_m: 0", "$.kits.trays[0].half_length_m", "0 is less than or", ""),
+        ("names: part", "names: parts", "$.kits.names", "'parts' is not allowed", "'part'"),
+        ("max_age_s: 2", "max_age_s: -2", "$.kits.max_age_s", "-2 is less than the minimum", ""),
+        ("height_m: 0.1}", "depth_m: 0.1}", "$.kits.trays[0].loose", "key 'height_m' is missing", "add"),
         ("id: example", "id: Example 1", "line 1, $.id", "'Example 1' does not match", ""),
     ],
 )

@@ -71,7 +71,15 @@ SHIPPED = {
         "sensor_cost",
         "trial_log",
     ],
-    "ariac_score.decoders": ["ariac_score.records", "nist_gear.2020"],
+    "ariac_score.decoders": [
+        "ariac_msgs.2023",
+        "ariac_score.records",
+        "nist_gear.2020",
+        "nist_gear.2021",
+        "nist_gear.2022",
+        "osrf_gear.2018",
+        "osrf_gear.2019",
+    ],
 }
 
 

@@ -94,7 +94,8 @@ def show(result: Result, arguments: argparse.Namespace) -> int:
             if assumption.policy == "withhold":
                 print(f"undecided: {assumption.finding}: {plain(assumption.message)}", file=sys.stderr)
         if result.missing:
-            print(f"needs_cohort: {plain(result.missing)}", file=sys.stderr)
+            print(f"{result.status}: {plain(result.missing)}", file=sys.stderr)
+        if result.status == "needs_cohort":
             print("hint: give the organisers' cohort with --cohort, or rank all teams", file=sys.stderr)
         return EXIT_UNDECIDED
     return 0

@@ -85,7 +85,9 @@ def _trial(path: Path) -> Trial:
         values.refuse((), "the file is empty", "this official file holds no trial; choose another")
     root = values.mapping(document.data, ())
     orders: tuple[Order, ...] = ()
+    faulty: frozenset[str] | None = None
     if "orders" in root:
+        faulty = _faulty_products(values, root)
         orders, facts = _orders(values, root), _time_limit(values, root)
     elif len(root.keys() & set(REQUIRED_KEYS)) > 2:
         facts = order_counts(values, root)
@@ -95,7 +97,18 @@ def _trial(path: Path) -> Trial:
             f"it looks like {form_of(root)}: there are no orders in it",
             "name the file of the trial: it has 'orders' (2017 to 2024), or NUM_KITS and NUM_MODULES (2025)",
         )
-    return Trial(id=path.stem, orders=orders, facts=facts, log_defects=values.mistakes())
+    return Trial(
+        id=path.stem, orders=orders, facts=facts, log_defects=values.mistakes(), faulty_products=faulty
+    )
+
+
+def _faulty_products(values: ConfigValues, root: Mapping[Any, Any]) -> frozenset[str] | None:
+    """The individuals that are faulty (2017 to 2022); from 2023 on challenges make parts faulty."""
+    if isinstance(root.get("orders"), list):
+        return None
+    path: ConfigPath = ("faulty_products",)
+    listed = values.sequence(root.get("faulty_products") or [], path)
+    return frozenset(values.text(name, (*path, i)) for i, name in enumerate(listed))
 
 
 def _is_unused(path: ConfigPath) -> bool:

@@ -1,23 +1,43 @@
-"""What the messages of a competition mean: orders, submissions, events."""
+"""What the messages of a competition mean: orders, contents of trays, submissions, events.
+
+One class for each family of messages. A message whose fields are those of another
+edition is unusable, and said to be.
+
+Source: public message definitions of `osrf_gear`, `nist_gear` and `ariac_msgs`; ARIAC
+notes on log formats, section 11.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from typing import Any
 
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
-from ariac_score.trial.model import Order, Pose, Product, Submission, Task, WantedProduct
+from ariac_score.trial.kits import Kit
+from ariac_score.trial.model import Order, Pose, Product, Submission, Task, Tray, WantedProduct
 
-__all__ = ["AriacScoreRecords", "NistGear2020"]
+__all__ = [
+    "NO_TRAY",
+    "AriacMsgs2023",
+    "AriacScoreRecords",
+    "NistGear2020",
+    "NistGear2021",
+    "NistGear2022",
+    "OsrfGear2018",
+]
 
 _STATES = {"go": COMPETITION_STARTED, "end_game": COMPETITION_ENDED}
 """`done` is left out: it follows `end_game`, once everything has been scored."""
 
+_HIGH_PRIORITY = 3
 
-class NistGear2020:
-    """Messages of ARIAC 2020 (`nist_gear`): announced orders and the state of the competition."""
 
-    def decode(self, msgtype: str, message: Any, t_s: float) -> Order | Event | None:
-        """An order, the start or the end of the competition; `None` for anything else.
+class _Gear:
+    """What the ROS 1 editions have in common: `package/msg/Name` decides, whichever package it is."""
+
+    def decode(self, msgtype: str, message: Any, t_s: float) -> Order | Kit | Event | None:
+        """An order, what lies on a tray, the start or the end of the competition; else `None`.
 
         An order whose id says that it updates another names that one.
 
@@ -27,13 +47,116 @@ class NistGear2020:
             t_s: Its stamp, s of trial time.
 
         Raises:
-            ValueError: A pose in an order is not finite or has no orientation.
+            ValueError: A pose in an order is not finite or has no orientation, or the
+                message has the fields of another edition.
         """
-        if msgtype == "nist_gear/msg/Order":
-            return _order(message, t_s)
-        if msgtype == "std_msgs/msg/String" and message.data in _STATES:
-            return Event(t_s, _STATES[message.data])
+        if msgtype == "std_msgs/msg/String":
+            return Event(t_s, _STATES[message.data]) if message.data in _STATES else None
+        package, _, name = msgtype.partition("/msg/")
+        if package not in ("nist_gear", "osrf_gear"):
+            return None
+        try:
+            return self._decoded(name, message, t_s)
+        except AttributeError as cause:
+            raise _of_another_edition(msgtype, cause) from cause
+
+    def _decoded(self, name: str, message: Any, t_s: float) -> Order | Kit | None:
+        raise NotImplementedError
+
+
+class OsrfGear2018(_Gear):
+    """Messages of ARIAC 2018 (`osrf_gear`): shipments that may leave on any AGV."""
+
+    def _decoded(self, name: str, message: Any, t_s: float) -> Order | Kit | None:
+        if name != "Order":
+            return None
+        return _gear_order(message, t_s, [_kit_task(s, s.shipment_type) for s in message.shipments])
+
+
+class NistGear2020(_Gear):
+    """Messages of ARIAC 2019 (`osrf_gear`) and 2020 (`nist_gear`): shipments with their AGV."""
+
+    def _decoded(self, name: str, message: Any, t_s: float) -> Order | Kit | None:
+        if name == "Order":
+            tasks = [_kit_task(s, s.shipment_type, agv=s.agv_id) for s in message.shipments]
+            return _gear_order(message, t_s, tasks)
+        return _tray_contents(message, t_s) if name == "TrayContents" else None
+
+
+class NistGear2021(_Gear):
+    """Messages of ARIAC 2021 (`nist_gear`): kits and assemblies, trays and briefcases."""
+
+    def _decoded(self, name: str, message: Any, t_s: float) -> Order | Kit | None:
+        if name == "Order":
+            kits = [
+                _kit_task(s, s.shipment_type, agv=s.agv_id, station=s.station_id)
+                for s in message.kitting_shipments
+            ]
+            return _gear_order(
+                message, t_s, [*kits, *_assemblies(message.assembly_shipments)], priority_said=False
+            )
+        if name == "DetectedAssemblyShipment":
+            return _briefcase(message, t_s)
+        return _tray_contents(message, t_s) if name == "TrayContents" else None
+
+
+class NistGear2022(_Gear):
+    """Messages of ARIAC 2022 (`nist_gear`): kits on movable trays, and assemblies."""
+
+    def _decoded(self, name: str, message: Any, t_s: float) -> Order | Kit | None:
+        if name == "Orders":
+            kits = [
+                _kit_task(
+                    s,
+                    s.shipment_type,
+                    agv=s.agv,
+                    station=s.assembly_station,
+                    tray=_ordered_tray(s.movable_tray),
+                )
+                for s in message.kitting_shipments
+            ]
+            return _gear_order(
+                message, t_s, [*kits, *_assemblies(message.assembly_shipments)], priority_said=False
+            )
+        if name == "DetectedAssemblyShipment":
+            return _briefcase(message, t_s)
+        return _movable_tray_contents(message, t_s) if name == "TrayContents" else None
+
+
+class AriacMsgs2023:
+    """Messages of ARIAC 2023 and 2024 (`ariac_msgs`): orders and the state of the competition.
+
+    An order has one task, which is handed in under the order's id. Nothing in it says
+    on which quadrants a challenge is set.
+    """
+
+    def decode(self, msgtype: str, message: Any, t_s: float) -> Order | Event | None:
+        """An order, the start or the end of the competition; `None` for anything else.
+
+        Args:
+            msgtype: `package/msg/Name`.
+            message: The message.
+            t_s: Its stamp, s of trial time.
+
+        Raises:
+            ValueError: A number stands for no type, colour, AGV, station or destination,
+                a pose is not usable, or the message has other fields.
+        """
+        try:
+            if msgtype == "ariac_msgs/msg/Order":
+                return self._order(message, t_s)
+            if msgtype == "ariac_msgs/msg/CompetitionState":
+                kind = _COMPETITION_STATES.get(message.competition_state)
+                return Event(t_s, kind) if kind else None
+        except AttributeError as cause:
+            raise _of_another_edition(msgtype, cause) from cause
         return None
+
+    def _order(self, message: Any, t_s: float) -> Order:
+        kind = _named(_KINDS, message.type, "kind of order")
+        make = {"kitting": _kitting_task, "assembly": _station_task, "combined": _station_task}[kind]
+        task = make(message.id, kind, getattr(message, f"{kind}_task"))
+        return Order(message.id, (task,), t_s, _HIGH_PRIORITY if message.priority else 1)
 
 
 class AriacScoreRecords:
@@ -52,35 +175,137 @@ class AriacScoreRecords:
         if msgtype == "ariac_score_msgs/msg/TrialEvent":
             return Event(t_s, message.kind, message.subject, message.detail)
         if msgtype == "ariac_score_msgs/msg/Submission":
+            # The first form of the message had neither of the two.
+            unknown, tray = getattr(message, "contents_unknown", False), getattr(message, "tray", "")
             return Submission(
                 task_id=message.shipment_type,
                 submitted_s=t_s,
-                contents=tuple(_product(product) for product in message.products),
+                contents=None if unknown else tuple(_product(p, p.name) for p in message.products),
                 agv=message.agv,
                 station=message.station,
+                tray=Tray("" if tray == NO_TRAY else tray) if tray else None,
             )
         return None
 
 
-def _order(message: Any, t_s: float) -> Order:
+NO_TRAY = "none"
+"""What our own submission says in place of a tray where there was none; empty means unknown."""
+
+
+def _of_another_edition(msgtype: str, cause: AttributeError) -> ValueError:
+    return ValueError(f"{msgtype} has not the fields of this edition: {cause}")
+
+
+# ROS 1: osrf_gear and nist_gear
+
+
+def _gear_order(message: Any, t_s: float, tasks: Iterable[Task], *, priority_said: bool = True) -> Order:
     replaced, update, _ = message.order_id.partition("_update_")
     return Order(
         id=message.order_id,
-        tasks=tuple(_task(shipment) for shipment in message.shipments),
+        tasks=tuple(tasks),
         announced_s=t_s,
         updates=replaced if update else "",
+        priority_said=priority_said,
     )
 
 
-def _task(shipment: Any) -> Task:
+def _kit_task(
+    shipment: Any, name: str, *, agv: str = "any", station: str = "", tray: Tray | None = None
+) -> Task:
+    # An empty AGV stays empty: as coded only `any` leaves it open, and any other name is never right.
+    return Task(name, "kitting", _wanted(shipment.products), agv, station, tray)
+
+
+def _assemblies(shipments: Iterable[Any]) -> list[Task]:
+    return [Task(s.shipment_type, "assembly", _wanted(s.products), station=s.station_id) for s in shipments]
+
+
+def _wanted(products: Iterable[Any]) -> tuple[WantedProduct, ...]:
+    return tuple(WantedProduct(f"part_{i}", p.type, _pose(p.pose)) for i, p in enumerate(products))
+
+
+def _ordered_tray(tray: Any) -> Tray | None:
+    # Rulebook 2022: the ordered tray pose is the identity at the AGV's tray centre.
+    return Tray(tray.movable_tray_type, Pose((0.0, 0.0, 0.0))) if tray.movable_tray_type else None
+
+
+def _tray_contents(message: Any, t_s: float) -> Kit | None:
+    place = _numbered(message.tray, r"kit_tray_(\d+)|agv(\d+)", "agv")
+    return Kit(place, t_s, _products(message.objects)) if place else None
+
+
+def _movable_tray_contents(message: Any, t_s: float) -> Kit | None:
+    # A tray that stands on no AGV tells of itself too, with an empty name here.
+    place = _numbered(message.kit_tray, r"kit_tray_(\d+)|agv(\d+)", "agv")
+    tray = message.movable_tray
+    found = Tray(tray.movable_tray_type, _pose_or_none(tray.movable_tray_pose))
+    return Kit(place, t_s, _products(message.products), found) if place else None
+
+
+def _briefcase(message: Any, t_s: float) -> Kit | None:
+    place = _numbered(message.briefcase_id, r"briefcase_(\d+)|station(\d+)", "as")
+    return Kit(place, t_s, _products(message.products)) if place else None
+
+
+def _numbered(name: str, pattern: str, prefix: str) -> str:
+    """`agv1` for `agv1::kit_tray_1::kit_tray_1::tray`; empty where the name has no such number."""
+    found = re.search(pattern, name)
+    return f"{prefix}{next(filter(None, found.groups()))}" if found else ""
+
+
+def _products(products: Iterable[Any]) -> tuple[Product, ...]:
+    return tuple(_product(product) for product in products)
+
+
+# ROS 2: ariac_msgs
+
+_KINDS = {0: "kitting", 1: "assembly", 2: "combined"}
+_COLORS = {0: "red", 1: "green", 2: "blue", 3: "orange", 4: "purple"}
+_TYPES = {10: "battery", 11: "pump", 12: "sensor", 13: "regulator"}
+_DESTINATIONS = {0: "kitting", 1: "assembly_front", 2: "assembly_back", 3: "warehouse"}
+_NUMBERS = {n: str(n) for n in (1, 2, 3, 4)}
+"""AGVs, stations and quadrants alike."""
+_COMPETITION_STATES = {2: COMPETITION_STARTED, 4: COMPETITION_ENDED}
+"""3 says that all orders have been announced: the competition goes on."""
+
+
+def _named(names: dict[int, str], number: int, what: str) -> str:
+    if number not in names:
+        raise ValueError(f"{number} is no {what}")
+    return names[number]
+
+
+def _kitting_task(order_id: str, kind: str, task: Any) -> Task:
+    products = (
+        WantedProduct(f"part_{i}", _part(p.part), None, int(_named(_NUMBERS, p.quadrant, "quadrant")))
+        for i, p in enumerate(task.parts)
+    )
+    if not 0 <= task.tray_id <= 99:
+        raise ValueError(f"{task.tray_id} is no tray id")
     return Task(
-        id=shipment.shipment_type,
-        products=tuple(
-            WantedProduct(f"part_{i}", product.type, _pose(product.pose))
-            for i, product in enumerate(shipment.products)
-        ),
-        agv=shipment.agv_id or "any",
+        id=order_id,
+        kind=kind,
+        products=tuple(products),
+        agv=f"agv{_named(_NUMBERS, task.agv_number, 'AGV')}",
+        station=_named(_DESTINATIONS, task.destination, "destination"),
+        tray=Tray(f"kit_tray_{task.tray_id:02d}"),
     )
+
+
+def _station_task(order_id: str, kind: str, task: Any) -> Task:
+    products = (
+        WantedProduct(f"part_{i}", _part(p.part), _pose(p.assembled_pose.pose))
+        for i, p in enumerate(task.parts)
+    )
+    return Task(order_id, kind, tuple(products), station=f"as{_named(_NUMBERS, task.station, 'station')}")
+
+
+def _part(part: Any) -> str:
+    return f"{_named(_TYPES, part.type, 'type')}_{_named(_COLORS, part.color, 'colour')}"
+
+
+# Poses and products
 
 
 def _pose(pose: Any) -> Pose:
@@ -88,9 +313,12 @@ def _pose(pose: Any) -> Pose:
     return Pose((at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z))
 
 
-def _product(product: Any) -> Product:
+def _pose_or_none(pose: Any) -> Pose | None:
     try:
-        pose = _pose(product.pose)
+        return _pose(pose)
     except ValueError:
-        pose = None  # not a failure: that the product was handed in is known, where it lay is not
-    return Product(product.type, pose, faulty=product.is_faulty, name=product.name)
+        return None  # not a failure: that the thing was there is known, where it lay is not
+
+
+def _product(product: Any, name: str = "") -> Product:
+    return Product(product.type, _pose_or_none(product.pose), faulty=product.is_faulty, name=name)

@@ -13,11 +13,13 @@ import numpy as np
 
 from ariac_score.contracts import Wanted
 from ariac_score.errors import LogError
+from ariac_score.logs.kit_from_poses import ModelFrames
 from ariac_score.logs.salvage import Connection, Message, normalised_type
 from ariac_score.logs.transforms import ModelPoses, TransformTree, times_s
 from ariac_score.logs.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, FieldMap
+from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
@@ -25,6 +27,9 @@ __all__ = ["LARGEST_CLOCK_DIFFERENCE_S", "Gathering"]
 
 LARGEST_CLOCK_DIFFERENCE_S = 60.0
 """Header and log stamps further apart than this come from two clocks."""
+
+_STATES = frozenset({COMPETITION_STARTED, COMPETITION_ENDED})
+"""Simulators publish the state ten times a second; an event is its first message in a row."""
 
 _POSE_TYPES = {
     "frames": ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"),
@@ -45,6 +50,8 @@ class Gathering:
         log_map = wanted.log_map
         self._tree = TransformTree(log_map.root_frame, file=file)
         self._models = ModelPoses(log_map.models)
+        # Links first: they are recorded as exactly, and trays that are nested are links alone.
+        self._kits = {True: ModelFrames(log_map.kits), False: ModelFrames(log_map.kits)}
         self._intakes = [_Intake(channel, wanted) for channel in log_map.channels_for(wanted.quantities)]
         self._routes: dict[Connection, tuple[Decode, list[_Intake]]] = {}
 
@@ -95,7 +102,10 @@ class Gathering:
             return
         if channel.poses == "models":
             links = item.connection.type.endswith("LinkStates")
-            self._models.add(message, self._stamp_ns(item, message, channel), links=links)
+            stamp_ns = self._stamp_ns(item, message, channel)
+            self._models.add(message, stamp_ns, links=links)
+            if self._wanted.log_map.kits.trays:
+                self._kits[links].add(message, stamp_ns)
             return
         intake.take(message, item.connection.type, self._stamp_ns(item, message, channel))
 
@@ -126,12 +136,19 @@ class Gathering:
         for intake in self._intakes:
             intake.settle(builder, origin_ns, self._wanted)
             bodies |= intake.bodies()
+        taken = {i.channel.topic for i in self._intakes if i.recorded}
+        for intake in self._intakes:
+            if intake.recorded or intake.channel.topic not in taken:
+                builder.unrecorded.extend(intake.unrecorded())
         for body in self._wanted.log_map.bodies:
             if body.id in bodies:
                 builder.add_body(body)
         if any(intake.channel.poses == "frames" and intake.received for intake in self._intakes):
             self._tree.settle(builder, origin_ns, self._wanted.log_map.frames)
-        self._models.settle(builder, origin_ns)
+        if "position" in self._wanted.quantities:
+            self._models.settle(builder, origin_ns)
+        records = (frames.record(origin_ns) for frames in self._kits.values())
+        builder.kit_records.extend(record for record in records if record is not None)
 
 
 @dataclass
@@ -192,7 +209,6 @@ class _Intake:
 
     def settle(self, builder: TrialBuilder, origin_ns: int, wanted: Wanted) -> None:
         """Hand everything but poses to the builder."""
-        builder.unrecorded.extend(self._unrecorded())
         topic = self.channel.topic
         if self.undecodable:
             builder.defect(
@@ -207,9 +223,17 @@ class _Intake:
         if self._types and not lost:
             builder.witnessed.update(self.channel.witnesses)
 
-    def _unrecorded(self) -> Iterator[str]:
+    @property
+    def recorded(self) -> bool:
+        """Whether the recording has the topic, with messages of the channel's type."""
+        return bool(self._types)
+
+    def unrecorded(self) -> Iterator[str]:
+        """What the channel should have given and did not, in words."""
         topic = f"topic {self.channel.topic}"
         if not self._types:
+            if self.channel.optional:
+                return
             if self._other_types:
                 found = ", ".join(sorted(self._other_types))
                 yield f"{topic} ({self._type or self.channel.poses}): it is recorded as {found or 'no type'}"
@@ -253,14 +277,21 @@ class _Intake:
             )
             return len(self._items)
         reasons: list[str] = []
+        before: str | None = None
         for type_, message, stamp_ns in self._items:
             try:
                 item = decoder.decode(type_, message, (stamp_ns - origin_ns) / 1e9)
             except (ValueError, AttributeError) as error:
                 reasons.append(str(error))
                 continue
-            if item is not None:
+            state = item.kind if isinstance(item, Event) and item.kind in _STATES else None
+            if item is not None and (state is None or state != before):
                 builder.add(item)
+            before = state
+        if len(reasons) == len(self._items):
+            builder.unrecorded.append(
+                f"topic {self.channel.topic}: none of its messages can be used: {reasons[0]}"
+            )
         if reasons:
             builder.defect(
                 "unusable_messages",

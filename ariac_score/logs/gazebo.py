@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import binascii
 import bz2
+import math
 import re
 import zlib
 from array import array
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 
 from ariac_score.contracts import LogDescription, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.kit_from_poses import KitPoses, Track, is_followed
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body, LogDefect, Trial
@@ -81,6 +83,15 @@ class Entity:
         'kit_tray_1|kit_tray_1::tray'
         """
         return f"{self.model}|{self.link}"
+
+    @property
+    def scoped(self) -> str:
+        """Its name as Gazebo scopes it, with the models it is nested in.
+
+        >>> Entity("agv1", "kit_tray_1", "kit_tray_1::tray").scoped
+        'agv1::kit_tray_1::kit_tray_1::tray'
+        """
+        return "::".join(filter(None, (self.top, "" if self.model == self.top else self.model, self.link)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -649,10 +660,16 @@ class GazeboStateReader:
             LogError: A complete chunk is corrupt, there is not one whole frame, or
                 time runs back so far that the file holds two recordings.
         """
-        models = wanted.log_map.models
+        models, kits = wanted.log_map.models, wanted.log_map.kits
         positions = "position" in wanted.quantities
+
+        def of_kits(entity: Entity) -> bool:
+            return bool(kits.trays) and is_followed(entity.scoped, kits)
+
         states = read_states(
-            path, lambda entity: positions and _is_followed(entity, models), progress=wanted.progress
+            path,
+            lambda entity: of_kits(entity) or (positions and _is_followed(entity, models)),
+            progress=wanted.progress,
         )
         builder = TrialBuilder(path.stem, file=path, clock=CLOCK)
         if not states.cut_off:
@@ -660,9 +677,15 @@ class GazeboStateReader:
         for defect in _placed(states.defects, path):
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         for key in sorted(states.entities):
-            _add_entity(builder, states, states.entities[key], models)
+            _add_entity(builder, states, states.entities[key], models, positions=positions)
         t_s = states.t_s
         builder.recorded = Span(float(t_s.min()), float(t_s.max()))
+        if kits.trays:
+            tracks = [
+                _track(states, entity) for _, entity in sorted(states.entities.items()) if of_kits(entity)
+            ]
+            until_s = float(t_s.max()) if states.cut_off else math.inf
+            builder.kit_records.append(KitPoses(t_s, tracks, kits, pauses=True, until_s=until_s))
         return builder.build()
 
 
@@ -691,8 +714,20 @@ def _is_followed(entity: Entity, models: tuple[BodyMatch, ...]) -> bool:
     return found[0].follows_link(entity.link) if entity.link else entity.model == entity.top
 
 
+def _track(states: GazeboStates, entity: Entity) -> Track:
+    frames, poses = states.poses[entity.key]
+    deleted = [states.deleted[name] for name in sorted({entity.top, entity.model}) if name in states.deleted]
+    gone: IntArray = np.unique(np.concatenate(deleted)) if deleted else np.zeros(0, dtype=np.int64)
+    return Track(entity.scoped, frames, poses, gone)
+
+
 def _add_entity(
-    builder: TrialBuilder, states: GazeboStates, entity: Entity, models: tuple[BodyMatch, ...]
+    builder: TrialBuilder,
+    states: GazeboStates,
+    entity: Entity,
+    models: tuple[BodyMatch, ...],
+    *,
+    positions: bool,
 ) -> None:
     found = _match(entity, models)
     if found is None or not _is_followed(entity, models):
@@ -700,7 +735,7 @@ def _add_entity(
     body = found[1]
     links = (entity.link,) if entity.link else ()
     builder.add_body(Body(body.id, body.kind, body.radius_m, links))
-    if entity.key in states.poses:
+    if entity.key in states.poses and positions:
         frames, poses = states.pose_in_each_frame(entity.key)
         last_of_stamp = np.append(np.diff(states.t_ns[frames]) != 0, True)
         name = f"position/{body.id}::{entity.link}" if entity.link else f"position/{body.id}"

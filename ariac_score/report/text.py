@@ -61,9 +61,8 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     elif result.status == "needs_cohort":
         yield style("needs_cohort", "bold", "yellow") + f" — {plain(result.missing)}"
     else:
-        yield (
-            style("no score", "bold", "yellow") + " — withheld, because something it depends on is undecided"
-        )
+        why = plain(result.missing) or "something it depends on is undecided"
+        yield style("no score", "bold", "yellow") + f" — withheld, because {why}"
     if result.task is not None:
         yield f"task score {style(amount_text(result.task.amount), 'bold')}, before other teams are looked at"
     who = f"{plain(measured.team)}, " if measured.team else ""

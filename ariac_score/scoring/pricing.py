@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal
 
-from ariac_score.errors import FormulaError, NeedsCohortError
+from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError
 from ariac_score.findings import Finding
 from ariac_score.scoring.cohort import CohortValues, Contribution
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
@@ -29,7 +29,7 @@ class Priced:
         possible: What the trial could have earned with every finding satisfied; `None`
             when that has no value, as when a time to be divided by is not known.
         assumptions: What was made of undecided findings.
-        missing: What the score needs from all teams, in words; empty when nothing.
+        missing: What the score needs from all teams, or what no record states, in words.
     """
 
     status: str
@@ -111,6 +111,8 @@ def price(
         score = sheet.evaluate(scopes, assumed.findings, cohort)
     except NeedsCohortError as missing:
         return Priced("needs_cohort", None, task, possible, assumed.assumptions, missing.cause)
+    except UnknownFactError as missing:
+        return Priced("incomplete", None, task, possible, assumed.assumptions, missing.cause)
     ledger = _zeroed(make_ledger(score, digits=digits), assumed, sheet.asked(sheet.score))
     return Priced("scored", ledger, task, possible, assumed.assumptions)
 
@@ -122,7 +124,10 @@ def _withheld(assumed: Assumed, asked: frozenset[str]) -> bool:
 def _task(scopes: Scope, sheet: ScoreSheet, assumed: Assumed, digits: int) -> Ledger | None:
     if sheet.task is None or _withheld(assumed, sheet.asked(sheet.task)):
         return None
-    task = sheet.evaluate_task(scopes, assumed.findings)
+    try:
+        task = sheet.evaluate_task(scopes, assumed.findings)
+    except UnknownFactError:
+        return None
     assert task is not None  # the sheet has one
     return _zeroed(make_ledger(task, digits=digits, root="task"), assumed, sheet.asked(sheet.task))
 

@@ -6,7 +6,7 @@ import ast
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ariac_score.errors import FormulaError, NeedsCohortError, did_you_mean
+from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError, did_you_mean
 from ariac_score.expression import Expression, Number, Traced, add_up
 from ariac_score.findings import Finding, Verdict
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
@@ -362,6 +362,11 @@ class _Environment:
             return Traced(dotted, scope.facts[name], "fact", subject=scope.path)
         if name in sheet.terms.get(scope.level, {}) and scope is self.scope:
             return self.pricing.term(scope, name, self.outer)
+        if name in FACTS[scope.level]:
+            raise UnknownFactError(
+                f"nothing says the {name} of {scope.path or 'the trial'}",
+                hint="add the trial configuration, which states it",
+            )
         raise FormulaError(f"{dotted!r} has no value in {scope.path or 'the trial'}")
 
     def _across_teams(self, name: str, dotted: str) -> Traced:

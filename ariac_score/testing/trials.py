@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ariac_score.logs.decoders import NO_TRAY
 from ariac_score.logs.jsonl import FORMAT
 from ariac_score.testing.bags import Recorded
 from ariac_score.trial.build import TrialBuilder
@@ -260,6 +261,8 @@ def _submission_fields(submission: Submission) -> dict[str, Any]:
         "agv": submission.agv,
         "station": submission.station,
         "products": products,
+        "tray": "" if submission.tray is None else submission.tray.type or NO_TRAY,
+        "contents_unknown": submission.contents is None,
     }
 
 

@@ -17,6 +17,7 @@ from ariac_score.trial.events import (
     WATCHING,
     Event,
 )
+from ariac_score.trial.kits import Kit, KitRecord, RecordedKits
 from ariac_score.trial.model import (
     Body,
     LogDefect,
@@ -24,8 +25,10 @@ from ariac_score.trial.model import (
     OfficialResult,
     Order,
     Submission,
+    Task,
     TeamSetup,
     Trial,
+    WantedProduct,
 )
 from ariac_score.trial.signals import Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
@@ -62,9 +65,11 @@ class TrialBuilder:
         self.unrecorded: list[str] = []
         self.recorded: Span | None = None
         self.facts: dict[str, float] = {}
+        self.kits: list[Kit] = []
+        self.kit_records: list[KitRecord] = []
         self._defects: dict[tuple[str, str], LogDefect] = {}
 
-    def add(self, item: Order | Submission | Event) -> None:
+    def add(self, item: Order | Submission | Kit | Event) -> None:
         """Take one decoded item; an order with a time also makes its announcement an event."""
         if isinstance(item, Order):
             _check_ids(item, self.file)
@@ -73,6 +78,8 @@ class TrialBuilder:
                 self.events.append(Event(item.announced_s, ORDER_ANNOUNCED, item.id))
         elif isinstance(item, Submission):
             self.submissions.append(item)
+        elif isinstance(item, Kit):
+            self.kits.append(item)
         elif item.kind == WATCHING:
             self.witnessed.add(item.subject)
         else:
@@ -156,6 +163,7 @@ class TrialBuilder:
             clock=self.clock,
             recorded=self.recorded or _span_of(self.signals.values(), self.events, self.submissions),
             facts={name: self.facts[name] for name in sorted(self.facts)},
+            kits=(*([RecordedKits(self.kits)] if self.kits else []), *self.kit_records),
         )
 
 
@@ -228,7 +236,8 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     Each kind of thing may come from one log only, except events, bodies, defects
     and what was witnessed, which add up. Orders as announced stand before orders
     as configured; configured ones take their time from the event of their
-    announcement, and updates are applied. Submissions with contents stand before
+    announcement, and updates are applied. What announced orders do not say, such as
+    challenges, is taken from the configured ones. Submissions with contents stand before
     those of an official text, which has none. Sensors as configured stand before
     sensors as recorded; numbers of the trial that two files state must agree. Logs on
     another clock than the one that records the motion keep what needs no time (see
@@ -255,6 +264,12 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
         clock=_clock(parts),
         recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
         facts=_facts(parts, file),
+        kits=_kits(parts),
+        faulty_products=_only(
+            "a list of faulty products",
+            [p.faulty_products for p in parts if p.faulty_products is not None],
+            file,
+        ),
     )
     return _within_competition(merged, _unannounced(parts, merged))
 
@@ -294,6 +309,12 @@ def _within_competition(trial: Trial, unannounced: int) -> Trial:
         "outside_competition",
         len(trial.submissions) - len(counted),
         "submissions before the start or after the end were refused",
+    )
+    unsaid = [order for order in trial.orders if not order.priority_said]
+    note(
+        "priority_unknown",
+        len(unsaid),
+        "the messages of this edition do not say an order's priority; the trial configuration does",
     )
     note("orders_not_announced", unannounced, "orders of the configuration were never announced in the log")
     ordered = {task.id for order in trial.orders for task in order.tasks}
@@ -349,6 +370,7 @@ def _without_times(part: Trial, main: Trial) -> Trial:
         orders=tuple(replace(order, announced_s=None) for order in part.orders),
         signals={},
         recorded=None,
+        kits=(),
         clock="",
         log_defects=(*part.log_defects, defect),
     )
@@ -358,6 +380,8 @@ def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tu
     told = [part.orders for part in parts if part.orders]
     as_announced = [orders for orders in told if any(order.announced_s is not None for order in orders)]
     orders = _only("orders", as_announced or told, file) or ()
+    configured = {o.id: o for group in told if group not in as_announced for o in group}
+    orders = tuple(_completed(order, configured.get(order.id)) for order in orders)
     announced: dict[str, float] = {}
     for event in events:
         if event.kind == ORDER_ANNOUNCED:
@@ -382,6 +406,35 @@ def _priority(order: OfficialOrder) -> int:
     """As printed: a factor until 2022, a yes or no since."""
     printed = order.items.get("priority", "")
     return int(printed) if printed.isdigit() else 3 if order.priority else 1
+
+
+def _completed(order: Order, configured: Order | None) -> Order:
+    """An announced order with what its message cannot say: its priority, and where challenges are set."""
+    if configured is None:
+        return order
+    of_slot = {
+        (task.id, wanted.slot, wanted.type, wanted.quadrant): wanted.challenged
+        for task in configured.tasks
+        for wanted in task.products
+    }
+
+    def challenged(task: Task, wanted: WantedProduct) -> WantedProduct:
+        if wanted.challenged is not None:
+            return wanted
+        key = task.id, wanted.slot, wanted.type, wanted.quadrant
+        return replace(wanted, challenged=of_slot.get(key))
+
+    tasks = tuple(replace(t, products=tuple(challenged(t, w) for w in t.products)) for t in order.tasks)
+    if order.priority_said:
+        return replace(order, tasks=tasks)
+    return replace(order, tasks=tasks, priority=configured.priority, priority_said=configured.priority_said)
+
+
+def _kits(parts: Sequence[Trial]) -> tuple[KitRecord, ...]:
+    """The records of trays, unless the submissions are on another clock, which has been taken from them."""
+    if any(part.submissions and part.recorded is None for part in parts):
+        return ()
+    return tuple(record for part in parts for record in part.kits)
 
 
 def _team(told: Sequence[TeamSetup], file: object) -> TeamSetup | None:

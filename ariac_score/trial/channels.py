@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from typing import Literal
 
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import Quantity, quantity_of
 
-__all__ = ["BodyMatch", "Channel", "FieldMap", "LogMap"]
+__all__ = ["BodyMatch", "Channel", "FieldMap", "Footprint", "KitMap", "LogMap", "ProductNames", "TrayMatch"]
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class Channel:
         poses: `frames` for tf messages, `models` for Gazebo model states; empty otherwise.
         decoder: Name of the plugin that turns its messages into orders, submissions, events.
         witnesses: What this topic would have shown; see `Trial.witnessed`.
+        optional: Whether nothing is missed where it is not recorded.
     """
 
     topic: str
@@ -51,6 +53,7 @@ class Channel:
     poses: str = ""
     decoder: str = ""
     witnesses: tuple[str, ...] = ()
+    optional: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,83 @@ class BodyMatch:
 
 
 @dataclass(frozen=True)
+class Footprint:
+    """The box in which an origin lies on a tray, in the frame of that tray; its sides belong to it.
+
+    Attributes:
+        half_length_m: Along x to either side, m.
+        half_width_m: Along y to either side, m.
+        height_m: Above the origin of the tray, m.
+        depth_m: Below it, m.
+    """
+
+    half_length_m: float
+    half_width_m: float
+    height_m: float
+    depth_m: float = 0.02
+
+    def holds(self, position_m: tuple[float, float, float]) -> bool:
+        """Whether a point lies in it."""
+        x, y, z = position_m
+        return (
+            abs(x) <= self.half_length_m
+            and abs(y) <= self.half_width_m
+            and -self.depth_m <= z <= self.height_m
+        )
+
+
+@dataclass(frozen=True)
+class TrayMatch:
+    """Which model or link is the tray of an AGV or the insert of a station.
+
+    Names are scoped: `model` or `model::link`, with the models it is nested in before it.
+
+    Attributes:
+        at: `agv` or `station`.
+        match: Shell pattern over scoped names; `{place}` stands for such as `agv1`, `{n}` for its number.
+        footprint: Where things lie on it.
+        loose: Shell pattern for loose trays that kits are built on; empty where there are none.
+        loose_footprint: Where things lie on a loose tray.
+    """
+
+    at: str
+    match: str
+    footprint: Footprint
+    loose: str = ""
+    loose_footprint: Footprint | None = None
+
+    def pattern_for(self, place: str) -> str:
+        """The pattern for one place.
+
+        >>> TrayMatch("agv", "{place}::kit_tray_{n}::*", Footprint(1, 1, 1)).pattern_for("agv2")
+        'agv2::kit_tray_2::*'
+        """
+        number = place[len(place.rstrip("0123456789")) :]
+        return self.match.replace("{place}", place).replace("{n}", number)
+
+
+ProductNames = Literal["instance", "part"]
+
+
+@dataclass(frozen=True)
+class KitMap:
+    """How the contents of kits are found for submissions that come without.
+
+    Attributes:
+        max_age_s: How old contents may be at the submission, s.
+        names: How the name of a model tells its type: `instance` (2017 to 2022, type and number)
+            or `part` (2023 on, a name that contains a type and a colour).
+        products: Shell patterns over the types that are products; any where there are none.
+        trays: Where kits lie among the models.
+    """
+
+    max_age_s: float = 1.0
+    names: ProductNames = "instance"
+    products: tuple[str, ...] = ()
+    trays: tuple[TrayMatch, ...] = ()
+
+
+@dataclass(frozen=True)
 class LogMap:
     """How the logs of one edition are read.
 
@@ -95,6 +175,7 @@ class LogMap:
         root_frame: The tf frame positions are given in.
         quantities: Quantities beyond the vocabulary that signals of this map measure.
         speed_window_s: Half width of the centred difference that gives speeds, s; 0 means two samples.
+        kits: How the contents of kits are found.
         sha256: Hash of the file it came from; empty for one made in memory.
     """
 
@@ -106,6 +187,7 @@ class LogMap:
     root_frame: str = "world"
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
     speed_window_s: float = 0.0
+    kits: KitMap = KitMap()
     sha256: str = ""
 
     def channels_for(self, quantities: Iterable[str]) -> tuple[Channel, ...]:
@@ -119,5 +201,6 @@ class LogMap:
             for channel in self.channels
             if channel.decoder
             or (channel.poses and "position" in wanted)
+            or (channel.poses == "models" and self.kits.trays)
             or any(quantity_of(f.signal) in wanted for f in channel.signals)
         )

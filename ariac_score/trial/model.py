@@ -6,11 +6,15 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.signals import LARGEST_VALUE, Signal
 from ariac_score.trial.spans import Span
+
+if TYPE_CHECKING:
+    from ariac_score.trial.kits import KitRecord
 
 __all__ = [
     "Body",
@@ -161,6 +165,7 @@ class Order:
         updates: Id of the order it replaces; empty for a new order.
         outline: Whether it is known from an official text alone, which says that there was
             such an order and what it was given, but not what it asked for.
+        priority_said: Whether the record says the priority; where not, no formula may ask for it.
     """
 
     id: str
@@ -169,6 +174,7 @@ class Order:
     priority: int = 1
     updates: str = ""
     outline: bool = False
+    priority_said: bool = field(default=True, compare=False)
 
 
 @dataclass(frozen=True)
@@ -318,6 +324,8 @@ class Trial:
         recorded: From the first to the last stamp of the recording.
         facts: Numbers that a configuration or an official record states of the trial, by name, such as
             `time_limit_s`; what is not stated is not there.
+        kits: Records of what lay on trays over time, the surest first.
+        faulty_products: Names of the individuals that the configuration makes faulty; `None`: nothing says.
 
     Raises:
         ValueError: A fact is not finite.
@@ -337,6 +345,8 @@ class Trial:
     clock: str = ""
     recorded: Span | None = None
     facts: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    kits: tuple[KitRecord, ...] = ()
+    faulty_products: frozenset[str] | None = None
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) for value in self.facts.values()):

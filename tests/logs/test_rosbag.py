@@ -468,3 +468,33 @@ def test_reads_the_whole_conformance_suite_of_mcap() -> None:
         messages = of_file["messages_topic_log_publish_seq_hex"]
         assert (description.damage, description.facts["messages"]) == ("", len(messages))
         assert [t.name for t in description.topics if t.count] == sorted({m[0] for m in messages})
+
+
+def test_a_topic_that_is_optional_is_not_missed(tmp_path: Path) -> None:
+    text = "std_msgs/msg/String"
+    channels = Channel("/there", text, decoder="gear"), Channel("/may", text, decoder="gear", optional=True)
+    path = write_bag(tmp_path / "x.mcap", [Recorded("/other", "std_msgs/msg/String", 1, {})], storage="mcap")
+
+    assert RosbagReader().read(path, wanted(*channels)).unrecorded == ("topic /there (std_msgs/msg/String)",)
+
+
+def test_of_two_channels_on_one_topic_the_other_type_is_not_missed(tmp_path: Path) -> None:
+    types = ("std_msgs/msg/String", "std_msgs/msg/Bool")
+    channels = [Channel("/state", t, decoder="gear") for t in types]
+    path = write_bag(tmp_path / "x.mcap", [Recorded("/state", types[0], 1, {"data": "go"})], storage="mcap")
+
+    trial = RosbagReader().read(path, wanted(*channels))
+
+    assert trial.unrecorded == ()
+    assert len(trial.events) == 1
+
+
+def test_the_states_of_a_competition_count_where_they_change(tmp_path: Path) -> None:
+    told = ["init", "go", "go", "end_game", "end_game", "done"]
+    messages = [Recorded("/state", "std_msgs/msg/String", i * 10**9, {"data": s}) for i, s in enumerate(told)]
+    path = write_bag(tmp_path / "x.mcap", messages, storage="mcap")
+
+    trial = RosbagReader().read(path, wanted(Channel("/state", decoder="gear")))
+
+    assert (trial.started_s, trial.ended_s) == (1.0, 3.0)
+    assert len(trial.events) == 2

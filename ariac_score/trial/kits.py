@@ -1,0 +1,168 @@
+"""What lay on a tray when its kit was handed in: contents for submissions that came without.
+
+Simulators take submissions by service call, which says nothing about contents. Other
+records do: messages about trays, and the poses of models. They are joined here by
+place and time, once all logs of a trial are together.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Literal, Protocol, runtime_checkable
+
+from ariac_score.trial.model import LogDefect, Product, Submission, Task, Tray, Trial
+
+__all__ = ["FaultMarks", "Kit", "KitRecord", "RecordedKits", "with_contents"]
+
+FaultMarks = Literal["seen", "listed", "challenged"]
+"""Where it is said which products are faulty: in the record itself, in the list of the trial's
+configuration, or (2023 on) in its challenges, which the wanted products hold."""
+
+FAULTY_ENDING = "_faulty"
+"""What the quality check of 2023 and later appends to the name of a faulty part."""
+
+
+@dataclass(frozen=True)
+class Kit:
+    """What lay on one tray, or in one briefcase or insert, at one instant.
+
+    Attributes:
+        place: The AGV or the station, such as `agv1` or `as2`.
+        t_s: When, s of trial time.
+        contents: The products, in the frame of the tray.
+        tray: The movable tray, where the edition has them.
+        faults: Where it is said which products are faulty.
+    """
+
+    place: str
+    t_s: float
+    contents: tuple[Product, ...] = ()
+    tray: Tray | None = None
+    faults: FaultMarks = "seen"
+
+
+@runtime_checkable
+class KitRecord(Protocol):
+    """A log that shows what lay on trays over time."""
+
+    def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
+        """What lay at a place at a time; `None` when the log does not show it.
+
+        Args:
+            place: Such as `agv1` or `as2`.
+            t_s: When, s of trial time.
+            max_age_s: How old the last sight may be in a log that goes on without pause, s.
+        """
+        ...
+
+
+class RecordedKits:
+    """The contents that messages tell, each holding until the next one or until it is too old."""
+
+    def __init__(self, kits: Iterable[Kit]) -> None:
+        self._kits: dict[str, list[Kit]] = {}
+        for kit in kits:
+            self._kits.setdefault(kit.place, []).append(kit)
+        for of_place in self._kits.values():
+            of_place.sort(key=lambda kit: kit.t_s)
+        self._times = {place: [kit.t_s for kit in kits] for place, kits in self._kits.items()}
+
+    def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
+        """The last contents told at or before a time, unless they are older than allowed."""
+        last = bisect_right(self._times.get(place, []), t_s) - 1
+        if last < 0 or t_s - self._times[place][last] > max_age_s:
+            return None
+        return self._kits[place][last]
+
+
+def with_contents(trial: Trial, *, max_age_s: float) -> Trial:
+    """The trial with contents for the submissions that came without, where a log shows them.
+
+    Contents stay unknown where nothing says which of the products are faulty: a
+    product that is not known to be faulty is not known to be sound.
+
+    Args:
+        trial: With everything its logs tell.
+        max_age_s: How old contents may be at the submission, s.
+    """
+    tasks = {task.id: task for order in trial.orders for task in order.tasks}
+    joined = [_joined(trial, s, tasks.get(s.task_id), max_age_s) for s in trial.submissions]
+    told = sum(1 for old, new in zip(trial.submissions, joined, strict=True) if new is not old)
+    unmarked = [
+        f"which products of {s.task_id} are faulty: its tray is seen, but no trial configuration tells"
+        for s in joined
+        if s.contents is None and _sight(trial, s, tasks.get(s.task_id), max_age_s) is not None
+    ]
+    defects = list(trial.log_defects)
+    if told:
+        message = (
+            "submissions came without contents, which were taken from other records of the trays "
+            "(poses of a Gazebo log are rounded, by up to 5 mm beyond 10 m)"
+        )
+        defects.append(LogDefect("joined_contents", trial.id, told, message))
+    return replace(
+        trial,
+        submissions=tuple(joined),
+        unrecorded=tuple(sorted({*trial.unrecorded, *unmarked})),
+        log_defects=tuple(sorted(defects)),
+    )
+
+
+def _sight(trial: Trial, submission: Submission, task: Task | None, max_age_s: float) -> Kit | None:
+    """The first sight of a submitted kit in the records of the trial."""
+    at_station = task is not None and task.kind != "kitting"
+    place = submission.station if at_station else submission.agv
+    for record in trial.kits if place else ():
+        kit = record.seen(place, submission.submitted_s, max_age_s=max_age_s)
+        if kit is not None:
+            return kit
+    return None
+
+
+def _joined(trial: Trial, submission: Submission, task: Task | None, max_age_s: float) -> Submission:
+    if submission.contents is not None:
+        return submission
+    kit = _sight(trial, submission, task, max_age_s)
+    if kit is None:
+        return submission
+    contents = _MARKED[kit.faults](kit.contents, trial, task)
+    if contents is None:
+        return submission
+    return replace(submission, contents=contents, tray=submission.tray or kit.tray)
+
+
+_Contents = tuple[Product, ...]
+
+
+def _as_seen(contents: _Contents, trial: Trial, task: Task | None) -> _Contents | None:  # noqa: ARG001
+    return contents
+
+
+def _as_listed(contents: _Contents, trial: Trial, task: Task | None) -> _Contents | None:  # noqa: ARG001
+    """Marked by the list of the configuration, which names individuals.
+
+    Source: ARIAC 2017 to 2022: faulty is decided by the full instance name, without
+    what stands before its last `|`.
+    """
+    if trial.faulty_products is None and contents:
+        return None
+    listed = trial.faulty_products or frozenset()
+    return tuple(replace(p, faulty=p.name.rpartition("|")[2] in listed) for p in contents)
+
+
+def _as_challenged(contents: _Contents, trial: Trial, task: Task | None) -> _Contents | None:  # noqa: ARG001
+    """Marked by their names; known only where the challenges of a kit's quadrants are.
+
+    Source: ARIAC 2023 and 2024 as coded; parts of assemblies are never faulty.
+    """
+    kit = task is None or task.kind == "kitting"
+    unknown = task is None or any(wanted.challenged is None for wanted in task.products)
+    if kit and unknown and contents:
+        return None
+    return tuple(replace(p, faulty=kit and p.name.endswith(FAULTY_ENDING)) for p in contents)
+
+
+_MARKED = MappingProxyType({"seen": _as_seen, "listed": _as_listed, "challenged": _as_challenged})

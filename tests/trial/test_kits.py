@@ -1,0 +1,217 @@
+"""Contents joined to submissions: by place and time, never older than allowed, never assumed sound."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ariac_score.trial.build import TrialBuilder, merge_trials
+from ariac_score.trial.events import COMPETITION_STARTED, Event
+from ariac_score.trial.kits import FaultMarks, Kit, RecordedKits, with_contents
+from ariac_score.trial.model import Order, Pose, Product, Submission, Task, Tray, Trial, WantedProduct
+from ariac_score.trial.signals import Signal
+
+GEAR = Product("gear_part_red", Pose((0.1, 0.0, 0.0)), name="bin1|gear_part_red_7")
+ROD = Product("piston_rod_part_blue", Pose((0.0, 0.1, 0.0)))
+KIT = Task("order_0_shipment_0", "kitting", (WantedProduct("part_0", "gear_part_red"),), "agv1")
+SUBMITTED = Submission("order_0_shipment_0", 10.0, agv="agv1")
+
+
+def trial(*kits: Kit, task: Task = KIT, submission: Submission = SUBMITTED) -> Trial:
+    return Trial(
+        "t",
+        orders=(Order("order_0", (task,), 1.0),),
+        submissions=(submission,),
+        kits=(RecordedKits(kits),),
+    )
+
+
+def contents(of: Trial, *, max_age_s: float = 1.0) -> tuple[Product, ...] | None:
+    (submission,) = with_contents(of, max_age_s=max_age_s).submissions
+    return submission.contents
+
+
+def test_a_submission_takes_the_last_contents_told_of_its_agv() -> None:
+    kits = [Kit("agv1", 9.9, (GEAR,)), Kit("agv1", 9.8, ()), Kit("agv2", 10.0, (ROD,))]
+
+    assert contents(trial(*kits)) == (GEAR,)
+
+
+def test_contents_told_after_the_submission_do_not_count() -> None:
+    later = float(np.nextafter(10.0, math.inf))
+
+    assert contents(trial(Kit("agv1", 9.5, (GEAR,)), Kit("agv1", later, (GEAR, ROD)))) == (GEAR,)
+    assert contents(trial(Kit("agv1", 9.5, (GEAR,)), Kit("agv1", 10.0, (GEAR, ROD)))) == (GEAR, ROD)
+    assert contents(trial(Kit("agv1", later, (GEAR,)))) is None
+
+
+def test_contents_are_at_most_as_old_as_allowed() -> None:
+    assert contents(trial(Kit("agv1", 9.0, (GEAR,)))) == (GEAR,)
+    assert contents(trial(Kit("agv1", float(np.nextafter(9.0, 0.0)), (GEAR,)))) is None
+    assert contents(trial(Kit("agv1", 8.0, (GEAR,))), max_age_s=2.0) == (GEAR,)
+
+
+def test_an_empty_tray_is_known_to_be_empty() -> None:
+    assert contents(trial(Kit("agv1", 10.0, ()))) == ()
+
+
+def test_contents_of_another_agv_say_nothing() -> None:
+    assert contents(trial(Kit("agv2", 10.0, (GEAR,)))) is None
+
+
+def test_a_submission_from_nowhere_stays_unknown() -> None:
+    assert contents(trial(Kit("agv1", 10.0, (GEAR,)), submission=replace(SUBMITTED, agv=""))) is None
+
+
+def test_a_submission_that_brings_its_contents_keeps_them() -> None:
+    brought = replace(SUBMITTED, contents=(ROD,))
+
+    assert contents(trial(Kit("agv1", 10.0, (GEAR,)), submission=brought)) == (ROD,)
+
+
+def test_an_assembly_is_looked_for_at_its_station() -> None:
+    submission = replace(SUBMITTED, agv="agv1", station="as2")
+    kits = [Kit("agv1", 10.0, (ROD,)), Kit("as2", 10.0, (GEAR,))]
+
+    assert contents(trial(*kits, task=replace(KIT, kind="assembly"), submission=submission)) == (GEAR,)
+
+
+def test_the_tray_comes_with_the_contents_unless_the_submission_named_one() -> None:
+    kit = Kit("agv1", 10.0, (GEAR,), Tray("movable_tray_dark_wood"))
+    (joined,) = with_contents(trial(kit), max_age_s=1.0).submissions
+    named = replace(SUBMITTED, tray=Tray("movable_tray_light_wood"))
+    (kept,) = with_contents(trial(kit, submission=named), max_age_s=1.0).submissions
+
+    assert joined.tray == Tray("movable_tray_dark_wood")
+    assert kept.tray == Tray("movable_tray_light_wood")
+
+
+def test_what_was_joined_is_said() -> None:
+    (defect,) = with_contents(trial(Kit("agv1", 10.0, (GEAR,))), max_age_s=1.0).log_defects
+
+    assert (defect.kind, defect.count) == ("joined_contents", 1)
+    assert not with_contents(trial(), max_age_s=1.0).log_defects
+
+
+# Faults
+
+
+def kit(faults: FaultMarks, *products: Product) -> Kit:
+    return Kit("agv1", 10.0, products, faults=faults)
+
+
+def test_products_are_not_taken_as_sound_where_nothing_lists_the_faulty_ones() -> None:
+    joined = with_contents(trial(kit("listed", GEAR)), max_age_s=1.0)
+
+    assert joined.submissions[0].contents is None
+    assert joined.unrecorded == (
+        "which products of order_0_shipment_0 are faulty: its tray is seen, but no trial configuration tells",
+    )
+
+
+@pytest.mark.parametrize(
+    ("listed", "faulty"),
+    [
+        ({"gear_part_red_7"}, True),
+        ({"gear_part_red_77", "gear_part_red"}, False),
+        ({"bin1|gear_part_red_7"}, False),
+        (set(), False),
+    ],
+)
+def test_the_list_of_the_configuration_names_faulty_individuals(listed: set[str], faulty: bool) -> None:
+    with_list = replace(trial(kit("listed", GEAR)), faulty_products=frozenset(listed))
+
+    assert contents(with_list) == (replace(GEAR, faulty=faulty),)
+
+
+def test_a_tray_on_which_nothing_lies_holds_nothing_faulty() -> None:
+    assert contents(trial(kit("listed"))) == ()
+    assert contents(trial(kit("challenged"))) == ()
+
+
+@pytest.mark.parametrize("challenged", [True, False])
+def test_parts_are_known_once_the_challenges_are(challenged: bool) -> None:
+    marked = Product("pump_red", Pose((0.1, 0.1, 0.0)), name="pump_red_3_faulty")
+    wanted = WantedProduct("part_0", "pump_red", None, 2, challenged=challenged)
+
+    found = contents(trial(kit("challenged", GEAR, marked), task=replace(KIT, products=(wanted,))))
+
+    assert found == (GEAR, replace(marked, faulty=True))
+
+
+def test_parts_are_unknown_as_long_as_the_challenges_are() -> None:
+    assert contents(trial(kit("challenged", GEAR))) is None
+
+
+def test_parts_of_an_assembly_are_never_faulty() -> None:
+    seen = Kit("as1", 10.0, (replace(GEAR, name="gear_faulty"),), faults="challenged")
+    submission = replace(SUBMITTED, station="as1")
+    found = contents(trial(seen, task=replace(KIT, kind="combined"), submission=submission))
+
+    assert found is not None
+    assert [product.faulty for product in found] == [False]
+
+
+# Several logs
+
+
+def part(name: str, clock: str) -> TrialBuilder:
+    builder = TrialBuilder(name, file=name, clock=clock)
+    builder.events.append(Event(0.0, COMPETITION_STARTED))
+    return builder
+
+
+def logs(clock: str) -> list[Trial]:
+    motion, task = part("motion", "simulated time"), part("task", clock)
+    t = np.array([0.0, 20.0])
+    motion.signals["position/gantry"] = Signal("position/gantry", "m", t, np.zeros((2, 3)))
+    motion.add(Kit("agv1", 9.5, (GEAR,)))
+    task.add(Order("order_0", (KIT,), 1.0))
+    task.add(SUBMITTED)
+    return [motion.build(), task.build()]
+
+
+def test_contents_of_one_log_are_joined_to_submissions_of_another() -> None:
+    assert contents(merge_trials("t", logs("simulated time"), file="t")) == (GEAR,)
+
+
+def test_nothing_is_joined_across_clocks() -> None:
+    assert contents(merge_trials("t", logs("log time"), file="t"), max_age_s=100.0) is None
+
+
+def test_an_announced_order_takes_what_its_message_cannot_say_from_the_configuration() -> None:
+    def of(challenged: bool | None, **order: int | float | bool) -> Trial:
+        wanted = WantedProduct("part_0", "pump_red", None, 2, challenged=challenged)
+        task = Task("A", "kitting", (wanted,), "agv1")
+        return Trial("t", orders=(Order("A", (task,), **order),))  # type: ignore[arg-type]
+
+    told = [of(None, announced_s=3.0, priority_said=False), of(True, priority=3)]
+    (order,) = merge_trials("t", told, file="t").orders
+
+    assert (order.announced_s, order.priority) == (3.0, 3)
+    assert order.tasks[0].products[0].challenged is True
+
+
+def test_a_configured_order_of_other_contents_completes_nothing() -> None:
+    announced = WantedProduct("part_0", "pump_red", None, 2)
+    configured = WantedProduct("part_0", "pump_red", None, 3, challenged=True)
+    parts = [
+        Trial("t", orders=(Order("A", (Task("A", products=(wanted,)),), announced_s),))
+        for wanted, announced_s in ((announced, 3.0), (configured, None))
+    ]
+
+    (order,) = merge_trials("t", parts, file="t").orders
+
+    assert order.tasks[0].products == (announced,)
+
+
+def test_a_priority_that_nothing_says_is_named() -> None:
+    order = Order("order_0", (KIT,), 1.0, priority_said=False)
+    (defect,) = (
+        d for d in merge_trials("t", [Trial("t", orders=(order,))], file="t").log_defects if "prio" in d.kind
+    )
+
+    assert (defect.kind, defect.count) == ("priority_unknown", 1)
