@@ -152,12 +152,14 @@ class Wanted:
         quantities: The quantities worth decoding.
         decoders: The decoders that the log map names, by name.
         progress: Called now and then with the share done, 0 to 1.
+        run: Which run, by its number, of a file that holds several; `None`: the only one.
     """
 
     log_map: LogMap
     quantities: frozenset[str] = frozenset()
     decoders: Mapping[str, Decoder] = field(default_factory=dict)
     progress: Callable[[float], None] = _silent
+    run: int | None = None
 
 
 @runtime_checkable

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +30,8 @@ __all__ = ["ORDER_TYPES", "PENALTY_TYPES", "AriacDatabaseReader", "DatabaseRun",
 CLOCK = "competition time (simulated seconds since the start)"
 FORMAT = "ARIAC database (2025)"
 MAX_ROWS = 100_000
+MAX_ORDERS = 1000
+"""Orders of one kind that a trial may ask for."""
 MAX_STEPS = 50_000_000
 """Steps of SQLite's machine, so that no query runs for ever."""
 
@@ -46,6 +48,11 @@ PENALTY_TYPES: Mapping[int, str] = MappingProxyType(
 
 ORDER_TYPES: Mapping[int, str] = MappingProxyType({1: "kit", 2: "module", 3: "high_priority", -1: "unknown"})
 """Kinds of orders, by their number in the database."""
+
+_ORDERED: Mapping[str, str] = MappingProxyType(
+    {"kit": "num_kits", "module": "num_modules", "high_priority": "num_high_priority"}
+)
+"""Where a trial says how many orders of a kind there are."""
 
 _TABLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -73,7 +80,9 @@ _TABLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 _MAGIC = b"SQLite format 3\0"
 _HEADER_BYTES = 100
 _SNIFFED_BYTES = 1_000_000
-_TRIAL_FACTS = ("time_limit", "num_kits", "num_modules", "num_high_priority")
+_SHOWN = 100
+"""Runs that a description tells of one by one."""
+_TRIAL_FACTS = ("time_limit", *_ORDERED.values())
 _RUN_FACTS = _TABLES["Run"][5:]
 _TIMES = ("time_limit", "duration", "avg_report_time")
 _DAMAGED = "copy the database again while no simulator uses it"
@@ -119,10 +128,12 @@ class AriacDatabaseReader:
         return head.startswith(_MAGIC) and all(name in head for name in (b"OrderSubmission", b"Competitor"))
 
     def describe(self, path: Path) -> LogDescription:
-        """How many runs it holds; of one run its numbers."""
+        """How many runs it holds; of one run its numbers, of several what each is."""
         try:
             ids = run_ids(path)
             facts: dict[str, int | float | str] = {"runs": len(ids)}
+            if len(ids) > 1:
+                facts |= {f"run {run_id}": _in_words(path, run_id) for run_id in ids[:_SHOWN]}
             duration_s = 0.0
             if len(ids) == 1:
                 run = read_run(path, ids[0])
@@ -134,22 +145,23 @@ class AriacDatabaseReader:
         return LogDescription(format=FORMAT, clock=CLOCK, facts=facts, duration_s=duration_s)
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
-        """Penalties, accepted submissions, start and end of the only run, and its numbers as facts.
+        """Orders, penalties, start and end of the wanted run or the only one, and its numbers as facts.
 
         Raises:
-            NothingToScoreError: There is no run in it.
-            LogError: It holds several, is damaged, or has an unknown type of penalty or order.
+            NothingToScoreError: There is no run in it, or not the wanted one.
+            LogError: It holds several and none is wanted, is damaged, or has an unknown type of
+                penalty or order.
         """
         ids = run_ids(path)
         if not ids:
             raise NothingToScoreError("the database holds no run", file=path, hint="was the trial finished?")
-        if len(ids) > 1:
+        if len(ids) > 1 and wanted.run is None:
             raise LogError(
                 f"the database holds {len(ids)} runs, and one trial is one run",
                 file=path,
-                hint="rank the competition, or copy one run to a database of its own",
+                hint=f"name one, such as '{path.name}#run={ids[0]}'; 'info' lists them",
             )
-        run = read_run(path, ids[0])
+        run = read_run(path, ids[0] if wanted.run is None else wanted.run)
         wanted.progress(1.0)
         return _trial(run, path)
 
@@ -177,6 +189,7 @@ def _trial(run: DatabaseRun, path: Path) -> Trial:
         )
         builder.add(Event(announced_s, ORDER_ANNOUNCED, order_id))
         builder.add(Submission(order_id, submitted_s))
+    orders += _never_submitted(run, orders)
     builder.team = TeamSetup(run.competitor, sensor_cost=run.facts["sensor_cost"])
     builder.official = OfficialResult(
         source=path.name,
@@ -188,6 +201,26 @@ def _trial(run: DatabaseRun, path: Path) -> Trial:
     )
     builder.facts |= _facts(run)
     return builder.build()
+
+
+def _never_submitted(run: DatabaseRun, submitted: Sequence[OfficialOrder]) -> Iterator[OfficialOrder]:
+    """The orders of the trial that the run has no submission of, numbered on."""
+    for kind, column in _ORDERED.items():
+        first = 1 + sum(1 for order in submitted if order.kind == kind)
+        for number in range(first, int(run.facts[column]) + 1):
+            yield OfficialOrder(f"{kind}_{number}", kind, submitted=False, priority=kind == "high_priority")
+
+
+def _in_words(path: Path, run_id: int) -> str:
+    """What one of several runs is, or why it cannot be read."""
+    try:
+        run = read_run(path, run_id)
+    except LogError as error:
+        return f"cannot be read: {error.cause}"
+    ended = "aborted" if run.aborted else "completed" if run.completed else "not finished"
+    counts = f"{len(run.submissions)} submissions, {len(run.penalties)} penalties"
+    team = run.competitor or "no team"
+    return f"{team}, trial {run.trial}, {ended} after {run.facts['duration']:g} s, {counts}"
 
 
 def _facts(run: DatabaseRun) -> dict[str, float]:
@@ -229,6 +262,9 @@ def read_run(path: Path, run_id: int) -> DatabaseRun:
         submissions = _rows(database, path, "OrderSubmission", "run_id", run_id)
     facts = {name: trial.number(name) for name in _TRIAL_FACTS}
     facts |= {name: run.number(name) for name in _RUN_FACTS}
+    for name in _ORDERED.values():
+        if not (facts[name].is_integer() and 0 <= facts[name] <= MAX_ORDERS):
+            raise trial.fault(name, "is no number of orders")
     if facts["duration"] < 0:
         raise run.fault("duration", "is a negative time")
     return DatabaseRun(

@@ -6,8 +6,9 @@ guessed: `bundle.yaml` in the folder says which is meant.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
@@ -40,6 +41,10 @@ ROLES: Mapping[str, str] = MappingProxyType(
 )
 """What each reader's files are in a trial; those of any other reader are logs."""
 
+HOLD_RUNS = frozenset({"ariac_database"})
+"""Readers whose files may hold several runs."""
+
+_RUN = re.compile(r"(?P<file>.+)#run=(?P<run>\d{1,15})")
 _WORDS = {
     "log": "a log",
     "trial_config": "a trial configuration",
@@ -64,11 +69,13 @@ class Part:
         role: `log`, `trial_config`, `team_config`, `team_name`, `official` or `sensor_cost`.
         path: Where it is.
         reader: Name of the reader that recognised it.
+        run: Which run of it, by number, where one is named.
     """
 
     role: str
     path: Path
     reader: str
+    run: int | None = None
 
 
 @dataclass(frozen=True)
@@ -92,7 +99,8 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
     """Find the parts of the trial at a path.
 
     Args:
-        path: A log, a configuration, a bag folder, a `bundle.yaml`, or a folder of these.
+        path: A log, a configuration, a bag folder, a `bundle.yaml`, or a folder of these. A file
+            that holds several runs may be followed by the number of one: `results.db#run=3`.
         readers: The installed readers by name; asked in order of their names.
 
     Raises:
@@ -100,6 +108,9 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
         LogError: The folder holds two trials, or `bundle.yaml` names what is not there.
         DataFileError: `bundle.yaml` is malformed or breaks its schema.
     """
+    file, run = _split_run(path)
+    if run is not None:
+        return _single_run(file, run, readers)
     if path.is_file():
         return _named_parts(path, readers) if path.name == BUNDLE_FILE else _single_file(path, readers)
     if not path.is_dir():
@@ -172,6 +183,36 @@ def _single_file(path: Path, readers: Mapping[str, Reader]) -> Bundle:
 def _likeness(path: Path) -> str:
     """Words for a YAML file that is no part of a trial."""
     return f"; it looks like {looks_like(path)}" if path.suffix in (".yaml", ".yml") else ""
+
+
+def _split_run(path: Path) -> tuple[Path, int | None]:
+    """A path without the run it names, and the run; a file that really has such a name is itself.
+
+    >>> _split_run(Path("day_1/results.db#run=3"))[1], _split_run(Path("results.db#3"))[1]
+    (3, None)
+    """
+    named = _RUN.fullmatch(path.name)
+    if named is None or path.exists():
+        return path, None
+    return path.with_name(named["file"]), int(named["run"])
+
+
+def _single_run(path: Path, run: int, readers: Mapping[str, Reader]) -> Bundle:
+    if not path.is_file():
+        raise NothingToScoreError("no such file", file=path, hint="check the path before '#run='")
+    (part,) = _single_file(path, readers).parts
+    return Bundle(f"{path.stem}_run_{run}", path, (_of_run(part, run, file=path, place=""),))
+
+
+def _of_run(part: Part, run: int, *, file: Path, place: str) -> Part:
+    if part.reader not in HOLD_RUNS:
+        raise LogError(
+            f"{part.path.name!r} is {_WORDS[part.role]} of one run, so none can be chosen from it",
+            file=file,
+            place=place,
+            hint="name a run of the database of 2025 only",
+        )
+    return replace(part, run=run)
 
 
 def _searched_folder(folder: Path, readers: Mapping[str, Reader]) -> Bundle:
@@ -262,9 +303,15 @@ def _named_parts(file: Path, readers: Mapping[str, Reader]) -> Bundle:
     ]
     parts += [
         _named_part(document, file, named[role], role, (role,), readers)
-        for role in ("trial_config", "team_config", "official")
+        for role in ("trial_config", "team_config", "official", "sensor_cost")
         if role in named
     ]
+    if "run" in named:
+        place = document.place(("run",))
+        parts = [
+            _of_run(part, named["run"], file=file, place=place) if part.role == "official" else part
+            for part in parts
+        ]
     if not parts:
         raise NothingToScoreError(
             "the bundle names no part", file=file, hint="name at least one log or configuration"

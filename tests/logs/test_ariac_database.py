@@ -323,4 +323,53 @@ def test_it_describes_itself(tmp_path: Path) -> None:
         "sensor_cost": 4200.0,
     }
     assert (described.duration_s, described.damage) == (512.25, "")
-    assert dict(READER.describe(database(tmp_path, *SECOND)).facts) == {"runs": 2}
+
+
+def test_it_tells_several_runs_apart(tmp_path: Path) -> None:
+    aborted = "INSERT INTO Run (id, trial_id, competitor_id, aborted) VALUES (10, 1, 3, 1)"
+    path = database(tmp_path, *SECOND, aborted)
+
+    facts = dict(READER.describe(path).facts)
+    assert facts.pop("run 9").startswith("cannot be read: type 7 is an unknown penalty type")  # type: ignore[union-attr]
+    assert facts == {
+        "runs": 3,
+        "run 7": "team_a, trial LHAF9835, completed after 512.25 s, 3 submissions, 2 penalties",
+        "run 10": "team_a, trial LHAF9835, aborted after 0 s, 0 submissions, 0 penalties",
+    }
+
+
+def test_the_wanted_run_is_read(tmp_path: Path) -> None:
+    later = "INSERT INTO Run (id, trial_id, competitor_id, completed, duration) VALUES (10, 1, 3, 1, 99)"
+    path = database(tmp_path, *SECOND, later)
+
+    assert READER.read(path, Wanted(LogMap("test"), run=10)).ended_s == 99
+    assert READER.read(path, Wanted(LogMap("test"), run=7)).ended_s == 512.25
+    with pytest.raises(LogError, match="unknown penalty type"):
+        READER.read(path, Wanted(LogMap("test"), run=9))
+    with pytest.raises(NothingToScoreError, match="run 8 is not in the database"):
+        READER.read(path, Wanted(LogMap("test"), run=8))
+
+
+def test_a_run_that_is_not_there_is_not_the_only_one(tmp_path: Path) -> None:
+    with pytest.raises(NothingToScoreError, match="run 8 is not in the database"):
+        READER.read(database(tmp_path), Wanted(LogMap("test"), run=8))
+
+
+def test_orders_of_the_trial_that_were_not_handed_in_are_named(tmp_path: Path) -> None:
+    official = read(tmp_path, "UPDATE Trial SET num_kits = 3, num_high_priority = 0").official
+
+    assert official is not None
+    assert {order.id: order.submitted for order in official.summaries} == {
+        "kit_1": True,
+        "high_priority_1": True,
+        "kit_2": True,
+        "kit_3": False,
+        "module_1": False,
+    }
+
+
+@pytest.mark.parametrize("number", ["-1", "1.5", "1001", "1e300"])
+def test_a_number_of_orders_that_is_none_is_refused(tmp_path: Path, number: str) -> None:
+    error = refusal(tmp_path, f"UPDATE Trial SET num_modules = {number}")  # noqa: S608  # numbers of this test
+
+    assert "is no number of orders" in error.cause

@@ -10,6 +10,7 @@ from ariac_score.contracts import LogDescription, Reader, Wanted
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError
 from ariac_score.logs import bundle
 from ariac_score.logs.ariac_config import TrialConfigReader
+from ariac_score.logs.ariac_database import AriacDatabaseReader
 from ariac_score.logs.ariac_text import PerformanceLogReader
 from ariac_score.logs.bundle import Bundle, find_parts
 from ariac_score.logs.gazebo import GazeboStateReader
@@ -339,3 +340,79 @@ def test_the_files_of_a_team_of_2024_make_one_team(tmp_path: Path) -> None:
 
     assert [part.role for part in parts] == ["team_name", "sensor_cost", "team_config"]
     assert merge_trials("t", trials, file="f").team == TeamSetup("blue", {"front": "lidar"}, 300.0)
+
+
+# Runs of a database --------------------------------------------------------------------
+
+STORES: dict[str, Reader] = {
+    **READERS,
+    "ariac_database": AriacDatabaseReader(),
+    "sensor_cost": SensorCostReader(),
+}
+
+
+def put_database(folder: Path) -> Path:
+    """What the reader takes for a database at first sight."""
+    path = folder / "results.db"
+    path.write_bytes(b"SQLite format 3\0 Competitor OrderSubmission")
+    return path
+
+
+def test_a_run_of_a_database_is_named_after_its_path(tmp_path: Path) -> None:
+    path = put_database(tmp_path)
+
+    (part,) = find_parts(tmp_path / "results.db#run=3", STORES).parts
+    assert (part.path, part.run, part.role) == (path, 3, "official")
+    assert find_parts(path, STORES).parts[0].run is None
+
+
+def test_a_file_that_really_has_such_a_name_is_itself(tmp_path: Path) -> None:
+    path = put_database(tmp_path).rename(tmp_path / "results.db#run=3")
+
+    (part,) = find_parts(path, STORES).parts
+    assert (part.path, part.run) == (path, None)
+
+
+@pytest.mark.parametrize("name", ["gone.db#run=3", "results.db#run=", "results.db#run=-1", "results.db#3"])
+def test_a_run_of_nothing_is_nothing_to_score(tmp_path: Path, name: str) -> None:
+    put_database(tmp_path)
+
+    with pytest.raises(NothingToScoreError, match="no such file"):
+        find_parts(tmp_path / name, STORES)
+
+
+def test_a_log_of_one_run_has_none_to_choose(tmp_path: Path) -> None:
+    put(tmp_path, "performance.log")
+
+    with pytest.raises(LogError, match="of one run, so none can be chosen"):
+        find_parts(tmp_path / "performance.log#run=1", STORES)
+
+
+def test_bundle_yaml_says_which_run_is_meant(tmp_path: Path) -> None:
+    put_database(tmp_path)
+    (tmp_path / "sensor_cost.txt").write_text("User Sensor Log\n", encoding="utf-8")
+    (tmp_path / "bundle.yaml").write_text(
+        "logs: []\nofficial: results.db\nrun: 3\nsensor_cost: sensor_cost.txt\n", encoding="utf-8"
+    )
+
+    found = find_parts(tmp_path, STORES)
+    assert [(part.role, part.run) for part in found.parts] == [("official", 3), ("sensor_cost", None)]
+
+
+@pytest.mark.parametrize(
+    "text", ["logs: []\nrun: 3\n", "logs: []\nofficial: results.db\nrun: -1\n", "logs: []\nrun: [3]\n"]
+)
+def test_a_run_of_no_database_is_refused(tmp_path: Path, text: str) -> None:
+    put_database(tmp_path)
+    (tmp_path / "bundle.yaml").write_text(text, encoding="utf-8")
+
+    with pytest.raises(DataFileError):
+        find_parts(tmp_path, STORES)
+
+
+def test_bundle_yaml_cannot_choose_a_run_of_a_text(tmp_path: Path) -> None:
+    put(tmp_path, "performance.log")
+    (tmp_path / "bundle.yaml").write_text("logs: []\nofficial: performance.log\nrun: 1\n", encoding="utf-8")
+
+    with pytest.raises(LogError, match="none can be chosen"):
+        find_parts(tmp_path, STORES)
