@@ -326,7 +326,8 @@ orders:
     announcement_condition: time
     announcement_condition_value: 0.0
     priority: {priority}
-    kitting: {{shipment_count: 1, agvs: [agv1], destinations: [as1], products: {{part_0: {{type: assembly_pump_red,
+    kitting: {{shipment_count: 1, agvs: [agv1], destinations: [as1], products: {{part_0: {{
+      type: assembly_pump_red,
       pose: {{xyz: [0, 0, 0], rpy: [0, 0, 0]}}}}}}}}
 """
 
