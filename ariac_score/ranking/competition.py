@@ -10,13 +10,15 @@ Source: ARIAC notes on log formats, section 2.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ariac_score.datafiles import YamlDocument, load_yaml, validate
-from ariac_score.errors import DataFileError, NothingToScoreError, UsageError, did_you_mean
+from ariac_score.errors import DataFileError, LogError, NothingToScoreError, UsageError, did_you_mean
+from ariac_score.logs.ariac_database import read_run, run_ids
 
 __all__ = ["Competition", "Run", "RunKey", "Team", "TrialPlan", "load_competition"]
 
@@ -148,8 +150,10 @@ def _from_file(file: Path, rules: str) -> Competition:
     declared = [entry["id"] for entry in data.get("teams", [])], [e["id"] for e in data.get("trials", [])]
     if isinstance(data["runs"], str):
         found, strangers = _matching(root, data["runs"], *declared, document=document)
-    else:
+    elif isinstance(data["runs"], list):
         found, strangers = _listed(document, root, *declared), ()
+    else:
+        found, strangers = _stored(document, root, *declared)
     teams = [_team(document, root, i, entry) for i, entry in enumerate(data.get("teams", []))]
     teams = teams or [_plain_team(document, root, name) for name in sorted({run.team for run in found})]
     trials = [_trial(document, root, i, entry) for i, entry in enumerate(data.get("trials", []))]
@@ -277,6 +281,34 @@ def _listed(
         path = _existing(document, root, entry["path"], ("runs", i, "path"))
         runs.append(Run(entry["team"], entry["trial"], entry["run"], path))
     return tuple(runs)
+
+
+def _stored(
+    document: YamlDocument, root: Path, teams: Sequence[str], trials: Sequence[str]
+) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    """The runs in databases of 2025, numbered for each team and trial in the order in which they began."""
+    runs, strangers = [], []
+    numbers: Counter[tuple[str, str]] = Counter()
+    for i, name in enumerate(document.data["runs"]["databases"]):
+        path = _existing(document, root, name, ("runs", "databases", i))
+        for run_id in run_ids(path):
+            at = path.with_name(f"{path.name}#run={run_id}")
+            try:
+                run = read_run(path, run_id)
+            except LogError as error:
+                strangers.append(f"{name}, run {run_id}: {error.cause}")
+                continue
+            unknown = [
+                f"{name}, run {run_id}: {what} {told!r} is not listed; {did_you_mean(told, known)}"
+                for what, told, known in (("team", run.competitor, teams), ("trial", run.trial, trials))
+                if known and told not in known
+            ]
+            if unknown:
+                strangers.append(unknown[0])
+            else:
+                numbers[run.competitor, run.trial] += 1
+                runs.append(Run(run.competitor, run.trial, numbers[run.competitor, run.trial], at))
+    return tuple(sorted(runs, key=lambda run: run.key)), tuple(strangers)
 
 
 def _matching(
