@@ -202,7 +202,7 @@ def read_trial(
         def step(done: float, number: int = number) -> None:
             progress((number + done) / len(bundle.parts))
 
-        wanted = Wanted(log_map, sources, decoders, step)
+        wanted = Wanted(log_map, sources, decoders, step, part.run)
         trials.append(readers[part.reader].read(part.path, wanted))
     trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
     if not trial.orders and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
@@ -464,8 +464,9 @@ def _sources(part: Part, root: Path) -> list[Source]:
     """The files of a part, hashed; a rosbag2 folder is several."""
     files = sorted(p for p in part.path.rglob("*") if p.is_file()) if part.path.is_dir() else [part.path]
     base = root if root.is_dir() else root.parent
+    run = "" if part.run is None else f"#run={part.run}"
     return [
-        Source(part.role, file.relative_to(base).as_posix(), file.stat().st_size, _sha256(file))
+        Source(part.role, file.relative_to(base).as_posix() + run, file.stat().st_size, _sha256(file))
         for file in files
     ]
 

@@ -6,21 +6,22 @@ order before where it finds none, and ends with an exception at several things a
 hold. Here each such exception is a named stop: what it concerns is set aside, and the
 other teams are evaluated all the same.
 
-Source: jfernandez37/ARIAC_evaluation@main 4e900c2, automated_evaluation/scoring; ARIAC
-rulebook notes, section 9; log formats, sections 5.1, 6 and 9.
+Source: jfernandez37/ARIAC_evaluation, automated_evaluation/scoring (score_trial.py at 0acf89b,
+score_competition.py at 09a2382); ARIAC rulebook notes, section 9; log formats, sections 5.1,
+6 and 9. Where the notes and the program differ, the program is followed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ariac_score.expression import add_up
 
 __all__ = ["Evaluation", "OrderPlan", "RunTexts", "Stop", "evaluate", "results_csv"]
 
-_SUMMARY = "Order Summary"
-_SCORE_LINE = "Actual task score"
+_SUMMARY, _DETAILS = "Order Summary", "Order Details"
+_LINES_OF_AN_ORDER, _SCORE_IN_ORDER = 8, 5
 _COMPLETION_LINE = 6
 _COST_LINE = 15
 _SCORE_AFTER_ID, _DURATION_AFTER_ID = 5, 7
@@ -125,7 +126,8 @@ def evaluate(
     """
     stops: list[Stop] = []
     trials: dict[str, dict[str, Entry]] = {}
-    for trial in sorted(orders):
+    run_at_all = {run.trial for runs in teams.values() for run in runs}
+    for trial in sorted(run_at_all & orders.keys()):
         found = {
             team: entry
             for team, runs in teams.items()
@@ -140,7 +142,7 @@ def _entry(
 ) -> Entry | None:
     """The best run of a team; a run at which the program ends is set aside."""
     ranked: list[tuple[tuple[int, float], RunTexts]] = []
-    for run in (run for run in runs if run.trial == trial):
+    for run in (run for run in runs if run.trial == trial and run.trial_log is not None):
         try:
             ranked.append((_key(run), run))
         except _StoppedError as stop:
@@ -148,113 +150,147 @@ def _entry(
     for (negative_raw, _), run in sorted(ranked, key=lambda item: item[0]):
         try:
             scores, durations, remarks = _orders(run, orders)
+            cost = _cost(run)
         except _StoppedError as stop:
             stops.append(Stop(trial, team, run.folder, stop.exception, stop.cause))
             continue
-        cost = _cost(run)
         if cost is None:
             return None
         return Entry(run.folder, -negative_raw, scores, durations, cost, remarks=remarks)
-    cost = _cost(runs[0]) if runs else None
-    nothing = dict.fromkeys(order.id for order in orders)
-    return None if cost is None else Entry("", 0, nothing, dict(nothing), cost)
+    return _without_run(trial, team, runs, orders, stops)
+
+
+def _without_run(
+    trial: str, team: str, runs: Sequence[RunTexts], orders: Sequence[OrderPlan], stops: list[Stop]
+) -> Entry | None:
+    try:
+        cost = _first_cost(runs)
+    except _StoppedError as stop:
+        stops.append(Stop(trial, team, "", stop.exception, stop.cause))
+        return None
+    if cost is None:
+        return None
+    return Entry("", 0, {o.id: None for o in orders}, {o.id: None for o in orders}, cost)
+
+
+def _summary(text: str) -> list[str]:
+    """The lines of the order summary, as the program cuts them out."""
+    lines = text.split("\n")
+    bounds = []
+    for words in (_SUMMARY, _DETAILS):
+        found = next((i for i, line in enumerate(lines) if words in line), None)
+        if found is None:
+            raise _StoppedError("ValueError", f"trial_log.txt does not hold the words {words!r}")
+        bounds.append(found)
+    return lines[bounds[0] + 2 : bounds[1] - 2]
 
 
 def _key(run: RunTexts) -> tuple[int, float]:
     """What the best run is the first by: raw score, highest first, then completion time."""
-    if run.trial_log is None:
-        raise _StoppedError("FileNotFoundError", "there is no trial_log.txt")
-    lines = run.trial_log.split("\n")
-    if not any(_SUMMARY in line for line in lines):
-        raise _StoppedError("ValueError", f"trial_log.txt does not hold the words {_SUMMARY!r}")
+    assert run.trial_log is not None  # runs without one are passed over
+    summary = _summary(run.trial_log)
     try:
-        raw = sum(int(_after_colon(line)) for line in lines if _SCORE_LINE in line)
-        return -raw, float(_after_colon(lines[_COMPLETION_LINE]))
+        raw = 0
+        for i in range(len(summary) // _LINES_OF_AN_ORDER):
+            raw += int(_after_colon(summary[i * _LINES_OF_AN_ORDER + _SCORE_IN_ORDER]))
+        return -raw, float(_after_colon(run.trial_log.split("\n")[_COMPLETION_LINE]))
     except (ValueError, IndexError) as cause:
         raise _StoppedError(type(cause).__name__, f"a score or the completion time: {cause}") from None
 
 
 def _after_colon(line: str) -> str:
-    return line.partition(":")[2].strip()
+    return line.rpartition(":")[2].strip()
 
 
 def _orders(
     run: RunTexts, orders: Sequence[OrderPlan]
 ) -> tuple[dict[str, int | None], dict[str, float | None], tuple[str, ...]]:
-    assert run.trial_log is not None  # `_key` has refused a run without
-    lines = run.trial_log.split("\n")
-    start = next(i for i, line in enumerate(lines) if _SUMMARY in line)
+    assert run.trial_log is not None  # runs without one are passed over
+    summary = _summary(run.trial_log)
     scores: dict[str, int | None] = {}
     durations: dict[str, float | None] = {}
     remarks: list[str] = []
-    at: int | None = None
+    read: tuple[int | None, float | None] | None = None
     for order in orders:
-        found = next((i for i in range(start, len(lines)) if order.id in lines[i]), None)
-        if found is None and at is None:
+        at = next((i for i, line in enumerate(summary) if order.id in line), None)
+        if at is None and read is None:
             raise _StoppedError("UnboundLocalError", f"order {order.id!r} is not in trial_log.txt")
-        if found is None:
+        if at is None:
             remarks.append(
                 f"order {order.id!r} is not in the log, so the value of the order before is used again"
             )
-        elif _after_colon(lines[found]) != order.id:
-            remarks.append(f"order {order.id!r} is read from the line {lines[found].strip()!r}")
-        at = at if found is None else found
-        assert at is not None  # refused above
-        duration_s = _number(lines, at + _DURATION_AFTER_ID)
-        score = None if duration_s is None else _number(lines, at + _SCORE_AFTER_ID)
-        scores[order.id], durations[order.id] = None if score is None else int(score), duration_s
+        else:
+            read = _order_at(summary, at)
+            if _after_colon(summary[at]) != order.id:
+                remarks.append(f"order {order.id!r} is read from the line {summary[at].strip()!r}")
+        assert read is not None  # refused above
+        scores[order.id], durations[order.id] = read
     return scores, durations, tuple(remarks)
 
 
-def _number(lines: Sequence[str], at: int) -> float | None:
+def _order_at(summary: Sequence[str], at: int) -> tuple[int | None, float | None]:
+    """Score and duration below the line with the id; nothing where either is no number."""
     try:
-        return float(_after_colon(lines[at]))
+        return (
+            int(_after_colon(summary[at + _SCORE_AFTER_ID])),
+            float(_after_colon(summary[at + _DURATION_AFTER_ID])),
+        )
     except (ValueError, IndexError):
-        return None
+        return None, None
 
 
 def _cost(run: RunTexts) -> int | None:
     """The sensor cost; `None` leaves the team out."""
-    lines = (run.sensor_cost or "").split("\n")
-    try:
-        return int(lines[_COST_LINE].partition("$")[2])
-    except (ValueError, IndexError):
+    if run.sensor_cost is None:
         return None
+    lines = run.sensor_cost.split("\n")
+    if len(lines) <= _COST_LINE:
+        raise _StoppedError("IndexError", f"sensor_cost.txt has no line {_COST_LINE + 1}")
+    try:
+        return int(lines[_COST_LINE].rpartition("$")[2])
+    except ValueError:
+        return None
+
+
+def _first_cost(runs: Sequence[RunTexts]) -> int | None:
+    """The cost of a team without a run of the trial: the first readable one of any of its folders."""
+    for run in runs:
+        if run.sensor_cost is None:
+            return None
+        cost = _cost(run)
+        if cost is not None:
+            return cost
+    return None
 
 
 def _scored(
     trial: str, found: Mapping[str, Entry], orders: Sequence[OrderPlan], stops: list[Stop]
 ) -> dict[str, Entry]:
-    scoring = [entry.cost for entry in found.values() if entry.raw != 0]
+    scoring = [e.cost for e in found.values() if add_up(s for s in e.scores.values() if s is not None) != 0]
     mean_cost = add_up(scoring) / len(scoring) if scoring else 0
     mean_s = {}
     for order in orders:
-        durations = [
-            entry.durations_s[order.id] for entry in found.values() if entry.scores[order.id] is not None
-        ]
+        durations = [e.durations_s[order.id] for e in found.values() if e.durations_s[order.id] is not None]
         mean_s[order.id] = add_up(durations) / len(durations) if durations else 0
     scored = {}
     for team, entry in found.items():
-        if entry.cost == 0 and any(score is not None for score in entry.scores.values()):
+        if entry.cost == 0:
             stops.append(Stop(trial, team, entry.run, "ZeroDivisionError", "the sensor cost is 0"))
             continue
-        scored[team] = _with_score(entry, orders, mean_cost, mean_s)
+        total: float = 0
+        for order in orders:
+            total += _value(order, entry, mean_s[order.id])
+        scored[team] = replace(entry, score=total * (1.0 * (mean_cost / entry.cost)))
     return scored
 
 
-def _with_score(
-    entry: Entry, orders: Sequence[OrderPlan], mean_cost: float, mean_s: Mapping[str, float]
-) -> Entry:
-    total: float = 0
-    for order in orders:
-        score, duration_s = entry.scores[order.id], entry.durations_s[order.id]
-        if score is None or not duration_s:
-            continue
-        efficiency = mean_s[order.id] / duration_s
-        total += (_PRIORITY_FACTOR if order.priority else 1) * efficiency * score
-    if any(score is not None for score in entry.scores.values()):
-        total = total * mean_cost / entry.cost
-    return Entry(entry.run, entry.raw, entry.scores, entry.durations_s, entry.cost, total, entry.remarks)
+def _value(order: OrderPlan, entry: Entry, mean_s: float) -> float:
+    """What an order brings; one that was handed in at once brings nothing."""
+    score, duration_s = entry.scores[order.id], entry.durations_s[order.id]
+    if score is None or not duration_s:
+        return 0
+    efficiency = 1.0 * (mean_s / duration_s)
+    return (_PRIORITY_FACTOR if order.priority else 1) * efficiency * score
 
 
 def _leaderboard(
@@ -289,5 +325,5 @@ def results_csv(evaluation: Evaluation) -> str:
             lines.append(
                 ",".join([team, *("N/A" if v is None else repr(v) for v in values), repr(entry.score)])
             )
-        lines.append("")
+        lines += ["", ""]
     return "\n".join(lines) + "\n"

@@ -306,42 +306,6 @@ def test_a_folder_of_too_many_files_is_not_one_trial(tmp_path: Path, monkeypatch
         find_parts(tmp_path, READERS)
 
 
-@pytest.mark.parametrize(
-    ("text", "likeness"),
-    [
-        ("DEFECT_TYPES: {}", "the list of cell defects of 2025"),
-        ("kitting_trays: {}", "a trial configuration without orders"),
-        ("mine: {secret: 1}", "a YAML file with the keys mine"),
-    ],
-)
-def test_a_yaml_file_that_is_no_part_is_called_by_what_it_looks_like(
-    tmp_path: Path, text: str, likeness: str
-) -> None:
-    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
-
-    with pytest.raises(NothingToScoreError) as caught:
-        find_parts(tmp_path / "a.yaml", READERS)
-    assert caught.value.cause == f"no reader recognises this file; it looks like {likeness}"
-
-
-def test_the_files_of_a_team_of_2024_make_one_team(tmp_path: Path) -> None:
-    """Its entry has the name, its sensors their types, the record of the run their cost."""
-    files = {
-        "blue.yaml": "team_name: blue\ngithub: {personal_access_token: x}\n",
-        "sensors.yaml": "static_sensors: {front: {type: lidar}}\n",
-        "sensor_cost.txt": "User Sensor Log\nNumber of lidar's used: 1\nTotal sensor cost is: $300\n",
-    }
-    for name, text in files.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    readers = {**READERS, "ariac_team_name": TeamNameReader(), "sensor_cost": SensorCostReader()}
-
-    parts = find_parts(tmp_path, readers).parts
-    trials = [readers[part.reader].read(part.path, Wanted(LogMap("test"))) for part in parts]
-
-    assert [part.role for part in parts] == ["team_name", "sensor_cost", "team_config"]
-    assert merge_trials("t", trials, file="f").team == TeamSetup("blue", {"front": "lidar"}, 300.0)
-
-
 # Runs of a database --------------------------------------------------------------------
 
 STORES: dict[str, Reader] = {
@@ -416,3 +380,39 @@ def test_bundle_yaml_cannot_choose_a_run_of_a_text(tmp_path: Path) -> None:
 
     with pytest.raises(LogError, match="none can be chosen"):
         find_parts(tmp_path, STORES)
+
+
+@pytest.mark.parametrize(
+    ("text", "likeness"),
+    [
+        ("DEFECT_TYPES: {}", "the list of cell defects of 2025"),
+        ("kitting_trays: {}", "a trial configuration without orders"),
+        ("mine: {secret: 1}", "a YAML file with the keys mine"),
+    ],
+)
+def test_a_yaml_file_that_is_no_part_is_called_by_what_it_looks_like(
+    tmp_path: Path, text: str, likeness: str
+) -> None:
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
+
+    with pytest.raises(NothingToScoreError) as caught:
+        find_parts(tmp_path / "a.yaml", READERS)
+    assert caught.value.cause == f"no reader recognises this file; it looks like {likeness}"
+
+
+def test_the_files_of_a_team_of_2024_make_one_team(tmp_path: Path) -> None:
+    """Its entry has the name, its sensors their types, the record of the run their cost."""
+    files = {
+        "blue.yaml": "team_name: blue\ngithub: {personal_access_token: x}\n",
+        "sensors.yaml": "static_sensors: {front: {type: lidar}}\n",
+        "sensor_cost.txt": "User Sensor Log\nNumber of lidar's used: 1\nTotal sensor cost is: $300\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    readers = {**READERS, "ariac_team_name": TeamNameReader(), "sensor_cost": SensorCostReader()}
+
+    parts = find_parts(tmp_path, readers).parts
+    trials = [readers[part.reader].read(part.path, Wanted(LogMap("test"))) for part in parts]
+
+    assert [part.role for part in parts] == ["team_name", "sensor_cost", "team_config"]
+    assert merge_trials("t", trials, file="f").team == TeamSetup("blue", {"front": "lidar"}, 300.0)

@@ -265,7 +265,7 @@ ORDERS = st.lists(st.tuples(st.sampled_from([1, 2, 3, -1]), seconds(900), second
 )
 RUNS = st.builds(
     Run,
-    time_limit=seconds(900).map(lambda s: s + 100),
+    time_limit=st.integers(100_000, 999_999).map(lambda ms: ms / 1000),
     num_kits=st.integers(0, 4),
     num_modules=st.integers(0, 4),
     num_high_priority=st.integers(0, 3),

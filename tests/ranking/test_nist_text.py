@@ -22,7 +22,7 @@ def trial_log(*orders: tuple[str, int, float | None], completion_s: float = 100.
         lines += ["\tPriority: no", "\tMax task score: 9", f"\tActual task score: {score}"]
         lines += [f"\tSubmission time: {'N/A' if duration_s is None else '99.000000'}"]
         lines += [f"\tSubmission duration: {'N/A' if duration_s is None else f'{duration_s:.6f}'}"]
-    return "\n".join([*lines, ""])
+    return "\n".join([*lines, "", ROW, "Order Details", ROW, ""])
 
 
 def cost(dollars: int | str) -> str:
@@ -108,10 +108,23 @@ def test_an_order_handed_in_at_once_is_skipped_instead_of_divided_by() -> None:
 
 def test_a_team_without_runs_of_a_trial_scores_nothing_in_it() -> None:
     orders = {**ORDERS, "assembly": [OrderPlan("CCCC0003", priority=False)]}
-    found = evaluate({"alpha": [run("kitting_1", log(50, 40))]}, orders)
+    other = run("assembly_1", trial_log(("CCCC0003", 3, 10.0)))
+    found = evaluate({"alpha": [run("kitting_1", log(50, 40))], "beta": [other]}, orders)
 
     assert found.trials["assembly"]["alpha"].scores == {"CCCC0003": None}
-    assert dict(found.leaderboard)["alpha"] == 24.0
+    assert dict(found.leaderboard) == {"alpha": 24.0, "beta": 3.0}
+
+
+def test_a_trial_that_nobody_ran_is_no_trial() -> None:
+    orders = {**ORDERS, "assembly": [OrderPlan("CCCC0003", priority=False)]}
+
+    assert list(evaluate({"alpha": [run("kitting_1", log(50, 40))]}, orders).trials) == ["kitting"]
+
+
+def test_a_folder_without_a_log_is_passed_over() -> None:
+    found = evaluate({"alpha": [run("kitting_1", None), run("kitting_2", log(50, 40))]}, ORDERS)
+
+    assert (found.stops, found.trials["kitting"]["alpha"].run) == ((), "kitting_2")
 
 
 def test_the_run_number_is_what_follows_the_last_underscore() -> None:
@@ -149,7 +162,7 @@ def stops_of(*runs: RunTexts) -> Evaluation:
     [
         ("Gazebo Crashed score not recorded\n", "ValueError"),
         ("Process cancelled by user", "ValueError"),
-        (None, "FileNotFoundError"),
+        (log(50, 40).replace("Order Details", "Order"), "ValueError"),
         (log(50, 40).replace("Actual task score: 9", "Actual task score: nine"), "ValueError"),
         (trial_log(("ZZZZ0009", 90, 50.0)), "UnboundLocalError"),
     ],
@@ -170,8 +183,16 @@ def test_a_cost_of_nothing_is_a_division_by_zero_and_costs_that_team_alone() -> 
     assert [team for team, _ in found.leaderboard] == ["beta"]
 
 
-@pytest.mark.parametrize("text", ["", "Total sensor cost is: $3000", cost("a lot")])
-def test_an_unreadable_cost_leaves_the_team_out_which_then_has_no_sum(text: str) -> None:
+@pytest.mark.parametrize("text", ["", "Total sensor cost is: $3000"])
+def test_a_cost_file_cut_short_ends_the_program(text: str) -> None:
+    found = stops_of(RunTexts("kitting_1", log(50, 40), text))
+
+    assert ("kitting_1", "IndexError") in {(s.run, s.exception) for s in found.stops}
+    assert [team for team, _ in found.leaderboard] == ["beta"]
+
+
+@pytest.mark.parametrize("text", [None, cost("a lot")])
+def test_an_unreadable_cost_leaves_the_team_out_which_then_has_no_sum(text: str | None) -> None:
     found = stops_of(RunTexts("kitting_1", log(50, 40), text))
 
     assert "alpha" not in found.trials["kitting"]
@@ -187,5 +208,5 @@ def test_the_csv_is_laid_out_as_the_program_writes_it() -> None:
         "Leaderboard:\n\nalpha,24.0\nbeta,0.0\n\n\n\nScore Breakdown:\n\nkitting:\n"
         "Team,Order 0(AAAA0001) Score,Order 0(AAAA0001) Duration,"
         "Order 1(BBBB0002) Score,Order 1(BBBB0002) Duration,trial_score\n"
-        "alpha,9,50.0,5,40.0,24.0\nbeta,N/A,N/A,N/A,N/A,0\n\n"
+        "alpha,9,50.0,5,40.0,24.0\nbeta,N/A,N/A,N/A,N/A,0.0\n\n\n"
     )
