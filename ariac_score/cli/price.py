@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Load, price, show; the same output and exit codes as `score`."""
     # Imported here, so that --help and --version stay quick.
     from ariac_score.cli.output import refuse_inputs  # noqa: PLC0415
-    from ariac_score.cli.score import load_cohort_of, show, trial_name  # noqa: PLC0415
+    from ariac_score.cli.score import load_cohort_of, show, values_of  # noqa: PLC0415
     from ariac_score.engine import reprice  # noqa: PLC0415
     from ariac_score.result_json import load_result  # noqa: PLC0415
     from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     stored = load_result(arguments.result)
     rule_set = load_rule_set(arguments.rules)
     cohort = load_cohort_of(arguments, rule_set)
-    values = None if cohort is None else cohort.of_trial(trial_name(arguments, stored), stored.measured)
+    values = None if cohort is None else values_of(cohort, arguments, stored)
     again = reprice(stored, rule_set, values)
     if arguments.output_format == "text" and stored.score is not None and again.score is not None:
         print(f"before, under {stored.provenance.rule_set[0]}: {stored.score:f}", file=sys.stderr)

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from ariac_score.cohort import Cohort
     from ariac_score.result import Result
     from ariac_score.ruleset import RuleSet
+    from ariac_score.scoring.cohort import CohortValues
 
 EXIT_UNDECIDED = 6
 
@@ -61,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     with progress_bar(arguments.path) as progress:
         result = score_trial(arguments.path, rule_set, log_map=arguments.log_map, progress=progress)
     if cohort is not None:
-        result = reprice(result, rule_set, cohort.of_trial(trial_name(arguments, result), result.measured))
+        result = reprice(result, rule_set, values_of(cohort, arguments, result))
     return show(result, arguments)
 
 
@@ -72,9 +73,11 @@ def load_cohort_of(arguments: argparse.Namespace, rule_set: RuleSet) -> Cohort |
     return None if arguments.cohort is None else load_cohort(arguments.cohort, rule_set)
 
 
-def trial_name(arguments: argparse.Namespace, result: Result) -> str:
-    """Which trial of the cohort a result is of."""
-    return str(arguments.cohort_trial or result.measured.trial)
+def values_of(cohort: Cohort, arguments: argparse.Namespace, result: Result) -> CohortValues:
+    """The values for the trial the arguments name, or the one the result is of."""
+    if arguments.cohort_trial:
+        return cohort.of_trial(arguments.cohort_trial)
+    return cohort.of_trial(result.measured.trial, result.measured)
 
 
 def show(result: Result, arguments: argparse.Namespace) -> int:

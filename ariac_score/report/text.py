@@ -78,8 +78,10 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
 
 def _official(result: Result, total: float, style: Style) -> Iterator[str]:
     official = result.measured.official
-    same = result.score is not None and result.score == Decimal(repr(total))
-    words = "the same as ours" if same else "not ours: rules or log differ from the official scorer's"
+    ours = result.task.amount if result.task is not None else result.score
+    same = ours is not None and ours == Decimal(repr(total))
+    whose = "our task score" if result.task is not None else "ours"
+    words = f"the same as {whose}" if same else f"not {whose}: rules or log differ from the official scorer's"
     yield style(f"official total {total:g}: {words}", *([] if same else ["yellow"]))
     if official is not None and official.process_time_s:
         own = f"; from this log {result.measured.window.duration_s:.3f} s" if result.measured.window else ""

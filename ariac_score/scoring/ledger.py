@@ -20,6 +20,8 @@ from ariac_score.expression import LARGEST_INTEGER, Number, Traced
 __all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded"]
 
 _CARRIES = frozenset({"points", "count", "measure"})
+_NO_POINTS = ("_s", "_m", "_m_s", "_rad", "_hz", "_n", "_factor", "dollars")
+"""How the names of measured quantities end that are no points, but times, lengths, costs, factors."""
 _ROUNDING = "rounding"
 
 
@@ -156,6 +158,8 @@ class _Maker:
         """`points * factors / divisors` as the points, then what each factor did to them."""
         chain = _chain(traced)
         carriers = [i for i, (symbol, part) in enumerate(chain) if symbol == "*" and _carries(part)]
+        if len(carriers) > 1:  # what is added up over orders or parts is the points, the rest are factors
+            carriers = [i for i in carriers if _adds_up(chain[i][1])]
         if len(carriers) != 1 or len(chain) == 1:  # one link is no product, and taking it apart would not end
             return None
         _, base = chain.pop(carriers[0])
@@ -207,10 +211,15 @@ def _chain(traced: Traced) -> list[tuple[str, Traced]]:
     return [("*", traced)]
 
 
+def _adds_up(traced: Traced) -> bool:
+    """Whether a number is, or contains, something added up over scopes."""
+    return (traced.kind == "each" and traced.op in ("sum", "mean")) or any(map(_adds_up, traced.children))
+
+
 def _carries(traced: Traced) -> bool:
     """Whether points, rather than factors and gates, make up this number."""
     if traced.kind == "check":
-        return traced.op in _CARRIES
+        return traced.op in _CARRIES and not traced.label.removesuffix(")").endswith(_NO_POINTS)
     if traced.kind == "each" and traced.op in ("sum", "mean"):
         return True
     if traced.kind == "op" and traced.op in (
