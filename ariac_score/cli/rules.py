@@ -23,7 +23,7 @@ def register(commands: Any) -> None:
     diff.add_argument("first", metavar="A")
     diff.add_argument("second", metavar="B")
     diff.add_argument(
-        "--results", type=Path, metavar="DIR", help="stored results: say whose score would change, and how"
+        "--results", type=Path, metavar="DIR", help="stored results: say whose score and rank would change"
     )
     diff.set_defaults(run=run_diff)
     validate = actions.add_parser("validate", help="check a rule set and the plugins it names")
@@ -67,14 +67,21 @@ def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
     """For each stored result its score under both rule sets."""
     from ariac_score.engine import reprice  # noqa: PLC0415  # keeps --help quick
     from ariac_score.errors import ScoreError, UsageError  # noqa: PLC0415
+    from ariac_score.ranking.competition import stored_results  # noqa: PLC0415
     from ariac_score.report.style import plain  # noqa: PLC0415
     from ariac_score.report.text import amount_text  # noqa: PLC0415
     from ariac_score.result_json import load_result  # noqa: PLC0415
 
-    files = sorted(folder.glob("*.json"))
+    files = sorted(folder.glob("*.json")) if folder.is_dir() else []
+    competition = stored_results(folder) if folder.is_dir() else None
+    if competition is not None and competition.runs:
+        yield from _changed_ranks(competition, first, second)
+        return
     if not files:
         raise UsageError(
-            "no stored result is here", file=folder, hint="give the folder of 'score -o' results"
+            "no stored result is here",
+            file=folder,
+            hint="give the folder of 'score -o' results, or the one 'rank --results' wrote",
         )
     for file in files:
         try:
@@ -85,6 +92,25 @@ def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
             continue
         before, after = ("no score" if s is None else amount_text(s) for s in scores)
         yield f"{plain(file.name)}: {before}" + (f" -> {after}" if before != after else " (unchanged)")
+
+
+def _changed_ranks(competition: Any, first: Any, second: Any) -> Iterator[str]:
+    """The runs and teams of a stored competition under both rule sets."""
+    from ariac_score.ranking.rank import rank_results  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
+    from ariac_score.ranking.spec import ranking_spec  # noqa: PLC0415
+    from ariac_score.report.ranking import changes_text  # noqa: PLC0415
+
+    rankings = [
+        rank_results(
+            competition,
+            ranking_spec(rules, {}, file=rules.file),
+            rules,
+            score_runs(competition, rules),
+        )
+        for rules in (first, second)
+    ]
+    yield from changes_text(*rankings)
 
 
 def run_validate(arguments: argparse.Namespace) -> int:

@@ -20,7 +20,7 @@ from ariac_score.datafiles import YamlDocument, load_yaml, validate
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError, UsageError, did_you_mean
 from ariac_score.logs.ariac_database import read_run, run_ids
 
-__all__ = ["Competition", "Run", "RunKey", "Team", "TrialPlan", "load_competition"]
+__all__ = ["Competition", "Run", "RunKey", "Team", "TrialPlan", "load_competition", "stored_results"]
 
 FILE = "competition.yaml"
 MAX_RUNS = 100_000
@@ -356,6 +356,24 @@ def _from_folders(path: Path, rules: str) -> Competition:
         file=path,
         teams=tuple(Team(name, name, _first(path, _TEAM_CONFIGS, team=name)) for name in teams),
         trials=tuple(TrialPlan(name, _first(path, _TRIAL_CONFIGS, trial=name)) for name in trials),
+        runs=runs,
+        refused=refused,
+        strangers=strangers,
+    )
+
+
+def stored_results(folder: Path) -> Competition:
+    """The competition of which a folder holds the results, as `<team>/<trial>_<n>.json`."""
+    found, strangers = _search(folder, "{team}/{trial}_{run}.json", (), ())
+    runs, refused = _told_apart(found)
+    return Competition(
+        id=folder.resolve().name,
+        title=folder.resolve().name,
+        rules="",
+        root=folder,
+        file=folder,
+        teams=tuple(Team(name, name) for name in sorted({run.team for run in found})),
+        trials=tuple(TrialPlan(name) for name in sorted({run.trial for run in found})),
         runs=runs,
         refused=refused,
         strangers=strangers,

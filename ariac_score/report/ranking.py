@@ -12,7 +12,7 @@ from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing
 from ariac_score.report.style import Style, plain
 from ariac_score.report.text import amount_text
 
-__all__ = ["ranking_csv", "ranking_text", "strict_text"]
+__all__ = ["changes_text", "ranking_csv", "ranking_text", "strict_text"]
 
 _ORDINARY = ("scored",)
 
@@ -168,3 +168,30 @@ def ranking_csv(ranking: Ranking) -> str:
 def _safe(text: str) -> str:
     """Text that a spreadsheet does not take for a formula."""
     return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
+
+
+def changes_text(before: Ranking, after: Ranking) -> Iterator[str]:
+    """What another rule set changes: the runs whose score moves, then every team's score and rank."""
+    runs = {run.key: run for run in after.runs}
+    unchanged = 0
+    for run in before.runs:
+        then = runs[run.key]
+        if (run.score, run.outcome) == (then.score, then.outcome):
+            unchanged += 1
+        else:
+            yield f"{plain(run.team)}, {plain(run.trial)}, run {run.number}: {_told(run)} -> {_told(then)}"
+    yield f"{unchanged} of {len(before.runs)} runs are worth the same"
+    standings = {standing.team: standing for standing in after.standings}
+    for standing in before.standings:
+        then_standing = standings[standing.team]
+        sums = " -> ".join(amount_text(s.execution) for s in (standing, then_standing))
+        yield f"{plain(standing.name)}: {sums}, rank {_rank_change(standing.rank, then_standing.rank)}"
+
+
+def _told(run: RunOutcome) -> str:
+    return run.outcome if run.score is None else amount_text(run.score)
+
+
+def _rank_change(before: int | None, after: int | None) -> str:
+    shown = ["none" if rank is None else str(rank) for rank in (before, after)]
+    return f"{shown[0]} (unchanged)" if before == after else f"{shown[0]} -> {shown[1]}"

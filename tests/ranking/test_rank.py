@@ -386,6 +386,34 @@ def test_a_result_under_the_name_of_another_run_is_not_counted(
     assert "cygnus, kitting, run 1: unreadable" in capsys.readouterr().out
 
 
+def test_a_change_of_rules_says_whose_score_and_rank_it_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Priority 30 times as much: alpha alone handed the priority order in, beta made the better kit.
+    stored, mine = tmp_path / "results", tmp_path / "mine.yaml"
+    text = trial_log_text("kit", BOTH, [Outcome(("type",), 50.0), Outcome(("none", "pose"), 50.0)])
+    run(tmp_path, "alpha", 1, text=text.replace("Actual task score: 0", "Actual task score: 1"))
+    run(
+        tmp_path, "beta", 1, text=trial_log_text("kit", BOTH, [Outcome(("",), 50.0), Outcome(("", ""), None)])
+    )
+    (tmp_path / "competition.yaml").write_text(HEAD)
+    main(["rank", str(tmp_path), "--results", str(stored)])
+    mine.write_text(
+        "id: mine\ntitle: Mine\nsource: a test\nextends: ariac2024.official\n"
+        "terms: {order: {value: (30 if weight == 3 else 1) * completion if time_s else 0}}\n"
+    )
+    capsys.readouterr()
+
+    assert main(["rules", "diff", "ariac2024.official", str(mine), "--results", str(stored)]) == 0
+    out = capsys.readouterr().out.splitlines()
+
+    # alpha 1 + 3 * 1 = 4 against beta's 5; then 1 + 30 = 31.
+    assert "alpha, kit, run 1: 4 -> 31" in out
+    assert "1 of 2 runs are worth the same" in out
+    assert "alpha: 4 -> 31, rank 2 -> 1" in out
+    assert "beta: 5 -> 5, rank 1 -> 2" in out
+
+
 # The examples --------------------------------------------------------------------------
 
 
