@@ -49,11 +49,12 @@ SHIPPED = {
         "kitting.tray_number",
         "kitting.wrong_color_pose",
     ],
-    MONITORS: ["ariac.human_contact", "ariac.no_event", "iso_ts_15066.ssm_separation"],
+    MONITORS: ["ariac.human_contact", "ariac.no_event", "iso_ts_15066.ssm_separation", "team.sensor_cost"],
     "ariac_score.readers": [
         "ariac_config",
         "ariac_database",
         "ariac_team",
+        "ariac_team_name",
         "gazebo",
         "gazebo_text",
         "jsonl",

@@ -1,4 +1,4 @@
-"""Rules about kits: what was delivered, where it lies, where it went, and how long it took."""
+"""Rules about kits: what was delivered, where it lies, where it went, how long it took. And the team's cost."""
 
 from ariac_score_kitting.assembly import AssemblyCounters, AssemblyPart
 from ariac_score_kitting.contents import NoneFaulty, NoneMissing, NoneUnwanted, Presence, RightNumber
@@ -7,6 +7,7 @@ from ariac_score_kitting.delivery import Destination, OrderTime, Submitted
 from ariac_score_kitting.inserts import InsertedPart, InsertSeen
 from ariac_score_kitting.poses import KitPose, TrayRight
 from ariac_score_kitting.quadrants import ExtraParts, OrderSubmitted, QuadrantPart, TaskKind, TrayNumber
+from ariac_score_kitting.team import SensorCost
 from ariac_score_kitting.wrong_color import WrongColorPose
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "Presence",
     "QuadrantPart",
     "RightNumber",
+    "SensorCost",
     "Submitted",
     "TaskKind",
     "TrayNumber",
