@@ -31,6 +31,7 @@ SHIPPED = {
         "assembly.insert",
         "assembly.pairs",
         "assembly.part",
+        "assembly.reported",
         "kitting.destination",
         "kitting.extra_parts",
         "kitting.none_faulty",
@@ -49,7 +50,13 @@ SHIPPED = {
         "kitting.tray_number",
         "kitting.wrong_color_pose",
     ],
-    MONITORS: ["ariac.human_contact", "ariac.no_event", "iso_ts_15066.ssm_separation", "team.sensor_cost"],
+    MONITORS: [
+        "ariac.human_contact",
+        "ariac.no_event",
+        "iso_ts_15066.ssm_separation",
+        "team.positive_sensor_cost",
+        "team.sensor_cost",
+    ],
     "ariac_score.readers": [
         "ariac_config",
         "ariac_database",
