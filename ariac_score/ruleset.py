@@ -20,6 +20,8 @@ from ariac_score.scoring.sheet import ScoreSheet
 
 __all__ = [
     "Check",
+    "Difference",
+    "Differences",
     "RuleSet",
     "differences",
     "expanded_yaml",
@@ -57,6 +59,40 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Difference:
+    """One point in which two rule sets of an edition part.
+
+    Attributes:
+        name: Its name in the rule set, such as `wrong_tray_type`.
+        terms: The terms it shows in, such as `submission.bonus`; also `score` and `task`.
+        checks: The checks it shows in.
+        coded: What the code does, in words, whichever of the two rule sets follows it.
+        documented: What the document says, in words.
+        source: Where both are found.
+    """
+
+    name: str
+    terms: tuple[str, ...]
+    checks: tuple[str, ...]
+    coded: str
+    documented: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Differences:
+    """In what, and why, a rule set differs from another one.
+
+    Attributes:
+        other: Name of the other rule set.
+        because: Each difference, in the order of the file.
+    """
+
+    other: str
+    because: tuple[Difference, ...]
+
+
+@dataclass(frozen=True)
 class RuleSet:
     """A rule set, checked against its schema and in itself.
 
@@ -73,6 +109,7 @@ class RuleSet:
         sha256: Hash of the file, and of those it extends.
         expanded: The whole as plain values, after `extends`.
         ranking: How runs become a ranking, as the file says it; empty when it does not.
+        differs: In what it differs from another rule set, as the file names it; `None` when it does not.
     """
 
     id: str
@@ -87,6 +124,7 @@ class RuleSet:
     sha256: str
     expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
     ranking: Mapping[str, Any] = field(default_factory=dict)
+    differs: Differences | None = None
 
     @property
     def policies(self) -> dict[str, str]:
@@ -203,7 +241,8 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
 
 def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     """The base with what is new or changed; a check moved between rules and monitors moves."""
-    merged = {**base, **own}
+    # What a base differs in is said of the base alone.
+    merged = {**{key: value for key, value in base.items() if key != "differs"}, **own}
     merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
     for key in ("parameters", "rules", "monitors", "cohort"):
         merged[key] = {**base.get(key, {}), **own.get(key, {})}
@@ -264,6 +303,24 @@ def _parsed(document: YamlDocument) -> RuleSet:
         sha256=document.sha256,
         expanded=data,
         ranking=data.get("ranking", {}),
+        differs=_differs(data["differs"]) if "differs" in data else None,
+    )
+
+
+def _differs(told: Mapping[str, Any]) -> Differences:
+    return Differences(
+        told["from"],
+        tuple(
+            Difference(
+                name=each["name"],
+                terms=tuple(each.get("terms", [])),
+                checks=tuple(each.get("checks", [])),
+                coded=each["coded"],
+                documented=each["documented"],
+                source=each["source"],
+            )
+            for each in told["because"]
+        ),
     )
 
 

@@ -31,6 +31,7 @@ SHIPPED = {
         "assembly.insert",
         "assembly.pairs",
         "assembly.part",
+        "assembly.reported",
         "kitting.destination",
         "kitting.extra_parts",
         "kitting.none_faulty",
@@ -57,6 +58,7 @@ SHIPPED = {
         "iso_ts_15066.ssm_separation",
         "official.trial",
         "run.record",
+        "team.positive_sensor_cost",
         "team.sensor_cost",
     ],
     "ariac_score.readers": [

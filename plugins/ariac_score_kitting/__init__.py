@@ -2,9 +2,10 @@
 
 from ariac_score_kitting.assembly import AssemblyCounters, AssemblyPart
 from ariac_score_kitting.contents import NoneFaulty, NoneMissing, NoneUnwanted, Presence, RightNumber
+from ariac_score_kitting.costs import PositiveSensorCost
 from ariac_score_kitting.coverage import OnlyKitting
 from ariac_score_kitting.delivery import Destination, OrderTime, Submitted
-from ariac_score_kitting.inserts import InsertedPart, InsertSeen
+from ariac_score_kitting.inserts import InsertedPart, InsertSeen, PartAssembled
 from ariac_score_kitting.official import OfficialOrderScore, OfficialTrialScore
 from ariac_score_kitting.poses import KitPose, TrayRight
 from ariac_score_kitting.quadrants import ExtraParts, OrderSubmitted, QuadrantPart, TaskKind, TrayNumber
@@ -28,6 +29,8 @@ __all__ = [
     "OnlyKitting",
     "OrderSubmitted",
     "OrderTime",
+    "PartAssembled",
+    "PositiveSensorCost",
     "Presence",
     "QuadrantPart",
     "RightNumber",
