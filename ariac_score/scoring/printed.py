@@ -11,7 +11,15 @@ from ariac_score.errors import FormulaError, did_you_mean
 from ariac_score.expression import Expression, Number, Traced, add_up
 from ariac_score.scoring.scope import LEVELS
 
-__all__ = ["FACTS_OF_TEXT", "RELATIONS", "PrintedBlock", "PrintedItem", "PrintedSum", "PrintedText", "number_of"]
+__all__ = [
+    "FACTS_OF_TEXT",
+    "RELATIONS",
+    "PrintedBlock",
+    "PrintedItem",
+    "PrintedSum",
+    "PrintedText",
+    "number_of",
+]
 
 RELATIONS: Mapping[str, str] = {"equal": "is", "at_most": "is at most", "at_least": "is at least"}
 """How a printed number may be held against what the others make of it."""
@@ -131,8 +139,14 @@ class PrintedText:
 
     def item(self, block: PrintedBlock, label: str) -> PrintedItem | None:
         """The item a label of a block is; `None` when the rule set does not know it."""
-        fitting = (i for i in self._of(block) if label in i.labels)
-        return next(fitting, None)
+        return next((i for i in self._of(block) if label in i.labels), None)
+
+    def items_of(self, block: PrintedBlock) -> Iterator[tuple[PrintedItem, str]]:
+        """The items printed in a block, each with its label, in the order of the text."""
+        for label in block.values:
+            item = self.item(block, label)
+            if item is not None:
+                yield item, label
 
     def printed(self, block: PrintedBlock, name: str) -> tuple[str, str]:
         """Label and value of a named item in a block; empty when it is not printed there."""
@@ -161,7 +175,12 @@ class PrintedText:
 
     def knows(self, block: PrintedBlock) -> bool:
         """Whether every label of a text is an item here."""
-        return all(self.item(b, label) is not None for b in block.walk() for label in b.values)
+        return not any(self.unknown(inner) for inner in block.walk())
+
+    def unknown(self, block: PrintedBlock) -> tuple[str, ...]:
+        """The labels of a block that are no item here."""
+        facts = FACTS_OF_TEXT[block.level]
+        return tuple(label for label in block.values if label not in facts and not self.item(block, label))
 
     def _of(self, block: PrintedBlock) -> Iterator[PrintedItem]:
         return (i for i in self.items if i.level == block.level and i.kind in ("", block.kind))

@@ -1,0 +1,182 @@
+"""One trial under two rule sets: which points differ, why, and where that is written.
+
+A rule set that differs from another on purpose says so under `differs`: from which one,
+and for each term or check what the one does, what the other does, and the source. A
+number that differs without such an entry is unexplained.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ariac_score.certain import Certain
+from ariac_score.errors import UsageError
+from ariac_score.expression import Expression, Number, Traced
+from ariac_score.ruleset import RuleSet, load_rule_set, rule_set_names
+from ariac_score.scoring.scope import LEVELS, Scope
+
+__all__ = ["Change", "Difference", "Reason", "compare_rules", "differing_rule_set"]
+
+_SCORE = "score"
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why two rule sets differ, as the second one tells it.
+
+    Attributes:
+        coded: What the first does.
+        documented: What the second does.
+        source: Where that is written.
+    """
+
+    coded: str
+    documented: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Change:
+    """One term that is another number under the second rule set.
+
+    Attributes:
+        level: One of `LEVELS`.
+        path: Path of the scope; empty for the trial.
+        term: Its name; `score` for the score.
+        before: Under the first rule set.
+        after: Under the second.
+        reasons: Why; those of what it is made of when it only follows.
+        follows: Whether it differs only because what it is made of does.
+    """
+
+    level: str
+    path: str
+    term: str
+    before: Number
+    after: Number
+    reasons: tuple[Reason, ...] = ()
+    follows: bool = False
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether no entry of the rule set says why."""
+        return not self.reasons
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One trial under two rule sets.
+
+    Attributes:
+        first: Id of the first rule set.
+        second: Id of the second.
+        changes: What differs, from the parts outwards, the score last.
+        undecided: Terms that one of the two leaves open, as level, path, term and reason.
+    """
+
+    first: str
+    second: str
+    changes: tuple[Change, ...]
+    undecided: tuple[tuple[str, str, str, str], ...] = ()
+
+
+def differing_rule_set(rule_set: RuleSet) -> RuleSet | None:
+    """The shipped rule set that says how it differs from this one; `None` when none does.
+
+    Raises:
+        UsageError: More than one does.
+    """
+    shipped = (load_rule_set(name) for name in rule_set_names())
+    found = [one for one in shipped if _differs(one).get("from") == rule_set.id]
+    if len(found) > 1:
+        named = ", ".join(one.id for one in found)
+        raise UsageError(
+            f"more than one rule set differs from {rule_set.id!r}", hint=f"choose with --against: {named}"
+        )
+    return found[0] if found else None
+
+
+def compare_rules(first: Certain, second: Certain) -> Difference:
+    """Every term that both rule sets have, in every scope that both know, and the score."""
+    changes: dict[tuple[str, str], Change] = {}
+    undecided: list[tuple[str, str, str, str]] = []
+    for level, path, term, before, after in _pairs(first, second):
+        one, other = first.value(before, level, path), second.value(after, level, path)
+        if one.traced is None or other.traced is None:
+            undecided.append((level, path, term, one.reason or other.reason))
+        elif one.traced.value != other.traced.value:
+            numbers = (one.traced.value, other.traced.value)
+            direct = tuple(_reasons(first, second, level, path, term))
+            made_of = [changes[key] for key in _terms_in(one.traced, other.traced) if key in changes]
+            inherited = tuple(dict.fromkeys(reason for change in made_of for reason in change.reasons))
+            reasons = direct or inherited
+            changes[path, term] = Change(level, path, term, *numbers, reasons, bool(inherited and not direct))
+    return Difference(first.rule_set.id, second.rule_set.id, tuple(changes.values()), tuple(undecided))
+
+
+def _pairs(first: Certain, second: Certain) -> Iterator[tuple[str, str, str, Expression, Expression]]:
+    """What can be compared, from the parts outwards: level, path, term, and its formula in each."""
+    sheets = first.rule_set.sheet, second.rule_set.sheet
+    for level in LEVELS:
+        paths = [scope.path for scope in _scopes(first.measured.scopes, level)]
+        for path in paths:
+            for term in sheets[0].terms.get(level, {}):
+                if term in sheets[1].terms.get(level, {}):
+                    name = Expression.parse(term)
+                    yield level, path, term, name, name
+    scores = [(sheet.task if sheet.needs_cohort else None) or sheet.score for sheet in sheets]
+    yield "trial", "", _SCORE, scores[0], scores[1]
+
+
+def _scopes(trial: Scope, level: str) -> list[Scope]:
+    return [trial] if level == "trial" else list(trial.each(level))
+
+
+def _terms_in(*traces: Traced) -> list[tuple[str, str]]:
+    """The terms numbers are made of, by path and name."""
+    found: dict[tuple[str, str], None] = {}
+    open_ = list(traces)
+    while open_:
+        node = open_.pop()
+        if node.kind == "term":
+            found[node.subject, node.label] = None
+        open_ += node.children
+    return list(found)
+
+
+def _reasons(first: Certain, second: Certain, level: str, path: str, term: str) -> Iterator[Reason]:
+    """The entries that speak of a term, or of a check it asks itself and that says something else."""
+    asked = {
+        check
+        for certain in (first, second)
+        for check in _asked_itself(certain.rule_set, level, term)
+        if _says(first, check, path) != _says(second, check, path)
+    }
+    for entry in _differs(second.rule_set).get("because", ()):
+        named = {term, f"{level}.{term}"} & set(entry.get("terms", ()))
+        if named or asked & set(entry.get("checks", ())):
+            yield Reason(*(str(entry.get(key, "")) for key in ("coded", "documented", "source")))
+
+
+def _asked_itself(rule_set: RuleSet, level: str, term: str) -> set[str]:
+    sheet = rule_set.sheet
+    formula = sheet.terms.get(level, {}).get(term) if term != _SCORE else sheet.score
+    nodes = formula.walk() if formula else ()
+    return {node.id for node in nodes if isinstance(node, ast.Name) and node.id in sheet.checks}
+
+
+def _says(certain: Certain, check: str, path: str) -> list[tuple[str, str, tuple[tuple[str, float], ...]]]:
+    """What a check says within a scope."""
+    return [
+        (finding.subject, finding.verdict.value, tuple(sorted(finding.quantities.items())))
+        for finding in certain.measured.of(check).values()
+        if not path or finding.subject == path or finding.subject.startswith(f"{path}/")
+    ]
+
+
+def _differs(rule_set: RuleSet) -> Mapping[str, Any]:
+    differs: Mapping[str, Any] = rule_set.expanded.get("differs", {})
+    return differs
