@@ -138,7 +138,7 @@ class Audit:
     @property
     def differs(self) -> bool:
         """Whether something differs, or does not add up."""
-        return any(one.verdict == DIFFER for one in (*self.items, *self.sums))
+        return DIFFER in [*(item.verdict for item in self.items), *(one.verdict for one in self.sums)]
 
     def count(self, verdict: str) -> int:
         """How many items have a verdict."""

@@ -219,8 +219,6 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     for key in ("printed", "adds_up"):
         if key in merged:
             merged[key] = _merged_levels(base, own, key)
-    if "differs" not in own:
-        merged.pop("differs", None)
     if "layouts" in own.get("printed", {}):  # which text is of this edition is its own to say
         merged["printed"]["layouts"] = own["printed"]["layouts"]
     return merged

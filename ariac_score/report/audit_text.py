@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from ariac_score.audit import AGREE, CANNOT_BE_JUDGED, DIFFER, Audit, Item, Sum
 from ariac_score.difference import Change, Difference
 from ariac_score.report.style import Style, plain
-from ariac_score.scoring.printed import RELATIONS
+from ariac_score.scoring.printed import RELATIONS, number_of
 
 __all__ = ["audit_text"]
 
@@ -22,6 +22,7 @@ def audit_text(audit: Audit, style: Style | None = None) -> str:
         _differing(audit, style),
         _not_adding_up(audit, style),
         _agreeing(audit, style),
+        _resting(audit, style),
         _not_judged(audit, style),
         _difference(audit.difference, style) if audit.difference else (),
     ]
@@ -81,29 +82,42 @@ def _sum_words(one: Sum) -> str:
 
 
 def _agreeing(audit: Audit, style: Style) -> Iterator[str]:
-    found = [item for item in audit.items if item.verdict == AGREE]
+    found = [item for item in audit.items if item.verdict == AGREE and item.independent]
     if found:
-        yield style("Agrees", "bold")
+        yield style("Agrees with the log", "bold")
     for item in found:
-        words = plain(item.printed)
-        if item.ours is not None and f"{item.ours:g}" != item.printed:
-            words += f" (ours {item.ours:g}{_within(item)})"
-        rests = "" if item.independent else style(f"  [{plain(item.reason)}]", "dim")
-        yield _line(" ", item, style, "dim") + words + rests
+        yield _line(" ", item, style, "dim") + _both(item)
+
+
+def _resting(audit: Audit, style: Style) -> Iterator[str]:
+    found = [item for item in audit.items if item.verdict == AGREE and not item.independent]
+    yield from _by_reason("Agrees, but rests on the official file itself", found, style)
 
 
 def _not_judged(audit: Audit, style: Style) -> Iterator[str]:
-    """What cannot be judged, items with one reason together."""
+    found = [item for item in audit.items if item.verdict == CANNOT_BE_JUDGED]
+    yield from _by_reason("Cannot be judged", found, style)
+
+
+def _by_reason(title: str, items: list[Item], style: Style) -> Iterator[str]:
+    """Items with one reason together, in the order of the text."""
     reasons: dict[str, list[Item]] = {}
-    for item in audit.items:
-        if item.verdict == CANNOT_BE_JUDGED:
-            reasons.setdefault(item.reason, []).append(item)
+    for item in items:
+        reasons.setdefault(item.reason, []).append(item)
     if reasons:
-        yield style("Cannot be judged", "bold")
-    for reason, items in reasons.items():
-        yield style(f"  {plain(reason)}:", "yellow")
-        for item in items:
-            yield _line(" ", item, style, "dim") + f"printed {plain(item.printed)}"
+        yield style(title, "bold")
+    for reason, alike in reasons.items():
+        yield style(f"  {plain(reason)}", "yellow")
+        for item in alike:
+            yield _line(" ", item, style, "dim") + _both(item)
+
+
+def _both(item: Item) -> str:
+    """The printed number, and ours where it is not written alike."""
+    number = number_of(item.printed)
+    if item.ours is None or number == item.ours:
+        return plain(item.printed)
+    return f"{plain(item.printed)} (ours {item.ours:g}{_within(item)})"
 
 
 def _line(mark: str, one: Item | Sum, style: Style, look: str) -> str:
