@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ariac_score.certain import Certain, Value
+from ariac_score.comparison import Comparison, compare_rules, rule_sets_differing_from
 from ariac_score.contracts import Monitor, Reader, Wanted
-from ariac_score.difference import Difference, compare_rules, differing_rule_set
 from ariac_score.engine import find_trial, measure_trial, read_trial
 from ariac_score.errors import FormulaError, NothingToScoreError, UsageError
 from ariac_score.expression import Number
@@ -123,7 +123,7 @@ class Audit:
         rule_set: Id and SHA-256 of the rule set; empty where there was nothing to compare.
         items: Every printed item, in the order of the text.
         sums: Everything that must add up, in the order of the text.
-        difference: The same trial under a second rule set; `None` when there is none.
+        comparisons: The same trial under other rule sets.
     """
 
     trial: str
@@ -133,7 +133,7 @@ class Audit:
     rule_set: tuple[str, str] = ("", "")
     items: tuple[Item, ...] = ()
     sums: tuple[Sum, ...] = ()
-    difference: Difference | None = None
+    comparisons: tuple[Comparison, ...] = ()
 
     @property
     def differs(self) -> bool:
@@ -158,8 +158,8 @@ def audit(
     Args:
         path: A log, a bundle folder or a `bundle.yaml`, with an official text.
         rules: The rule set or its name; empty for the one that declares the text's layout.
-        against: A second rule set to list the differences to; empty for the one that
-            says how it differs from the first, if any.
+        against: A second rule set to list the differences to; empty for those that say
+            how they differ from the first.
         registry: The installed plugins, where the caller has them already.
         progress: Called with the share done, 0 to 1.
 
@@ -179,7 +179,7 @@ def audit(
     look = _Look(bundle, readers, registry, progress)
     trial, ours = look.at(rule_set)
     items = _Items(rule_set.printed, trial.orders, ours, look.without_text(rule_set), official.source)
-    other = _second(against, rule_set)
+    others = _others(against, rule_set)
     return Audit(
         trial.id,
         official.source,
@@ -187,15 +187,15 @@ def audit(
         rule_set=(rule_set.id, rule_set.sha256),
         items=tuple(items.of(block)),
         sums=tuple(_sums(rule_set.printed, block)),
-        difference=compare_rules(ours, look.at(other)[1]) if other else None,
+        comparisons=tuple(compare_rules(ours, look.at(other)[1]) for other in others),
     )
 
 
-def _second(against: str | RuleSet, first: RuleSet) -> RuleSet | None:
-    """The rule set to list the differences to, if any."""
+def _others(against: str | RuleSet, first: RuleSet) -> tuple[RuleSet, ...]:
+    """The rule sets to list the differences to."""
     if not against:
-        return differing_rule_set(first)
-    return load_rule_set(against) if isinstance(against, str) else against
+        return rule_sets_differing_from(first)
+    return (load_rule_set(against) if isinstance(against, str) else against,)
 
 
 # The text ------------------------------------------------------------------------------

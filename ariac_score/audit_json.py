@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ariac_score.audit import AGREE, CANNOT_BE_JUDGED, DIFFER, Audit
-from ariac_score.difference import Difference
+from ariac_score.comparison import Comparison
 from ariac_score.expression import Number
 from ariac_score.result import canonical
 
@@ -34,26 +34,29 @@ def _data(audit: Audit) -> dict[str, Any]:
         "counts": {verdict: audit.count(verdict) for verdict in (AGREE, DIFFER, CANNOT_BE_JUDGED)},
         "items": [{**asdict(item), "ours": _number(item.ours)} for item in audit.items],
         "sums": [{**asdict(one), "expected": _number(one.expected)} for one in audit.sums],
-        "difference": None if audit.difference is None else _difference_data(audit.difference),
+        "comparisons": [_comparison_data(comparison) for comparison in audit.comparisons],
     }
 
 
-def _difference_data(difference: Difference) -> dict[str, Any]:
+def _comparison_data(comparison: Comparison) -> dict[str, Any]:
     return {
-        "first": difference.first,
-        "second": difference.second,
+        "first": comparison.first,
+        "second": comparison.second,
         "changes": [
             {
                 **asdict(change),
                 "before": _number(change.before),
                 "after": _number(change.after),
-                "reasons": [asdict(reason) for reason in change.reasons],
+                "reasons": [
+                    {name: getattr(reason, name) for name in ("name", "coded", "documented", "source")}
+                    for reason in change.reasons
+                ],
             }
-            for change in difference.changes
+            for change in comparison.changes
         ],
         "undecided": [
             {"level": level, "path": path, "term": term, "reason": reason}
-            for level, path, term, reason in difference.undecided
+            for level, path, term, reason in comparison.undecided
         ],
     }
 

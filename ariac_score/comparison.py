@@ -1,41 +1,23 @@
 """One trial under two rule sets: which points differ, why, and where that is written.
 
-A rule set that differs from another on purpose says so under `differs`: from which one,
-and for each term or check what the one does, what the other does, and the source. A
-number that differs without such an entry is unexplained.
+A rule set that differs from another on purpose says so under `differs`. A number that is
+another one without such an entry is unexplained.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from ariac_score.certain import Certain
-from ariac_score.errors import UsageError
 from ariac_score.expression import Expression, Number, Traced
-from ariac_score.ruleset import RuleSet, load_rule_set, rule_set_names
+from ariac_score.ruleset import Difference, RuleSet, load_rule_set, rule_set_names
 from ariac_score.scoring.scope import LEVELS, Scope
 
-__all__ = ["Change", "Difference", "Reason", "compare_rules", "differing_rule_set"]
+__all__ = ["Change", "Comparison", "compare_rules", "rule_sets_differing_from"]
 
 _SCORE = "score"
-
-
-@dataclass(frozen=True)
-class Reason:
-    """Why two rule sets differ, as the second one tells it.
-
-    Attributes:
-        coded: What the first does.
-        documented: What the second does.
-        source: Where that is written.
-    """
-
-    coded: str
-    documented: str
-    source: str
 
 
 @dataclass(frozen=True)
@@ -57,7 +39,7 @@ class Change:
     term: str
     before: Number
     after: Number
-    reasons: tuple[Reason, ...] = ()
+    reasons: tuple[Difference, ...] = ()
     follows: bool = False
 
     @property
@@ -67,7 +49,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Difference:
+class Comparison:
     """One trial under two rule sets.
 
     Attributes:
@@ -83,23 +65,13 @@ class Difference:
     undecided: tuple[tuple[str, str, str, str], ...] = ()
 
 
-def differing_rule_set(rule_set: RuleSet) -> RuleSet | None:
-    """The shipped rule set that says how it differs from this one; `None` when none does.
-
-    Raises:
-        UsageError: More than one does.
-    """
+def rule_sets_differing_from(rule_set: RuleSet) -> tuple[RuleSet, ...]:
+    """The shipped rule sets that say how they differ from this one."""
     shipped = (load_rule_set(name) for name in rule_set_names())
-    found = [one for one in shipped if _differs(one).get("from") == rule_set.id]
-    if len(found) > 1:
-        named = ", ".join(one.id for one in found)
-        raise UsageError(
-            f"more than one rule set differs from {rule_set.id!r}", hint=f"choose with --against: {named}"
-        )
-    return found[0] if found else None
+    return tuple(one for one in shipped if one.differs and one.differs.other == rule_set.id)
 
 
-def compare_rules(first: Certain, second: Certain) -> Difference:
+def compare_rules(first: Certain, second: Certain) -> Comparison:
     """Every term that both rule sets have, in every scope that both know, and the score."""
     changes: dict[tuple[str, str], Change] = {}
     undecided: list[tuple[str, str, str, str]] = []
@@ -114,7 +86,7 @@ def compare_rules(first: Certain, second: Certain) -> Difference:
             inherited = tuple(dict.fromkeys(reason for change in made_of for reason in change.reasons))
             reasons = direct or inherited
             changes[path, term] = Change(level, path, term, *numbers, reasons, bool(inherited and not direct))
-    return Difference(first.rule_set.id, second.rule_set.id, tuple(changes.values()), tuple(undecided))
+    return Comparison(first.rule_set.id, second.rule_set.id, tuple(changes.values()), tuple(undecided))
 
 
 def _pairs(first: Certain, second: Certain) -> Iterator[tuple[str, str, str, Expression, Expression]]:
@@ -147,25 +119,25 @@ def _terms_in(*traces: Traced) -> list[tuple[str, str]]:
     return list(found)
 
 
-def _reasons(first: Certain, second: Certain, level: str, path: str, term: str) -> Iterator[Reason]:
-    """The entries that speak of a term, or of a check it asks itself and that says something else."""
+def _reasons(first: Certain, second: Certain, level: str, path: str, term: str) -> Iterator[Difference]:
+    """The differences that speak of a term, or of a check it asks itself and that says something else."""
     asked = {
         check
         for certain in (first, second)
         for check in _asked_itself(certain.rule_set, level, term)
         if _says(first, check, path) != _says(second, check, path)
     }
-    for entry in _differs(second.rule_set).get("because", ()):
-        named = {term, f"{level}.{term}"} & set(entry.get("terms", ()))
-        if named or asked & set(entry.get("checks", ())):
-            yield Reason(*(str(entry.get(key, "")) for key in ("coded", "documented", "source")))
+    names = {_SCORE, "task"} if term == _SCORE else {f"{level}.{term}"}
+    differs = second.rule_set.differs
+    for difference in differs.because if differs else ():
+        if names & set(difference.terms) or asked & set(difference.checks):
+            yield difference
 
 
 def _asked_itself(rule_set: RuleSet, level: str, term: str) -> set[str]:
     sheet = rule_set.sheet
-    formula = sheet.terms.get(level, {}).get(term) if term != _SCORE else sheet.score
-    nodes = formula.walk() if formula else ()
-    return {node.id for node in nodes if isinstance(node, ast.Name) and node.id in sheet.checks}
+    formula = sheet.terms[level][term] if term in sheet.terms.get(level, {}) else sheet.score
+    return {node.id for node in formula.walk() if isinstance(node, ast.Name) and node.id in sheet.checks}
 
 
 def _says(certain: Certain, check: str, path: str) -> list[tuple[str, str, tuple[tuple[str, float], ...]]]:
@@ -175,8 +147,3 @@ def _says(certain: Certain, check: str, path: str) -> list[tuple[str, str, tuple
         for finding in certain.measured.of(check).values()
         if not path or finding.subject == path or finding.subject.startswith(f"{path}/")
     ]
-
-
-def _differs(rule_set: RuleSet) -> Mapping[str, Any]:
-    differs: Mapping[str, Any] = rule_set.expanded.get("differs", {})
-    return differs

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -19,6 +19,7 @@ import yaml
 from ariac_score.errors import DataFileError, did_you_mean
 
 __all__ = [
+    "RepeatedKey",
     "YamlDocument",
     "load_yaml",
     "parse_yaml",
@@ -42,6 +43,25 @@ _TAG_MAP, _TAG_SEQ = "tag:yaml.org,2002:map", "tag:yaml.org,2002:seq"
 _Place = tuple["str | int", ...]
 
 
+def _never(_path: _Place) -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class RepeatedKey:
+    """A key that stands twice in one map; the later value was taken.
+
+    Attributes:
+        path: From the root.
+        line: Where it stands again, from 1.
+        first_line: Where it stood first.
+    """
+
+    path: _Place
+    line: int
+    first_line: int
+
+
 @dataclass(frozen=True)
 class YamlDocument:
     """One YAML file, loaded safely.
@@ -51,12 +71,14 @@ class YamlDocument:
         file: The file as the user named it.
         sha256: Hash of its bytes.
         lines: Line (from 1) of each value, by its path from the root.
+        repeats: Keys given twice where the caller lets them be.
     """
 
     data: Any
     file: str
     sha256: str
     lines: Mapping[_Place, int]
+    repeats: tuple[RepeatedKey, ...] = ()
 
     def place(self, path: Sequence[str | int]) -> str:
         """Words for a path: the line and a JSON path such as `line 7, $.terms.order`."""
@@ -88,18 +110,36 @@ def read_text(path: Path, *, error: type[DataFileError] = DataFileError, max_byt
 
 
 def load_yaml(
-    path: Path, *, error: type[DataFileError] = DataFileError, max_bytes: int = MAX_BYTES
+    path: Path,
+    *,
+    error: type[DataFileError] = DataFileError,
+    max_bytes: int = MAX_BYTES,
+    may_repeat: Callable[[_Place], bool] = _never,
 ) -> YamlDocument:
     """Load a YAML file that a stranger may have written.
+
+    Args:
+        path: The file.
+        error: What to raise.
+        max_bytes: Largest file that is read.
+        may_repeat: Whether the key at a path may be given twice: the last value is
+            taken, as most YAML loaders do, and the key is among the `repeats`.
 
     Raises:
         DataFileError: (or `error`) missing, too large, not UTF-8, malformed, two
             documents, a duplicate key, or nested or aliased beyond the limits.
     """
-    return parse_yaml(read_text(path, error=error, max_bytes=max_bytes), file=str(path), error=error)
+    raw = read_text(path, error=error, max_bytes=max_bytes)
+    return parse_yaml(raw, file=str(path), error=error, may_repeat=may_repeat)
 
 
-def parse_yaml(raw: bytes, *, file: str, error: type[DataFileError] = DataFileError) -> YamlDocument:
+def parse_yaml(
+    raw: bytes,
+    *,
+    file: str,
+    error: type[DataFileError] = DataFileError,
+    may_repeat: Callable[[_Place], bool] = _never,
+) -> YamlDocument:
     """Load YAML from bytes; see `load_yaml`."""
     try:
         text = raw.decode("utf-8-sig")
@@ -121,12 +161,13 @@ def parse_yaml(raw: bytes, *, file: str, error: type[DataFileError] = DataFileEr
         raise error(
             f"malformed YAML: {cause}", file=file, hint="check the file for control characters"
         ) from None
-    builder = _Builder(file, error)
+    builder = _Builder(file, error, may_repeat)
     data = None
     if root is not None:
         _check_nodes(root, file, error)
+        builder.lines[()] = _line_number(root)
         data = builder.value(root)
-    return YamlDocument(data, file, hashlib.sha256(raw).hexdigest(), builder.lines)
+    return YamlDocument(data, file, hashlib.sha256(raw).hexdigest(), builder.lines, tuple(builder.repeats))
 
 
 def _check_depth(text: str, file: str, error: type[DataFileError]) -> None:
@@ -205,15 +246,17 @@ def _line(node: yaml.Node | yaml.Event) -> str:
 class _Builder:
     """Turns nodes into plain values, refusing what a configuration has no use for."""
 
-    def __init__(self, file: str, error: type[DataFileError]) -> None:
-        self.file, self.error = file, error
+    def __init__(self, file: str, error: type[DataFileError], may_repeat: Callable[[_Place], bool]) -> None:
+        self.file, self.error, self.may_repeat = file, error, may_repeat
         self.lines: dict[_Place, int] = {}
+        self.repeats: list[RepeatedKey] = []
         self._scalars = yaml.constructor.SafeConstructor()
 
     def value(self, node: yaml.Node, path: _Place = ()) -> Any:
         """The plain value of a node at a path."""
-        self.lines.setdefault(path, _line_number(node))
         if isinstance(node, yaml.SequenceNode) and node.tag == _TAG_SEQ:
+            for i, child in enumerate(node.value):
+                self.lines[(*path, i)] = _line_number(child)
             return [self.value(child, (*path, i)) for i, child in enumerate(node.value)]
         if isinstance(node, yaml.MappingNode) and node.tag == _TAG_MAP:
             return dict(self._items(node, path))
@@ -239,13 +282,15 @@ class _Builder:
             if not isinstance(key_node, yaml.ScalarNode):
                 raise self._refusal(key_node, "a key must be a plain value", "quote the key")
             key = self._scalar(key_node)
-            if key in seen:
+            where = (*path, str(key))
+            if key in seen and self.may_repeat(where):
+                self.repeats.append(RepeatedKey(where, _line_number(key_node), seen[key]))
+            elif key in seen:
                 raise self._refusal(
                     key_node,
                     f"key {key!r} is given twice, first in line {seen[key]}",
                     "keep one of the two; YAML would silently take the last",
                 )
-            where = (*path, str(key))
             seen[key] = self.lines[where] = _line_number(key_node)
             yield key, self.value(value_node, where)
 

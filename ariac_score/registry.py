@@ -17,7 +17,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from types import UnionType
+from types import MappingProxyType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from ariac_score.contracts import GROUPS
@@ -172,6 +172,10 @@ def _as_type(value: Any, wanted: Any) -> Any:
         if not isinstance(value, list):
             raise ValueError(f"{value!r} is not a list")
         return tuple(_as_type(item, get_args(wanted)[0]) for item in value)
+    if origin is Mapping:
+        if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+            raise ValueError(f"{value!r} is not a map of names")
+        return MappingProxyType({key: _as_type(item, get_args(wanted)[1]) for key, item in value.items()})
     if wanted is float and isinstance(value, int | float) and not isinstance(value, bool):
         if not -_LARGEST <= value <= _LARGEST:  # NaN keeps neither
             raise ValueError(f"{value!r} is not finite")

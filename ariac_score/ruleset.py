@@ -21,6 +21,8 @@ from ariac_score.scoring.sheet import ScoreSheet
 
 __all__ = [
     "Check",
+    "Difference",
+    "Differences",
     "RuleSet",
     "differences",
     "expanded_yaml",
@@ -59,6 +61,40 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Difference:
+    """One point in which two rule sets of an edition part.
+
+    Attributes:
+        name: Its name in the rule set, such as `wrong_tray_type`.
+        terms: The terms it shows in, such as `submission.bonus`; also `score` and `task`.
+        checks: The checks it shows in.
+        coded: What the other rule set does, in words.
+        documented: What this one does, in words.
+        source: Where both are found.
+    """
+
+    name: str
+    terms: tuple[str, ...]
+    checks: tuple[str, ...]
+    coded: str
+    documented: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Differences:
+    """In what, and why, a rule set differs from another one.
+
+    Attributes:
+        other: Name of the other rule set.
+        because: Each difference, in the order of the file.
+    """
+
+    other: str
+    because: tuple[Difference, ...]
+
+
+@dataclass(frozen=True)
 class RuleSet:
     """A rule set, checked against its schema and in itself.
 
@@ -76,6 +112,7 @@ class RuleSet:
         expanded: The whole as plain values, after `extends`.
         ranking: How runs become a ranking, as the file says it; empty when it does not.
         printed: What the official text of the edition prints, and how it adds up.
+        differs: In what it differs from another rule set, as the file names it; `None` when it does not.
     """
 
     id: str
@@ -91,6 +128,7 @@ class RuleSet:
     expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
     ranking: Mapping[str, Any] = field(default_factory=dict)
     printed: PrintedText = field(default_factory=PrintedText)
+    differs: Differences | None = None
 
     @property
     def policies(self) -> dict[str, str]:
@@ -207,7 +245,8 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
 
 def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     """The base with what is new or changed; a check moved between rules and monitors moves."""
-    merged = {**base, **own}
+    # What a base differs in is said of the base alone.
+    merged = {**{key: value for key, value in base.items() if key != "differs"}, **own}
     merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
     for key in ("parameters", "rules", "monitors", "cohort"):
         merged[key] = {**base.get(key, {}), **own.get(key, {})}
@@ -277,6 +316,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
         sha256=document.sha256,
         expanded=data,
         ranking=data.get("ranking", {}),
+        differs=_differs(data["differs"]) if "differs" in data else None,
         printed=printed,
     )
 
@@ -321,6 +361,23 @@ def _printed_item(name: str, level: str, body: Mapping[str, Any], sheet: ScoreSh
     labels = tuple(body.get("labels", (name,)))
     return PrintedItem(
         name, level, labels, formula, body.get("kind", ""), body.get("within"), body.get("because", "")
+    )
+
+
+def _differs(told: Mapping[str, Any]) -> Differences:
+    return Differences(
+        told["from"],
+        tuple(
+            Difference(
+                name=each["name"],
+                terms=tuple(each.get("terms", [])),
+                checks=tuple(each.get("checks", [])),
+                coded=each["coded"],
+                documented=each["documented"],
+                source=each["source"],
+            )
+            for each in told["because"]
+        ),
     )
 
 

@@ -42,11 +42,11 @@ MAY_IMPORT: dict[str, set[str]] = {
         "trial",
     },
     "certain": {"errors", "expression", "findings", "result", "ruleset", "scoring"},
-    "difference": {"certain", "errors", "expression", "ruleset", "scoring"},
+    "comparison": {"certain", "expression", "ruleset", "scoring"},
     "audit": {
         "certain",
         "contracts",
-        "difference",
+        "comparison",
         "engine",
         "errors",
         "expression",
@@ -57,9 +57,9 @@ MAY_IMPORT: dict[str, set[str]] = {
         "scoring",
         "trial",
     },
-    "audit_json": {"audit", "difference", "expression", "result"},
+    "audit_json": {"audit", "comparison", "expression", "result"},
     "logs": {"backports", "contracts", "datafiles", "errors", "lz4", "numpy", "rosbags", "trial"},
-    "report": {"audit", "difference", "expression", "findings", "result", "scoring", "trial"},
+    "report": {"audit", "comparison", "expression", "findings", "result", "scoring", "trial"},
     "testing": {"logs", "numpy", "rosbags", "trial"},
 }
 ANYTHING = {"cli", "__init__"}

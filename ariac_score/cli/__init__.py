@@ -58,7 +58,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="ariac-score",
         description="Score robot competition trials: task points, safety monitors, one explained score.",
         epilog="Exit codes: 0 scored, 1 an audit found a difference, 2 interrupted, "
-        "3 internal or plugin error, 4 usage or invalid rules, 5 nothing to score, 6 damaged log or undecided score.",
+        "3 internal or plugin error, 4 usage or invalid rules, 5 nothing to score, "
+        "6 damaged log or undecided score.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)

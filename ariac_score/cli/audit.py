@@ -28,7 +28,7 @@ def register(commands: Any) -> None:
         "--against",
         default="",
         metavar="NAME",
-        help="second rule set to list the differences to; without it the one that says how it differs",
+        help="second rule set to list the differences to; without it those that say how they differ",
     )
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")

@@ -75,6 +75,7 @@ _HEADER_BYTES = 100
 _SNIFFED_BYTES = 1_000_000
 _TRIAL_FACTS = ("time_limit", "num_kits", "num_modules", "num_high_priority")
 _RUN_FACTS = _TABLES["Run"][5:]
+_TIMES = ("time_limit", "duration", "avg_report_time")
 _DAMAGED = "copy the database again while no simulator uses it"
 
 
@@ -133,7 +134,7 @@ class AriacDatabaseReader:
         return LogDescription(format=FORMAT, clock=CLOCK, facts=facts, duration_s=duration_s)
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
-        """Penalties, accepted submissions, start and end of the only run.
+        """Penalties, accepted submissions, start and end of the only run, and its numbers as facts.
 
         Raises:
             NothingToScoreError: There is no run in it.
@@ -185,7 +186,15 @@ def _trial(run: DatabaseRun, path: Path) -> Trial:
         summaries=tuple(orders),
         items=MappingProxyType({name: repr(value) for name, value in sorted(run.facts.items())}),
     )
+    builder.facts |= _facts(run)
     return builder.build()
+
+
+def _facts(run: DatabaseRun) -> dict[str, float]:
+    """The numbers of run and trial with the unit in their names; the cost is the team's."""
+    facts = {f"{name}_s" if name in _TIMES else name: value for name, value in run.facts.items()}
+    del facts["sensor_cost"]
+    return facts | {"completed": float(run.completed), "aborted": float(run.aborted)}
 
 
 def run_ids(path: Path) -> tuple[int, ...]:

@@ -34,6 +34,7 @@ ROLES: Mapping[str, str] = MappingProxyType(
         "sensor_cost": "sensor_cost",
         "ariac_config": "trial_config",
         "ariac_team": "team_config",
+        "ariac_team_name": "team_name",
     }
 )
 """What each reader's files are in a trial; those of any other reader are logs."""
@@ -42,6 +43,7 @@ _WORDS = {
     "log": "a log",
     "trial_config": "a trial configuration",
     "team_config": "a team configuration",
+    "team_name": "a team entry",
     "official": "an official result",
     "sensor_cost": "an official sensor cost",
 }
@@ -58,7 +60,7 @@ class Part:
     """One file (or bag folder) of a trial.
 
     Attributes:
-        role: `log`, `trial_config`, `team_config`, `official` or `sensor_cost`.
+        role: `log`, `trial_config`, `team_config`, `team_name`, `official` or `sensor_cost`.
         path: Where it is.
         reader: Name of the reader that recognised it.
     """

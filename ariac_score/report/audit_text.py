@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ariac_score.audit import AGREE, CANNOT_BE_JUDGED, DIFFER, Audit, Item, Sum
-from ariac_score.difference import Change, Difference
+from ariac_score.comparison import Change, Comparison
 from ariac_score.report.style import Style, plain
 from ariac_score.scoring.printed import RELATIONS, number_of
 
@@ -24,7 +24,7 @@ def audit_text(audit: Audit, style: Style | None = None) -> str:
         _agreeing(audit, style),
         _resting(audit, style),
         _not_judged(audit, style),
-        _difference(audit.difference, style) if audit.difference else (),
+        *(_comparison(comparison, style) for comparison in audit.comparisons),
     ]
     return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
 
@@ -135,15 +135,18 @@ def _within(item: Item) -> str:
 # Two rule sets -------------------------------------------------------------------------
 
 
-def _difference(difference: Difference, style: Style) -> Iterator[str]:
-    yield style(f"The same trial under {difference.second}", "bold")
-    if not difference.changes:
-        yield "  no term that both could decide differs"
-    for change in difference.changes:
+def _comparison(comparison: Comparison, style: Style) -> Iterator[str]:
+    yield style(f"The same trial under {comparison.second}", "bold")
+    if not comparison.changes:
+        yield "  nothing that both decide differs"
+    for change in comparison.changes:
         yield from _change(change, style)
-    for level, path, term, reason in difference.undecided:
-        name = f"{path}: {term}" if path else term
-        yield style(f"    {plain(name)} ({level}) cannot be compared: {plain(reason)}", "dim")
+    reasons: dict[str, list[str]] = {}
+    for _, path, term, reason in comparison.undecided:
+        reasons.setdefault(reason, []).append(f"{path}: {term}" if path else term)
+    for reason, names in reasons.items():
+        yield style(f"  cannot be compared: {plain(reason)}", "yellow")
+        yield style(f"    {plain(', '.join(names))}", "dim")
 
 
 def _change(change: Change, style: Style) -> Iterator[str]:
@@ -153,6 +156,7 @@ def _change(change: Change, style: Style) -> Iterator[str]:
     if change.unexplained:
         yield style("      unexplained: the rule set does not say why", "red")
     for reason in change.reasons if not change.follows else ():
-        yield f"      coded: {plain(reason.coded)}"
-        yield f"      documented: {plain(reason.documented)}"
-        yield style(f"      {plain(reason.source)}", "dim")
+        yield f"      {reason.name}"
+        yield f"        coded: {plain(reason.coded)}"
+        yield f"        documented: {plain(reason.documented)}"
+        yield style(f"        {plain(reason.source)}", "dim")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TypeVar
@@ -61,6 +61,7 @@ class TrialBuilder:
         self.witnessed: set[str] = set()
         self.unrecorded: list[str] = []
         self.recorded: Span | None = None
+        self.facts: dict[str, float] = {}
         self._defects: dict[tuple[str, str], LogDefect] = {}
 
     def add(self, item: Order | Submission | Event) -> None:
@@ -154,6 +155,7 @@ class TrialBuilder:
             log_defects=tuple(self._defects[k] for k in sorted(self._defects)),
             clock=self.clock,
             recorded=self.recorded or _span_of(self.signals.values(), self.events, self.submissions),
+            facts={name: self.facts[name] for name in sorted(self.facts)},
         )
 
 
@@ -227,8 +229,10 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     and what was witnessed, which add up. Orders as announced stand before orders
     as configured; configured ones take their time from the event of their
     announcement, and updates are applied. Submissions with contents stand before
-    those of an official text, which has none. Logs on another clock than the one
-    that records the motion keep what needs no time (see `_without_times`).
+    those of an official text, which has none. Sensors as configured stand before
+    sensors as recorded; numbers of the trial that two files state must agree. Logs on
+    another clock than the one that records the motion keep what needs no time (see
+    `_without_times`).
 
     Raises:
         LogError: Two logs tell the same thing differently.
@@ -247,9 +251,10 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
         official=_only("an official result", [p.official for p in parts if p.official], file),
         witnessed=frozenset(w for p in parts for w in p.witnessed),
         unrecorded=tuple(sorted({u for p in parts for u in p.unrecorded})),
-        log_defects=tuple(sorted(d for p in parts for d in p.log_defects)),
+        log_defects=tuple(sorted([*(d for p in parts for d in p.log_defects), *_other_sensors(parts)])),
         clock=_clock(parts),
         recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
+        facts=_facts(parts, file),
     )
     return _within_competition(merged, _unannounced(parts, merged))
 
@@ -384,13 +389,50 @@ def _team(told: Sequence[TeamSetup], file: object) -> TeamSetup | None:
     if not told:
         return None
     names = [team.name for team in told if team.name]
-    sensors = [dict(team.sensors) for team in told if team.sensors]
+    configured, recorded = _sensors(told)
     costs = [team.sensor_cost for team in told if team.sensor_cost is not None]
+    sensors = _only("a team set-up", configured or recorded, file)
     return TeamSetup(
         _only("a team set-up", names, file) or "",
-        MappingProxyType(_only("a team set-up", sensors, file) or {}),
+        None if sensors is None else MappingProxyType(sensors),
         _only("a sensor cost", costs, file),
     )
+
+
+def _sensors(told: Sequence[TeamSetup]) -> tuple[list[dict[str, str]], list[dict[str, str]]]:
+    """The sensors as configured, and those that stand in a record beside their cost."""
+    known = [team for team in told if team.sensors is not None]
+    return (
+        [dict(team.sensors or {}) for team in known if team.sensor_cost is None],
+        [dict(team.sensors or {}) for team in known if team.sensor_cost is not None],
+    )
+
+
+def _other_sensors(parts: Sequence[Trial]) -> Iterator[LogDefect]:
+    """That a record counts other sensors than are configured; names differ always, so types are compared."""
+    configured, recorded = _sensors([part.team for part in parts if part.team])
+    if configured and recorded and sorted(configured[0].values()) != sorted(recorded[0].values()):
+        message = (
+            f"the record counts {len(recorded[0])} sensors, the team configuration has {len(configured[0])}, "
+            "or of other types; the configured ones were kept"
+        )
+        yield LogDefect("other_sensors", "team", 1, message)
+
+
+def _facts(parts: Sequence[Trial], file: object) -> dict[str, float]:
+    """The numbers that the files state of the trial, which must not contradict each other."""
+    told: dict[str, tuple[float, str]] = {}
+    for part in parts:
+        source = part.official.source if part.official else part.id
+        for name, value in sorted(part.facts.items()):
+            known, first = told.setdefault(name, (value, source))
+            if known != value:
+                raise LogError(
+                    f"{first!r} says that {name} is {known:g}, {source!r} that it is {value:g}",
+                    file=file,
+                    hint="a bundle is one trial: leave out the file that belongs to another",
+                )
+    return {name: told[name][0] for name in sorted(told)}
 
 
 def _submissions(parts: Sequence[Trial], file: object) -> tuple[Submission, ...]:

@@ -215,12 +215,13 @@ class TeamSetup:
 
     Attributes:
         name: Team name; empty when unknown.
-        sensors: Sensor types by sensor name.
+        sensors: Sensor types by sensor name; `None` when nothing says which there were, which is not the
+            same as having none.
         sensor_cost: What an official record says that the sensors cost, in dollars; `None` when none does.
     """
 
     name: str = ""
-    sensors: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    sensors: Mapping[str, str] | None = None
     sensor_cost: float | None = None
 
 
@@ -315,6 +316,11 @@ class Trial:
         log_defects: What was wrong with the log.
         clock: Which clock the times come from, in words.
         recorded: From the first to the last stamp of the recording.
+        facts: Numbers that a configuration or an official record states of the trial, by name, such as
+            `time_limit_s`; what is not stated is not there.
+
+    Raises:
+        ValueError: A fact is not finite.
     """
 
     id: str
@@ -330,9 +336,13 @@ class Trial:
     log_defects: tuple[LogDefect, ...] = ()
     clock: str = ""
     recorded: Span | None = None
+    facts: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
+        if not all(math.isfinite(value) for value in self.facts.values()):
+            raise ValueError(f"the facts of trial {self.id!r} must be finite: {dict(self.facts)}")
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
+        object.__setattr__(self, "facts", MappingProxyType(dict(self.facts)))
 
     def signal(self, name: str, *, unit: str) -> Signal:
         """The signal of that name.

@@ -18,7 +18,7 @@ from ariac_score_kitting.claims import (
 )
 from ariac_score_kitting.contents import sound
 from ariac_score_kitting.names import base_type, delivered_type
-from ariac_score_kitting.poses import PoseTest
+from ariac_score_kitting.poses import PoseTest, best_total
 
 _CLAUSE = "ARIAC 2021 and 2022 scoring, assembly"
 _PREFIX = len("assembly_")
@@ -26,7 +26,10 @@ _PREFIX = len("assembly_")
 MAX_PERMUTED = 9
 """Products of one type the search over all orders is followed for; a briefcase holds four."""
 
-Matching = Literal["by_type_then_permutations", "first_in_place"]
+_IN_PLACE, _IN_COLOR = 2, 3
+"""Points of a product in its place, and in its place in its colour, as the rulebooks have them."""
+
+Matching = Literal["by_type_then_permutations", "first_in_place", "best_assignment"]
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,29 @@ class _Walk:
                 self.take(i, wanted, in_place=True, color_right=color_right)
                 return
 
+    # As documented: each product in its place, in the team's favour where two compete
+
+    def best_assignment(self) -> Briefcase:
+        worth = [
+            [self._worth(wanted, product) for product in self.delivered] for wanted in self.task.products
+        ]
+        for wanted, row, i in zip(self.task.products, worth, best_total(worth), strict=True):
+            if i is not None:
+                product = self.delivered[i]
+                color_right = row[i] == _IN_COLOR
+                self.types_alike += 1
+                self.poses_alike += 1
+                self.colors_alike += color_right
+                name = f"{product.name or product.type} ({i + 1} of {len(self.delivered)})"
+                self.records[name] = Record(wanted.slot, True, color_right)
+        return self.result()
+
+    def _worth(self, wanted: WantedProduct, product: Product) -> int | None:
+        kind = delivered_type(product.type, "after_colon")
+        if base_type(kind) != base_type(wanted.type) or not self.test.passes(wanted.pose, product.pose):
+            return None
+        return _IN_COLOR if kind == wanted.type else _IN_PLACE
+
 
 def _without_color(name: str) -> str:
     if "_" not in name:
@@ -179,19 +205,29 @@ class _Briefcases:
 
     matching: Matching = "by_type_then_permutations"
     max_distance_m: float = 0.02
-    min_quaternion_dot: float = 0.95
+    min_quaternion_dot: float | None = 0.95
     max_heading_error_rad: float | None = 0.1
+    max_rotation_rad: float | None = None
 
     def compared(self, task: Task, contents: Sequence[Product]) -> Briefcase:
         """What the simulator makes of a delivered briefcase."""
         if any(p.pose is None for p in sound(contents)) or any(w.pose is None for w in task.products):
             return Briefcase(undecided="a pose in the briefcase or in the order is not usable")
         counts = [sum(1 for p in contents if p.type == wanted.type) for wanted in task.products]
+        if self.matching == "best_assignment":
+            counts = [len(sound(contents))]
         if max([len(task.products), *counts]) > MAX_PERMUTED:
             return Briefcase(undecided=f"more than {MAX_PERMUTED} products: no briefcase holds that many")
-        test = PoseTest(self.max_distance_m, self.min_quaternion_dot, self.max_heading_error_rad)
+        test = PoseTest(
+            self.max_distance_m,
+            self.min_quaternion_dot,
+            self.max_heading_error_rad,
+            max_rotation_rad=self.max_rotation_rad,
+        )
         walk = _Walk(task, contents, test)
         try:
+            if self.matching == "best_assignment":
+                return walk.best_assignment()
             if self.matching == "first_in_place":
                 return walk.first_in_place()
             return walk.by_type_then_permutations()
@@ -206,8 +242,10 @@ class AssemblyPart(_Briefcases):
     Measures:
         For each ordered product whether the simulator notes a delivered one for it
         (`compare: type`), whether that got its pose flag (`type_and_pose`), and its
-        colour flag as well (`type_pose_and_color`). Notes are kept under the delivered
-        name: of two products alike only the first is noted.
+        colour flag as well (`type_pose_and_color`). As coded notes are kept under the
+        delivered name: of two products alike only the first is noted. With `matching:
+        best_assignment` every product that lies in its place counts, in the colour or
+        not, assigned so that they are worth the most.
     Violated when:
         It does not, or the briefcase was never submitted. Names that would have
         aborted the simulator are inconclusive.
@@ -215,7 +253,8 @@ class AssemblyPart(_Briefcases):
         ARIAC 2021 as coded (`by_type_then_permutations`): products are paired by type
         and order, the colour is cut at the ordered name's position, the pose flag goes
         by exact types, P(0.02 m, 0.1 rad). 2022 as coded (`first_in_place`): the first
-        product of the type that lies right, whatever its colour; no yaw test.
+        product of the type that lies right, whatever its colour; no yaw test. Both as
+        documented (`best_assignment`): 2 points for type and pose, 1 for the colour too.
     """
 
     compare: Literal["type", "type_and_pose", "type_pose_and_color"] = "type_and_pose"

@@ -117,19 +117,22 @@ class OrderTime:
     """The order was completed, and how long that took.
 
     Measures:
-        `time_taken_s`: from the announcement to the last counted submission of one
-        kind of task. Of several kinds the last in the list that the order asks for
-        and that is complete gives the time.
+        `time_taken_s`: from the announcement to the last counted submission. With
+        `until: last_complete_kind` that of one kind of task: of several kinds the last in
+        the list that the order asks for and that is complete gives the time. With
+        `until: all_complete` that of all tasks of these kinds, once none is missing.
     Violated when:
         A shipment of it is missing, or the time exceeds `max_time_s` where that is
         positive.
     Source:
         ARIAC 2019-2022, coded section: "time taken"; in 2021 as of a931894 and in 2022
-        the time of the assemblies replaces that of the kits.
+        the time of the assemblies replaces that of the kits. As documented: the time
+        taken to complete the order; 2023 and 2024: its submission duration.
     """
 
     max_time_s: float = 0.0
     kinds: tuple[str, ...] = ("kitting",)
+    until: Literal["last_complete_kind", "all_complete"] = "last_complete_kind"
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for the order."""
@@ -144,7 +147,8 @@ class OrderTime:
             return
         missing = everything.count(None)
         message = f"{len(everything) - missing} of {len(everything)} shipments were submitted"
-        end_s = _last_complete_s(list(claims.values()))
+        together = self.until == "all_complete"
+        end_s = _last_complete_s([everything] if together else list(claims.values()))
         if not everything:
             yield Finding.not_applicable(order.id, "the order asks for no kit", clause=clause)
         elif end_s is None:

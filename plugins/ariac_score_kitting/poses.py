@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ariac_score import Finding, Limit, Order, Pose, Product, Task, Trial, WantedProduct
+from ariac_score import Finding, Limit, Order, Pose, Product, Task, Tray, Trial, WantedProduct
 from ariac_score_kitting.claims import (
     EMPTY_KIT,
     NOT_SUBMITTED,
@@ -18,7 +18,7 @@ from ariac_score_kitting.claims import (
     undecidable,
 )
 from ariac_score_kitting.contents import sound
-from ariac_score_kitting.names import TypeNames, delivered_type
+from ariac_score_kitting.names import TypeNames, base_type, delivered_type
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,14 @@ class PoseError:
         quaternion_dot: Absolute dot product of the two quaternions as recorded.
         heading_error_rad: Difference of the yaw angles, not negative.
         facing_error_rad: Angle between the two vertical axes; pi is upside down.
+        rotation_rad: Angle of the whole rotation from one to the other, 0 to pi.
     """
 
     distance_m: float
     quaternion_dot: float
     heading_error_rad: float
     facing_error_rad: float
+    rotation_rad: float
 
     @classmethod
     def between(cls, wanted: Pose, delivered: Pose) -> PoseError:
@@ -52,7 +54,24 @@ class PoseError:
             abs(dot),
             abs(delivered.yaw_rad - wanted.yaw_rad),
             math.acos(min(1.0, max(-1.0, cosine))),
+            rotation_between(wanted, delivered),
         )
+
+
+def rotation_between(wanted: Pose, delivered: Pose) -> float:
+    """The angle of the whole rotation that takes one orientation to the other, in rad, 0 to pi.
+
+    By the arctangent, which keeps small angles that an arccosine near 1 would lose.
+
+    >>> rotation_between(Pose((0, 0, 0)), Pose((0, 0, 0), (0.0, 0.0, 0.0, -2.0))) == math.pi
+    True
+    """
+    (a, b, c, d), (e, f, g, h) = wanted.orientation_wxyz, delivered.orientation_wxyz
+    scalar = a * e + b * f + c * g + d * h
+    i = a * f - b * e - c * h + d * g
+    j = a * g + b * h - c * e - d * f
+    k = a * h - b * g + c * f - d * e
+    return 2.0 * math.atan2(math.sqrt(i * i + j * j + k * k), abs(scalar))
 
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:
@@ -86,21 +105,25 @@ class PoseTest:
 
     Attributes:
         max_distance_m: Largest distance in the plane; equality passes.
-        min_quaternion_dot: Least absolute dot product; equality passes.
+        min_quaternion_dot: Least absolute dot product; equality passes. `None`: no test.
         max_heading_error_rad: Bound of the yaw error, equality failing unless
             `heading_limit_passes`; the long way round equality passes. `None`: no test.
         heading_limit_passes: Whether a yaw error at the bound passes.
         normalise_delivered: Whether the delivered quaternion gets norm 1 first.
+        max_rotation_rad: Largest angle of the whole rotation, whatever its axis; equality
+            passes. `None`: no test.
 
     Source:
-        Rulebooks, sections 0.3 and 0.4.
+        Rulebooks, sections 0.3 and 0.4; the whole rotation: "the orientation must be
+        within 0.1 radians", scoring pages of 2017 to 2021.
     """
 
     max_distance_m: float
-    min_quaternion_dot: float
+    min_quaternion_dot: float | None
     max_heading_error_rad: float | None
     heading_limit_passes: bool = False
     normalise_delivered: bool = False
+    max_rotation_rad: float | None = None
 
     def error(self, wanted: Pose, delivered: Pose) -> PoseError:
         """The error of a delivered pose as this test sees it."""
@@ -108,10 +131,13 @@ class PoseTest:
 
     def limits(self, error: PoseError) -> tuple[Limit, ...]:
         """The errors against their limits."""
-        limits = [
-            Limit("distance", error.distance_m, "m", at_most=self.max_distance_m),
-            Limit("quaternion dot", error.quaternion_dot, "1", at_least=self.min_quaternion_dot),
-        ]
+        limits = [Limit("distance", error.distance_m, "m", at_most=self.max_distance_m)]
+        if self.min_quaternion_dot is not None:
+            limits.append(
+                Limit("quaternion dot", error.quaternion_dot, "1", at_least=self.min_quaternion_dot)
+            )
+        if self.max_rotation_rad is not None:
+            limits.append(Limit("rotation", error.rotation_rad, "rad", at_most=self.max_rotation_rad))
         if self.max_heading_error_rad is not None:
             heading = min(error.heading_error_rad, abs(error.heading_error_rad - 2 * math.pi))
             strict = heading == error.heading_error_rad and not self.heading_limit_passes
@@ -133,23 +159,28 @@ class KitPose:
 
     Measures:
         Distance in the tray's plane, absolute dot product of the quaternions (part
-        facing) and yaw error of each part. Parts of one exact type are assigned to
-        their slots so that as many as possible pass (`best_assignment`), or in order
-        of delivery each to the first free slot where it passes (`greedy`).
+        facing), yaw error, and angle of the whole rotation of each part, as far as they
+        have a limit. Parts of one exact type (`compare: type`: of one type, whatever
+        their colour) are assigned to their slots so that as many as possible pass
+        (`best_assignment`), or in order of delivery each to the first free slot where
+        it passes (`greedy`).
     Violated when:
-        No delivered part of the right type and colour passes at the slot: distance
-        above its limit, dot product below its limit (limits themselves pass), or yaw
-        error at or above its limit (`heading_limit_passes`: above it), a full turn
-        allowed for.
+        No delivered part of the right type and colour (`compare: type`: of the right
+        type) passes at the slot: distance above its limit, dot product below its limit,
+        rotation above its limit (limits themselves pass), or yaw error at or above its
+        limit (`heading_limit_passes`: above it), a full turn allowed for.
     Source:
         ARIAC 2019-2022 as coded: pose test P(0.03 m, 0.1 rad), best assignment. 2017
         and 2018 as coded: greedy, the delivered quaternion normalised, a yaw error at
-        the limit passing.
+        the limit passing. 2017 to 2022 as documented: within 3 cm and 0.1 rad, from
+        2020 on whatever the colour.
     """
 
     max_distance_m: float = 0.03
-    min_quaternion_dot: float = 0.95
-    max_heading_error_rad: float = 0.1
+    min_quaternion_dot: float | None = 0.95
+    max_heading_error_rad: float | None = 0.1
+    max_rotation_rad: float | None = None
+    compare: Literal["type_and_color", "type"] = "type_and_color"
     heading_limit_passes: bool = False
     normalise_delivered: bool = False
     matching: Literal["best_assignment", "greedy"] = "best_assignment"
@@ -165,7 +196,12 @@ class KitPose:
             self.max_heading_error_rad,
             self.heading_limit_passes,
             self.normalise_delivered,
+            self.max_rotation_rad,
         )
+
+    def _kind(self, product_type: str) -> str:
+        """What products must have in common to compete for a slot."""
+        return base_type(product_type) if self.compare == "type" else product_type
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each wanted product of each kitting task."""
@@ -190,16 +226,20 @@ class KitPose:
         self, subject: str, task: Task, contents: tuple[Product, ...], clause: str
     ) -> Iterator[Finding]:
         findings: dict[str, Finding] = {}
-        for kind in sorted({wanted.type for wanted in task.products}):
-            slots = [wanted for wanted in task.products if wanted.type == kind]
-            parts = [p for p in sound(contents) if delivered_type(p.type, self.type_names) == kind]
+        for kind in sorted({self._kind(wanted.type) for wanted in task.products}):
+            slots = [wanted for wanted in task.products if self._kind(wanted.type) == kind]
+            parts = [
+                part
+                for part in sound(contents)
+                if self._kind(delivered_type(part.type, self.type_names)) == kind
+            ]
             findings |= self._assigned(subject, slots, parts, clause)
         yield from (findings[wanted.slot] for wanted in task.products)
 
     def _assigned(
         self, subject: str, slots: Sequence[WantedProduct], parts: Sequence[Product], clause: str
     ) -> dict[str, Finding]:
-        """The finding of each slot of one exact product type."""
+        """The finding of each slot of products that compete."""
         passing = [[j for j, p in enumerate(parts) if self.test.passes(slot.pose, p.pose)] for slot in slots]
         match = (
             best_assignment(passing)
@@ -301,22 +341,54 @@ def best_assignment(passing: Sequence[Sequence[int]]) -> list[int | None]:
     return [part_of.get(slot) for slot in range(len(passing))]
 
 
+def best_total(worth: Sequence[Sequence[int | None]]) -> list[int | None]:
+    """Assign parts to slots so that they are worth the most together.
+
+    Of equal totals the one that gives earlier slots earlier parts.
+
+    Args:
+        worth: For each slot what each part is worth there, more than 0, or `None` where it does not fit.
+            A dozen parts at most: every set of parts taken is looked at.
+
+    Returns:
+        For each slot its part, or `None`.
+
+    >>> best_total([[3, 2], [2, None]])
+    [1, 0]
+    """
+    # By the set of parts taken: the most it brings, and how.
+    reached: dict[int, tuple[int, list[int | None]]] = {0: (0, [])}
+    for row in worth:
+        further: dict[int, tuple[int, list[int | None]]] = {}
+        for taken, (total, parts) in reached.items():
+            fitting = [(j, value) for j, value in enumerate(row) if value is not None and not taken >> j & 1]
+            options: list[tuple[int, int, int | None]] = [(taken | 1 << j, v, j) for j, v in fitting]
+            for key, value, part in [*options, (taken, 0, None)]:
+                if key not in further or further[key][0] < total + value:
+                    further[key] = (total + value, [*parts, part])
+        reached = further
+    return max(reached.values(), key=lambda found: found[0])[1]
+
+
 @dataclass(frozen=True)
 class TrayRight:
     """The kit is built on the ordered movable tray, which lies where it should.
 
     Measures:
-        The tray's type, or its pose against the middle of the AGV.
+        The tray's type, its pose against the middle of the AGV, or whether there is one.
     Violated when:
-        The type differs; or the distance in the plane exceeds its limit or the dot
-        product is below its limit (the limits themselves pass).
+        `type`: the type differs. `pose`: the distance in the plane exceeds its limit, the
+        dot product is below its limit, or the whole rotation exceeds its limit (the
+        limits themselves pass), or there is no tray. `present`: there is none.
     Source:
-        ARIAC 2022 as coded: 0.10 m and |dot| 0.95 (documented: 0.02 m and 0.1 rad).
+        ARIAC 2022 as coded: 0.10 m and |dot| 0.95. As documented: 0.02 m and 0.1 rad,
+        and without a tray a kit is worth nothing.
     """
 
-    compare: Literal["type", "pose"] = "type"
+    compare: Literal["type", "pose", "present"] = "type"
     max_distance_m: float = 0.10
-    min_quaternion_dot: float = 0.95
+    min_quaternion_dot: float | None = 0.95
+    max_rotation_rad: float | None = None
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each kitting task."""
@@ -332,17 +404,20 @@ class TrayRight:
                 yield Finding.not_applicable(subject, NOT_SUBMITTED, clause=clause)
             elif submission.tray is None:
                 yield Finding.inconclusive(subject, "the log does not show the tray", clause=clause)
-            elif self.compare == "type":
-                got, wanted = submission.tray.type, task.tray.type
-                make = Finding.satisfied if got == wanted else Finding.violated
-                yield make(subject, f"tray {got}, ordered {wanted}", clause=clause)
-            elif submission.tray.pose is None:
-                yield Finding.inconclusive(subject, "the log does not show the tray's pose", clause=clause)
             else:
-                error = PoseError.between(task.tray.pose or Pose((0.0, 0.0, 0.0)), submission.tray.pose)
-                yield Finding.from_limits(
-                    subject,
-                    Limit("distance", error.distance_m, "m", at_most=self.max_distance_m),
-                    Limit("quaternion dot", error.quaternion_dot, "1", at_least=self.min_quaternion_dot),
-                    clause=clause,
-                )
+                yield self._tray(subject, task.tray, submission.tray, clause)
+
+    def _tray(self, subject: str, wanted: Tray, got: Tray, clause: str) -> Finding:
+        if not got.type:
+            return Finding.violated(subject, "the kit was built without a tray", clause=clause)
+        if self.compare != "pose":
+            right = self.compare == "present" or got.type == wanted.type
+            make = Finding.satisfied if right else Finding.violated
+            return make(subject, f"tray {got.type}, ordered {wanted.type}", clause=clause)
+        if got.pose is None:
+            return Finding.inconclusive(subject, "the log does not show the tray's pose", clause=clause)
+        test = PoseTest(
+            self.max_distance_m, self.min_quaternion_dot, None, max_rotation_rad=self.max_rotation_rad
+        )
+        error = test.error(wanted.pose or Pose((0.0, 0.0, 0.0)), got.pose)
+        return Finding.from_limits(subject, *test.limits(error), clause=clause)

@@ -9,7 +9,9 @@ import pytest
 
 from ariac_score.contracts import Reader, Wanted
 from ariac_score.errors import DataFileError
-from ariac_score.logs.ariac_config import TeamConfigReader, TrialConfigReader, arithmetic
+from ariac_score.logs.ariac_config import TrialConfigReader
+from ariac_score.logs.config_values import arithmetic
+from ariac_score.logs.team_config import TeamConfigReader
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import Order, Pose, Tray, Trial
 

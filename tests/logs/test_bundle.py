@@ -9,10 +9,11 @@ import pytest
 from ariac_score.contracts import LogDescription, Reader, Wanted
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError
 from ariac_score.logs import bundle
-from ariac_score.logs.ariac_config import TeamConfigReader, TrialConfigReader
+from ariac_score.logs.ariac_config import TrialConfigReader
 from ariac_score.logs.ariac_text import PerformanceLogReader
 from ariac_score.logs.bundle import Bundle, find_parts
 from ariac_score.logs.gazebo import GazeboStateReader
+from ariac_score.logs.team_config import TeamConfigReader
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import Trial
