@@ -17,7 +17,7 @@ from ariac_score.scoring.scope import LEVELS, Scope
 
 __all__ = ["Change", "Comparison", "compare_rules", "rule_sets_differing_from"]
 
-_SCORE = "score"
+_SCORE, _TASK_SCORE = "score", "task score"
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,8 @@ class Change:
     Attributes:
         level: One of `LEVELS`.
         path: Path of the scope; empty for the trial.
-        term: Its name; `score` for the score.
+        term: Its name; `score` for the score, `task score` where one of the two compares
+            teams and so has no score yet.
         before: Under the first rule set.
         after: Under the second.
         reasons: Why; those of what it is made of when it only follows.
@@ -44,8 +45,8 @@ class Change:
 
     @property
     def unexplained(self) -> bool:
-        """Whether no entry of the rule set says why."""
-        return not self.reasons
+        """Whether no entry of the rule set says why; what only follows is explained where it comes from."""
+        return not self.reasons and not self.follows
 
 
 @dataclass(frozen=True)
@@ -83,9 +84,9 @@ def compare_rules(first: Certain, second: Certain) -> Comparison:
             numbers = (one.traced.value, other.traced.value)
             direct = tuple(_reasons(first, second, level, path, term))
             made_of = [changes[key] for key in _terms_in(one.traced, other.traced) if key in changes]
-            inherited = tuple(dict.fromkeys(reason for change in made_of for reason in change.reasons))
-            reasons = direct or inherited
-            changes[path, term] = Change(level, path, term, *numbers, reasons, bool(inherited and not direct))
+            inherited = dict.fromkeys(reason for change in made_of for reason in change.reasons)
+            follows = bool(made_of) and not direct
+            changes[path, term] = Change(level, path, term, *numbers, direct or tuple(inherited), follows)
     return Comparison(first.rule_set.id, second.rule_set.id, tuple(changes.values()), tuple(undecided))
 
 
@@ -100,7 +101,8 @@ def _pairs(first: Certain, second: Certain) -> Iterator[tuple[str, str, str, Exp
                     name = Expression.parse(term)
                     yield level, path, term, name, name
     scores = [(sheet.task if sheet.needs_cohort else None) or sheet.score for sheet in sheets]
-    yield "trial", "", _SCORE, scores[0], scores[1]
+    whole = _TASK_SCORE if any(sheet.needs_cohort for sheet in sheets) else _SCORE
+    yield "trial", "", whole, scores[0], scores[1]
 
 
 def _scopes(trial: Scope, level: str) -> list[Scope]:
@@ -120,17 +122,19 @@ def _terms_in(*traces: Traced) -> list[tuple[str, str]]:
 
 
 def _reasons(first: Certain, second: Certain, level: str, path: str, term: str) -> Iterator[Difference]:
-    """The differences that speak of a term, or of a check it asks itself and that says something else."""
-    asked = {
-        check
-        for certain in (first, second)
-        for check in _asked_itself(certain.rule_set, level, term)
-        if _says(first, check, path) != _says(second, check, path)
-    }
-    names = {_SCORE, "task"} if term == _SCORE else {f"{level}.{term}"}
+    """The differences that a number shows: those named for its term, or for a check that it asks itself.
+
+    One that names checks shows only where one of these says something else.
+    """
+    names = {_SCORE, "task"} if term in (_SCORE, _TASK_SCORE) else {f"{level}.{term}"}
+    asked = _asked_itself(first.rule_set, level, term) | _asked_itself(second.rule_set, level, term)
     differs = second.rule_set.differs
     for difference in differs.because if differs else ():
-        if names & set(difference.terms) or asked & set(difference.checks):
+        saying = {
+            check for check in difference.checks if _says(first, check, path) != _says(second, check, path)
+        }
+        named = bool(names & set(difference.terms)) and (bool(saying) or not difference.checks)
+        if named or saying & asked:
             yield difference
 
 
