@@ -1,4 +1,4 @@
-"""What rule sets say of their difference from others: everything the rulebook notes name, and nothing unheard of."""
+"""What rule sets say of their difference from others: all that the rulebook notes mark, nothing unheard of."""
 
 from __future__ import annotations
 
@@ -19,6 +19,17 @@ MARKED = {
     "ariac2018.as_documented": {"second_order", "greedy_poses"},
     "ariac2019.as_documented": {"later_orders", "gantry_models"},
     "ariac2020.as_documented": {"pose_of_wrong_color", "later_orders", "shipped_tests", "collisions"},
+    "ariac2021.tip_as_documented": {"wrong_color_pose", "assembly_bonus", "floor_penalty"},
+    "ariac2021.qualifiers_as_documented": {"wrong_color_pose", "floor_penalty"},
+    "ariac2021.finals_as_documented": {"wrong_color_pose", "penalty_after_collision"},
+    "ariac2022.as_documented": {
+        "no_tray",
+        "wrong_tray_type",
+        "tray_distance",
+        "tray_turn",
+        "assembly_yaw",
+        "collisions",
+    },
 }
 # These change no number that a trial can show.
 WITHOUT_CASE = {"ariac2019.as_documented": {"gantry_models"}, "ariac2020.as_documented": {"shipped_tests"}}

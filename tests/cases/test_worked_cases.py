@@ -6,12 +6,13 @@ the sum worked out in `worked`. A product is `type x y yaw`, in m and rad, and a
 
 A case of a rulebook may name the difference it shows (`differs`) and what the code makes
 of the same trial (`coded`); the team's sensors (`sensors`) or their recorded cost
-(`cost`); values across teams (`cohort`: by name and order, `trial` for the trial).
+(`cost`); parameters an organiser turned; values across teams (`cohort`: by name and order, `trial` for the trial).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -57,6 +58,7 @@ KEYS = {
     "cost",
     "cohort",
     "unwitnessed",
+    "parameters",
 }
 WITNESSED = {
     "submissions",
@@ -160,6 +162,9 @@ def cohort_of(case: Mapping[str, Any]) -> CohortValues:
 
 def result_of(case: Mapping[str, Any], rules: str) -> Result:
     rule_set = load_rule_set(rules)
+    if rules == case["rules"]:
+        parameters = {**rule_set.sheet.parameters, **case.get("parameters", {})}
+        rule_set = replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters))
     measured = measure_trial(trial_of(case), rule_set.build(REGISTRY), registry=REGISTRY, rule_set=rule_set)
     provenance = Provenance((), (), (rule_set.id, ""), ("", ""), ())
     return price_trial(measured, rule_set, provenance, cohort_of(case))
