@@ -61,7 +61,7 @@ class Item:
 
     Attributes:
         level: Level of the block it is printed in.
-        path: Path of that block; empty for the trial.
+        path: Path of that block in the text; empty for the trial.
         label: As the reader spells it.
         printed: As printed.
         ours: What we make of it; `None` when nothing.
@@ -70,6 +70,7 @@ class Item:
         tolerance: The largest difference that agrees.
         because: Why that tolerance.
         independent: Whether ours can be had without the file of the official text.
+        scope: Path of the order, shipment or part that it was compared with.
     """
 
     level: str
@@ -82,6 +83,7 @@ class Item:
     tolerance: float = 0.0
     because: str = ""
     independent: bool = False
+    scope: str = ""
 
 
 @dataclass(frozen=True)
@@ -374,7 +376,7 @@ class _Items:
             yield self._item(block, item, label, path, problem)
         for label in self.text.unknown(block):
             reason = "the rule set does not say what this is"
-            yield Item(block.level, path, label, block.values[label], None, CANNOT_BE_JUDGED, reason)
+            yield Item(block.level, block.path, label, block.values[label], None, CANNOT_BE_JUDGED, reason)
         for inner in block.inner:
             yield from self.of(inner)
 
@@ -383,7 +385,16 @@ class _Items:
         told = number_of(printed)
         tolerance = _tolerance(printed) if item.within is None else item.within
         made = Item(
-            block.level, path, label, printed, None, CANNOT_BE_JUDGED, problem, tolerance, item.because
+            level=block.level,
+            path=block.path,
+            label=label,
+            printed=printed,
+            ours=None,
+            verdict=CANNOT_BE_JUDGED,
+            reason=problem,
+            tolerance=tolerance,
+            because=item.because,
+            scope="" if problem else path,
         )
         if item.formula is None:
             return replace(made, reason=item.because or "there is no counterpart in the rule set", because="")

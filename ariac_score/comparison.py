@@ -7,7 +7,7 @@ another one without such an entry is unexplained.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from ariac_score.certain import Certain
@@ -81,12 +81,23 @@ def compare_rules(first: Certain, second: Certain) -> Comparison:
         if one.traced is None or other.traced is None:
             undecided.append((level, path, term, one.reason or other.reason))
         elif one.traced.value != other.traced.value:
-            numbers = (one.traced.value, other.traced.value)
-            direct = tuple(_reasons(first, second, level, path, term))
             made_of = [changes[key] for key in _terms_in(one.traced, other.traced) if key in changes]
+            asking = _Asking(first, second, level, path, term)
+            direct = tuple(asking.reasons((one.traced, other.traced), made_of))
             inherited = dict.fromkeys(reason for change in made_of for reason in change.reasons)
-            follows = bool(made_of) and not direct
-            changes[path, term] = Change(level, path, term, *numbers, direct or tuple(inherited), follows)
+            changes[path, term] = Change(
+                level,
+                path,
+                term,
+                one.traced.value,
+                other.traced.value,
+                reasons=direct or tuple(inherited),
+                follows=bool(made_of) and not direct,
+            )
+    for certain in (first, second):
+        if certain.rule_set.sheet.needs_cohort:
+            reason = f"{certain.rule_set.id} compares teams; its score is known when all are ranked"
+            undecided.append(("trial", "", _SCORE, reason))
     return Comparison(first.rule_set.id, second.rule_set.id, tuple(changes.values()), tuple(undecided))
 
 
@@ -121,27 +132,67 @@ def _terms_in(*traces: Traced) -> list[tuple[str, str]]:
     return list(found)
 
 
-def _reasons(first: Certain, second: Certain, level: str, path: str, term: str) -> Iterator[Difference]:
-    """The differences that a number shows: those named for its term, or for a check that it asks itself.
+@dataclass(frozen=True)
+class _Asking:
+    """Looks for the differences that the number of one term shows."""
 
-    One that names checks shows only where one of these says something else.
-    """
-    names = {_SCORE, "task"} if term in (_SCORE, _TASK_SCORE) else {f"{level}.{term}"}
-    asked = _asked_itself(first.rule_set, level, term) | _asked_itself(second.rule_set, level, term)
-    differs = second.rule_set.differs
-    for difference in differs.because if differs else ():
-        saying = {
-            check for check in difference.checks if _says(first, check, path) != _says(second, check, path)
-        }
-        named = bool(names & set(difference.terms)) and (bool(saying) or not difference.checks)
-        if named or saying & asked:
-            yield difference
+    first: Certain
+    second: Certain
+    level: str
+    path: str
+    term: str
+
+    def reasons(self, traces: tuple[Traced, Traced], made_of: Sequence[Change]) -> Iterator[Difference]:
+        """Those of a check that says something else here, and those named for a formula that is another.
+
+        Where what a term is made of differs too, a formula that is merely written in
+        another way explains nothing; the score alone is always another formula.
+        """
+        names = {f"{self.level}.{self.term}"}
+        if self._is_score:
+            names |= {_SCORE, "task", *self._one_sided(*traces)}
+        sources = [formula.source for formula in self._formulas]
+        by_name = sources[0] != sources[1] and (self._is_score or not made_of)
+        differs = self.second.rule_set.differs
+        for difference in differs.because if differs else ():
+            named = bool(names & set(difference.terms))
+            telling = {check for check in difference.checks if self._tells(check)}
+            if (named and (telling or by_name)) or telling & self._asked(0) | telling & self._asked(1):
+                yield difference
+
+    @property
+    def _is_score(self) -> bool:
+        return self.term in (_SCORE, _TASK_SCORE)
+
+    @property
+    def _formulas(self) -> list[Expression]:
+        sheets = [certain.rule_set.sheet for certain in (self.first, self.second)]
+        return [sheet.score if self._is_score else sheet.terms[self.level][self.term] for sheet in sheets]
+
+    def _asked(self, which: int) -> set[str]:
+        """The checks that the term's own formula asks under one of the two rule sets."""
+        checks = (self.first, self.second)[which].rule_set.sheet.checks
+        nodes = self._formulas[which].walk()
+        return {node.id for node in nodes if isinstance(node, ast.Name) and node.id in checks}
+
+    def _tells(self, check: str) -> bool:
+        """Whether a check says something else here, or is asked by one of the two formulas alone."""
+        one_asks = (check in self._asked(0)) != (check in self._asked(1))
+        return one_asks or _says(self.first, check, self.path) != _says(self.second, check, self.path)
+
+    def _one_sided(self, *traces: Traced) -> set[str]:
+        """Terms a score is made of that only one of the two rule sets has."""
+        found = {f"{_level_of(path)}.{name}" for path, name in _terms_in(*traces)}
+        first, second = (_all_terms(certain.rule_set) for certain in (self.first, self.second))
+        return found & (first ^ second)
 
 
-def _asked_itself(rule_set: RuleSet, level: str, term: str) -> set[str]:
-    sheet = rule_set.sheet
-    formula = sheet.terms[level][term] if term in sheet.terms.get(level, {}) else sheet.score
-    return {node.id for node in formula.walk() if isinstance(node, ast.Name) and node.id in sheet.checks}
+def _level_of(path: str) -> str:
+    return LEVELS[::-1][len(path.split("/")) if path else 0]
+
+
+def _all_terms(rule_set: RuleSet) -> set[str]:
+    return {f"{level}.{name}" for level, named in rule_set.sheet.terms.items() for name in named}
 
 
 def _says(certain: Certain, check: str, path: str) -> list[tuple[str, str, tuple[tuple[str, float], ...]]]:
