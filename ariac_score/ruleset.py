@@ -68,8 +68,8 @@ class Difference:
         name: Its name in the rule set, such as `wrong_tray_type`.
         terms: The terms it shows in, such as `submission.bonus`; also `score` and `task`.
         checks: The checks it shows in.
-        coded: What the other rule set does, in words.
-        documented: What this one does, in words.
+        coded: What the code does, in words, whichever of the two rule sets follows it.
+        documented: What the document says, in words.
         source: Where both are found.
     """
 

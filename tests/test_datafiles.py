@@ -19,6 +19,7 @@ from ariac_score.datafiles import (
     MAX_BYTES,
     MAX_DEPTH,
     MAX_NODES,
+    RepeatedKey,
     YamlDocument,
     load_yaml,
     parse_yaml,
@@ -421,3 +422,17 @@ def test_shipped_rules_are_named_by_folder_and_file() -> None:
 
     assert {"paper2020.ruleset", "ariac2020.log_map", "ariac2022.as_coded"} <= set(shipped)
     assert all(path.is_file() for path in shipped.values())
+
+
+def test_a_key_may_be_given_twice_where_the_caller_lets_it() -> None:
+    text = b"a: 1\nb: {c: [1, 2]}\nb:\n  c:\n  - 3\n"
+    document = parse_yaml(text, file="f", may_repeat=lambda path: path == ("b",))
+
+    assert document.data == {"a": 1, "b": {"c": [3]}}
+    assert document.repeats == (RepeatedKey(("b",), 3, 2),)
+    assert document.place(("b", "c", 0)) == "line 5, $.b.c[0]"
+
+
+def test_elsewhere_a_key_given_twice_is_refused() -> None:
+    with pytest.raises(DataFileError, match="key 'c' is given twice, first in line 2"):
+        parse_yaml(b"b:\n  c: 1\n  c: 2\n", file="f", may_repeat=lambda path: path == ("b",))

@@ -55,7 +55,7 @@ class TrialConfigReader:
         return LogDescription(
             format=FORMAT,
             defects=trial.log_defects,
-            facts=facts if trial.orders else dict(trial.facts),
+            facts=facts if trial.orders else {name: _short(value) for name, value in trial.facts.items()},
         )
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
@@ -71,6 +71,11 @@ class TrialConfigReader:
         trial = _trial(path)
         wanted.progress(1.0)
         return trial
+
+
+def _short(value: float) -> int | float:
+    """A whole number as one."""
+    return int(value) if value.is_integer() else value
 
 
 def _trial(path: Path) -> Trial:

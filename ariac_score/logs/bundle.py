@@ -14,6 +14,7 @@ from types import MappingProxyType
 from ariac_score.contracts import Reader
 from ariac_score.datafiles import YamlDocument, load_yaml, validate
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.config_forms import looks_like
 
 __all__ = ["MAX_DEPTH", "MAX_FILES", "ROLES", "Bundle", "Part", "find_parts"]
 
@@ -136,9 +137,16 @@ def _as_bag(folder: Path, readers: Mapping[str, Reader]) -> Part | None:
 def _single_file(path: Path, readers: Mapping[str, Reader]) -> Bundle:
     part = _as_part(path, readers)
     if part is None:
-        cause = "no reader recognises this file" if path.stat().st_size else "the file is empty"
+        cause = (
+            f"no reader recognises this file{_likeness(path)}" if path.stat().st_size else "the file is empty"
+        )
         raise NothingToScoreError(cause, file=path, hint=f"known formats: {FORMATS}")
     return Bundle(path.stem, path, (part,))
+
+
+def _likeness(path: Path) -> str:
+    """Words for a YAML file that is no part of a trial."""
+    return f"; it looks like {looks_like(path)}" if path.suffix in (".yaml", ".yml") else ""
 
 
 def _searched_folder(folder: Path, readers: Mapping[str, Reader]) -> Bundle:

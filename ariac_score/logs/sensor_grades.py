@@ -1,5 +1,8 @@
 """The graded sensors of 2025: what a sensor can do decides what it costs.
 
+DIFF: a lidar of 10 Hz and exactly 200 samples belongs to the cheaper grade by the rulebook, to the dearer
+one by the simulator's code (`ariac_setup/structures.py`). The rulebook is followed.
+
 Source: ARIAC 2025 rulebook, section "sensor grades"; `ariac_setup/config/user_config_schema.json` of
 branch ariac2025.
 """

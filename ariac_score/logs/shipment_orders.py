@@ -49,7 +49,12 @@ def shipment_orders(values: ConfigValues, root: Mapping[Any, Any]) -> tuple[Orde
     taken: list[Order] = []
     for order_id, value in orders.items():
         path = ("orders", str(order_id))
+        if str(order_id) in (order.id for order in taken):
+            values.refuse(path, f"order {str(order_id)!r} is given twice", "give each order its own name")
         taken.append(_order(values, str(order_id), value, path, aliases, first=not taken))
+        count = sum(len(order.tasks) for order in taken)
+        if count > MAX_COUNT:
+            values.refuse(path, f"{count} shipments cannot be ordered", f"give up to {MAX_COUNT} in a trial")
     known = {order.id for order in taken}
     for order in taken:
         if order.updates and order.updates not in known:
@@ -175,10 +180,15 @@ def _products(
 ) -> tuple[WantedProduct, ...]:
     given = values.given(parts, key, path)
     path = (*path, key)
+    slots = values.mapping(given, path)
+    if len(slots) > MAX_COUNT:
+        values.refuse(path, f"{len(slots)} products cannot be wanted", f"give up to {MAX_COUNT}")
     products: list[WantedProduct] = []
-    for slot, value in values.mapping(given, path).items():
+    for slot, value in slots.items():
         place = (*path, str(slot))
         product = values.mapping(value, place)
+        if str(slot) in (known.slot for known in products):
+            values.refuse(place, f"slot {str(slot)!r} is given twice", "give each product its own name")
         kind = values.text(values.given(product, "type", place), (*place, "type"))
         pose = values.pose(product["pose"], (*place, "pose")) if "pose" in product else None
         if aliases.get(kind, kind) not in PRODUCT_TYPES:

@@ -1,4 +1,4 @@
-"""Rules about kits: what was delivered, where it lies, where it went, how long it took; what a team costs."""
+"""Rules about kits: what was delivered, where it lies, where it went, how long it took; a team's cost."""
 
 from ariac_score_kitting.assembly import AssemblyCounters, AssemblyPart
 from ariac_score_kitting.contents import NoneFaulty, NoneMissing, NoneUnwanted, Presence, RightNumber

@@ -6,7 +6,8 @@ the sum worked out in `worked`. A product is `type x y yaw`, in m and rad, and a
 
 A case of a rulebook may name the difference it shows (`differs`) and what the code makes
 of the same trial (`coded`); the team's sensors (`sensors`) or their recorded cost
-(`cost`); parameters an organiser turned; values across teams (`cohort`: by name and order, `trial` for the trial).
+(`cost`); parameters an organiser turned; values across teams (`cohort`: by name and
+order, `trial` for the trial).
 """
 
 from __future__ import annotations

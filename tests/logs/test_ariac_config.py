@@ -1,25 +1,28 @@
-"""The readers of trial and sensor configurations, against the official files and hand-written ones."""
+"""The reader of trial configurations with orders, against official files and hand-written ones."""
 
 from __future__ import annotations
 
+import copy
 import math
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from ariac_score.contracts import Reader, Wanted
 from ariac_score.errors import DataFileError
 from ariac_score.logs.ariac_config import TrialConfigReader
 from ariac_score.logs.config_values import arithmetic
-from ariac_score.logs.team_config import TeamConfigReader
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.model import Order, Pose, Tray, Trial
+from ariac_score.trial.model import LogDefect, Order, Pose, Tray, Trial
 
 ARIAC = Path(__file__).parents[2].parent / "shared" / "ariac" / "data"
 CONFIG = ARIAC / "config"
 needs_official_files = pytest.mark.skipif(not CONFIG.is_dir(), reason="the official files are not here")
 
-TRIALS, TEAMS = TrialConfigReader(), TeamConfigReader()
+TRIALS = TrialConfigReader()
 WANTED = Wanted(LogMap("test"))
 
 PRODUCTS = "products: {part_0: {type: gear_part_red, pose: {xyz: [0.1, -0.2, 0], rpy: [0, 0, 'pi/2']}}}"
@@ -70,51 +73,11 @@ def refusal(folder: Path, text: str) -> DataFileError:
     return caught.value
 
 
-def test_both_are_readers() -> None:
+def test_is_a_reader() -> None:
     assert isinstance(TRIALS, Reader)
-    assert isinstance(TEAMS, Reader)
 
 
 # The official files
-
-FAILING = {
-    "2020/qual_a_2.yaml": "key 'piston_rod_part_red' is given twice",
-    "2020/sample2.yaml": "key 'pulley_part_red' is given twice",
-    "2020/sample_order_update.yaml": "key 'pulley_part_red' is given twice",
-    "2022/trial_config/agility_challenges/hpo_assembly_kitting.yaml": "the file is empty",
-}
-"""Official files that are wrong, and what is wrong with them."""
-
-
-OTHER_FILES = ("human_params.yaml", "nist_competitor.yaml", "object_poses.yaml")
-"""Official files of 2023 and 2024 that are neither trials nor sensors."""
-
-
-def official_files() -> list[str]:
-    years = ("2019", "2020", "2021", "2022", "2023", "2024")
-    return [
-        path.relative_to(CONFIG).as_posix() for y in years for path in sorted((CONFIG / y).rglob("*.yaml"))
-    ]
-
-
-@needs_official_files
-@pytest.mark.parametrize("name", official_files())
-def test_every_official_file_loads_or_names_its_mistake(name: str) -> None:
-    path = CONFIG / name
-    if name in FAILING:
-        with pytest.raises(DataFileError, match=FAILING[name]):
-            TRIALS.read(path, WANTED)
-    elif TEAMS.can_read(path):
-        team = TEAMS.read(path, WANTED).team
-        assert team is not None
-        assert all(team.sensors.values())
-    elif TRIALS.can_read(path):
-        orders = TRIALS.read(path, WANTED).orders
-        assert orders
-        assert all(task.products for order in orders for task in order.tasks)
-    else:
-        # The test worlds of the scorer put products into the simulation and order nothing.
-        assert "test_scoring" in path.parts or path.name in OTHER_FILES
 
 
 @needs_official_files
@@ -133,13 +96,6 @@ def test_the_official_trial_of_2022_is_read_exactly() -> None:
 
 
 @needs_official_files
-def test_the_official_team_of_2022_has_seven_logical_cameras() -> None:
-    path = ARIAC / "nist_team_2022/config/team_config.yaml"
-
-    assert TEAMS.describe(path).facts == {"sensors": 7, "logical_camera": 7}
-
-
-@needs_official_files
 def test_a_trial_of_2020_found_in_the_wild_is_read_exactly() -> None:
     orders = TRIALS.read(ARIAC / "found/sandeep_kota_group1_2020_trial.yaml", WANTED).orders
 
@@ -151,28 +107,6 @@ def test_a_trial_of_2020_found_in_the_wild_is_read_exactly() -> None:
         "disk_part_blue",
         "disk_part_green",
     ]
-
-
-@needs_official_files
-@pytest.mark.parametrize(
-    ("name", "line"),
-    [
-        ("2023/trials/assembly.yaml", 37),
-        ("2023/trials/human_assembly.yaml", 40),
-        ("2023/trials/kitting_assembly.yaml", 31),
-        ("2023/trials/tutorial.yaml", 31),
-        ("2024/trials/assembly.yaml", 43),
-        ("2024/trials/tutorial.yaml", 37),
-    ],
-)
-def test_the_official_mistakes_of_2023_and_2024_are_named_and_change_no_order(name: str, line: int) -> None:
-    trial = TRIALS.read(CONFIG / name, WANTED)
-    (mistake,) = trial.log_defects
-
-    assert trial.orders
-    assert mistake.kind == "configuration_mistake"
-    assert "'p1/2'" in mistake.message
-    assert f"line {line}," in mistake.message
 
 
 # Trials of 2023 and 2024: log formats, section 7.3
@@ -260,20 +194,6 @@ def test_a_rotation_that_is_none_is_named_and_changes_no_order(tmp_path: Path) -
     assert [d.message.partition(" (")[0] for d in wrong.log_defects] == [
         "'p1/2' names 'p1'; only pi is known"
     ]
-
-
-def test_the_sensors_of_2024_are_static_ones_and_active_robot_cameras(tmp_path: Path) -> None:
-    path = tmp_path / "sensors.yaml"
-    path.write_text(
-        "robot_cameras:\n  floor_robot_camera: {active: true, type: rgb}\n"
-        "  ceiling_robot_camera: {active: false, type: rgbd}\nstatic_sensors: {beam: {type: break_beam}}\n",
-        encoding="utf-8",
-    )
-    team = TEAMS.read(path, WANTED).team
-
-    assert TEAMS.can_read(path)
-    assert team is not None
-    assert dict(team.sensors) == {"beam": "break_beam", "floor_robot_camera": "robot_rgb_camera"}
 
 
 # Shapes
@@ -460,61 +380,230 @@ def test_malformed_yaml_is_refused_and_described_as_damage(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("text", "trial", "team"),
+    ("text", "cause"),
     [
-        ("orders: {}\n", True, False),
-        ("# note\n'sensors' : {}\n", False, True),
-        ("orders: {}\nsensors: {}\n", True, False),
-        ("other:\n  orders: {}\n", False, False),
-        ("", False, False),
-        ("orders: {broken\n", True, False),
+        ("orders: {}", "no order is given"),
+        ("orders: []", "no order is given"),
+        ("options: {}\ntime_limit: 500", "a trial configuration without orders: there are no orders in it"),
+        ("order: {}\nmodels_over_bins: {}", "a trial configuration without orders"),
+        (
+            "sensors: {a: {type: break_beam}}",
+            "a team configuration of 2017 to 2022: there are no orders in it",
+        ),
+        ("COMPETITOR_NAME: a\nSENSORS: []", "a team configuration of 2025: there are no orders in it"),
+        ("orders: {" + ", ".join(f"order_{n}: {{}}" for n in range(1001)) + "}", "1001 orders cannot be"),
     ],
 )
-def test_files_are_told_apart_by_their_top_level_keys(
-    tmp_path: Path, text: str, trial: bool, team: bool
-) -> None:
-    path = tmp_path / "a.yml"
-    path.write_text(text, encoding="utf-8")
-    other = tmp_path / "a.txt"
-    other.write_text(text, encoding="utf-8")
-
-    assert (TRIALS.can_read(path), TEAMS.can_read(path)) == (trial, team)
-    assert not TRIALS.can_read(other)
-    assert not TRIALS.can_read(tmp_path)
+def test_a_file_without_orders_is_called_by_what_it_looks_like(tmp_path: Path, text: str, cause: str) -> None:
+    assert cause in refusal(tmp_path, text).cause
 
 
-# Sensors
-
-
-def team_of(folder: Path, text: str) -> dict[str, str]:
-    path = folder / "team.yaml"
-    path.write_text(text, encoding="utf-8")
-    team = TEAMS.read(path, WANTED).team
-    assert team is not None
-    return dict(team.sensors)
-
-
-def test_sensors_are_known_by_name_and_type(tmp_path: Path) -> None:
-    text = "sensors: {b: {type: break_beam, pose: {}}, a: {type: logical_camera}}"
-
-    assert team_of(tmp_path, text) == {"a": "logical_camera", "b": "break_beam"}
-
-
-def test_a_team_may_do_without_sensors(tmp_path: Path) -> None:
-    assert team_of(tmp_path, "sensors:\n") == {}
-
-
-def test_only_a_robot_camera_that_is_switched_on_is_a_sensor(tmp_path: Path) -> None:
-    text = "sensors: {}\ngantry_bin_camera: {enable: true}\ngantry_tray_camera: {enable: false}\n"
-
-    assert team_of(tmp_path, text) == {"gantry_bin_camera": "gantry_bin_camera"}
+# Numbers of the trial
 
 
 @pytest.mark.parametrize(
-    "text", ["sensors: [a]", "sensors: {a: }", "sensors: {a: {pose: {}}}", "sensors: {a: {type: 3}}", "[]"]
+    ("line", "facts"),
+    [
+        ("time_limit: 500", {"time_limit_s": 500.0}),
+        ("time_limit: 0", {"time_limit_s": 0.0}),
+        ("time_limit: -1", {}),
+        ("", {}),
+    ],
 )
-def test_sensors_of_a_wrong_shape_are_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(DataFileError) as caught:
-        team_of(tmp_path, text)
+@pytest.mark.parametrize("trial", [TRIAL_2020, TRIAL_2022, TRIAL_2024])
+def test_the_time_limit_is_a_fact_unless_there_is_none(
+    tmp_path: Path, trial: str, line: str, facts: dict[str, float]
+) -> None:
+    assert dict(read(tmp_path, f"{line}\n{trial}").facts) == facts
 
-    assert caught.value.hint
+
+@pytest.mark.parametrize("limit", ["-2", "-0.5", ".nan", ".inf", "soon", "", "true", "[500]", "1e9"])
+def test_a_time_limit_that_is_none_is_refused(tmp_path: Path, limit: str) -> None:
+    assert "$.time_limit" in refusal(tmp_path, f"time_limit: {limit}\n{TRIAL_2022}").place
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "cause"),
+    [
+        ("value: 0.0", "value: -0.1", "-0.1 s is before the start"),
+        ("value: 0.0", "value: .nan", "nan is not a finite number"),
+        (
+            "condition: time\n    announcement_condition_value: 0.0",
+            "condition: wanted_products\n    announcement_condition_value: -1",
+            "-1 products cannot be waited for",
+        ),
+        ("xyz: [0.1, -0.2, 0]", "xyz: [1.0e+200, 0, 0]", "a pose must be finite, and near enough"),
+    ],
+)
+def test_times_and_poses_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, cause: str) -> None:
+    assert old in TRIAL_2020
+    assert cause in refusal(tmp_path, TRIAL_2020.replace(old, new, 1)).cause
+
+
+# Mistakes that leave every order readable
+
+
+def mistakes(folder: Path, text: str) -> tuple[LogDefect, ...]:
+    return read(folder, text).log_defects
+
+
+def test_an_unknown_product_type_is_named_with_the_nearest_known_one(tmp_path: Path) -> None:
+    trial = read(tmp_path, TRIAL_2022.replace("gear_part_red", "gear_prt_red", 1))
+    (mistake,) = trial.log_defects
+
+    assert trial.orders[0].tasks[0].products[0].type == "gear_prt_red"
+    assert (mistake.kind, mistake.where, mistake.count) == ("unknown_product_type", "final_1.yaml", 1)
+    assert "'gear_prt_red' is no product type of 2017 to 2022 (line 9, $." in mistake.message
+    assert mistake.message.endswith("did you mean 'gear_part_red'?")
+
+
+def test_a_misspelt_alias_is_named_with_the_alias(tmp_path: Path) -> None:
+    (mistake,) = mistakes(tmp_path, TRIAL_2020.replace("type: order_part1", "type: order_prt1"))
+
+    assert mistake.message.endswith("did you mean 'order_part1'?")
+
+
+def test_an_alias_of_an_unknown_type_is_named(tmp_path: Path) -> None:
+    (mistake,) = mistakes(tmp_path, TRIAL_2020.replace("piston_rod_part_red", "piston_red"))
+
+    assert "'piston_red', which 'order_part1' stands for, is no product type" in mistake.message
+
+
+def test_an_ignored_key_of_a_pose_is_named(tmp_path: Path) -> None:
+    trial = read(tmp_path, TRIAL_2022.replace("rpy: [0, 0, 'pi/2']", "rpyy: [0, 0, 'pi/2']", 1))
+
+    assert trial.orders[0].tasks[0].products[0].pose == Pose((0.1, -0.2, 0.0))
+    assert [d.kind for d in trial.log_defects] == ["ignored_key"]
+    assert "did you mean 'rpy'?" in trial.log_defects[0].message
+
+
+def test_an_unknown_announcement_condition_is_named(tmp_path: Path) -> None:
+    (mistake,) = mistakes(tmp_path, TRIAL_2020.replace("condition: time", "condition: timr"))
+
+    assert "'timr' is no announcement condition" in mistake.message
+    assert "did you mean 'time'?" in mistake.message
+
+
+def test_a_time_limit_below_the_options_does_not_count(tmp_path: Path) -> None:
+    trial = read(tmp_path, TRIAL_2020.replace("options:", "options:\n  time_limit: 300", 1))
+
+    assert dict(trial.facts) == {}
+    assert [d.kind for d in trial.log_defects] == ["ignored_key"]
+
+
+def test_a_number_that_is_none_is_named_where_no_order_depends_on_it(tmp_path: Path) -> None:
+    text = TRIAL_2020 + "belt_models: {gear_part_red: {1.0: {pose: {rpy: [0, 0, 'p1/2']}}}}\n"
+
+    assert ["'p1/2' names 'p1'" in d.message for d in mistakes(tmp_path, text)] == [True]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "models_over_bins: {bin1: 1, bin1: 2}",
+        "models_over_bins: {}\nmodels_over_bins: {}",
+        "belt_models:\n  gear_part_red: {1.0: {}, 1.0: {}}",
+    ],
+)
+def test_a_key_given_twice_in_the_surroundings_is_named(tmp_path: Path, text: str) -> None:
+    (mistake,) = mistakes(tmp_path, TRIAL_2020 + text)
+
+    assert mistake.kind == "repeated_key"
+    assert "is given twice, first in line" in mistake.message
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("    shipment_count: 2\n", "    shipment_count: 2\n    shipment_count: 3\n"),
+        ("type: gear_part_red,", "type: gear_part_red, type: gear_part_red,"),
+        ("  order_1:\n", "  order_0:\n"),
+        ("orders:\n", "orders: {}\norders:\n"),
+        ("{order_part1: piston_rod_part_red}", "{order_part1: gear_part, order_part1: pulley_part}"),
+        ("orders:\n", "options: {}\norders:\n"),
+        ("orders:\n", "time_limit: 1\ntime_limit: 1\norders:\n"),
+    ],
+)
+def test_a_key_given_twice_in_what_is_scored_is_refused(tmp_path: Path, old: str, new: str) -> None:
+    assert old in TRIAL_2020
+    assert "is given twice" in refusal(tmp_path, TRIAL_2020.replace(old, new, 1)).cause
+
+
+def test_of_many_mistakes_the_first_are_named_and_the_rest_counted(tmp_path: Path) -> None:
+    products = ", ".join(f"part_{n}: {{type: thing}}" for n in range(50))
+
+    found = mistakes(tmp_path, f"orders: {{order_0: {{products: {{{products}}}}}}}")
+
+    assert sum(d.count for d in found) == 50
+    assert len(found) == 21
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        ("orders: {1: {products: {}}, '1': {products: {}}}", "order '1' is given twice"),
+        ("orders: {a: {products: {1: {type: x}, '1': {type: x}}}}", "slot '1' is given twice"),
+        (
+            "orders: {a: &o {shipment_count: 400, products: {}}, b: *o, c: *o}",
+            "1200 shipments cannot be ordered",
+        ),
+        (
+            "orders: {a: {products: {" + ", ".join(f"p{n}: {{type: x}}" for n in range(1001)) + "}}}",
+            "1001 products cannot be wanted",
+        ),
+    ],
+)
+def test_names_that_become_one_and_absurd_sums_are_refused(tmp_path: Path, text: str, cause: str) -> None:
+    assert cause in refusal(tmp_path, text).cause
+
+
+# Whatever stands where
+
+ODD: tuple[Any, ...] = (
+    None,
+    True,
+    -1,
+    3.5,
+    float("nan"),
+    10**19,
+    1e300,
+    "",
+    "p1/2",
+    [],
+    {},
+    [None],
+    {1: 2},
+    {"a": []},
+)
+
+
+def places(tree: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The path of every value below the root."""
+    inner = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in inner:
+        yield (*path, key)
+        yield from places(value, (*path, key))
+
+
+def replaced(tree: Any, path: tuple[Any, ...], value: Any) -> Any:
+    whole = copy.deepcopy(tree)
+    inner = whole
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    return whole
+
+
+@pytest.mark.parametrize("text", [TRIAL_2020, TRIAL_2022, TRIAL_2024], ids=["2020", "2022", "2024"])
+def test_an_odd_value_anywhere_is_read_or_refused_with_a_hint(tmp_path: Path, text: str) -> None:
+    tree = yaml.safe_load(text)
+    refused = []
+    for number, path in enumerate(places(tree)):
+        odd = replaced(tree, path, ODD[number % len(ODD)])
+        try:
+            assert read(tmp_path, yaml.safe_dump(odd)).orders
+        except DataFileError as error:
+            refused.append(error)
+
+    assert refused
+    assert all(error.hint and error.file and error.place for error in refused)

@@ -111,8 +111,28 @@ def test_the_score_is_not_stored_and_the_numbers_for_it_are_kept(tmp_path: Path)
     assert (trial.team.name, trial.team.sensor_cost) == ("team_a", 4200.0)
 
 
+def test_the_numbers_of_the_run_are_facts_of_the_trial(tmp_path: Path) -> None:
+    assert dict(read(tmp_path).facts) == {
+        "duration_s": 512.25,
+        "time_limit_s": 600.0,
+        "num_kits": 2.0,
+        "num_modules": 1.0,
+        "num_high_priority": 1.0,
+        "total_cells": 20.0,
+        "defective_cells": 3.0,
+        "avg_report_time_s": 2.5,
+        "num_reports_submitted": 18.0,
+        "num_correct_reports": 17.0,
+        "num_correct_report_classifications": 2.0,
+        "completed": 1.0,
+        "aborted": 0.0,
+    }
+
+
 def test_an_aborted_run_is_called_so(tmp_path: Path) -> None:
     trial = read(tmp_path, "UPDATE Run SET aborted = 1, completed = 0")
+
+    assert (trial.facts["aborted"], trial.facts["completed"]) == (1.0, 0.0)
 
     assert trial.official is not None
     assert trial.official.outcome == "aborted"

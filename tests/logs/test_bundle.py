@@ -13,10 +13,11 @@ from ariac_score.logs.ariac_config import TrialConfigReader
 from ariac_score.logs.ariac_text import PerformanceLogReader
 from ariac_score.logs.bundle import Bundle, find_parts
 from ariac_score.logs.gazebo import GazeboStateReader
-from ariac_score.logs.team_config import TeamConfigReader
+from ariac_score.logs.sensor_cost import SensorCostReader
+from ariac_score.logs.team_config import TeamConfigReader, TeamNameReader
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.model import Trial
+from ariac_score.trial.model import TeamSetup, Trial
 
 REAL = Path(__file__).parents[2].parent / "shared" / "ariac" / "data" / "nist_team_2022"
 needs_real_trial = pytest.mark.skipif(not REAL.is_dir(), reason="the real trial of 2022 is not here")
@@ -302,3 +303,39 @@ def test_a_folder_of_too_many_files_is_not_one_trial(tmp_path: Path, monkeypatch
 
     with pytest.raises(LogError, match="more than 3 files"):
         find_parts(tmp_path, READERS)
+
+
+@pytest.mark.parametrize(
+    ("text", "likeness"),
+    [
+        ("DEFECT_TYPES: {}", "the list of cell defects of 2025"),
+        ("kitting_trays: {}", "a trial configuration without orders"),
+        ("mine: {secret: 1}", "a YAML file with the keys mine"),
+    ],
+)
+def test_a_yaml_file_that_is_no_part_is_called_by_what_it_looks_like(
+    tmp_path: Path, text: str, likeness: str
+) -> None:
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
+
+    with pytest.raises(NothingToScoreError) as caught:
+        find_parts(tmp_path / "a.yaml", READERS)
+    assert caught.value.cause == f"no reader recognises this file; it looks like {likeness}"
+
+
+def test_the_files_of_a_team_of_2024_make_one_team(tmp_path: Path) -> None:
+    """Its entry has the name, its sensors their types, the record of the run their cost."""
+    files = {
+        "blue.yaml": "team_name: blue\ngithub: {personal_access_token: x}\n",
+        "sensors.yaml": "static_sensors: {front: {type: lidar}}\n",
+        "sensor_cost.txt": "User Sensor Log\nNumber of lidar's used: 1\nTotal sensor cost is: $300\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    readers = {**READERS, "ariac_team_name": TeamNameReader(), "sensor_cost": SensorCostReader()}
+
+    parts = find_parts(tmp_path, readers).parts
+    trials = [readers[part.reader].read(part.path, Wanted(LogMap("test"))) for part in parts]
+
+    assert [part.role for part in parts] == ["team_name", "sensor_cost", "team_config"]
+    assert merge_trials("t", trials, file="f").team == TeamSetup("blue", {"front": "lidar"}, 300.0)

@@ -466,3 +466,66 @@ def test_sensors_of_a_configuration_and_their_cost_of_a_record_make_one_team() -
 def test_two_records_of_different_cost_are_refused() -> None:
     with pytest.raises(LogError, match="a sensor cost"):
         merged(Trial("a", team=TeamSetup(sensor_cost=1.0)), Trial("b", team=TeamSetup(sensor_cost=2.0)))
+
+
+def test_numbers_of_several_files_are_united() -> None:
+    configured = Trial("trial", facts={"time_limit_s": 600.0, "num_kits": 2.0})
+    recorded = Trial("run", facts={"time_limit_s": 600.0, "duration_s": 512.25})
+
+    whole = merged(configured, recorded)
+
+    assert list(whole.facts.items()) == [("duration_s", 512.25), ("num_kits", 2.0), ("time_limit_s", 600.0)]
+
+
+def test_numbers_that_contradict_each_other_are_refused_with_both_files() -> None:
+    configured = Trial("trial_1", facts={"time_limit_s": 600.0})
+    recorded = Trial(
+        "LHAF9835", facts={"time_limit_s": 601.0}, official=OfficialResult("results.db", None, None)
+    )
+
+    with pytest.raises(LogError) as caught:
+        merged(configured, recorded)
+
+    assert caught.value.cause == "'trial_1' says that time_limit_s is 600, 'results.db' that it is 601"
+    assert caught.value.file == "bundle"
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_fact_that_is_no_number_is_refused(value: float) -> None:
+    with pytest.raises(ValueError, match="must be finite"):
+        Trial("a", facts={"time_limit_s": value})
+
+
+def test_no_sensors_is_not_the_same_as_none_known() -> None:
+    unknown, placed_none = Trial("a", team=TeamSetup("x")), Trial("b", team=TeamSetup(sensors={}))
+
+    assert merged(unknown).team == TeamSetup("x")
+    assert merged(unknown, placed_none).team == TeamSetup("x", {})
+
+
+def test_sensors_are_named_as_configured_when_a_record_counts_the_same() -> None:
+    configured = Trial("a", team=TeamSetup(sensors={"front": "lidar", "back": "rgb_camera"}))
+    recorded = Trial(
+        "b", team=TeamSetup(sensors={"lidar_1": "lidar", "rgb_camera_1": "rgb_camera"}, sensor_cost=600.0)
+    )
+
+    whole = merged(configured, recorded)
+
+    assert whole.team == TeamSetup("", {"front": "lidar", "back": "rgb_camera"}, 600.0)
+    assert not [d for d in whole.log_defects if d.kind == "other_sensors"]
+
+
+def test_a_record_that_counts_other_sensors_than_configured_is_named() -> None:
+    configured = Trial("a", team=TeamSetup(sensors={"front": "lidar"}))
+    recorded = Trial("b", team=TeamSetup(sensors={"rgb_camera_1": "rgb_camera"}, sensor_cost=300.0))
+
+    whole = merged(configured, recorded)
+
+    assert whole.team == TeamSetup("", {"front": "lidar"}, 300.0)
+    assert [d.where for d in whole.log_defects if d.kind == "other_sensors"] == ["team"]
+
+
+def test_two_configurations_with_other_sensors_are_refused() -> None:
+    with pytest.raises(LogError, match="a team set-up"):
+        merged(Trial("a", team=TeamSetup(sensors={})), Trial("b", team=TeamSetup(sensors={"a": "lidar"})))
