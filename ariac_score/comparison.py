@@ -7,8 +7,8 @@ another one without such an entry is unexplained.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 from ariac_score.certain import Certain
 from ariac_score.expression import Expression, Number, Traced
@@ -17,7 +17,7 @@ from ariac_score.scoring.scope import LEVELS, Scope
 
 __all__ = ["Change", "Comparison", "compare_rules", "rule_sets_differing_from"]
 
-_SCORE, _TASK_SCORE = "score", "task score"
+_SCORE, _TASK_SCORE = _WHOLE = "score", "task score"
 
 
 @dataclass(frozen=True)
@@ -73,32 +73,75 @@ def rule_sets_differing_from(rule_set: RuleSet) -> tuple[RuleSet, ...]:
 
 
 def compare_rules(first: Certain, second: Certain) -> Comparison:
-    """Every term that both rule sets have, in every scope that both know, and the score."""
-    changes: dict[tuple[str, str], Change] = {}
-    undecided: list[tuple[str, str, str, str]] = []
-    for level, path, term, before, after in _pairs(first, second):
-        one, other = first.value(before, level, path), second.value(after, level, path)
+    """Every term that both rule sets have, in every scope that both know, and the score.
+
+    What no order hangs on, such as the worth of a part had it been a task of another
+    kind, is left out.
+    """
+    comparing = _Comparing(first, second)
+    for pair in _pairs(first, second):
+        comparing.take(*pair)
+    comparing.explain_from_outside()
+    for rule_set in (first.rule_set, second.rule_set):
+        if rule_set.sheet.needs_cohort:
+            reason = f"{rule_set.id} compares teams; its score is known when all are ranked"
+            comparing.undecided.append(("trial", "", _SCORE, reason))
+    return Comparison(
+        first.rule_set.id, second.rule_set.id, tuple(comparing.shown()), tuple(comparing.undecided)
+    )
+
+
+_Key = tuple[str, str]
+"""Path and name of a term."""
+
+
+@dataclass
+class _Comparing:
+    """A comparison in the making: what differs so far, and what rests on what."""
+
+    first: Certain
+    second: Certain
+    changes: dict[_Key, Change] = field(default_factory=dict)
+    undecided: list[tuple[str, str, str, str]] = field(default_factory=list)
+    inner: dict[_Key, list[_Key]] = field(default_factory=dict)
+    counting: set[_Key] = field(default_factory=set)
+    decided: set[str] = field(default_factory=set)
+
+    def take(self, level: str, path: str, term: str, before: Expression, after: Expression) -> None:
+        """Compare one term in one scope."""
+        one, other = self.first.value(before, level, path), self.second.value(after, level, path)
         if one.traced is None or other.traced is None:
-            undecided.append((level, path, term, one.reason or other.reason))
-        elif one.traced.value != other.traced.value:
-            made_of = [changes[key] for key in _terms_in(one.traced, other.traced) if key in changes]
-            asking = _Asking(first, second, level, path, term)
-            direct = tuple(asking.reasons((one.traced, other.traced), made_of))
-            inherited = dict.fromkeys(reason for change in made_of for reason in change.reasons)
-            changes[path, term] = Change(
-                level,
-                path,
-                term,
-                one.traced.value,
-                other.traced.value,
-                reasons=direct or tuple(inherited),
-                follows=bool(made_of) and not direct,
-            )
-    for certain in (first, second):
-        if certain.rule_set.sheet.needs_cohort:
-            reason = f"{certain.rule_set.id} compares teams; its score is known when all are ranked"
-            undecided.append(("trial", "", _SCORE, reason))
-    return Comparison(first.rule_set.id, second.rule_set.id, tuple(changes.values()), tuple(undecided))
+            self.undecided.append((level, path, term, one.reason or other.reason))
+            return
+        if level in ("order", "trial"):
+            self.counting |= {(path, term), *_terms_in(one.traced, other.traced)}
+            self.decided.add(path)
+        if one.traced.value != other.traced.value:
+            self._differs(level, path, term, (one.traced, other.traced))
+
+    def _differs(self, level: str, path: str, term: str, traces: tuple[Traced, Traced]) -> None:
+        self.inner[path, term] = [key for key in _terms_in(*traces) if key in self.changes]
+        made_of = [self.changes[key] for key in self.inner[path, term]]
+        inherited = tuple(dict.fromkeys(reason for change in made_of for reason in change.reasons))
+        asking = _Asking(self.first, self.second, level, path, term)
+        direct = tuple(asking.reasons(traces, bool(made_of), bool(inherited)))
+        before, after = (traced.value for traced in traces)
+        follows = bool(made_of) and not direct
+        self.changes[path, term] = Change(level, path, term, before, after, direct or inherited, follows)
+
+    def explain_from_outside(self) -> None:
+        """Give what nobody explains the reasons of explained terms that are made of it."""
+        for key, change in self.changes.items():
+            if change.unexplained:
+                around = [c for k, c in self.changes.items() if key in self.inner[k] and c.term not in _WHOLE]
+                reasons = dict.fromkeys(r for outer in around if not outer.follows for r in outer.reasons)
+                self.changes[key] = replace(change, reasons=tuple(reasons))
+
+    def shown(self) -> Iterator[Change]:
+        """What an order hangs on; all of an order of which nothing is decided."""
+        for key, change in self.changes.items():
+            if key in self.counting or change.path.partition("/")[0] not in self.decided:
+                yield change
 
 
 def _pairs(first: Certain, second: Certain) -> Iterator[tuple[str, str, str, Expression, Expression]]:
@@ -142,17 +185,26 @@ class _Asking:
     path: str
     term: str
 
-    def reasons(self, traces: tuple[Traced, Traced], made_of: Sequence[Change]) -> Iterator[Difference]:
+    def reasons(
+        self, traces: tuple[Traced, Traced], is_made_of: bool, is_explained: bool
+    ) -> Iterator[Difference]:
         """Those of a check that says something else here, and those named for a formula that is another.
 
-        Where what a term is made of differs too, a formula that is merely written in
-        another way explains nothing; the score alone is always another formula.
+        Where what a term is made of differs too and is explained, a formula that is
+        merely written in another way explains nothing; the score alone is always
+        another formula.
+
+        Args:
+            traces: The number under each rule set.
+            is_made_of: Whether it is made of terms that differ.
+            is_explained: Whether any of these is explained.
         """
         names = {f"{self.level}.{self.term}"}
         if self._is_score:
             names |= {_SCORE, "task", *self._one_sided(*traces)}
         sources = [formula.source for formula in self._formulas]
-        by_name = sources[0] != sources[1] and (self._is_score or not made_of)
+        other = sources[0] != sources[1]
+        by_name = other if self._is_score else (other or is_made_of) and not is_explained
         differs = self.second.rule_set.differs
         for difference in differs.because if differs else ():
             named = bool(names & set(difference.terms))
@@ -162,7 +214,7 @@ class _Asking:
 
     @property
     def _is_score(self) -> bool:
-        return self.term in (_SCORE, _TASK_SCORE)
+        return self.term in _WHOLE
 
     @property
     def _formulas(self) -> list[Expression]:
