@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cache
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -28,6 +29,8 @@ from ariac_score import (
     Tray,
     Trial,
     WantedProduct,
+    as_json,
+    load_result,
     load_rule_set,
     measure_trial,
     price_trial,
@@ -104,7 +107,7 @@ def cohort_of(teams: Sequence[Team], rules: str) -> Cohort:
 
 def result_of(team: Team, teams: Sequence[Team], rules: str) -> Result:
     rule_set, _ = rules_of(rules)
-    provenance = Provenance((), (), (rule_set.id, ""), ("", ""), ())
+    provenance = Provenance((), (), (rule_set.id, rule_set.sha256), ("none", "0" * 64), ())
     return price_trial(measured(team, rules), rule_set, provenance, cohort_of(teams, rules).of_trial("t"))
 
 
@@ -217,13 +220,24 @@ def test_a_cost_of_nothing_withholds_the_score_of_the_scripts_only() -> None:
 @pytest.mark.parametrize("rules", [EVALUATION, DOCUMENTED])
 def test_without_other_teams_the_task_score_stands(rules: str) -> None:
     rule_set, _ = rules_of(rules)
-    provenance = Provenance((), (), (rule_set.id, ""), ("", ""), ())
+    provenance = Provenance((), (), (rule_set.id, rule_set.sha256), ("none", "0" * 64), ())
 
     result = price_trial(measured(Team(1000.0, (FAST, SLOW)), rules), rule_set, provenance)
 
     assert (result.status, result.score) == ("needs_cohort", None)
     assert result.task is not None
     assert result.task.amount == Decimal(10)
+
+
+@pytest.mark.parametrize("rules", [EVALUATION, DOCUMENTED, "ariac2023.evaluation", "ariac2023.as_documented"])
+def test_a_score_across_teams_survives_being_stored(rules: str, tmp_path: Path) -> None:
+    team = Team(3000.0, (SLOW, FAST))
+    result = result_of(team, (team, FIELD[2]), rules)
+    (tmp_path / "result.json").write_text(as_json(result), encoding="utf-8")
+
+    stored = load_result(tmp_path / "result.json")
+
+    assert (stored.status, stored.score, stored.task) == ("scored", result.score, result.task)
 
 
 # Laws ----------------------------------------------------------------------------------

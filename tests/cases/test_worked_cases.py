@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from decimal import Decimal
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from ariac_score import (
     Pose,
     Product,
     Result,
+    RuleSet,
     Submission,
     Task,
     TeamSetup,
@@ -72,6 +74,11 @@ WITNESSED = {
     "part_dropped",
     "part_assembled",
 }
+
+
+@cache
+def rules_of(name: str) -> RuleSet:
+    return load_rule_set(name)
 
 
 def worked_cases() -> Iterator[Any]:
@@ -162,7 +169,7 @@ def cohort_of(case: Mapping[str, Any]) -> CohortValues:
 
 
 def result_of(case: Mapping[str, Any], rules: str) -> Result:
-    rule_set = load_rule_set(rules)
+    rule_set = rules_of(rules)
     if rules == case["rules"]:
         parameters = {**rule_set.sheet.parameters, **case.get("parameters", {})}
         rule_set = replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters))
@@ -180,7 +187,7 @@ def test_a_case_worked_by_hand(case: Mapping[str, Any]) -> None:
 
 @pytest.mark.parametrize("case", list(differing_cases()))
 def test_a_difference_changes_the_number(case: Mapping[str, Any]) -> None:
-    differs = load_rule_set(case["rules"]).differs
+    differs = rules_of(case["rules"]).differs
     assert differs is not None
     assert case["differs"] in {difference.name for difference in differs.because}
 
@@ -226,7 +233,7 @@ def amount(number: Decimal | None) -> Any:
 
 
 def compare_terms(expected: Mapping[str, Mapping[str, float]], result: Result, cohort: CohortValues) -> None:
-    sheet = load_rule_set(result.provenance.rule_set[0]).sheet
+    sheet = rules_of(result.provenance.rule_set[0]).sheet
     scopes, findings = result.measured.scopes, result.measured.findings
     for subject, named in expected.items():
         path = "" if subject == "trial" else subject
