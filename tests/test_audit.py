@@ -273,6 +273,64 @@ def test_a_published_text_adds_up(shared: Path, name: str) -> None:
     assert not any(item.independent for item in audited.items)
 
 
+# A kit of one in the layout of May 2022: type 1, colour 1, pose 1. The wrong tray withholds the bonus
+# from the sum, though it is printed.
+KIT_2022 = """\
+------------------------
+    Final Score: 3
+    Configuration File: kitting.yaml
+------------------------
+...total process time: [20.5]
+...arms collision?: [0]
+...dropped part penalty: [0]
+------------------------
+   Order Score
+------------------------
+   ...order ID [order_0]
+   ...total order score: [3]
+   ...completion score: [3]
+   ...time taken: [12.5]
+   ...priority: [1]
+------------------------
+      Kitting Score
+------------------------
+      ...shipment type: [order_0_kitting_shipment_0]
+      ...completion score: [3]
+      ...complete: [true]
+      ...submitted: [true]
+      ...used correct agv: [true]
+      ...used correct movable tray type: [false]
+      ...has correct movable tray pose: [true]
+            ...has correct position: [true]
+            ...has correct orientation: [true]
+      ...sent to correct station: [true]
+      ...product type presence score: [1]
+      ...product color presence score: [1]
+      ...product pose score: [1]
+      ...all products bonus: [1]
+
+(1651447514 1) [Msg] Requesting that Gazebo shut down
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sums"),
+    [
+        ("", "", ""),
+        ("tray type: [false]", "tray type: [true]", "order_0_kitting_shipment_0 completion_score"),
+        ("position: [true]", "position: [false]", "order_0_kitting_shipment_0 has_correct_movable_tray_pose"),
+        ("bonus: [1]", "bonus: [2]", "order_0_kitting_shipment_0 all_products_bonus"),
+        ("penalty: [0]", "penalty: [1]", "final_score"),
+    ],
+)  # fmt: skip
+def test_a_kit_of_2022_adds_up_with_its_tray(tmp_path: Path, old: str, new: str, sums: str) -> None:
+    (tmp_path / "performance.log").write_text("Gazebo multi-robot simulator\n" + KIT_2022.replace(old, new))
+    audited = audit(tmp_path / "performance.log")
+
+    assert audited.rule_set[0] == "ariac2022.as_coded"
+    assert wrong_sums(audited) == listed(sums)
+
+
 # 2024 ----------------------------------------------------------------------------------
 
 ROW = "=" * 40 + "\n"
