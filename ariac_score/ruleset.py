@@ -15,6 +15,7 @@ from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreErr
 from ariac_score.expression import Expression
 from ariac_score.registry import Registry
 from ariac_score.scoring.cohort import CohortTerm
+from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
 from ariac_score.scoring.scope import LEVELS
 from ariac_score.scoring.sheet import ScoreSheet
 
@@ -33,6 +34,7 @@ __all__ = [
 MAX_EXTENDS = 8
 """Rule sets that may extend each other in a row."""
 
+_SCORE = "score"
 _DEFAULT = "ruleset"
 _NOT_RULE_SETS = frozenset({"log_map"})
 
@@ -109,6 +111,7 @@ class RuleSet:
         sha256: Hash of the file, and of those it extends.
         expanded: The whole as plain values, after `extends`.
         ranking: How runs become a ranking, as the file says it; empty when it does not.
+        printed: What the official text of the edition prints, and how it adds up.
         differs: In what it differs from another rule set, as the file names it; `None` when it does not.
     """
 
@@ -124,6 +127,7 @@ class RuleSet:
     sha256: str
     expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
     ranking: Mapping[str, Any] = field(default_factory=dict)
+    printed: PrintedText = field(default_factory=PrintedText)
     differs: Differences | None = None
 
     @property
@@ -250,12 +254,20 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
         for name in own.get(key, {}):
             if name not in own.get(other, {}):
                 merged[other].pop(name, None)
-    levels = {**base.get("terms", {}), **own.get("terms", {})}
-    merged["terms"] = {
-        level: {**base.get("terms", {}).get(level, {}), **own.get("terms", {}).get(level, {})}
-        for level in levels
-    }
+    merged["terms"] = _merged_levels(base, own, "terms")
+    for key in ("printed", "adds_up"):
+        if key in merged:
+            merged[key] = _merged_levels(base, own, key)
+    if "layouts" in own.get("printed", {}):  # which text is of this edition is its own to say
+        merged["printed"]["layouts"] = own["printed"]["layouts"]
     return merged
+
+
+def _merged_levels(base: Mapping[str, Any], own: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """What is named for each level, the base's with what is new or changed."""
+    first, second = base.get(key, {}), own.get(key, {})
+    levels = dict.fromkeys(level for level in (*first, *second) if level in LEVELS)
+    return {level: {**first.get(level, {}), **second.get(level, {})} for level in levels}
 
 
 def _parsed(document: YamlDocument) -> RuleSet:
@@ -286,6 +298,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
             cohort={name: _cohort_term(name, body) for name, body in data.get("cohort", {}).items()},
             task=Expression.parse(data["task"], where="$.task") if "task" in data else None,
         )
+        printed = _printed_text(data, sheet)
     except FormulaError as error:
         error.file = document.file
         error.place = document.place(error.place.removeprefix("$.").split("."))
@@ -304,6 +317,50 @@ def _parsed(document: YamlDocument) -> RuleSet:
         expanded=data,
         ranking=data.get("ranking", {}),
         differs=_differs(data["differs"]) if "differs" in data else None,
+        printed=printed,
+    )
+
+
+def _printed_text(data: Mapping[str, Any], sheet: ScoreSheet) -> PrintedText:
+    items = [
+        _printed_item(name, level, body, sheet)
+        for level in LEVELS
+        for name, bodies in data.get("printed", {}).get(level, {}).items()
+        for body in _one_or_more(bodies)
+    ]
+    sums = [
+        PrintedSum(
+            name,
+            level,
+            Expression.parse(body["formula"], where=f"$.adds_up.{level}.{name}"),
+            body.get("kind", ""),
+            body.get("relation", "equal"),
+            body.get("because", ""),
+        )
+        for level in LEVELS
+        for name, bodies in data.get("adds_up", {}).get(level, {}).items()
+        for body in _one_or_more(bodies)
+    ]
+    return PrintedText(tuple(data.get("printed", {}).get("layouts", ())), tuple(items), tuple(sums))
+
+
+def _one_or_more(bodies: Any) -> list[dict[str, Any]]:
+    """A formula, one body or several: all as bodies."""
+    if isinstance(bodies, list):
+        return bodies
+    return [bodies if isinstance(bodies, dict) else {"formula": bodies}]
+
+
+def _printed_item(name: str, level: str, body: Mapping[str, Any], sheet: ScoreSheet) -> PrintedItem:
+    formula = None
+    if "formula" in body:
+        formula = Expression.parse(body["formula"], where=f"$.printed.{level}.{name}")
+        if level == "trial" and formula.as_name == _SCORE and _SCORE not in sheet.terms.get(level, {}):
+            formula = (sheet.task if sheet.needs_cohort else None) or sheet.score
+        sheet.check_formula(formula, level)
+    labels = tuple(body.get("labels", (name,)))
+    return PrintedItem(
+        name, level, labels, formula, body.get("kind", ""), body.get("within"), body.get("because", "")
     )
 
 

@@ -127,6 +127,45 @@ def official_trial_of_2022(folder: Path) -> list[str]:
 
 
 @case
+def audit_of_the_official_trial_of_2022(folder: Path) -> list[str]:
+    official_trial_of_2022(folder)
+    return ["audit", "nist_team_2022"]
+
+
+def _audit(folder: Path, old: str, new: str, *more: str) -> list[str]:
+    """The example log with the score text of 2020, one item of it changed."""
+    text = (ROOT / "tests/data/performance_2020.log").read_text(encoding="utf-8")
+    (folder / "run").mkdir()
+    (folder / "run/performance.log").write_text(text.replace(old, new), encoding="utf-8")
+    write_trial_log(folder / "run/trial.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
+    return ["audit", "run", *more]
+
+
+@case
+def audit_of_a_bonus_one_too_high(folder: Path) -> list[str]:
+    return _audit(folder, "bonus: [2]", "bonus: [3]", "--against", "ariac2019.as_coded")
+
+
+@case
+def audit_without_an_official_text(folder: Path) -> list[str]:
+    write_trial_log(folder / "trial.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
+    return ["audit", "trial.jsonl"]
+
+
+@case
+def audit_of_a_text_of_more_than_one_edition(folder: Path) -> list[str]:
+    text = "Score breakdown:\n[trial_score]\n...total trial score: [0]\n...total process time: [1.5]\n"
+    (folder / "performance.log").write_text(text + "   [order score]\n   ...order ID [order_0]\n")
+    return ["audit", "performance.log"]
+
+
+@case
+def audit_of_a_crashed_run(folder: Path) -> list[str]:
+    (folder / "trial_log.txt").write_text("Gazebo Crashed score not recorded\n")
+    return ["audit", "trial_log.txt"]
+
+
+@case
 def nothing_submitted(folder: Path) -> list[str]:
     return _log(folder, replace(kitting_trial(), submissions=()))
 

@@ -41,6 +41,23 @@ MAY_IMPORT: dict[str, set[str]] = {
         "scoring",
         "trial",
     },
+    "certain": {"errors", "expression", "findings", "result", "ruleset", "scoring"},
+    "comparison": {"certain", "expression", "ruleset", "scoring"},
+    "audit": {
+        "certain",
+        "contracts",
+        "comparison",
+        "engine",
+        "errors",
+        "expression",
+        "logmap",
+        "logs",
+        "registry",
+        "ruleset",
+        "scoring",
+        "trial",
+    },
+    "audit_json": {"audit", "comparison", "expression", "result"},
     "logs": {"backports", "contracts", "datafiles", "errors", "lz4", "numpy", "rosbags", "trial"},
     "ranking": {
         "cohort",
@@ -57,7 +74,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "scoring",
         "trial",
     },
-    "report": {"expression", "findings", "ranking", "result", "scoring", "trial"},
+    "report": {"audit", "comparison", "expression", "findings", "ranking", "result", "scoring", "trial"},
     "testing": {"logs", "numpy", "rosbags", "trial", "yaml"},
 }
 ANYTHING = {"cli", "__init__"}

@@ -2,7 +2,7 @@
 
 Exit codes:
     0  scored (or done), criteria met
-    1  scored, but a criterion failed
+    1  scored, but a criterion failed; audited, and something differs
     2  interrupted
     3  internal error, or a plugin failed
     4  usage error, or an invalid rule set, log map or configuration
@@ -30,7 +30,7 @@ EXIT_INTERRUPTED = 2
 EXIT_INTERNAL = 3
 EXIT_USAGE = 4
 
-_COMMANDS = ("score", "info", "explain", "price", "rank", "rules", "plugins")
+_COMMANDS = ("score", "info", "explain", "price", "audit", "rank", "rules", "plugins")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -57,8 +57,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="ariac-score",
         description="Score robot competition trials: task points, safety monitors, one explained score.",
-        epilog="Exit codes: 0 scored, 2 interrupted, 3 internal or plugin error, 4 usage or invalid rules, "
-        "5 nothing to score, 6 damaged log or undecided score.",
+        epilog="Exit codes: 0 scored, 1 an audit found a difference, 2 interrupted, "
+        "3 internal or plugin error, 4 usage or invalid rules, 5 nothing to score, "
+        "6 damaged log or undecided score.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)

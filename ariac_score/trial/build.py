@@ -339,13 +339,18 @@ def _clock_kind(part: Trial) -> str:
 
 
 def _on_one_clock(parts: Sequence[Trial]) -> list[Trial]:
-    """The parts with times on the clock of the part that records the motion."""
+    """The parts with times on the clock of the part that records the motion, or else the contents."""
     timed = [part for part in parts if part.recorded is not None]
     if not timed:
         return list(parts)
-    main = max(timed, key=lambda part: len(part.signals))
+    main = max(timed, key=_tells)
     kind = _clock_kind(main)
     return [p if p.recorded is None or _clock_kind(p) == kind else _without_times(p, main) for p in parts]
+
+
+def _tells(part: Trial) -> tuple[int, int]:
+    """How much a part records that only its own times go with: signals first, then contents."""
+    return len(part.signals), sum(1 for s in part.submissions if s.contents is not None)
 
 
 _TIMED_EVENTS = frozenset({COMPETITION_STARTED, COMPETITION_ENDED, ORDER_ANNOUNCED})

@@ -425,6 +425,22 @@ def test_a_log_on_another_clock_keeps_what_needs_no_time() -> None:
     assert ("other_clock", "text", 3) in [(d.kind, d.where, d.count) for d in whole.log_defects]
 
 
+def test_without_any_motion_the_times_of_the_log_with_the_contents_count() -> None:
+    text = Trial(
+        "a", events=(Event(800.0, COMPETITION_STARTED),), recorded=Span(800.0, 950.0), clock="simulated time"
+    )
+    log = Trial(
+        "b",
+        events=(Event(1.0, COMPETITION_STARTED),),
+        submissions=SUBMITTED,
+        recorded=Span(0.0, 50.0),
+        clock="log time, origin 7 ns",
+    )
+
+    assert merged(text, log).started_s == 1.0
+    assert merged(log, text).started_s == 1.0
+
+
 def test_one_log_merges_to_itself() -> None:
     alone = Trial("a", orders=ORDERS, signals={"speed/human": signal()}, recorded=Span(0.0, 1.0))
 

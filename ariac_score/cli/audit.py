@@ -1,0 +1,55 @@
+"""`ariac-score audit PATH`: the official text held against the log, and against itself."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+EXIT_DIFFERS = 1
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "audit",
+        help="hold the official score against the log, item by item",
+        description="Compute every number of the official text again from the log, and check that the text "
+        "adds up. Exit code 1: something differs or does not add up.",
+    )
+    parser.add_argument(
+        "path", type=Path, metavar="PATH", help="bundle folder or log with the official scorer's text"
+    )
+    parser.add_argument(
+        "--rules", default="", metavar="NAME", help="rule set; without it that of the text's layout"
+    )
+    parser.add_argument(
+        "--against",
+        default="",
+        metavar="NAME",
+        help="second rule set to list the differences to; without it those that say how they differ",
+    )
+    parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Audit, show, and say with the exit code whether everything that can be judged agrees."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.audit import audit  # noqa: PLC0415
+    from ariac_score.audit_json import audit_json  # noqa: PLC0415
+    from ariac_score.cli.output import progress_bar, refuse_inputs, write  # noqa: PLC0415
+    from ariac_score.report.audit_text import audit_text  # noqa: PLC0415
+    from ariac_score.report.style import Style, style_for  # noqa: PLC0415
+
+    refuse_inputs(arguments.output, arguments.path)
+    with progress_bar(arguments.path) as progress:
+        audited = audit(arguments.path, arguments.rules, against=arguments.against, progress=progress)
+    if arguments.output_format == "json":
+        write(audit_json(audited), arguments.output)
+    else:
+        style = Style() if arguments.output else style_for(sys.stdout)
+        write(audit_text(audited, style), arguments.output)
+    return EXIT_DIFFERS if audited.differs else 0

@@ -1,0 +1,162 @@
+"""An audit as text: the verdict first, what differs, what does not add up, what cannot be judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ariac_score.audit import AGREE, CANNOT_BE_JUDGED, DIFFER, Audit, Item, Sum
+from ariac_score.comparison import Change, Comparison
+from ariac_score.report.style import Style, plain
+from ariac_score.scoring.printed import RELATIONS, number_of
+
+__all__ = ["audit_text"]
+
+_LABEL = 44
+
+
+def audit_text(audit: Audit, style: Style | None = None) -> str:
+    """The page an organiser takes to a protest."""
+    style = style or Style()
+    sections = [
+        _headline(audit, style),
+        _differing(audit, style),
+        _not_adding_up(audit, style),
+        _agreeing(audit, style),
+        _resting(audit, style),
+        _not_judged(audit, style),
+        *(_comparison(comparison, style) for comparison in audit.comparisons),
+    ]
+    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+
+
+def _headline(audit: Audit, style: Style) -> Iterator[str]:
+    if audit.outcome:
+        yield style(f"nothing to compare: {plain(audit.outcome)}", "bold", "yellow")
+        yield f"{plain(audit.trial)}: {plain(audit.source)}"
+        return
+    rests = sum(1 for item in audit.items if item.verdict == AGREE and not item.independent)
+    own = f" ({rests} of them rest on the official file itself)" if rests else ""
+    differ, cannot = audit.count(DIFFER), audit.count(CANNOT_BE_JUDGED)
+    yield " · ".join(
+        [
+            style(f"agree {audit.count(AGREE)}", "bold", "green") + own,
+            style(f"differ {differ}", "bold", *(["red"] if differ else [])),
+            style(f"cannot be judged {cannot}", "bold", *(["yellow"] if cannot else [])),
+        ]
+    )
+    wrong = sum(1 for one in audit.sums if one.verdict == DIFFER)
+    tried = len(audit.sums)
+    words = f"{tried - wrong} of {tried} sums hold" if wrong else f"all {tried} sums hold"
+    yield f"the text against itself: {style(words, 'red' if wrong else 'green')}"
+    yield f"{plain(audit.trial)}, {plain(audit.source)} in the layout of {plain(audit.layout)}"
+    yield f"under {audit.rule_set[0]}, sha256 {audit.rule_set[1][:16]}…"
+
+
+def _differing(audit: Audit, style: Style) -> Iterator[str]:
+    found = [item for item in audit.items if item.verdict == DIFFER]
+    if found:
+        yield style("Differs from the log", "bold")
+    for item in found:
+        yield (
+            _line("-", item, style, "red")
+            + f"printed {plain(item.printed)}, ours {item.ours:g}{_within(item)}"
+        )
+        if not item.independent:
+            yield style(f"      {plain(item.reason)}", "dim")
+
+
+def _not_adding_up(audit: Audit, style: Style) -> Iterator[str]:
+    found = [one for one in audit.sums if one.verdict != AGREE]
+    if found:
+        yield style("Does not add up in the text", "bold")
+    for one in found:
+        yield _line("-", one, style, "red") + _sum_words(one)
+
+
+def _sum_words(one: Sum) -> str:
+    if one.expected is None:
+        return f"printed {plain(one.printed)}; {plain(one.reason)}"
+    because = f"; {one.reason}" if one.reason else ""
+    words = f"{RELATIONS[one.relation]} {one.formula}"
+    return f"printed {plain(one.printed)}, but it {words} = {one.expected:g}{because}"
+
+
+def _agreeing(audit: Audit, style: Style) -> Iterator[str]:
+    found = [item for item in audit.items if item.verdict == AGREE and item.independent]
+    if found:
+        yield style("Agrees with the log", "bold")
+    for item in found:
+        yield _line(" ", item, style, "dim") + _both(item)
+
+
+def _resting(audit: Audit, style: Style) -> Iterator[str]:
+    found = [item for item in audit.items if item.verdict == AGREE and not item.independent]
+    yield from _by_reason("Agrees, but rests on the official file itself", found, style)
+
+
+def _not_judged(audit: Audit, style: Style) -> Iterator[str]:
+    found = [item for item in audit.items if item.verdict == CANNOT_BE_JUDGED]
+    yield from _by_reason("Cannot be judged", found, style)
+
+
+def _by_reason(title: str, items: list[Item], style: Style) -> Iterator[str]:
+    """Items with one reason together, in the order of the text."""
+    reasons: dict[str, list[Item]] = {}
+    for item in items:
+        reasons.setdefault(item.reason, []).append(item)
+    if reasons:
+        yield style(title, "bold")
+    for reason, alike in reasons.items():
+        yield style(f"  {plain(reason)}", "yellow")
+        for item in alike:
+            yield _line(" ", item, style, "dim") + _both(item)
+
+
+def _both(item: Item) -> str:
+    """The printed number, and ours where it is not written alike."""
+    number = number_of(item.printed)
+    if item.ours is None or number == item.ours:
+        return plain(item.printed)
+    return f"{plain(item.printed)} (ours {item.ours:g}{_within(item)})"
+
+
+def _line(mark: str, one: Item | Sum, style: Style, look: str) -> str:
+    name = f"{one.path}: {one.label}" if one.path else one.label
+    return style(f"  {mark} {plain(name):<{_LABEL}} ", look)
+
+
+def _within(item: Item) -> str:
+    if not item.tolerance:
+        return ""
+    because = f", as {plain(item.because)}" if item.because else ", as it is rounded"
+    return f"; within {item.tolerance:g}{because}"
+
+
+# Two rule sets -------------------------------------------------------------------------
+
+
+def _comparison(comparison: Comparison, style: Style) -> Iterator[str]:
+    yield style(f"The same trial under {comparison.second}", "bold")
+    if not comparison.changes:
+        yield "  nothing that both decide differs"
+    for change in comparison.changes:
+        yield from _change(change, style)
+    reasons: dict[str, list[str]] = {}
+    for _, path, term, reason in comparison.undecided:
+        reasons.setdefault(reason, []).append(f"{path}: {term}" if path else term)
+    for reason, names in reasons.items():
+        yield style(f"  cannot be compared: {plain(reason)}", "yellow")
+        yield style(f"    {plain(', '.join(names))}", "dim")
+
+
+def _change(change: Change, style: Style) -> Iterator[str]:
+    name = f"{change.path}: {change.term}" if change.path else change.term
+    numbers = style(f"{change.before:g} -> {change.after:g}", "bold")
+    yield f"  {plain(name):<{_LABEL}} {numbers}" + ("  (follows)" if change.follows else "")
+    if change.unexplained:
+        yield style("      unexplained: the rule set does not say why", "red")
+    for reason in change.reasons if not change.follows else ():
+        yield f"      {reason.name}"
+        yield f"        coded: {plain(reason.coded)}"
+        yield f"        documented: {plain(reason.documented)}"
+        yield style(f"        {plain(reason.source)}", "dim")
