@@ -14,6 +14,7 @@ from typing import Any
 
 from ariac_score.contracts import Monitor, Reader, Rule, Wanted
 from ariac_score.errors import (
+    DataFileError,
     FormulaError,
     LogError,
     LogMapError,
@@ -28,6 +29,7 @@ from ariac_score.findings import Finding, Verdict
 from ariac_score.guard import GuardedDecoder, broken, open_readers
 from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
+from ariac_score.logs.config_forms import looks_like, years_in
 from ariac_score.registry import Plugin, Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical, settled
 from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
@@ -102,6 +104,7 @@ def score_trial(
     mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
     bundle, readers = find_trial(path, registry)
     bundle = with_parts(bundle, also, root or path, readers)
+    _refuse_other_years(bundle, rule_set)
     needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
     trial = read_trial(
         bundle, readers, mapping, registry, quantities=[need.quantity for need in needs], progress=progress
@@ -112,6 +115,21 @@ def score_trial(
     measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
     provenance = _provenance(bundle, rule_set, mapping, registry)
     return price_trial(measured, rule_set, provenance)
+
+
+def _refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
+    """Refuse a configuration of another edition: its words mean other things there."""
+    for part in bundle.parts if rule_set.edition is not None else ():
+        if part.role not in ("trial_config", "team_config"):
+            continue
+        words = looks_like(part.path)
+        years = years_in(words)
+        if years and rule_set.edition not in years:
+            raise DataFileError(
+                f"it looks like {words}, and {rule_set.id} is for {rule_set.edition}",
+                file=part.path,
+                hint="score under the rules of its year ('rules list'), or give the right configuration",
+            )
 
 
 def _renamed(trial: Trial, trial_id: str, team: str) -> Trial:

@@ -111,6 +111,7 @@ class RuleSet:
         sha256: Hash of the file, and of those it extends.
         expanded: The whole as plain values, after `extends`.
         ranking: How runs become a ranking, as the file says it; empty when it does not.
+        edition: Year of the competition; `None` when the file does not say.
         printed: What the official text of the edition prints, and how it adds up.
         differs: In what it differs from another rule set, as the file names it; `None` when it does not.
     """
@@ -127,6 +128,7 @@ class RuleSet:
     sha256: str
     expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
     ranking: Mapping[str, Any] = field(default_factory=dict)
+    edition: int | None = None
     printed: PrintedText = field(default_factory=PrintedText)
     differs: Differences | None = None
 
@@ -316,6 +318,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
         sha256=document.sha256,
         expanded=data,
         ranking=data.get("ranking", {}),
+        edition=data.get("edition"),
         differs=_differs(data["differs"]) if "differs" in data else None,
         printed=printed,
     )

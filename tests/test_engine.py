@@ -33,13 +33,14 @@ from ariac_score import (
     load_rule_set,
     measure_trial,
     price_trial,
+    score_trial,
 )
 from ariac_score.engine import decidable
-from ariac_score.errors import PluginError
+from ariac_score.errors import DataFileError, PluginError
 from ariac_score.logmap import load_log_map
 from ariac_score.registry import Plugin, Registry, _installed
 from ariac_score.result import Provenance
-from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, kitting_trial
+from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
 LAWS = settings(max_examples=50, derandomize=True, deadline=None)
 REGISTRY = Registry()
@@ -570,3 +571,43 @@ def test_the_first_order_announced_is_the_first_whatever_its_name() -> None:
 def test_a_plugin_error_is_an_error_of_ours() -> None:
     assert issubclass(PluginError, ScoreError)
     assert PluginError("x").exit_code == 3
+
+
+# Configurations of other years ---------------------------------------------------------
+
+OF_2024 = """
+orders:
+- {id: AAAA0001, type: kitting, announcement: {time_condition: 0}, priority: false, kitting_task: {
+    agv_number: 1, tray_id: 3, destination: warehouse, products: [{type: pump, color: red, quadrant: 1}]}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "likeness"),
+    [
+        (OF_2024, "a trial configuration of 2023 or 2024"),
+        ("static_sensors: {front: {type: lidar}}\n", "a team configuration of 2024"),
+        (
+            "sensors: {front: {type: lidar, pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}}\n",
+            "a team configuration of 2023",
+        ),
+    ],
+)
+def test_a_configuration_of_another_year_is_refused_by_what_it_looks_like(
+    tmp_path: Path, text: str, likeness: str
+) -> None:
+    write_trial_log(tmp_path / "trial.jsonl", kitting_trial())
+    (tmp_path / "config.yaml").write_text(text, encoding="utf-8")
+
+    with pytest.raises(DataFileError) as caught:
+        score_trial(tmp_path, "ariac2020.as_coded")
+    assert caught.value.cause == f"it looks like {likeness}, and ariac2020.as_coded is for 2020"
+    assert str(caught.value.file).endswith("config.yaml")
+
+
+def test_sensors_that_several_years_have_are_of_none_of_them(tmp_path: Path) -> None:
+    write_trial_log(tmp_path / "trial.jsonl", kitting_trial())
+    sensors = "sensors: {front: {type: rgbd_camera, pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}}\n"
+    (tmp_path / "config.yaml").write_text(sensors, encoding="utf-8")
+
+    assert score_trial(tmp_path, "ariac2020.as_coded").status == "scored"

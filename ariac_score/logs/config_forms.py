@@ -16,7 +16,7 @@ from typing import Any
 from ariac_score.datafiles import load_yaml
 from ariac_score.errors import DataFileError
 
-__all__ = ["looks_like", "top_level_keys"]
+__all__ = ["looks_like", "top_level_keys", "years_in"]
 
 _SNIFFED_BYTES = 4_000_000
 _KEY = re.compile(rb"""^(?:\xef\xbb\xbf)?["']?([A-Za-z_][A-Za-z0-9_]*)["']?[ \t]*:""", re.MULTILINE)
@@ -26,6 +26,9 @@ _TRIAL_2025 = frozenset({"SEED", "DEFECT_RATE", "TIME_LIMIT", "NUM_KITS", "NUM_M
 _SENSORS_2023 = frozenset(
     {"proximity", "lidar", "rgb_camera", "basic_logical_camera", "advanced_logical_camera"}
 )
+
+_SENSORS_OF_BOTH = frozenset({"break_beam", "laser_profiler", "rgbd_camera"})
+"""Sensor types that until 2022 and in 2023 have one name."""
 
 
 def top_level_keys(path: Path) -> frozenset[str]:
@@ -54,6 +57,18 @@ def looks_like(path: Path) -> str:
     if not isinstance(data, dict):
         return "a YAML file without keys"
     return form_of(data)
+
+
+def years_in(words: str) -> frozenset[int]:
+    """The years that the words of `looks_like` name; none when they name none.
+
+    >>> sorted(years_in("a trial configuration of 2018 to 2020"))
+    [2018, 2019, 2020]
+    >>> sorted(years_in("a trial configuration of 2023 or 2024")), sorted(years_in("a rule set"))
+    ([2023, 2024], [])
+    """
+    years = [int(year) for year in re.findall(r"\b20\d\d\b", words)]
+    return frozenset(range(min(years), max(years) + 1)) if years else frozenset()
 
 
 def form_of(root: Mapping[Any, Any]) -> str:
@@ -108,9 +123,15 @@ def _team(root: Mapping[Any, Any]) -> str:
     if "robot_camera" in root:
         return "a team configuration of 2021 or 2022"
     if "sensors" in root:
-        types = [sensor.get("type") for sensor in _maps(root["sensors"])]
-        newer = any(isinstance(kind, str) and kind in _SENSORS_2023 for kind in types)
-        return f"a team configuration of {'2023' if newer else '2017 to 2022'}"
+        types = {sensor["type"] for sensor in _maps(root["sensors"]) if isinstance(sensor.get("type"), str)}
+        years = (
+            "2023"
+            if types & _SENSORS_2023
+            else "2017 to 2022"
+            if types - _SENSORS_OF_BOTH
+            else "2017 to 2023"
+        )
+        return f"a team configuration of {years}"
     return ""
 
 

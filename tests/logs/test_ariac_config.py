@@ -388,7 +388,7 @@ def test_malformed_yaml_is_refused_and_described_as_damage(tmp_path: Path) -> No
         ("order: {}\nmodels_over_bins: {}", "a trial configuration without orders"),
         (
             "sensors: {a: {type: break_beam}}",
-            "a team configuration of 2017 to 2022: there are no orders in it",
+            "a team configuration of 2017 to 2023: there are no orders in it",
         ),
         ("COMPETITOR_NAME: a\nSENSORS: []", "a team configuration of 2025: there are no orders in it"),
         ("orders: {" + ", ".join(f"order_{n}: {{}}" for n in range(1001)) + "}", "1001 orders cannot be"),
