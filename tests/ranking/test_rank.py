@@ -15,6 +15,7 @@ import pytest
 
 from ariac_score import load_rule_set
 from ariac_score.cli import main
+from ariac_score.datafiles import schema_errors
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.runs import score_runs
@@ -432,6 +433,9 @@ def test_the_example_competitions_are_ranked_alike_every_time(
 
     data: dict[str, Any] = json.loads(told[0])
     assert told[0] == told[1]
+    assert schema_errors(data, "ranking") == []
+    if data["cohort"] is not None:
+        assert schema_errors(data["cohort"], "cohort") == []
     assert len(data["runs"]) == 45
     assert [s["rank"] for s in data["standings"]] == [1, 2, 3]
     for standing in data["standings"]:
