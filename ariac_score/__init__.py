@@ -26,13 +26,16 @@ if TYPE_CHECKING:
     )
     from ariac_score.engine import measure_trial, price_trial, score_trial
     from ariac_score.errors import (
+        FormulaError,
         LogError,
         MissingSignalError,
         NothingToScoreError,
         ScoreError,
     )
+    from ariac_score.expression import Expression, add_up
     from ariac_score.findings import Finding, Limit, Verdict
     from ariac_score.logmap import load_log_map
+    from ariac_score.parameters import ParameterFacts, check_parameters, parameter, parameter_facts
     from ariac_score.result import Measured, Provenance, Result
     from ariac_score.result_json import as_json, load_result
     from ariac_score.ruleset import RuleSet, load_rule_set
@@ -55,15 +58,18 @@ if TYPE_CHECKING:
     )
     from ariac_score.trial.signals import Sample, Signal, align
     from ariac_score.trial.spans import Span, episodes_where, sample_durations, uncovered_spans
+    from ariac_score.trial.vocabulary import QUANTITIES, Quantity
 
 _HOME = {
     "ariac_score.contracts": (
         "Decoder LogDescription Monitor Reader Rule SignalNeed TopicDescription Wanted"
     ),
     "ariac_score.engine": "measure_trial price_trial score_trial",
-    "ariac_score.errors": "LogError MissingSignalError NothingToScoreError ScoreError",
+    "ariac_score.errors": "FormulaError LogError MissingSignalError NothingToScoreError ScoreError",
+    "ariac_score.expression": "Expression add_up",
     "ariac_score.findings": "Finding Limit Verdict",
     "ariac_score.logmap": "load_log_map",
+    "ariac_score.parameters": "ParameterFacts check_parameters parameter parameter_facts",
     "ariac_score.result": "Measured Provenance Result",
     "ariac_score.result_json": "as_json load_result",
     "ariac_score.ruleset": "RuleSet load_rule_set",
@@ -75,14 +81,18 @@ _HOME = {
     ),
     "ariac_score.trial.signals": "Sample Signal align",
     "ariac_score.trial.spans": "Span episodes_where sample_durations uncovered_spans",
+    "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
 __all__ = [
+    "QUANTITIES",
     "Body",
     "Decoder",
     "Event",
+    "Expression",
     "Finding",
+    "FormulaError",
     "Limit",
     "LogDefect",
     "LogDescription",
@@ -94,9 +104,11 @@ __all__ = [
     "NothingToScoreError",
     "OfficialResult",
     "Order",
+    "ParameterFacts",
     "Pose",
     "Product",
     "Provenance",
+    "Quantity",
     "Reader",
     "Result",
     "Rule",
@@ -116,13 +128,17 @@ __all__ = [
     "Verdict",
     "Wanted",
     "WantedProduct",
+    "add_up",
     "align",
     "as_json",
+    "check_parameters",
     "episodes_where",
     "load_log_map",
     "load_result",
     "load_rule_set",
     "measure_trial",
+    "parameter",
+    "parameter_facts",
     "price_trial",
     "sample_durations",
     "score_trial",

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 
 from ariac_score import Finding, SignalNeed, Span, Trial, Verdict
-from ariac_score_standards.watching import Watched, episodes_below, watch_pairs
+from ariac_score_standards.severity import episodes_below
+from ariac_score_standards.watching import Watched, watch_pairs
 
 _CONTACT_CLAUSE = "ARIAC 2022 scoring, robot-human collision"
 

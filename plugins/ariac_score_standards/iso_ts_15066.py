@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score import Finding, Sample, SignalNeed, Trial, Verdict
-from ariac_score_standards.watching import Episode, Watched, episodes_below, watch_pairs
+from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, Episode, episodes_below
+from ariac_score_standards.watching import Watched, watch_pairs
 
 FloatArray = NDArray[np.float64]
 
@@ -139,10 +140,6 @@ class SsmSeparation:
             evidence=_evidence(subject, watched, worst, required_m),
             clause=_CLAUSE,
         )
-
-
-STANDSTILL_SPEED_M_S = 0.01
-"""Above this a robot moves (monitor catalogue, M7; ARIAC 2023 uses the same for AGVs)."""
 
 
 def _evidence(subject: str, watched: Watched, row: int, required_m: FloatArray) -> tuple[Sample, ...]:
