@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ariac_score.expression import Expression, add_up
     from ariac_score.findings import Finding, Limit, Verdict
     from ariac_score.logmap import load_log_map
-    from ariac_score.parameters import ParameterFacts, check_parameters, parameter, parameter_facts
+    from ariac_score.parameters import ParameterFacts, Status, check_parameters, parameter, parameter_facts
     from ariac_score.result import Measured, Provenance, Result
     from ariac_score.result_json import as_json, load_result
     from ariac_score.ruleset import RuleSet, load_rule_set
@@ -69,7 +69,7 @@ _HOME = {
     "ariac_score.expression": "Expression add_up",
     "ariac_score.findings": "Finding Limit Verdict",
     "ariac_score.logmap": "load_log_map",
-    "ariac_score.parameters": "ParameterFacts check_parameters parameter parameter_facts",
+    "ariac_score.parameters": "ParameterFacts Status check_parameters parameter parameter_facts",
     "ariac_score.result": "Measured Provenance Result",
     "ariac_score.result_json": "as_json load_result",
     "ariac_score.ruleset": "RuleSet load_rule_set",
@@ -118,6 +118,7 @@ __all__ = [
     "Signal",
     "SignalNeed",
     "Span",
+    "Status",
     "Submission",
     "Task",
     "TeamSetup",

@@ -287,7 +287,7 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
     if not events:
         return State(np.zeros(len(t), dtype=bool), np.ones(len(t), dtype=bool))
     times = np.array([e.t_s for e in events])
-    before = OFF if events[0].detail == ON else ON if events[0].detail == OFF else ""
-    words = np.array([before, *(event.detail for event in events)])
+    earlier = OFF if events[0].detail == ON else ON if events[0].detail == OFF else ""
+    words = np.array([earlier, *(event.detail for event in events)])
     told = words[np.searchsorted(times, t, side="right")]
     return State(told == ON, (told == ON) | (told == OFF))
