@@ -12,6 +12,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +97,7 @@ def sampled(*profiles: Breaks, rate_hz: float = 100.0) -> tuple[Any, list[Any]]:
     times = [k / rate_hz for k in range(first, last + 1)]
     for profile in profiles:
         times += [t for t, _ in profile]
-        times += [a[0] - BEFORE_S for a, b in zip(profile, profile[1:], strict=False) if a[0] == b[0]]
+        times += [a[0] - BEFORE_S for a, b in pairwise(profile) if a[0] == b[0]]
     t = np.unique(np.round(times, 9))
     t = t[(t >= start - 1e-12) & (t <= end + 1e-12)]
     return t, [values_at(profile, t) for profile in profiles]
@@ -161,8 +162,9 @@ def one_or_all(given: Any, values: Any) -> Any:
     return listed if isinstance(given, list) else listed[0]
 
 
-def of_lists(values: Sequence[Any]) -> bool:
-    return any(isinstance(value, list) for value in values)
+def first_of(told: Inputs, *names: str, default: Any = None) -> Any:
+    """The input that an example gives under one of several names."""
+    return next((told[name] for name in names if name in told), default)
 
 
 # M1 to M3: speed and separation ----------------------------------------------------------
@@ -175,9 +177,8 @@ def seed(told: Inputs) -> Outputs:
     monitor = SsmSeparation(profile=told.get("profile", "seed"), **given)
     human, robot = np.broadcast_arrays(*(np.atleast_1d(np.asarray(told[k], float)) for k in ("k_H", "k_R")))
     d_min = monitor.d_min_m(human, robot)
-    outputs = {
-        "d_min_m": one_or_all(next((told[k] for k in ("k_H", "k_R") if of_lists([told[k]])), 0), d_min)
-    }
+    listed = next((told[k] for k in ("k_H", "k_R") if isinstance(told[k], list)), 0)
+    outputs = {"d_min_m": one_or_all(listed, d_min)}
     if "d" in told:
         outputs["violated"] = one_or_all(told["d"], np.atleast_1d(told["d"]) < d_min)
     return outputs
@@ -285,15 +286,14 @@ def episode(told: Inputs) -> Outputs:
     columns = {"centre_distance/r/h": ("m", distance), "speed/h": ("m/s", 0.0), "speed/r": ("m/s", 0.0)}
     limits = {name: told[key] for key, name in {"t_on": "t_on_s", "t_off": "t_off_s"}.items() if key in told}
     found = violations(SsmSeparation(delta_m=told["S_p"], **limits).watch(trial_of(t, columns)))
+    margins = [f.robustness for f in found if f.robustness is not None]
     return {
         "episodes": len(found),
         "time_in_violation_s": total(found, "time_in_violation_s"),
         "max_depth_m": largest(found, "depth_max_m"),
         "integrated_depth_m_s": total(found, "depth_integral_m_s"),
         "relative_integral_s": total(found, "relative_depth_integral_s"),
-        "robustness_m": min(
-            (f.robustness or 0.0 for f in found), default=float(distance.min() - told["S_p"])
-        ),
+        "robustness_m": min(margins) if found else float(distance.min() - told["S_p"]),
         "start_s": found[0].span.start_s if found and found[0].span else None,
         "end_s": found[-1].span.end_s if found and found[-1].span else None,
         "violated": bool(found),
@@ -376,17 +376,15 @@ def place_on_the_body(told: str) -> str:
     titles = {re.sub(r"[^a-z0-9]+", "_", region.title.lower()): name for name, region in REGIONS.items()}
     if plain in titles:
         return titles[plain]
-    words = [
-        w for w in plain.replace("non_dominant", "nondominant").split("_") if w not in ("the", "of", "c7")
-    ]
+    spoken = plain.replace("non_dominant", "nondominant").split("_")
+    words = [word for word in spoken if word not in ("the", "of", "c7")]
     for name in AREAS:
         area = name.replace("non_dominant", "nondominant").split("_")
         kept = [w for w in words if w != "hand" or "hand" in area]
         if set(kept) == set(area) - {"of"}:
             return name
-    near = [
-        n for n, region in REGIONS.items() if set(words) & set(re.findall(r"[a-z]+", region.title.lower()))
-    ]
+    titled = {n: set(re.findall(r"[a-z]+", region.title.lower())) for n, region in REGIONS.items()}
+    near = [n for n, title in titled.items() if set(words) & title]
     return near[0] if len(near) == 1 else told
 
 
@@ -396,14 +394,8 @@ def contact(told: Inputs) -> Outputs:
     limits, force = body_limits(place), float(told["force_N"])
     monitor = PflContact(region=place, clamped=bool(told.get("clamped", False)))
     lasts = float(told.get("contact_s", 0.1 if told.get("phase") != "quasi-static" else 1.0))
-    breaks = [
-        (0.0, 0.0),
-        (1.0, 0.0),
-        (1.0, force),
-        (1.0 + lasts, force),
-        (1.0 + lasts, 0.0),
-        (3.0 + lasts, 0.0),
-    ]
+    end = 1.0 + lasts
+    breaks = [(0.0, 0.0), (1.0, 0.0), (1.0, force), (end, force), (end, 0.0), (end + 2.0, 0.0)]
     t, (course,) = sampled(breaks)
     columns = {"contact_force/r/h": ("N", course)}
     if "area_cm2" in told:
@@ -419,6 +411,7 @@ def contact(told: Inputs) -> Outputs:
     short = bool(monitor.transient(np.array([at_s]), monitor.clamped)[0])
     phase = told.get("phase", "transient" if short else "quasi-static").replace("_", "-")
     pressure = force / told["area_cm2"] * 1e4 if "area_cm2" in told else told.get("pressure_N_cm2", 0.0) * 1e4
+    ratios = force / force_limit[phase], pressure / pressure_limit[phase]
     return {
         "ratio": force / force_limit[phase],
         "force_ratio": force / force_limit[phase],
@@ -428,9 +421,7 @@ def contact(told: Inputs) -> Outputs:
         "limit_N": force_limit[phase],
         "limit_N_cm2": pressure_limit[phase] / 1e4,
         "time_above_s": total(said, "time_in_violation_s"),
-        "violated": bool(found)
-        if "phase" not in told
-        else max(force / force_limit[phase], pressure / pressure_limit[phase]) > 1,
+        "violated": max(ratios) > 1 if "phase" in told else bool(found),
         "critical": any(f.critical for f in said),
         "peak_ratio": largest(said, "ratio_max"),
     }
@@ -519,14 +510,9 @@ def standstill(told: Inputs) -> Outputs:
         leaves = told.get("person_leaves", max(told["stops_at"], enters + monitor.grace_s) + 2.0)
         begins = told.get("brake_start", enters)
         robot = [(enters - 1, v), (begins, v), (told["stops_at"], 0.0), (leaves + 1, 0.0)]
-    person = [
-        (enters - 1, -9.0),
-        (enters, -9.0),
-        (enters, 1.0),
-        (leaves, 1.0),
-        (leaves, -9.0),
-        (leaves + 1, -9.0),
-    ]
+    away, within = -9.0, 1.0
+    person = [(enters - 1, away), (enters, away), (enters, within), (leaves, within), (leaves, away)]
+    person.append((leaves + 1, away))
     t, (speed, x) = sampled(robot, person)
     where = np.stack([x, np.ones_like(x), np.zeros_like(x)], axis=1)
     columns = {"position/h": ("m", where), "speed/r": ("m/s", speed)}
@@ -548,12 +534,8 @@ def stop(told: Inputs) -> Outputs:
     if "power_off" in told:
         return {"category": each(told["power_off"], lambda off: stop_category(off, told["stop"]))}
     request, v = told["request"], told["v"]
-    breaks = [
-        (request - 1, v),
-        (told.get("brake_start", request), v),
-        (told["stop"], 0.0),
-        (told["stop"] + 3, 0.0),
-    ]
+    breaks = [(request - 1, v), (told.get("brake_start", request), v), (told["stop"], 0.0)]
+    breaks.append((told["stop"] + 3, 0.0))
     t, (speed,) = sampled(breaks)
 
     def watched(limit: float) -> Finding:
@@ -564,7 +546,7 @@ def stop(told: Inputs) -> Outputs:
         (finding,) = StopPerformance(max_time_s=limit, **given).watch(trial)
         return finding
 
-    limit = told.get("limit", told.get("t_limit", 0.5))
+    limit = first_of(told, "limit", "limits", "limit_s", "t_limit", "T_allowed", default=0.5)
     first = watched(limit[0] if isinstance(limit, list) else limit)
     return {
         "s_stop_m": first.quantities["stop_distance_m"],
@@ -583,14 +565,9 @@ def restart(told: Inputs) -> Outputs:
     def watched(moves_at: float) -> list[Finding]:
         end = max([moves_at, *(event.t_s for event in events)]) + 2.0
         begin = told["estop"] - 1.0
-        breaks = [
-            (begin, 0.0),
-            (moves_at, 0.0),
-            (moves_at, 0.2),
-            (moves_at + 0.5, 0.2),
-            (moves_at + 0.5, 0.0),
-        ]
-        t, (speed,) = sampled([*breaks, (end, 0.0)])
+        rests = moves_at + 0.5
+        breaks = [(begin, 0.0), (moves_at, 0.0), (moves_at, 0.2), (rests, 0.2), (rests, 0.0), (end, 0.0)]
+        t, (speed,) = sampled(breaks)
         return violations(EstopRestart().watch(trial_of(t, {"speed/r": ("m/s", speed)}, events=events)))
 
     motion = told["motion"]
@@ -613,7 +590,7 @@ def hand_guiding(told: Inputs) -> Outputs:
     breaks = [(released - 1, v), (still_at, v), (still_at, 0.0), (still_at + 2, 0.0)]
     if still_at < released:
         breaks = [(released - 1, 0.0), (released + 2, 0.0)]
-    t, (speed,) = sampled(breaks, [(released - 1, 1.0), (released, 1.0), (released + 1, 1.0)])
+    t, (speed,) = sampled(breaks)
     events = [Event(released, "enabling_device", "r", "off")]
     monitor = HandGuiding(max_speed_m_s=limit, stop_within_s=told["T_allowed"])
     found = violations(monitor.watch(trial_of(t, {"speed/r": ("m/s", speed)}, events=events)))
@@ -689,15 +666,16 @@ def behind_the_line(told: Inputs) -> Outputs:
 
 @runs("M12")
 def truck_speed(told: Inputs) -> Outputs:
-    names = {"rated": "rated_speed_m_s", "limit": "reduced_speed_m_s"}
+    names = {"rated": "rated_speed_m_s", "v_rated": "rated_speed_m_s", "limit": "reduced_speed_m_s"}
     given = {name: told[key] for key, name in names.items() if key in told}
-    clearance = told.get("clearance", told.get("clearance_m", 0.4 if "limit" in told else 9.0))
-    detection = told.get("detection", told.get("detection_active", not told.get("muted", False)))
+    assumed = 0.4 if "limit" in told else 9.0
+    clearance = first_of(told, "clearance", "clearance_m", default=assumed)
+    detection = first_of(told, "detection", "detection_active", default=not told.get("muted", False))
     active = detection not in (False, 0, "muted", "off", "inactive")
     monitor = AgvSpeedClearance(**given, confined=bool(told.get("confined", False)))
 
     def found(v: float) -> list[Finding]:
-        t, (speed,) = sampled(steps([[v, told.get("duration", 1.0)]]))
+        t, (speed,) = sampled(steps([[v, first_of(told, "duration", "duration_s", default=1.0)]]))
         columns = {
             "speed/agv1": ("m/s", speed),
             "clearance/agv1": ("m", clearance),
@@ -745,10 +723,12 @@ def truck_stop(told: Inputs) -> Outputs:
 
 @runs("M14")
 def space(told: Inputs) -> Outputs:
-    joint = any(key in told for key in ("limit_rad", "joint", "angle_rad", "angle"))
-    value = told.get("x", told.get("angle_rad", told.get("angle", told.get("joint"))))
-    limit = told.get("limit", told.get("limit_rad"))
-    t, (course,) = sampled(steps([[value, told["duration"]]]))
+    angles = ("angle_rad", "angle", "q", "q_rad", "joint", "joint_rad", "limit_rad")
+    joint = any(key in told for key in angles)
+    value = first_of(told, "x", "x_m", "position", "position_m", "value", *angles[:-1])
+    limit = first_of(told, "limit", "limit_rad", "limit_m", "joint_limit", "joint_limit_rad", "box")
+    lasts = first_of(told, "duration", "duration_s")
+    t, (course,) = sampled(steps([[value, lasts]]))
     if joint:
         monitor = SpaceLimit(joint="j", joint_low_rad=-limit, joint_high_rad=limit)
         columns = {"joint_position/r::j": ("rad", course)}
@@ -757,14 +737,13 @@ def space(told: Inputs) -> Outputs:
         columns = {"position/r": ("m", np.stack([course, 0 * course, 0 * course], axis=1))}
     found = violations(monitor.watch(trial_of(t, columns)))
     unit = "rad" if joint else "m"
-    outputs = {
+    return {
         f"depth_{unit}": largest(found, f"depth_max_{unit}"),
         f"integrated_{unit}_s": total(found, f"depth_integral_{unit}_s"),
         "time_s": total(found, "time_in_violation_s"),
         "episodes": len(found),
         "violated": bool(found),
     }
-    return outputs
 
 
 @runs("M15")
@@ -774,9 +753,8 @@ def crush(told: Inputs) -> Outputs:
     def clamped(gap_mm: float) -> bool:
         step = -1e-6 if told.get("closing", True) else 1e-6
         gap = gap_mm / 1000.0 - step * 0.5 + step * np.arange(2)
-        found = violations(
-            CrushGap(part=part).watch(trial_of(np.arange(2) / 100, {"crush_gap/r/h": ("m", gap)}))
-        )
+        trial = trial_of(np.arange(2) / 100, {"crush_gap/r/h": ("m", gap)})
+        found = violations(CrushGap(part=part).watch(trial))
         formula = bool(clamps(part, np.array([gap_mm / 1000.0]), told.get("closing", True))[0])
         assert formula == bool(found), "formula and monitor differ"
         return formula
@@ -816,14 +794,8 @@ def touching(breaks: Breaks, monitor: CollisionEpisodes, weight: int) -> list[Fi
 
 
 def watched_collision(duration: float, weight: int, options: Mapping[str, Any]) -> float:
-    breaks = [
-        (0.0, 0.0),
-        (1.0, 0.0),
-        (1.0, 1.0),
-        (1.0 + duration, 1.0),
-        (1.0 + duration, 0.0),
-        (3.0 + duration, 0.0),
-    ]
+    end = 1.0 + duration
+    breaks = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (end, 1.0), (end, 0.0), (end + 2.0, 0.0)]
     (finding,) = touching(breaks, CollisionEpisodes(**options), weight)
     assert finding.quantities["occurrences"] == occurrences(duration, weight=weight, **options)
     return finding.quantities["occurrences"]
