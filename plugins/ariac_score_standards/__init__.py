@@ -1,6 +1,7 @@
 """Monitors derived from safety standards and from the safety rules of ARIAC."""
 
 from ariac_score_standards.ariac_safety import CollisionEpisodes, HumanContact, NoEvent
+from ariac_score_standards.formula import Always, Never, Within
 from ariac_score_standards.iec_60204_1 import EstopRestart, StopPerformance
 from ariac_score_standards.iso_3691_4 import AgvProtectiveField, AgvSpeedClearance
 from ariac_score_standards.iso_9283 import PoseAttained
@@ -15,12 +16,14 @@ from ariac_score_standards.signal_coverage import SignalCoverage
 __all__ = [
     "AgvProtectiveField",
     "AgvSpeedClearance",
+    "Always",
     "CollisionEpisodes",
     "CrushGap",
     "EstopRestart",
     "HandGuiding",
     "HumanContact",
     "MonitoredStandstill",
+    "Never",
     "NoEvent",
     "PflContact",
     "PflSpeed",
@@ -34,4 +37,5 @@ __all__ = [
     "SsmSeparation",
     "SsmSpeedCap",
     "StopPerformance",
+    "Within",
 ]
