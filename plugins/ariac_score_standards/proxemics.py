@@ -42,8 +42,8 @@ def time_to_collision_s(
     """Time until two discs touch at their present velocities, shape (n,), s.
 
     Args:
-        apart_m: From one centre to the other, shape (n, k), m.
-        relative_m_s: Velocity of the other less that of the one, shape (n, k), m/s.
+        apart_m: From one centre to the other, shape (n, 2), m.
+        relative_m_s: Velocity of the other less that of the one, shape (n, 2), m/s.
         contact_m: Sum of the radii, m.
 
     Returns:
@@ -54,8 +54,11 @@ def time_to_collision_s(
     """
     a = (relative_m_s * relative_m_s).sum(axis=1)
     b = (apart_m * relative_m_s).sum(axis=1)
-    c = (apart_m * apart_m).sum(axis=1) - np.asarray(contact_m, dtype=np.float64) ** 2
-    root = b * b - a * c
+    reach2 = np.asarray(contact_m, dtype=np.float64) ** 2
+    c = (apart_m * apart_m).sum(axis=1) - reach2
+    # b^2 - a c, written with what the discs pass each other by: head on it is never below 0.
+    aside = apart_m[:, 0] * relative_m_s[:, 1] - apart_m[:, 1] * relative_m_s[:, 0]
+    root = a * reach2 - aside * aside
     meets = (c > 0) & (b < 0) & (root >= 0)
     # c / (sqrt - b) is the smaller root, without cancellation.
     denominator = np.sqrt(np.where(meets, root, 0.0)) - b
