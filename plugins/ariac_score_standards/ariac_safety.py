@@ -182,7 +182,8 @@ class CollisionEpisodes:
     """Machines do not collide: with each other, with themselves, or with what stands around.
 
     Measures:
-        For every two machines (and every machine and the environment) the contacts:
+        For every two machines (and every machine and the environment, where the log has
+        anything about it or `between` asks for it) the contacts:
         from `in_contact`, else `contact_force` above `contact_on_n`, else the distance
         of surfaces, else events `in_contact` with details `on` and `off`. Touches less
         than `t_off_s` apart are one collision. Each counts once, and again for every
@@ -215,7 +216,8 @@ class CollisionEpisodes:
 
     def needs(self) -> Iterator[SignalNeed]:
         """Whatever tells of contacts."""
-        for quantity, unit in (("in_contact", "1"), ("contact_force", "N"), ("body_separation", "m")):
+        told = {"in_contact": "1", "contact_force": "N", "body_separation": "m", "velocity": "m/s"}
+        for quantity, unit in told.items():
             yield SignalNeed(quantity, unit, self.max_gap_s)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
@@ -298,9 +300,17 @@ class CollisionEpisodes:
             yield Finding.inconclusive(subject, message, span=gap, clause=_COLLISION_CLAUSE)
         both = first.kind == second.kind == "robot"
         for span in spans:
-            yield self._collision(subject, contact, span, self.robot_robot_weight if both else 1)
+            weight = self.robot_robot_weight if both else 1
+            speed = self._speed_against(trial, first, second, span.start_s)
+            yield self._collision(subject, contact, span, weight, speed)
         if not spans and not gaps:
-            yield Finding.satisfied(subject, "they never touched", clause=_COLLISION_CLAUSE)
+            yield Finding(
+                subject,
+                Verdict.SATISFIED,
+                "they never touched",
+                quantities={"occurrences": 0.0, "length_s": 0.0, "time_in_violation_s": 0.0},
+                clause=_COLLISION_CLAUSE,
+            )
 
     def _cut(self, trial: Trial, contact: _Touching) -> tuple[_Touching, list[Span]]:
         window = trial.window
@@ -311,11 +321,27 @@ class CollisionEpisodes:
         kept = _Touching(contact.t[inside], contact.touching[inside], force)
         return kept, uncovered_spans(kept.t, window, max_gap_s=self.max_gap_s)
 
-    def _collision(self, subject: str, contact: _Touching | None, span: Span, weight: int) -> Finding:
+    def _speed_against(self, trial: Trial, first: Body, second: Body, t_s: float) -> float | None:
+        """Speed of the two against each other when they met; what stands around does not move."""
+        at, relative = np.array([t_s]), np.zeros(3)
+        for body, sign in ((first, 1.0), (second, -1.0)):
+            velocity = trial.signals.get(f"velocity/{body.id}")
+            if body.kind == ENVIRONMENT:
+                continue
+            if velocity is None or not velocity.covers(at, max_gap_s=self.max_gap_s)[0]:
+                return None
+            relative = relative + sign * velocity.at(at)[0]
+        return float(np.sqrt((relative * relative).sum()))
+
+    def _collision(
+        self, subject: str, contact: _Touching | None, span: Span, weight: int, speed_m_s: float | None
+    ) -> Finding:
         times = occurrences(
             span.duration_s, every_s=self.every_s, closed_right=self.closed_right, weight=weight
         )
         quantities = {"occurrences": float(times), "length_s": span.duration_s}
+        if speed_m_s is not None:
+            quantities["relative_speed_m_s"] = speed_m_s
         if contact is not None:
             rows = np.flatnonzero(contact.touching & (contact.t >= span.start_s) & (contact.t <= span.end_s))
             weights = sample_durations(contact.t, longest_s=self.max_gap_s)[rows]

@@ -257,7 +257,8 @@ class EstopRestart:
     Violated when:
         It moves faster than standstill: in LATCHED, before the reset, or in READY,
         after the reset and before a start. Reset alone must not start motion. Every
-        violation is a critical event.
+        violation is a critical event. A log that does not record resets or starts
+        leaves it open.
     Source:
         ISO 13850; IEC 60204-1; for trucks ISO 3691-4, 4.1.14. The time for coming to
         rest is our choice.
@@ -315,6 +316,18 @@ class EstopRestart:
         )
         moving = (speed > self.standstill_speed_m_s) & (t >= latched_s - _TOLERANCE_S) & (t < end_s)
         spans = episodes_where(t, moving, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
+        silent = [
+            kind
+            for kind in (RESET, START)
+            if kind not in trial.witnessed and not events_about(trial, subject.name, (kind,))
+        ]
+        if spans and silent:
+            message = (
+                f"moved at {spans[0].start_s:.3f} s after the emergency stop at {stop.t_s:.3f} s, "
+                f"but the log does not show whether there was any {silent[0].replace('_', ' ')}"
+            )
+            yield Finding.inconclusive(subject.name, message, span=spans[0], clause=self._clause)
+            return
         weights = sample_durations(t, longest_s=watched.max_gap_s)
         for span in spans:
             rows = np.flatnonzero(moving & (t >= span.start_s) & (t <= span.end_s))
@@ -342,5 +355,10 @@ class EstopRestart:
             )
         unseen = [gap for gap in watched.gaps if gap.end_s > stop.t_s and gap.start_s < end_s]
         if not spans and not unseen:
-            message = f"at rest from the emergency stop at {stop.t_s:.3f} s until the next start"
-            yield Finding.satisfied(subject.name, message, clause=self._clause)
+            yield Finding(
+                subject.name,
+                Verdict.SATISFIED,
+                f"at rest from the emergency stop at {stop.t_s:.3f} s until the next start",
+                quantities={"time_in_violation_s": 0.0, "speed_max_m_s": 0.0, "travel_m": 0.0},
+                clause=self._clause,
+            )

@@ -18,6 +18,7 @@ from ariac_score_standards.watching import (
     Subject,
     Watched,
     bodies_of,
+    nobody,
     state_over,
     watch_subjects,
 )
@@ -72,7 +73,10 @@ class ReducedSpeed:
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """For every robot where it was too fast, or its closest moment."""
         wanted = {f"{self.speed}/{{robot}}": "m/s"}
-        humans = [human.id for human in trial.bodies_of("human")] if self.applies == "human_in_zone" else []
+        by_zone = self.applies == "human_in_zone"
+        humans = [human.id for human in trial.bodies_of("human")] if by_zone else []
+        if by_zone and not humans:
+            return iter([nobody(trial, self._clause, ("human",))])
         wanted |= {f"position/{human}": "m" for human in humans}
         return watch_subjects(
             trial,

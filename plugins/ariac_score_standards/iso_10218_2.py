@@ -137,6 +137,19 @@ def permitted_contact(
 # Contact --------------------------------------------------------------------------------------
 
 _FORCE = "contact_force/{robot}/{human}"
+_CONTACT_QUANTITIES = (
+    "contacts",
+    "force_max_N",
+    "force_ratio_max",
+    "ratio_max",
+    "contact_s",
+    "impulse_N_s",
+    "time_in_violation_s",
+    "impulse_above_limit_N_s",
+    "relative_depth_max",
+    "relative_depth_integral_s",
+)
+"""What is measured of every contact; all 0 where there is none."""
 _HELPFUL = {
     "contact_pressure/{robot}/{human}": "Pa",
     "contact_area/{robot}/{human}": "m2",
@@ -155,10 +168,11 @@ class PflContact:
         holds (`transient_factor` times the other), then, or while the body part is
         clamped, the quasi-static one. Touches less than `t_off_s` apart are one
         contact. The region comes from the parameter `region`, else from the event
-        `contact` of the pair, else from the height of the contact, else the weakest.
+        `contact` of the pair; else the weakest region at the height of the contact, or of
+        all, lends its limits.
     Violated when:
-        Force or pressure exceeds its limit, or skull, forehead or face are touched
-        at all. Every violation is a critical event.
+        Force or pressure exceeds its limit, or skull, forehead or face are known to be
+        touched at all. Every violation is a critical event.
     Source:
         ISO/TS 15066:2016, Annex A (Table A.2); ISO 10218-2:2025, Annex M, as public
         sources give them. Not valid for children. The window of 0.5 s is from
@@ -241,12 +255,12 @@ class PflContact:
         for span in spans:
             rows = np.flatnonzero(touching & (watched.t >= span.start_s) & (watched.t <= span.end_s))
             try:
-                limits = self._limits(trial, subject, watched, rows)
+                limits, known = self._limits(trial, subject, watched, rows)
             except ValueError as unknown:
                 message = f"contact at {span.start_s:.3f} s: {unknown}"
                 yield Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
                 continue
-            yield self._contact(subject, watched, span, rows, limits, held)
+            yield self._contact(subject, watched, span, rows, limits, held, known=known)
         if not spans and not watched.gaps:
             strongest = int(np.argmax(force))
             yield Finding(
@@ -255,23 +269,25 @@ class PflContact:
                 f"no contact: never more than {force[strongest]:.3f} N",
                 robustness=float(self.contact_on_n - force[strongest]),
                 unit="N",
-                quantities={"contacts": 0.0},
+                quantities=dict.fromkeys(_CONTACT_QUANTITIES, 0.0),
                 evidence=watched.samples(strongest),
                 clause=self._clause,
             )
 
-    def _limits(self, trial: Trial, subject: Subject, watched: Watched, rows: Any) -> BodyLimits:
+    def _limits(self, trial: Trial, subject: Subject, watched: Watched, rows: Any) -> tuple[BodyLimits, bool]:
+        """The limits of a contact, and whether its region is known."""
         if self.region:
-            return body_limits(self.region)
+            return body_limits(self.region), True
         start_s, end_s = watched.t[rows[0]] - self.t_off_s, watched.t[rows[-1]] + watched.max_gap_s
         events = _contacts(trial, subject)
         named = [e.detail for e in events if start_s <= e.t_s <= end_s and e.detail]
         if named:
-            return min((body_limits(name) for name in named), key=lambda limits: limits.force_n)
+            return min((body_limits(name) for name in named), key=lambda limits: limits.force_n), True
         heights = watched.extra.get("contact_height/{robot}/{human}")
         if heights is not None and np.isfinite(heights[rows]).all():
-            return min((limits_at(float(h)) for h in heights[rows]), key=lambda limits: limits.force_n)
-        return body_limits(UNKNOWN_REGION)
+            weakest = min((limits_at(float(h)) for h in heights[rows]), key=lambda limits: limits.force_n)
+            return weakest, False
+        return body_limits(UNKNOWN_REGION), False
 
     def _contact(
         self,
@@ -281,6 +297,8 @@ class PflContact:
         rows: Any,
         limits: BodyLimits,
         held: State | None,
+        *,
+        known: bool,
     ) -> Finding:
         clamped = np.full(len(rows), self.clamped) | (False if held is None else held.on[rows])
         transient = self.transient(watched.t[rows] - span.start_s, clamped)
@@ -291,7 +309,7 @@ class PflContact:
         above = ratio > 1.0
         weights = sample_durations(watched.t, longest_s=watched.max_gap_s)[rows]
         worst = int(np.argmax(ratio))
-        forbidden = not limits.region.contact_permitted
+        forbidden = known and not limits.region.contact_permitted
         relative = np.clip(np.maximum(ratio - 1.0, 0.0), 0.0, 1.0)
         quantities = {
             "contacts": 1.0,
@@ -308,7 +326,7 @@ class PflContact:
         if np.isfinite(pressure).any():
             quantities["pressure_ratio_max"] = float(of_pressure.max())
         violated = bool(above.any()) or forbidden
-        where = limits.region.title.lower()
+        where = limits.region.title.lower() if known else f"a region unknown, taken for {limits.name}"
         phase = "transient" if transient[worst] else "quasi-static"
         message = f"contact with {where}: {force[worst]:.1f} N, {ratio[worst]:.3f} of the {phase} limit"
         return Finding(
@@ -319,7 +337,7 @@ class PflContact:
             robustness=None if forbidden else float(1.0 - ratio[worst]),
             unit="" if forbidden else "1",
             quantities=quantities,
-            labels={"region": limits.name, "phase": phase},
+            labels={"region": limits.name, "region_known": "yes" if known else "no", "phase": phase},
             evidence=watched.samples(int(rows[worst])),
             clause=self._clause,
             critical=violated,
@@ -446,7 +464,7 @@ class PflSpeed:
 
         def told(episode: Episode | None) -> Told:
             if episode is None:
-                return Told()
+                return Told({"speed_ratio": 0.0, "energy_ratio": 0.0})
             v = float(speed[episode.worst])
             energy = contact_energy_j(may.reduced_kg, v)
             return Told({"speed_ratio": v / may.speed_m_s, "energy_ratio": energy / may.energy_j})
@@ -549,7 +567,7 @@ class MonitoredStandstill:
         """The way until the person left (or the next violation), and whether the robot had been at rest."""
         speed = watched["speed/{robot}"]
         if episode is None:
-            return Told()
+            return Told({"travel_m": 0.0, "speed_max_m_s": 0.0})
         last = int(episode.rows[-1])
         after = np.flatnonzero(~within[last:])
         leaves = last + int(after[0]) if len(after) else len(watched.t) - 1

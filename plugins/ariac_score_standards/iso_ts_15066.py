@@ -21,6 +21,7 @@ from ariac_score_standards.severity import (
     episodes_of,
     exposure_s,
     limit_findings,
+    no_severities,
     travelled_m,
 )
 from ariac_score_standards.watching import BoolArray, FloatArray, Watched, watch_pairs
@@ -449,7 +450,7 @@ class SsmSeparation(SsmFormula):
             f"at its closest {margin_m[closest]:.3f} m more than required, at {watched.t[closest]:.3f} s",
             robustness=float(margin_m[closest]),
             unit="m",
-            quantities=self._exposure(watched, now),
+            quantities=self._clean(watched, now),
             evidence=_evidence(subject, watched, closest, now.required_m),
             clause=_CLAUSE,
         )
@@ -483,6 +484,10 @@ class SsmSeparation(SsmFormula):
             evidence=_evidence(subject, watched, worst, now.required_m),
             clause=_CLAUSE,
         )
+
+    def _clean(self, watched: Watched, now: _Moments) -> dict[str, float]:
+        """What a trial without violation measures; of scalar speeds nothing, as published."""
+        return {**no_severities("m"), **self._exposure(watched, now)} if self._directed else {}
 
     def _exposure(self, watched: Watched, now: _Moments) -> dict[str, float]:
         if not self._directed:

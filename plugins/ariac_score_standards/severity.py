@@ -189,6 +189,19 @@ def _nothing_more(_episode: Episode | None) -> Told:
     return Told()
 
 
+def no_severities(unit: str) -> dict[str, float]:
+    """The severities of an episode that was none, so that prices may speak of them in a clean trial."""
+    depth_name, integral_name = _DEPTH_NAMES.get(unit, ("depth_max", "depth_integral"))
+    names = (
+        "time_in_violation_s",
+        depth_name,
+        integral_name,
+        "relative_depth_max",
+        "relative_depth_integral_s",
+    )
+    return dict.fromkeys(names, 0.0)
+
+
 def limit_findings(
     subject: str,
     watched: Watched,
@@ -260,7 +273,7 @@ def _kept(
         f"({relation} {bound.limit[closest]:.3f}), at {watched.t[closest]:.3f} s",
         robustness=float(bound.margin[closest]),
         unit=bound.unit,
-        quantities=told.quantities,
+        quantities={**no_severities(bound.unit), **told.quantities},
         labels=told.labels,
         evidence=_evidence(watched, bound, closest, subject),
         clause=rules.clause,

@@ -820,7 +820,9 @@ def test_a_region_is_found_however_it_is_written(name: str) -> None:
 def test_an_unknown_region_takes_the_weakest_at_its_height(height: float, force: float) -> None:
     assert limits_at(height).force_n == force
     trial = trial_of({"contact_force/r/h": ("N", 64.0), "contact_height/r/h": ("m", height)})
-    assert only(PflContact(), trial).labels["region"] == limits_at(height).name
+    finding = only(PflContact(), trial)
+    assert (finding.labels["region"], finding.labels["region_known"]) == (limits_at(height).name, "no")
+    assert (finding.verdict, finding.critical) == (SATISFIED, False)  # nobody knows that it was the face
 
 
 def test_the_log_names_the_region_of_a_contact() -> None:
@@ -969,6 +971,59 @@ def test_a_robot_that_starts_again_while_somebody_is_inside_is_told_so() -> None
     finding = only(MonitoredStandstill(workspace=SQUARE), trial_of(columns, t=t))
 
     assert finding.labels == {"resumed": "yes"}
+
+
+@pytest.mark.parametrize("missing", ["emergency_stop_reset", "start"])
+def test_motion_after_a_stop_is_undecided_where_resets_or_starts_are_not_recorded(missing: str) -> None:
+    t = np.arange(501) / 100
+    kinds = {"emergency_stop": 1.0, "emergency_stop_reset": 3.0, "start": 3.2}
+    events = [Event(at, kind) for kind, at in kinds.items() if kind != missing]
+    columns = {"speed/r": ("m/s", np.where(t >= 3.5, 0.5, 0.0))}
+
+    assert only(EstopRestart(), trial_of(columns, t=t, events=events)).verdict is INCONCLUSIVE
+    witnessed = trial_of(columns, t=t, events=events, witnessed=[missing])
+    assert only(EstopRestart(), witnessed).verdict is VIOLATED
+
+
+@pytest.mark.parametrize(("witnessed", "verdict"), [((), INCONCLUSIVE), (("bodies",), NOT_APPLICABLE)])
+def test_a_slow_zone_nobody_is_seen_in_is_free_only_if_everybody_is_recorded(
+    witnessed: Any, verdict: Verdict
+) -> None:
+    trial = trial_of({"speed/r": ("m/s", 1.0)}, bodies=[Body("r", "robot")], witnessed=witnessed)
+
+    assert only(ReducedSpeed(applies="human_in_zone", zone=SQUARE), trial).verdict is verdict
+
+
+def test_a_slow_zone_with_somebody_in_it() -> None:
+    columns = {"speed/r": ("m/s", 1.0), "position/h": ("m", [1.0, 1.0, 0.0])}
+    monitor = ReducedSpeed(applies="human_in_zone", zone=SQUARE)
+
+    assert violated(monitor, trial_of(columns))
+    assert not violated(monitor, trial_of({**columns, "position/h": ("m", [9.0, 1.0, 0.0])}))
+
+
+@pytest.mark.parametrize(
+    ("monitor", "columns", "names"),
+    [
+        (ReducedSpeed(), {"speed/r": ("m/s", 0.0)}, ("time_in_violation_s", "excess_integral_m")),
+        (CollisionEpisodes(), {"in_contact/r/s": ("1", 0.0)}, ("occurrences", "length_s")),
+        (PflContact(), {"contact_force/r/h": ("N", 0.0)}, ("contacts", "ratio_max")),
+    ],
+    ids=["speed", "collision", "contact"],
+)
+def test_a_clean_trial_measures_nothing_so_that_prices_may_speak_of_it(
+    monitor: Any, columns: Any, names: Any
+) -> None:
+    bodies = [Body("r", "robot"), Body("s" if "in_contact/r/s" in columns else "h", "robot")]
+    if "contact_force/r/h" in columns:
+        bodies[1] = Body("h", "human")
+    if "speed/r" in columns:
+        bodies = bodies[:1]
+
+    finding = only(monitor, trial_of(columns, bodies=bodies))
+
+    assert finding.verdict is SATISFIED
+    assert [finding.quantities[name] for name in names] == [0.0] * len(names)
 
 
 def test_a_hole_in_the_log_during_a_stop_is_undecided() -> None:

@@ -568,7 +568,9 @@ def restart(told: Inputs) -> Outputs:
         rests = moves_at + 0.5
         breaks = [(begin, 0.0), (moves_at, 0.0), (moves_at, 0.2), (rests, 0.2), (rests, 0.0), (end, 0.0)]
         t, (speed,) = sampled(breaks)
-        return violations(EstopRestart().watch(trial_of(t, {"speed/r": ("m/s", speed)}, events=events)))
+        columns = {"speed/r": ("m/s", speed)}
+        trial = trial_of(t, columns, events=events, witnessed=kinds.values())
+        return violations(EstopRestart().watch(trial))
 
     motion = told["motion"]
     return {
