@@ -594,7 +594,7 @@ class MonitoredStandstill:
         """Creep below the standstill speed, from where the robot last came to rest."""
         index = np.arange(len(held))
         fresh = held.copy()
-        fresh[1:] &= ~held[:-1]
+        fresh[1:] &= ~held[:-1] | moving[:-1]  # at rest from here on
         anchor = np.maximum.accumulate(np.where(fresh | moving | ~held, index, 0))
         away = position - position[anchor]
         drift = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)

@@ -1026,6 +1026,34 @@ def test_a_clean_trial_measures_nothing_so_that_prices_may_speak_of_it(
     assert [finding.quantities[name] for name in names] == [0.0] * len(names)
 
 
+def test_where_a_robot_comes_to_rest_again_is_no_drift() -> None:
+    # It moves 1 m at 1 m/s while somebody is inside: one violation, of speed, and none of drift.
+    t = np.arange(401) / 100
+    moving = (t >= 1) & (t < 2)
+    where = np.stack([np.clip(t - 1, 0, 1), 0 * t, 0 * t], axis=1)
+    columns = {
+        "position/h": ("m", np.tile([1.0, 1.0, 0.0], (len(t), 1))),
+        "position/r": ("m", where),
+        "speed/r": ("m/s", moving.astype(float)),
+    }
+
+    finding = only(MonitoredStandstill(workspace=SQUARE), trial_of(columns, t=t))
+
+    assert finding.verdict is VIOLATED
+    assert finding.unit == "m/s"
+
+
+@pytest.mark.parametrize(("speed", "broken"), [(0.01, False), (above(0.01), True)])
+def test_a_joint_that_turns_while_the_tool_stands_still(speed: float, broken: bool) -> None:
+    columns = {
+        "position/h": ("m", [1.0, 1.0, 0.0]),
+        "speed/r": ("m/s", 0.0),
+        "joint_speed/r": ("rad/s", speed),
+    }
+
+    assert violated(MonitoredStandstill(workspace=SQUARE), trial_of(columns)) is broken
+
+
 def test_a_hole_in_the_log_during_a_stop_is_undecided() -> None:
     trial = stopping(0.4)
     speed = trial.signals["speed/r"]

@@ -520,7 +520,11 @@ def test_the_speed_of_a_truck(seed: int) -> None:
 @SEEDS
 def test_a_truck_that_meets_a_person(seed: int) -> None:
     course = Course.of(seed)
-    x, y, v = course.walk(0.125, 0.5, 3.0), course.values([0.0, 2.0], hold=30), course.walk(0.125, 0.0, 1.0)
+    x, y, v = (
+        course.walk(0.125, 0.5, 3.0),
+        course.values([0.0, 0.7, 2.0], hold=30),
+        course.walk(0.125, 0.0, 1.0),
+    )
     columns = {
         "position/a": ("m", [[0.0, 0.0, 0.0]] * len(course.t)),
         "velocity/a": ("m/s", [[speed, 0.0, 0.0] for speed in v]),
