@@ -840,6 +840,13 @@ def test_an_unknown_region_in_the_log_is_named_and_undecided() -> None:
     assert "'cheest' is unknown; did you mean 'chest'?" in finding.message
 
 
+def test_of_two_regions_named_for_one_contact_the_weaker_counts() -> None:
+    events = [Event(0.1, "contact", "r/h", "back_shoulders"), Event(0.2, "contact", "r/h", "abdomen")]
+    trial = trial_of({"contact_force/r/h": ("N", 150.0)}, events=events)
+
+    assert only(PflContact(), trial).labels["region"] == "abdomen"
+
+
 def test_contact_without_force_is_named_and_undecided() -> None:
     trial = trial_of({"speed/r": ("m/s", 0.0)}, events=[Event(0.5, "contact", "r/h", "hand")])
 
@@ -1142,6 +1149,37 @@ def test_the_separation_of_any_two_bodies() -> None:
     assert signals["body_separation/a/h"].values[0] == pytest.approx(math.hypot(5, 3) - 0.75)
 
 
+def test_a_collision_monitor_with_a_hole_in_its_log_is_never_satisfied() -> None:
+    t = np.array([k / 100 for k in range(201) if not 50 < k < 150])
+    trial = trial_of({"in_contact/r/s": ("1", 0.0)}, t=t, bodies=[Body("r", "robot"), Body("s", "robot")])
+
+    assert verdicts(CollisionEpisodes(), trial) == [INCONCLUSIVE]
+
+
+def test_collisions_may_be_told_by_events() -> None:
+    events = [Event(0.1, "in_contact", "s/r", "on"), Event(0.3, "in_contact", "s/r", "off")]
+    events += [Event(0.5, "in_contact", "s/r", "on"), Event(0.6, "in_contact", "s/r", "off")]
+    trial = trial_of(
+        {"speed/r": ("m/s", 0.0)}, bodies=[Body("r", "robot"), Body("s", "robot")], events=events
+    )
+
+    finding = only(CollisionEpisodes(), trial)
+
+    assert finding.span == Span(0.1, 0.6)
+    assert finding.quantities["occurrences"] == 2.0  # two robots count twice
+
+
+def test_a_collision_with_what_stands_around_tells_its_force_and_speed() -> None:
+    columns = {"contact_force/r/environment": ("N", 50.0), "velocity/r": ("m/s", [3.0, 4.0, 0.0])}
+    trial = trial_of(columns, bodies=[Body("r", "robot")])
+
+    finding = only(CollisionEpisodes(critical=True), trial)
+
+    assert (finding.subject, finding.critical) == ("r/environment", True)
+    assert finding.quantities["force_max_N"] == 50.0
+    assert finding.quantities["relative_speed_m_s"] == pytest.approx(5.0)
+
+
 def test_a_collision_is_seen_by_geometry_where_no_contact_is_recorded() -> None:
     trial = moving_trial()
     near = Signal("position/a", "m", trial.signals["position/a"].t, trial.signals["position/r::tool0"].values)
@@ -1336,6 +1374,19 @@ def test_d_min_in_a_rule_set(tmp_path: Path) -> None:
     assert separation.robustness == formula.robustness == pytest.approx(2.0 - (1.25 + 0.5 + 2.6))
     assert separation.quantities == formula.quantities
     assert "does not hold" in formula.message
+
+
+def test_the_page_about_monitors_names_every_one_and_its_rule_set_is_sound(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "monitors.md").read_text(encoding="utf-8")
+    text = page.partition("```yaml\n")[2].partition("```")[0]
+    (tmp_path / "page.yaml").write_text(text, encoding="utf-8")
+
+    assert set(load_rule_set(str(tmp_path / "page.yaml")).build(Registry())) == {
+        "separation",
+        "stops_in_time",
+    }
+    others = {"formula.never", "formula.within"}
+    assert [name for name in MONITORS if f"`{name}`" not in page and name not in others] == []
 
 
 @pytest.mark.parametrize(
