@@ -532,7 +532,8 @@ def standstill(told: Inputs) -> Outputs:
 @runs("M8")
 def stop(told: Inputs) -> Outputs:
     if "power_off" in told:
-        return {"category": each(told["power_off"], lambda off: stop_category(off, told["stop"]))}
+        categories = each(told["power_off"], lambda off: stop_category(off, told["stop"]))
+        return {"category": categories, "estop_allowed": each(categories, lambda category: category < 2)}
     request, v = told["request"], told["v"]
     breaks = [(request - 1, v), (told.get("brake_start", request), v), (told["stop"], 0.0)]
     breaks.append((told["stop"] + 3, 0.0))
@@ -668,7 +669,12 @@ def behind_the_line(told: Inputs) -> Outputs:
 
 @runs("M12")
 def truck_speed(told: Inputs) -> Outputs:
-    names = {"rated": "rated_speed_m_s", "v_rated": "rated_speed_m_s", "limit": "reduced_speed_m_s"}
+    names = {
+        "rated": "rated_speed_m_s",
+        "v_rated": "rated_speed_m_s",
+        "rated_speed": "rated_speed_m_s",
+        "limit": "reduced_speed_m_s",
+    }
     given = {name: told[key] for key, name in names.items() if key in told}
     assumed = 0.4 if "limit" in told else 9.0
     clearance = first_of(told, "clearance", "clearance_m", default=assumed)
@@ -828,8 +834,9 @@ def poses(told: Inputs) -> Outputs:
 @runs("M18")
 def comfort(told: Inputs) -> Outputs:
     outputs: dict[str, Any] = {}
-    if "d" in told or "distance" in told:
-        outputs["zone"] = each(told.get("d", told.get("distance")), zone_of)
+    distance = first_of(told, "d", "distance", "distances", "distance_m", "distances_m")
+    if distance is not None:
+        outputs["zone"] = outputs["zones"] = each(distance, zone_of)
     if "r" in told:
         x, v = np.atleast_2d(told["x"]).astype(float), told["v"]
         pairs = v if isinstance(v[0], list) else [v]
