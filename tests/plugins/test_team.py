@@ -250,7 +250,7 @@ def test_a_rule_set_gives_prices_as_a_map() -> None:
         ({"prices": {"lidar": "300"}}, "'300' is not a float"),
         ({"prices": {"lidar": True}}, "True is not a float"),
         ({"prices": {"lidar": float("nan")}}, "nan is not finite"),
-        ({"prices": {3: 100}}, "is not a mapping of names"),
+        ({"prices": {3: 100}}, "3 is not a str"),
         ({"prices": [100]}, "is not a mapping of names"),
         ({"prices": {"lidar": 300}, "free": ["lidar"]}, "'lidar' can be only one of"),
         ({"free": ["lidar"], "excluded": ["lidar"]}, "'lidar' can be only one of"),
