@@ -533,8 +533,11 @@ def _product(p: Number, times: int, label: str) -> Number:
 
 
 def _measures(findings: Mapping[str, Finding], quantity: str, label: str) -> list[tuple[str, Number]]:
-    """A named quantity of each finding that has it; a name that no satisfied finding has is misspelt."""
-    kept = any(finding.verdict is Verdict.SATISFIED for finding in findings.values())
+    """A named quantity of each finding that has it; a name that no satisfied finding has is misspelt.
+
+    Satisfied findings without any quantity are those of checks that measure violations alone: 0.
+    """
+    kept = any(f.verdict is Verdict.SATISFIED and f.quantities for f in findings.values())
     known = {name for finding in findings.values() for name in finding.quantities}
     if kept and quantity not in known:
         raise FormulaError(

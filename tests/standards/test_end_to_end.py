@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -123,3 +124,31 @@ def test_without_positions_nothing_that_needs_them_is_satisfied(tmp_path: Path, 
 
     for name in ("separation", "speed_cap", "response", "contact_speed", "standstill", "space", "comfort"):
         assert set(found[name].values()) == {"inconclusive"}, name
+
+
+def test_the_example_is_scored_with_every_monitor_and_its_score_stays(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    examples = Path(__file__).parents[2] / "examples"
+    stored = tmp_path / "result.json"
+    rules = str(examples / "all_monitors.yaml")
+
+    assert main(["score", str(examples / "kitting_near_miss.mcap"), "--rules", rules, "-o", str(stored)]) == 0
+    assert stored.read_text().startswith("19.761677 of 36 possible")
+    main(
+        ["score", str(examples / "kitting_near_miss.mcap"), "--rules", rules]
+        + ["--output-format", "json", "-o", str(stored)]
+    )
+    measured = load_result(stored).measured
+    ours, yaml = (next(iter(measured.of(name).values())) for name in ("separation", "d_min_in_yaml"))
+    assert (ours.span, ours.robustness) == (yaml.span, yaml.robustness)
+    used = {check["use"] for check in load_result(stored).checks.values()}
+    assert {use for use in SHIPPED_MONITORS if use not in used} == set()
+
+
+SHIPPED_MONITORS = {
+    point.name
+    for point in entry_points(group="ariac_score.monitors")
+    if point.value.startswith("ariac_score_standards")
+    and point.name not in ("formula.never", "formula.within")
+}
