@@ -136,8 +136,16 @@ def test_the_example_is_scored_with_every_monitor_and_its_score_stays(
     assert main(["score", str(examples / "kitting_near_miss.mcap"), "--rules", rules, "-o", str(stored)]) == 0
     assert stored.read_text().startswith("19.761677 of 36 possible")
     main(
-        ["score", str(examples / "kitting_near_miss.mcap"), "--rules", rules]
-        + ["--output-format", "json", "-o", str(stored)]
+        [
+            "score",
+            str(examples / "kitting_near_miss.mcap"),
+            "--rules",
+            rules,
+            "--output-format",
+            "json",
+            "-o",
+            str(stored),
+        ]
     )
     measured = load_result(stored).measured
     ours, yaml = (next(iter(measured.of(name).values())) for name in ("separation", "d_min_in_yaml"))
