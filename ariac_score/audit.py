@@ -19,7 +19,7 @@ from pathlib import Path
 from ariac_score.certain import Certain, Value
 from ariac_score.comparison import Comparison, compare_rules, rule_sets_differing_from
 from ariac_score.contracts import Monitor, Reader, Wanted
-from ariac_score.engine import find_trial, measure_trial, read_trial
+from ariac_score.engine import find_trial, measure_trial, read_trial, refuse_other_years
 from ariac_score.errors import FormulaError, NothingToScoreError, UsageError
 from ariac_score.expression import Number
 from ariac_score.logmap import load_log_map
@@ -178,6 +178,7 @@ def audit(
         return Audit(bundle.id, official.source, layout, outcome)
     block = _block_of(official)
     rule_set = _chosen(rules, layout, block)
+    refuse_other_years(bundle, rule_set)
     look = _Look(bundle, readers, registry, progress)
     trial, ours = look.at(rule_set)
     items = _Items(rule_set.printed, trial.orders, ours, look.without_text(rule_set), official.source)
@@ -208,7 +209,7 @@ def _official(bundle: Bundle, readers: Mapping[str, Reader]) -> tuple[OfficialRe
     for part in bundle.parts:
         if part.role == "official":
             reader = readers[part.reader]
-            official = reader.read(part.path, Wanted(LogMap("audit"))).official
+            official = reader.read(part.path, Wanted(LogMap("audit"), run=part.run)).official
             if official is not None:
                 layout = reader.describe(part.path).facts.get("layout", "")
                 return official, str(layout)

@@ -30,6 +30,7 @@ from ariac_score.guard import GuardedDecoder, broken, open_readers
 from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
 from ariac_score.logs.config_forms import looks_like, years_in
+from ariac_score.logs.shipment_orders import unknown_products
 from ariac_score.registry import Plugin, Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical, settled
 from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
@@ -52,11 +53,15 @@ __all__ = [
     "measure_trial",
     "price_trial",
     "read_trial",
+    "refuse_other_years",
     "reprice",
     "score_trial",
 ]
 
 Progress = Callable[[float], None]
+
+LAST_EDITION_OF_SHIPMENTS = 2022
+"""From 2023 on product types come out of closed lists, in configurations and in messages."""
 
 ENDED_WITHOUT_SCORE: Mapping[str, str] = {
     "crashed": "the simulator died during this run, and no score was recorded",
@@ -104,12 +109,12 @@ def score_trial(
     mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
     bundle, readers = find_trial(path, registry)
     bundle = with_parts(bundle, also, root or path, readers)
-    _refuse_other_years(bundle, rule_set)
+    refuse_other_years(bundle, rule_set)
     needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
     trial = read_trial(
         bundle, readers, mapping, registry, quantities=[need.quantity for need in needs], progress=progress
     )
-    trial = _renamed(trial, trial_id, team)
+    trial = _with_unknown_products(_renamed(trial, trial_id, team), rule_set)
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
     trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
     measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
@@ -117,8 +122,12 @@ def score_trial(
     return price_trial(measured, rule_set, provenance)
 
 
-def _refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
-    """Refuse a configuration of another edition: its words mean other things there."""
+def refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
+    """Refuse a configuration of another edition: its words mean other things there.
+
+    Raises:
+        DataFileError: Saying what the configuration looks like.
+    """
     for part in bundle.parts if rule_set.edition is not None else ():
         if part.role not in ("trial_config", "team_config"):
             continue
@@ -135,6 +144,14 @@ def _refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
 def _renamed(trial: Trial, trial_id: str, team: str) -> Trial:
     setup = replace(trial.team or TeamSetup(), name=team) if team else trial.team
     return replace(trial, id=trial_id or trial.id, team=setup)
+
+
+def _with_unknown_products(trial: Trial, rule_set: RuleSet) -> Trial:
+    """The trial with the product types nobody knows among its defects, unless its reader has named them."""
+    named = any(defect.kind == "unknown_product_type" for defect in trial.log_defects)
+    if named or rule_set.edition is None or rule_set.edition > LAST_EDITION_OF_SHIPMENTS:
+        return trial
+    return replace(trial, log_defects=(*trial.log_defects, *unknown_products(trial.orders)))
 
 
 def check_needs(rule_set: RuleSet, checks: Mapping[str, Any], log_map: LogMap) -> None:
@@ -208,8 +225,9 @@ def read_trial(
         except PluginError as error:
             raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
     if not any(part.role in ("log", "official") for part in bundle.parts):
+        ignored = f"; not read: {', '.join(bundle.ignored[:5])}" if bundle.ignored else ""
         raise NothingToScoreError(
-            "there is a configuration but no log of a trial",
+            f"{bundle.id}: there is a configuration but no log of a trial{ignored}",
             file=bundle.root,
             hint="add the log the trial wrote: a bag, a state.log, a performance.log or a .jsonl",
         )

@@ -611,3 +611,37 @@ def test_sensors_that_several_years_have_are_of_none_of_them(tmp_path: Path) -> 
     (tmp_path / "config.yaml").write_text(sensors, encoding="utf-8")
 
     assert score_trial(tmp_path, "ariac2020.as_coded").status == "scored"
+
+
+def test_a_product_that_no_edition_has_is_named_with_the_one_that_was_meant(tmp_path: Path) -> None:
+    text = write_trial_log(tmp_path / "trial.jsonl", kitting_trial()).read_text(encoding="utf-8")
+    assert '"gear_part_blue"' in text
+    (tmp_path / "trial.jsonl").write_text(text.replace("gear_part_blue", "gear_prt_blue"), encoding="utf-8")
+
+    defects = score_trial(tmp_path / "trial.jsonl", "ariac2020.as_coded").measured.log_defects
+
+    (named,) = [defect for defect in defects if defect.kind == "unknown_product_type"]
+    assert (
+        "'gear_prt_blue' is no product type of 2017 to 2022; did you mean 'gear_part_blue'?" in named.message
+    )
+
+
+def test_a_record_before_the_trial_and_a_pose_that_is_none_are_named(tmp_path: Path) -> None:
+    text = write_trial_log(tmp_path / "trial.jsonl", kitting_trial()).read_text(encoding="utf-8")
+    lines = [json.loads(line) for line in text.splitlines()]
+    handed_in = next(line for line in lines if line["record"] == "submission")
+    handed_in["contents"][0]["pose"]["orientation_wxyz"] = [0, 0, 0, 0]
+    (tmp_path / "trial.jsonl").write_text(
+        "".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8"
+    )
+    defects = score_trial(tmp_path / "trial.jsonl", "ariac2020.as_coded").measured.log_defects
+
+    (named,) = [defect for defect in defects if defect.kind == "unusable_pose"]
+    assert named.where.startswith("trial.jsonl, record ")
+    assert "a quaternion of norm 0" in named.message
+    handed_in["t_s"] = -14.0
+    (tmp_path / "trial.jsonl").write_text(
+        "".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8"
+    )
+    with pytest.raises(ScoreError, match=r"t_s is -14\.0, before the trial"):
+        score_trial(tmp_path / "trial.jsonl", "ariac2020.as_coded")

@@ -86,7 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(
             f"{len(unsettled)} of {len(ranking.runs)} runs do not count; each is named above", file=sys.stderr
         )
-    return EXIT_UNDECIDED if unsettled else 0
+    placeless = any(standing.rank is None for standing in ranking.standings)
+    return EXIT_UNDECIDED if unsettled or placeless else 0
 
 
 def _evaluation(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
@@ -99,7 +100,7 @@ def _evaluation(competition: Competition, rule_set: RuleSet, spec: Spec) -> Eval
     try:
         return _evaluated(competition, rule_set)
     except ScoreError as error:
-        print(f"not compared with the organisers' own program: {plain(error.cause)}", file=sys.stderr)
+        print(f"not compared with the organisers' own program: {plain(str(error))}", file=sys.stderr)
         return None
 
 

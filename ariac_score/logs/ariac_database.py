@@ -25,7 +25,15 @@ from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED, Event
 from ariac_score.trial.model import OfficialOrder, OfficialResult, Submission, TeamSetup, Trial
 
-__all__ = ["ORDER_TYPES", "PENALTY_TYPES", "AriacDatabaseReader", "DatabaseRun", "read_run", "run_ids"]
+__all__ = [
+    "ORDER_TYPES",
+    "PENALTY_TYPES",
+    "AriacDatabaseReader",
+    "DatabaseRun",
+    "read_run",
+    "run_ids",
+    "run_owners",
+]
 
 CLOCK = "competition time (simulated seconds since the start)"
 FORMAT = "ARIAC database (2025)"
@@ -239,6 +247,24 @@ def run_ids(path: Path) -> tuple[int, ...]:
     """
     with _opened(path) as database:
         return tuple(_Row(path, "Run", row).whole("id") for row in _rows(database, path, "Run"))
+
+
+def run_owners(path: Path) -> tuple[tuple[int, str, str], ...]:
+    """Number, team and trial of every run, ascending, whatever else is wrong with it.
+
+    Raises:
+        NothingToScoreError: The file is missing or empty.
+        LogError: It is damaged, in use, not the database of 2025, or a run has no team or trial.
+    """
+    with _opened(path) as database:
+        owners = []
+        for values in _rows(database, path, "Run"):
+            run = _Row(path, "Run", values)
+            run_id = run.whole("id")
+            trial = _only(database, path, "Trial", run.whole("trial_id"), run_id)
+            competitor = _only(database, path, "Competitor", run.whole("competitor_id"), run_id)
+            owners.append((run_id, competitor.text("name"), trial.text("trial_id")))
+    return tuple(owners)
 
 
 def read_run(path: Path, run_id: int) -> DatabaseRun:

@@ -224,6 +224,9 @@ def _searched_folder(folder: Path, readers: Mapping[str, Reader]) -> Bundle:
             ignored.append(path.relative_to(folder).as_posix())
         else:
             parts.append(part)
+    ignored += [
+        f"{link.relative_to(folder).as_posix()} (a link to somewhere else)" for link in _links_out(folder)
+    ]
     if not parts:
         raise NothingToScoreError(
             f"nothing to score in this folder; {_seen(ignored)}",
@@ -263,11 +266,21 @@ def _walk(folder: Path, root: Path, readers: Mapping[str, Reader], depth: int) -
         ) from cause
     for path in paths:
         if not _is_inside(path, root):
-            continue
+            continue  # what it means lies elsewhere; `_links_out` names it
         if path.is_file() or (path.is_dir() and _as_bag(path, readers) is not None):
             yield path
         elif path.is_dir() and not path.is_symlink() and depth > 0:
             yield from _walk(path, root, readers, depth - 1)
+
+
+def _links_out(folder: Path) -> list[Path]:
+    """The links right in a folder that lead out of it, or nowhere."""
+    root = folder.resolve()
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.is_symlink() and (not _is_inside(path, root) or not path.exists())
+    )
 
 
 def _is_inside(path: Path, root: Path) -> bool:

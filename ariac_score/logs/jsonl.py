@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -56,6 +56,10 @@ class _Columns:
 
     t: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     values: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
+
+
+Note = Callable[[str], None]
+"""Takes what is wrong with a pose that is left out."""
 
 
 class JsonLinesReader:
@@ -115,7 +119,7 @@ class JsonLinesReader:
                         columns.values[name].append(value)
             else:
                 units |= {name: q["unit"] for name, q in record.get("quantities", {}).items()}
-                _take(builder, record)
+                _take(builder, record, f"{path.name}, record {done + 1}")
             if done % 20_000 == 0:
                 wanted.progress(min(0.95, done * 80 / size))
         for name in sorted(columns.t):
@@ -233,6 +237,13 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity])
         raise LogError(fault, file=path, place=place, hint=hint)
     if record.get("t_s") is not None and not abs(record["t_s"]) <= MAX_TIME_S:  # NaN keeps no limit
         raise _fault(path, number, f"t_s is {record['t_s']!r}", "times are numbers, s of trial time")
+    if (record.get("t_s") or 0) < 0:
+        raise _fault(
+            path,
+            number,
+            f"t_s is {record['t_s']!r}, before the trial",
+            "trial time begins at 0; shift all times",
+        )
     return record
 
 
@@ -281,7 +292,10 @@ def _is_number(value: object) -> bool:
     return isinstance(value, float)
 
 
-def _take(builder: TrialBuilder, record: Record) -> None:
+def _take(builder: TrialBuilder, record: Record, where: str) -> None:
+    def note(cause: str) -> None:
+        builder.defect("unusable_pose", where, 1, f"a pose is left out: {cause}")
+
     kind = record["record"]
     if kind == "trial":
         builder.trial_id = record["id"]
@@ -293,43 +307,48 @@ def _take(builder: TrialBuilder, record: Record) -> None:
         links = tuple(record.get("links", []))
         builder.add_body(Body(record["id"], record["kind"], float(record.get("radius_m", 0.0)), links))
     elif kind == "order":
-        builder.add(_order(record))
+        builder.add(_order(record, note))
     elif kind == "submission":
-        builder.add(_submission(record))
+        builder.add(_submission(record, note))
     elif kind == "event":
         builder.add(Event(record["t_s"], record["kind"], record.get("subject", ""), record.get("detail", "")))
 
 
-def _pose(data: Mapping[str, Any] | None) -> Pose | None:
-    """A pose; `None` when there is none or it is not usable."""
+def _pose(data: Mapping[str, Any] | None, note: Note) -> Pose | None:
+    """A pose; `None` when there is none or it is not usable, which is noted."""
     if data is None:
         return None
     x, y, z = map(float, data["position_m"])
     qw, qx, qy, qz = map(float, data["orientation_wxyz"])
     try:
         return Pose((x, y, z), (qw, qx, qy, qz))
-    except ValueError:
+    except ValueError as cause:
+        note(str(cause))
         return None
 
 
-def _tray(data: Mapping[str, Any] | None) -> Tray | None:
-    return None if data is None else Tray(data["type"], _pose(data.get("pose")))
+def _tray(data: Mapping[str, Any] | None, note: Note) -> Tray | None:
+    return None if data is None else Tray(data["type"], _pose(data.get("pose"), note))
 
 
-def _order(record: Record) -> Order:
+def _order(record: Record, note: Note) -> Order:
     tasks = tuple(
         Task(
             id=task["id"],
             kind=task.get("kind", "kitting"),
             products=tuple(
                 WantedProduct(
-                    p["slot"], p["type"], _pose(p.get("pose")), p.get("quadrant", 0), p.get("challenged")
+                    p["slot"],
+                    p["type"],
+                    _pose(p.get("pose"), note),
+                    p.get("quadrant", 0),
+                    p.get("challenged"),
                 )
                 for p in task["products"]
             ),
             agv=task.get("agv", "any"),
             station=task.get("station", ""),
-            tray=_tray(task.get("tray")),
+            tray=_tray(task.get("tray"), note),
         )
         for task in record["tasks"]
     )
@@ -338,12 +357,12 @@ def _order(record: Record) -> Order:
     return Order(record["id"], tasks, announced_s, record.get("priority", 1), record.get("updates", ""))
 
 
-def _submission(record: Record) -> Submission:
+def _submission(record: Record, note: Note) -> Submission:
     contents = record.get("contents")
     products = None
     if contents is not None:
         products = tuple(
-            Product(p["type"], _pose(p.get("pose")), p.get("faulty", False), p.get("name", ""))
+            Product(p["type"], _pose(p.get("pose"), note), p.get("faulty", False), p.get("name", ""))
             for p in contents
         )
     return Submission(
@@ -352,5 +371,5 @@ def _submission(record: Record) -> Submission:
         contents=products,
         agv=record.get("agv", ""),
         station=record.get("station", ""),
-        tray=_tray(record.get("tray")),
+        tray=_tray(record.get("tray"), note),
     )

@@ -45,7 +45,7 @@ _SIGNS = ("Trial Summary", "END OF TRIAL", "Orders Summary")
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _RULE = re.compile(r"[=\-_*]{3,}")
 _PAIR = re.compile(r"^(?P<label>[^:]{1,80}?)\s*:\s*(?P<value>.*)$")
-_NUMBER = re.compile(r"-?\d{1,15}(?:\.\d{1,20})?(?:e[+-]?\d{1,2})?")
+_NUMBER = re.compile(r"-?\d{1,15}(?:\.\d{1,20})?(?:e[+-]?\d{1,3})?")
 _THREE = re.compile(rf"{_NUMBER.pattern}(?:, {_NUMBER.pattern}){{2}}")
 _DECIMALS = 6
 """Digits that times are printed with, so that a difference of two has no more."""

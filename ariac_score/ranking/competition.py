@@ -17,8 +17,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ariac_score.datafiles import YamlDocument, load_yaml, validate
-from ariac_score.errors import DataFileError, LogError, NothingToScoreError, UsageError, did_you_mean
-from ariac_score.logs.ariac_database import read_run, run_ids
+from ariac_score.errors import DataFileError, NothingToScoreError, UsageError, did_you_mean
+from ariac_score.logs.ariac_database import run_owners
 
 __all__ = ["Competition", "Run", "RunKey", "Team", "TrialPlan", "load_competition", "stored_results"]
 
@@ -84,6 +84,7 @@ class Competition:
         strangers: Entries among the runs that belong to no team or trial, with the reason.
         ranking: What differs from the ranking of the rule set.
         sha256: Hash of the file; empty for the official folders.
+        logs: Folder of the teams' folders, where runs lie as `<team>/<trial>_<n>`.
     """
 
     id: str
@@ -98,6 +99,7 @@ class Competition:
     strangers: tuple[str, ...] = ()
     ranking: Mapping[str, Any] = field(default_factory=dict)
     sha256: str = ""
+    logs: Path | None = None
 
 
 def load_competition(path: Path, rules: str = "") -> Competition:
@@ -120,8 +122,8 @@ def load_competition(path: Path, rules: str = "") -> Competition:
             file=path,
             hint="name a rule set with --rules, or in competition.yaml",
         )
-    if not competition.teams or not competition.trials:
-        missing = "team" if not competition.teams else "trial"
+    if not competition.teams or not competition.trials or not (competition.runs or competition.refused):
+        missing = "team" if not competition.teams else "trial" if not competition.trials else "run"
         raise NothingToScoreError(
             f"the competition has no {missing}; {_seen(competition)}",
             file=path,
@@ -143,6 +145,8 @@ def _seen(competition: Competition) -> str:
 
 def _from_file(file: Path, rules: str) -> Competition:
     document = load_yaml(file)
+    if document.data is None:
+        raise DataFileError("the file is empty", file=file, hint="it needs at least id, rules and runs")
     validate(document, "competition")
     data, root = document.data, file.parent
     _refuse_twice(document, "teams")
@@ -175,7 +179,17 @@ def _from_file(file: Path, rules: str) -> Competition:
         strangers=strangers,
         ranking=data.get("ranking", {}),
         sha256=document.sha256,
+        logs=_logs_folder(root, data["runs"]),
     )
+
+
+def _logs_folder(root: Path, pattern: object) -> Path | None:
+    """The folder above the teams' folders, where the pattern is that of the official evaluation."""
+    ending = "{team}/{trial}_{run}"
+    if not isinstance(pattern, str) or not PurePosixPath(pattern).as_posix().endswith(ending):
+        return None
+    above = PurePosixPath(pattern).as_posix().removesuffix(ending)
+    return root / above if "{" not in above and (root / above).is_dir() else None
 
 
 def _refuse_twice(document: YamlDocument, key: str) -> None:
@@ -291,23 +305,18 @@ def _stored(
     numbers: Counter[tuple[str, str]] = Counter()
     for i, name in enumerate(document.data["runs"]["databases"]):
         path = _existing(document, root, name, ("runs", "databases", i))
-        for run_id in run_ids(path):
+        for run_id, team, trial in run_owners(path):
             at = path.with_name(f"{path.name}#run={run_id}")
-            try:
-                run = read_run(path, run_id)
-            except LogError as error:
-                strangers.append(f"{name}, run {run_id}: {error.cause}")
-                continue
             unknown = [
                 f"{name}, run {run_id}: {what} {told!r} is not listed; {did_you_mean(told, known)}"
-                for what, told, known in (("team", run.competitor, teams), ("trial", run.trial, trials))
+                for what, told, known in (("team", team, teams), ("trial", trial, trials))
                 if known and told not in known
             ]
             if unknown:
                 strangers.append(unknown[0])
             else:
-                numbers[run.competitor, run.trial] += 1
-                runs.append(Run(run.competitor, run.trial, numbers[run.competitor, run.trial], at))
+                numbers[team, trial] += 1
+                runs.append(Run(team, trial, numbers[team, trial], at))
     return tuple(sorted(runs, key=lambda run: run.key)), tuple(strangers)
 
 
@@ -359,6 +368,7 @@ def _from_folders(path: Path, rules: str) -> Competition:
         runs=runs,
         refused=refused,
         strangers=strangers,
+        logs=None if single else path / "logs",
     )
 
 
@@ -398,6 +408,10 @@ def _search(
     runs, strangers = [], []
     for path in _entries(root, parts):
         relative = path.relative_to(root).as_posix()
+        if not _is_below(path, root) or not path.exists():
+            where = "nothing" if _is_below(path, root) else "somewhere outside the competition's folder"
+            strangers.append(f"{relative}: a link to {where}; copy what it means into the folder")
+            continue
         match = re.fullmatch(expression, relative)
         if match is None:
             if not path.name.startswith("."):
@@ -420,20 +434,21 @@ def _search(
 def _entries(root: Path, parts: Sequence[str]) -> Iterator[Path]:
     """Everything at the depth of the pattern, below what its plain parts name."""
     level = [root]
-    for number, part in enumerate(parts):
+    for part in parts:
         deeper: list[Path] = []
         for folder in level:
-            if "{" not in part:
-                deeper += [folder / part] if (folder / part).exists() else []
-            elif folder.is_dir():
+            if not folder.is_dir() or not _is_below(folder, root):
+                yield folder  # a file, or a link out of the folder: told as what it is
+            elif "{" in part:
                 deeper += sorted(folder.iterdir())
+            elif (folder / part).exists():
+                deeper.append(folder / part)
             if len(deeper) > MAX_RUNS:
                 raise NothingToScoreError(
                     f"more than {MAX_RUNS} entries: this does not look like a folder of runs", file=folder
                 )
-        last = number == len(parts) - 1
-        level = [path for path in deeper if last or path.is_dir()]
-    yield from (path for path in level if _is_below(path, root))
+        level = deeper
+    yield from level
 
 
 def _told_apart(found: Sequence[Run]) -> tuple[tuple[Run, ...], dict[RunKey, str]]:

@@ -173,9 +173,15 @@ def _without_run(
     return Entry("", 0, {o.id: None for o in orders}, {o.id: None for o in orders}, cost)
 
 
+def lines_of(text: str) -> list[str]:
+    """The lines of a text as the program reads them, without their ends."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return lines if lines[-1] else lines[:-1]
+
+
 def _summary(text: str) -> list[str]:
     """The lines of the order summary, as the program cuts them out."""
-    lines = text.split("\n")
+    lines = lines_of(text)
     bounds = []
     for words in (_SUMMARY, _DETAILS):
         found = next((i for i, line in enumerate(lines) if words in line), None)
@@ -193,7 +199,7 @@ def _key(run: RunTexts) -> tuple[int, float]:
         raw = 0
         for i in range(len(summary) // _LINES_OF_AN_ORDER):
             raw += int(_after_colon(summary[i * _LINES_OF_AN_ORDER + _SCORE_IN_ORDER]))
-        return -raw, float(_after_colon(run.trial_log.split("\n")[_COMPLETION_LINE]))
+        return -raw, float(_after_colon(lines_of(run.trial_log)[_COMPLETION_LINE]))
     except (ValueError, IndexError) as cause:
         raise _StoppedError(type(cause).__name__, f"a score or the completion time: {cause}") from None
 
@@ -243,7 +249,7 @@ def _cost(run: RunTexts) -> int | None:
     """The sensor cost; `None` leaves the team out."""
     if run.sensor_cost is None:
         return None
-    lines = run.sensor_cost.split("\n")
+    lines = lines_of(run.sensor_cost)
     if len(lines) <= _COST_LINE:
         raise _StoppedError("IndexError", f"sensor_cost.txt has no line {_COST_LINE + 1}")
     try:
@@ -266,6 +272,12 @@ def _first_cost(runs: Sequence[RunTexts]) -> int | None:
 def _scored(
     trial: str, found: Mapping[str, Entry], orders: Sequence[OrderPlan], stops: list[Stop]
 ) -> dict[str, Entry]:
+    stops += [
+        Stop(trial, team, entry.run, "ZeroDivisionError", "the sensor cost is 0")
+        for team, entry in found.items()
+        if entry.cost == 0
+    ]
+    found = {team: entry for team, entry in found.items() if entry.cost != 0}
     scoring = [e.cost for e in found.values() if add_up(s for s in e.scores.values() if s is not None) != 0]
     mean_cost = add_up(scoring) / len(scoring) if scoring else 0
     mean_s = {}
@@ -274,9 +286,6 @@ def _scored(
         mean_s[order.id] = add_up(durations) / len(durations) if durations else 0
     scored = {}
     for team, entry in found.items():
-        if entry.cost == 0:
-            stops.append(Stop(trial, team, entry.run, "ZeroDivisionError", "the sensor cost is 0"))
-            continue
         total: float = 0
         for order in orders:
             total += _value(order, entry, mean_s[order.id])

@@ -188,18 +188,17 @@ def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: 
         return RunOutcome(*key, result.outcome, result.cause, task=Decimal(0), score=Decimal(0))
     if isinstance(result, ScoreError):
         known = "no_value" if isinstance(result, FormulaError) else "unreadable"
-        return RunOutcome(*key, known, str(result))
+        return RunOutcome(*key, known, _told(result))
     official = result.measured.official
     ended = official.outcome if official else ""
     if ended in _AS_ZERO:
         return RunOutcome(*key, ended, OUTCOMES[ended], task=Decimal(0), score=Decimal(0), result=result)
     if result.status == "incomplete" or (rule_set.sheet.task is not None and result.task is None):
-        withheld = [a.message for a in result.assumptions if a.policy == "withhold"]
-        return RunOutcome(*key, "undecided", withheld[0] if withheld else "", result=result)
+        return RunOutcome(*key, "undecided", _undecided(result), result=result)
     try:
         terms = {name: _term(name, result, rule_set) for name in spec.terms}
     except FormulaError as error:
-        return RunOutcome(*key, "no_value", str(error), result=result)
+        return RunOutcome(*key, "no_value", _told(error), result=result)
     return RunOutcome(
         *key,
         "aborted" if ended == "aborted" else "scored",
@@ -209,6 +208,21 @@ def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: 
         terms=terms,
         result=result,
     )
+
+
+def _told(error: ScoreError) -> str:
+    """What went wrong and what to do; of a formula its place, for it is not the file that is wrong."""
+    what = f"{error.place}: {error.cause}" if isinstance(error, FormulaError) else str(error)
+    return f"{what}; {error.hint}" if error.hint else what
+
+
+def _undecided(result: Result) -> str:
+    """The first thing that withholds the score, and whom it is about."""
+    findings = result.measured.findings
+    withheld = [
+        f"{findings[a.finding].subject}: {a.message}" for a in result.assumptions if a.policy == "withhold"
+    ]
+    return withheld[0] if withheld else result.missing
 
 
 def _term(name: str, result: Result, rule_set: RuleSet) -> float:
@@ -271,7 +285,7 @@ def _priced(
     try:
         result = reprice(run.result, rule_set, cohort.of_trial(run.trial))
     except FormulaError as error:
-        return replace(run, outcome="no_value", reason=str(error), kept=False)
+        return replace(run, outcome="no_value", reason=_told(error), kept=False)
     if result.score is None:
         return replace(run, outcome="no_value", reason=result.missing, result=result, kept=False)
     return replace(run, score=result.score, result=result, kept=counts)
@@ -285,9 +299,8 @@ def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int) -> Cell:
         return Cell(Decimal(0), outcome, reason, (), len(runs))
     total = sum((run.score for run in kept if run.score is not None), Decimal(0))
     mean = total / (spec.keep if spec.fill else len(kept))
-    score = mean.quantize(
-        Decimal(1).scaleb(-max(digits, 6 if len(kept) > 1 else 0)), rounding=ROUND_HALF_EVEN
-    )
+    decimals = digits if spec.keep == 1 else max(digits, 9)
+    score = mean.quantize(Decimal(1).scaleb(-decimals), rounding=ROUND_HALF_EVEN)
     zeros = [run for run in kept if run.outcome in _AS_ZERO]
     outcome, reason = (zeros[0].outcome, zeros[0].reason) if len(zeros) == len(kept) else ("scored", "")
     return Cell(score, outcome, reason, tuple(sorted(run.number for run in kept)), len(runs))
@@ -323,7 +336,7 @@ def _standings(
             total["judges"],
             {key.name: _tie(key.name, team.id, total, outcomes) for key in spec.ties},
             own[team.id],
-            _remarks(own[team.id], value),
+            _remarks(own[team.id], value, _missing_marks(team, competition.teams)),
         )
         for team, total, value in zip(competition.teams, totals, spec.values(totals), strict=True)
     ]
@@ -349,12 +362,24 @@ def _tie(
     return float(add_up(found)) if found else None
 
 
-def _remarks(cells: Mapping[str, Cell], value: Number | None) -> tuple[str, ...]:
+def _missing_marks(team: Team, teams: Sequence[Team]) -> str:
+    """What a team lacks of the marks that another one has; empty when nothing."""
+    judges = max(len(other.judges) for other in teams)
+    marks = max(sum(map(len, other.judges)) for other in teams)
+    own = sum(map(len, team.judges))
+    if (len(team.judges), own) == (judges, marks):
+        return ""
+    return f"marks of {len(team.judges)} judges, {own} in all; others have {judges} and {marks}"
+
+
+def _remarks(cells: Mapping[str, Cell], value: Number | None, missing_marks: str) -> tuple[str, ...]:
     remarks = [
         f"{trial}: {cell.outcome}: {cell.reason}" for trial, cell in cells.items() if cell.outcome != "scored"
     ]
     if value is None:
         remarks.append("no value: the judges' marks are missing")
+    elif missing_marks:
+        remarks.append(missing_marks)
     return tuple(remarks)
 
 

@@ -96,17 +96,20 @@ def strict_evaluation(competition: Competition, log_map: LogMap) -> Evaluation:
             )
         planned = TrialConfigReader().read(trial.config, Wanted(log_map)).orders
         orders[trial.id] = [OrderPlan(order.id, order.priority > 1) for order in planned]
-    folders = [run for run in competition.runs if run.path.is_dir()]
-    if len(folders) < len(competition.runs):
+    if competition.logs is None:
         raise LogError(
-            "the runs are not folders with trial_log.txt and sensor_cost.txt",
+            "the runs do not lie as <team>/<trial>_<n>, which is what the organisers' program reads",
             file=competition.file,
-            hint="the organisers' program reads nothing else; rank with --policy robust",
+            hint="rank with --policy robust",
         )
-    teams = {
-        team.id: [_texts(run.path) for run in folders if run.team == team.id] for team in competition.teams
-    }
-    return evaluate(teams, orders)
+    teams = {team.name: [_texts(run) for run in _folders(team)] for team in _folders(competition.logs)}
+    # The program takes trials from the folders; of one without a configuration it knows no order.
+    found = {run.trial for runs in teams.values() for run in runs}
+    return evaluate(teams, {trial: orders.get(trial, []) for trial in found})
+
+
+def _folders(folder: Path) -> list[Path]:
+    return sorted(entry for entry in folder.iterdir() if entry.is_dir())
 
 
 def _texts(folder: Path) -> RunTexts:

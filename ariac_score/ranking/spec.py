@@ -130,6 +130,13 @@ def ranking_spec(rule_set: RuleSet, overrides: Mapping[str, Any], *, file: str) 
     if faults:
         place = "$.ranking" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in faults[0][0])
         raise DataFileError(faults[0][1], file=file, place=place, hint=faults[0][2])
+    if "value" in overrides and "best" not in overrides:
+        raise DataFileError(
+            "it says by what teams are ranked, and not which end comes first",
+            file=file,
+            place="$.ranking.value",
+            hint="add 'best: highest' or 'best: lowest'",
+        )
     whole = "task" if rule_set.sheet.task else "score"
     terms = list(rule_set.sheet.terms.get("trial", {}))
     by = _keys(data.get("by", [{"highest": whole}]), ["score", "task", *terms], "by", file)

@@ -81,21 +81,28 @@ def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
         for trial, cell in s.cells.items()
         if cell.outcome == "no_run"
     ]
-    lines += [_run_line(run) for run in ranking.runs if run.outcome not in _ORDINARY]
+    lines += _run_lines([run for run in ranking.runs if run.outcome not in _ORDINARY])
     lines += [f"  passed over: {plain(stranger)}" for stranger in ranking.strangers]
     lines += [
-        f"  {plain(s.team)}: the judges' marks are missing, so it has no place"
+        f"  {plain(s.team)}: {plain(remark)}"
         for s in ranking.standings
-        if s.value is None
+        for remark in s.remarks
+        if remark.startswith(("no value", "marks of"))
     ]
     if lines:
         yield style("Out of the ordinary", "bold")
         yield from lines
 
 
-def _run_line(run: RunOutcome) -> str:
-    what = f"  {plain(run.team)}, {plain(run.trial)}, run {run.number}: {run.outcome}"
-    return f"{what}: {plain(run.reason or OUTCOMES[run.outcome])}"
+def _run_lines(runs: Sequence[RunOutcome]) -> Iterator[str]:
+    """A line for each run; runs of a team and trial with one reason share one."""
+    groups: dict[tuple[str, str, str, str], list[int]] = {}
+    for run in runs:
+        reason = run.reason or OUTCOMES[run.outcome]
+        groups.setdefault((run.team, run.trial, run.outcome, reason), []).append(run.number)
+    for (team, trial, outcome, reason), numbers in groups.items():
+        which = f"run{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+        yield f"  {plain(team)}, {plain(trial)}, {which}: {outcome}: {plain(reason)}"
 
 
 def _cohort(ranking: Ranking, style: Style) -> Iterator[str]:

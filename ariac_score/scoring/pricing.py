@@ -135,7 +135,9 @@ def _task(scopes: Scope, sheet: ScoreSheet, assumed: Assumed, digits: int) -> Le
 def _possible(
     findings: Mapping[str, Finding], scopes: Scope, sheet: ScoreSheet, cohort: CohortValues, digits: int
 ) -> Decimal | None:
-    """The best score; where satisfied findings would have brought numbers nobody measured, there is none."""
+    """The best score; where better findings would have brought numbers nobody measured, there is none."""
+    if sheet.needs_cohort:  # a faster run is not among the findings, and would move the means as well
+        return None
     try:
         return rounded(sheet.evaluate(scopes, ideal(findings), cohort).value, digits)
     except FormulaError:

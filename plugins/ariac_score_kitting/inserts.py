@@ -171,7 +171,11 @@ class InsertedPart:
         if self.compare in ("color", "color_and_pose") and not right_color:
             return Finding.violated(subject, f"{told}, ordered {wanted.type}", clause=CLAUSE)
         if wanted.pose is None or part.pose is None:
-            why = "the order gives no pose" if wanted.pose is None else f"the pose of {told} is not usable"
+            why = (
+                "the order gives no pose that can be used"
+                if wanted.pose is None
+                else f"the pose of {told} is not usable"
+            )
             return Finding.inconclusive(subject, why, clause=CLAUSE)
         limits = self.limits(wanted.pose, part.pose)
         message = "; ".join(map(str, [limit for limit in limits if not limit.kept] or limits))

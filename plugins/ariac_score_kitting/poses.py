@@ -262,7 +262,7 @@ class KitPose:
         clause: str,
     ) -> Finding:
         if slot.pose is None:
-            return Finding.inconclusive(subject, "the order gives no pose", clause=clause)
+            return Finding.inconclusive(subject, "the order gives no pose that can be used", clause=clause)
         if matched is None and unseen:
             return Finding.inconclusive(subject, f"the pose of a {slot.type} is not usable", clause=clause)
         errors = [self.test.error(slot.pose, p.pose) for p in parts if p.pose is not None]

@@ -13,12 +13,12 @@ from typing import Any
 
 import pytest
 
-from ariac_score import load_rule_set
+from ariac_score import load_log_map, load_rule_set
 from ariac_score.cli import main
 from ariac_score.datafiles import schema_errors
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.rank import Ranking, rank_results
-from ariac_score.ranking.runs import score_runs
+from ariac_score.ranking.runs import score_runs, strict_evaluation
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.testing.competitions import (
     Outcome,
@@ -171,14 +171,14 @@ def test_nothing_that_goes_wrong_for_one_team_stops_another(tmp_path: Path) -> N
         ("cut", 1): "unreadable",
         ("crash", 1): "crashed",
         ("cancel", 1): "cancelled",
-        ("free", 1): "no_value",
+        ("free", 1): "undecided",
         ("twice", 1): "refused",
         ("costly", 1): "undecided",
     }
     cells = {s.team: s.cells["kit"] for s in found.standings}
     assert cells["nobody"].outcome == "no_run"
     assert cells["twice"].reason == "2 runs have the number 1: kit_01, kit_1"
-    assert {team: float(cell.score) for team, cell in cells.items() if cell.score} == {"whole": 2.5}
+    assert {team: float(cell.score) for team, cell in cells.items() if cell.score} == {"whole": 5}
     assert all(cell.reason for team, cell in cells.items() if team != "whole")
 
 
@@ -215,16 +215,32 @@ def test_an_unknown_penalty_type_costs_that_run_alone(tmp_path: Path) -> None:
     write_database_competition(tmp_path / "results.db")
     connection = sqlite3.connect(tmp_path / "results.db")
     connection.execute("INSERT INTO Penalty (run_id, type, description, time) VALUES (7, 9, 'what', 1.0)")
+    team, trial, trial_id = connection.execute(
+        "SELECT Competitor.name, Trial.trial_id, Trial.id FROM Run"
+        " JOIN Competitor ON competitor_id = Competitor.id"
+        " JOIN Trial ON Run.trial_id = Trial.id WHERE Run.id = 7"
+    ).fetchone()
+    (number,) = connection.execute(
+        "SELECT count(*) FROM Run JOIN Competitor ON competitor_id = Competitor.id"
+        " WHERE Run.id <= 7 AND name = ? AND trial_id = ?",
+        (team, trial_id),
+    ).fetchone()
+    owner = team, trial, number
     connection.commit()
     connection.close()
     text = (EXAMPLES / "2025/competition.yaml").read_text(encoding="utf-8")
     (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
     competition = load_competition(tmp_path)
 
-    assert len(competition.runs) == 44
-    (stranger,) = competition.strangers
-    assert stranger.startswith("results.db, run 7: ")
-    assert "9" in stranger
+    rules = load_rule_set(competition.rules)
+    spec = ranking_spec(rules, competition.ranking, file="competition.yaml")
+    found = rank_results(competition, spec, rules, score_runs(competition, rules))
+
+    (bad,) = [run for run in found.runs if run.outcome == "unreadable"]
+    assert (bad.team, bad.trial, bad.number) == owner
+    assert "type 9 is an unknown penalty type" in bad.reason
+    assert len(found.runs) == 45  # none is numbered anew
+    assert competition.strangers == ()
 
 
 # The organisers' program ---------------------------------------------------------------
@@ -267,6 +283,56 @@ def test_what_the_organisers_program_gets_wrong_is_shown_with_its_reason(
     assert "order 'BBBB0002' is not in the log, so the value of the order before is used again" in out
 
 
+def test_the_organisers_program_reads_every_folder_whoever_takes_part(tmp_path: Path) -> None:
+    # It takes any suffix, a second run of one number, and teams that are not listed.
+    for team, number in (("alpha", 1), ("alpha", "01"), ("alpha", "final"), ("stranger", 1)):
+        run(tmp_path, team, number)
+    (tmp_path / "kit.yaml").write_text(TRIAL, encoding="utf-8")
+    (tmp_path / "competition.yaml").write_text(
+        HEAD + "teams: [{id: alpha}, {id: absent}]\ntrials: [{id: kit, config: kit.yaml}]\n"
+    )
+    competition = load_competition(tmp_path)
+    log_map = load_log_map("ariac2024")
+
+    found = strict_evaluation(competition, log_map)
+
+    assert set(found.trials["kit"]) == {"alpha", "stranger"}
+    assert found.stops == ()
+
+
+def test_a_team_folder_that_is_a_link_out_of_the_competition_is_named(tmp_path: Path) -> None:
+    inside = tmp_path / "inside"
+    run(inside, "alpha", 1)
+    run(tmp_path / "outside", "beta", 1)
+    (inside / "logs/beta").symlink_to(tmp_path / "outside/logs/beta")
+    (inside / "logs/alpha/kit_2").symlink_to(tmp_path / "gone")
+
+    found = ranking(inside, "teams: [{id: alpha}, {id: beta}]\n")
+
+    assert len(found.strangers) == 2
+    assert all("a link to" in stranger for stranger in found.strangers)
+    assert any(stranger.startswith("logs/beta: ") for stranger in found.strangers)
+
+
+def test_a_team_with_fewer_judges_is_told_about(tmp_path: Path) -> None:
+    run(tmp_path, "alpha", 1)
+    run(tmp_path, "beta", 1)
+    teams = "teams: [{id: alpha, judges: [[1, 1], [2, 2]]}, {id: beta, judges: [[5, 5]]}]\n"
+    found = ranking(tmp_path, teams + "ranking: {value: execution + judges, best: highest}\n")
+
+    assert [s.remarks for s in found.standings] == [("marks of 1 judges, 2 in all; others have 2 and 4",), ()]
+
+
+def test_a_competition_without_any_run_is_nothing_to_score(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "logs/alpha").mkdir(parents=True)
+    (tmp_path / "competition.yaml").write_text(HEAD + "teams: [{id: alpha}]\ntrials: [{id: kit}]\n")
+
+    assert main(["rank", str(tmp_path)]) == 5
+    assert "the competition has no run" in capsys.readouterr().err
+
+
 def test_the_strict_policy_writes_the_organisers_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -305,7 +371,7 @@ def test_a_team_prices_its_own_trial_against_the_published_cohort(
     assert told.out.startswith("needs_cohort")
     assert "task score 5, before other teams are looked at" in told.out
     assert main([*score, "--cohort", str(cohort)]) == 0
-    assert capsys.readouterr().out.startswith("2.5 of")
+    assert capsys.readouterr().out.startswith("2.5\n")
     assert main([*score, "--cohort", str(cohort), "--cohort-trial", "kitt"]) == 4
     assert "did you mean 'kit'?" in capsys.readouterr().err
 
@@ -441,7 +507,7 @@ def test_the_example_competitions_are_ranked_alike_every_time(
     for standing in data["standings"]:
         # What is published adds up, to the last digit.
         cells = [cell["score"] for cell in standing["trials"].values()]
-        assert round(sum(cells), 6) == standing["execution"]
+        assert round(sum(cells), 9) == standing["execution"]
 
 
 def test_the_csv_says_the_same_as_the_json(capsys: pytest.CaptureFixture[str]) -> None:

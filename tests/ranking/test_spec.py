@@ -15,7 +15,8 @@ from ariac_score.ranking.spec import Spec, ranking_spec
 
 
 def spec(**overrides: Any) -> Spec:
-    return ranking_spec(load_rule_set("paper2020"), overrides, file="competition.yaml")
+    given = {"best": "highest", **overrides} if "value" in overrides else overrides
+    return ranking_spec(load_rule_set("paper2020"), given, file="competition.yaml")
 
 
 def teams(*pairs: tuple[float, float | None]) -> list[Mapping[str, Decimal | None]]:
@@ -77,6 +78,11 @@ def test_what_cannot_be_ranked_by_is_refused(overrides: dict[str, Any], cause: s
     with pytest.raises(DataFileError) as caught:
         spec(**overrides)
     assert cause in caught.value.cause
+
+
+def test_a_new_value_says_which_end_comes_first() -> None:
+    with pytest.raises(DataFileError, match="not which end comes first"):
+        ranking_spec(load_rule_set("ariac2025.as_coded"), {"value": "execution"}, file="competition.yaml")
 
 
 def test_a_rule_set_may_say_how_it_is_ranked(tmp_path: Path) -> None:
