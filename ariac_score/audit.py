@@ -270,6 +270,11 @@ def _chosen(rules: str | RuleSet, layout: str, block: PrintedBlock) -> RuleSet:
                 hint="add the keys 'printed' and 'adds_up', or choose another with --rules",
             )
         return rule_set
+    if not layout:
+        raise UsageError(
+            "this record prints no score: it holds counts, out of which a score is worked out",
+            hint="there is nothing to hold it against; 'score' and 'explain' show how it comes about",
+        )
     shipped = [load_rule_set(name) for name in rule_set_names()]
     fitting = [one for one in shipped if layout in one.printed.layouts]
     fitting = [one for one in fitting if one.printed.knows(block)] or fitting
