@@ -27,13 +27,16 @@ if TYPE_CHECKING:
     )
     from ariac_score.engine import measure_trial, price_trial, reprice, score_trial
     from ariac_score.errors import (
+        FormulaError,
         LogError,
         MissingSignalError,
         NothingToScoreError,
         ScoreError,
     )
+    from ariac_score.expression import Expression, add_up
     from ariac_score.findings import Finding, Limit, Verdict
     from ariac_score.logmap import load_log_map
+    from ariac_score.parameters import ParameterFacts, Status, check_parameters, parameter, parameter_facts
     from ariac_score.result import Measured, Provenance, Result
     from ariac_score.result_json import as_json, load_result
     from ariac_score.ruleset import RuleSet, load_rule_set
@@ -58,6 +61,7 @@ if TYPE_CHECKING:
     )
     from ariac_score.trial.signals import Sample, Signal, align
     from ariac_score.trial.spans import Span, episodes_where, sample_durations, uncovered_spans
+    from ariac_score.trial.vocabulary import QUANTITIES, Quantity
 
 _HOME = {
     "ariac_score.contracts": (
@@ -65,9 +69,11 @@ _HOME = {
     ),
     "ariac_score.cohort": "Cohort load_cohort",
     "ariac_score.engine": "measure_trial price_trial reprice score_trial",
-    "ariac_score.errors": "LogError MissingSignalError NothingToScoreError ScoreError",
+    "ariac_score.errors": "FormulaError LogError MissingSignalError NothingToScoreError ScoreError",
+    "ariac_score.expression": "Expression add_up",
     "ariac_score.findings": "Finding Limit Verdict",
     "ariac_score.logmap": "load_log_map",
+    "ariac_score.parameters": "ParameterFacts Status check_parameters parameter parameter_facts",
     "ariac_score.result": "Measured Provenance Result",
     "ariac_score.result_json": "as_json load_result",
     "ariac_score.ruleset": "RuleSet load_rule_set",
@@ -81,15 +87,19 @@ _HOME = {
     ),
     "ariac_score.trial.signals": "Sample Signal align",
     "ariac_score.trial.spans": "Span episodes_where sample_durations uncovered_spans",
+    "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
 __all__ = [
+    "QUANTITIES",
     "Body",
     "Cohort",
     "Decoder",
     "Event",
+    "Expression",
     "Finding",
+    "FormulaError",
     "Kit",
     "Limit",
     "LogDefect",
@@ -103,9 +113,11 @@ __all__ = [
     "OfficialOrder",
     "OfficialResult",
     "Order",
+    "ParameterFacts",
     "Pose",
     "Product",
     "Provenance",
+    "Quantity",
     "Reader",
     "Result",
     "Rule",
@@ -115,6 +127,7 @@ __all__ = [
     "Signal",
     "SignalNeed",
     "Span",
+    "Status",
     "Submission",
     "Task",
     "TeamSetup",
@@ -125,14 +138,18 @@ __all__ = [
     "Verdict",
     "Wanted",
     "WantedProduct",
+    "add_up",
     "align",
     "as_json",
+    "check_parameters",
     "episodes_where",
     "load_cohort",
     "load_log_map",
     "load_result",
     "load_rule_set",
     "measure_trial",
+    "parameter",
+    "parameter_facts",
     "price_trial",
     "reprice",
     "sample_durations",

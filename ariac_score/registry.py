@@ -12,7 +12,7 @@ import hashlib
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
@@ -28,6 +28,7 @@ from ariac_score.errors import (
     RuleSetError,
     did_you_mean,
 )
+from ariac_score.parameters import ParameterFacts, facts_of
 
 __all__ = ["Plugin", "Registry", "package_sha256"]
 
@@ -130,14 +131,21 @@ class Plugin:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a plugin: its type and its default."""
+    """One parameter of a plugin.
+
+    Attributes:
+        type: Its type, resolved.
+        default: Its default; `none` in words when it has none.
+        facts: Its unit, range, status and source, as far as the plugin declares them.
+    """
 
     type: Any
     default: Any
+    facts: ParameterFacts = field(default_factory=ParameterFacts)
 
 
-def _remedy(value: Any, field: Parameter) -> str:
-    hint = f"its default is {field.default!r}"
+def _remedy(value: Any, wanted: Parameter) -> str:
+    hint = f"its default is {wanted.default!r}"
     if isinstance(value, str) and _NUMBER.fullmatch(value):
         hint += "; YAML takes a number with an exponent for text unless it has a point and a sign: 3.0e-2"
     return hint
@@ -149,10 +157,16 @@ def parameters_of(kind: Any) -> dict[str, Parameter]:
         return {}
     hints = get_type_hints(kind)
     return {
-        f.name: Parameter(hints[f.name], "none" if f.default is dataclasses.MISSING else f.default)
+        f.name: Parameter(hints[f.name], _default_of(f), facts_of(f))
         for f in dataclasses.fields(kind)
         if f.init
     }
+
+
+def _default_of(declared: dataclasses.Field[Any]) -> Any:
+    if declared.default is not dataclasses.MISSING:
+        return declared.default
+    return "none" if declared.default_factory is dataclasses.MISSING else declared.default_factory()
 
 
 def _as_type(value: Any, wanted: Any) -> Any:

@@ -6,7 +6,7 @@ itself is never replaced by something derived.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +31,9 @@ TELEPORT_SPEED_M_S = 5.0
 HALF_WINDOW_SAMPLES = 2
 """Samples on each side of a centred difference at 100 Hz (catalogue, 1.1)."""
 
+TOOL_LINKS = ("tcp", "tool0")
+"""Names of the link that is a robot's tool centre point; `tool0` is that of ROS-Industrial."""
+
 SOURCES: Mapping[str, tuple[str, ...]] = {
     "speed": ("velocity", "position"),
     "velocity": ("position",),
@@ -39,6 +42,9 @@ SOURCES: Mapping[str, tuple[str, ...]] = {
     "separation": ("position",),
     "approach_speed_robot": ("position", "velocity"),
     "approach_speed_human": ("position", "velocity"),
+    "relative_speed": ("position", "velocity"),
+    "body_separation": ("position",),
+    "tcp_speed": ("velocity", "position"),
 }
 """Which quantities each one can be derived from."""
 
@@ -158,7 +164,9 @@ def _subjects(trial: Trial, quantity: str) -> Iterator[str]:
     known = QUANTITIES.get(quantity)
     if known is None:
         return
-    if known.of == "pair":
+    if known.any_bodies:
+        yield from (f"{a.id}/{b.id}" for a, b in trial.body_pairs())
+    elif known.of == "pair":
         yield from (f"{robot.id}/{human.id}" for robot, human in trial.pairs())
     else:
         yield from sorted(body.id for body in trial.bodies)
@@ -188,6 +196,9 @@ class _Deriver:
             "separation": self._separation,
             "approach_speed_robot": self._approach_of_robot,
             "approach_speed_human": self._approach_of_human,
+            "relative_speed": self._relative_speed,
+            "body_separation": self._separation,
+            "tcp_speed": self._tcp_speed,
         }.get(quantity)
         derived = derive(subject, max_gap_s) if derive else None
         if derived is None or not len(derived[0]):
@@ -220,6 +231,13 @@ class _Deriver:
         for velocity in values:
             np.maximum(fastest, _norm(velocity), out=fastest)
         return t, fastest
+
+    def _tcp_speed(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
+        """Speed of the link that is the tool centre point, where one is followed."""
+        links = self.bodies[subject].links if subject in self.bodies else ()
+        tool = next((link for link in TOOL_LINKS if link in links), None)
+        velocity = self.get(f"velocity/{subject}::{tool}", max_gap_s) if tool else None
+        return None if velocity is None else (velocity.t, _norm(velocity.values))
 
     def _points_of(self, subject: str, max_gap_s: float, quantity: str) -> tuple[FloatArray, _Tracks] | None:
         """A quantity of every point of the robot and of the human of a pair, on one time base."""
@@ -268,10 +286,28 @@ class _Deriver:
     def _approach_of_human(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
         return self._approach(subject, max_gap_s, of_human=True)
 
+    def _relative_speed(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
+        """|v_r - v_h| of the closest points."""
+        found = self._of_nearest(subject, max_gap_s, lambda _apart, v_r, v_h: _norm(v_r - v_h))
+        return None if found is None else (found[0], found[2])
+
     def _approach(
         self, subject: str, max_gap_s: float, *, of_human: bool
     ) -> tuple[FloatArray, FloatArray] | None:
         """v . u for the robot and -(v . u) for the human, u the unit vector between the closest points."""
+        found = self._of_nearest(
+            subject, max_gap_s, lambda apart, v_r, v_h: _dot(-v_h if of_human else v_r, apart)
+        )
+        if found is None:
+            return None
+        t, nearest, towards = found
+        somewhere: BoolArray = nearest > 0  # in one point there is no direction
+        return t[somewhere], towards[somewhere] / nearest[somewhere]
+
+    def _of_nearest(
+        self, subject: str, max_gap_s: float, measure: _OfPoints
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Times, distance of the nearest two points, and what is measured of these two."""
         positions = self._points_of(subject, max_gap_s, "position")
         velocities = self._points_of(subject, max_gap_s, "velocity")
         if positions is None or velocities is None:
@@ -279,20 +315,20 @@ class _Deriver:
         # Velocities lack samples at jumps, so the common base is that of the velocities.
         t = velocities[0][np.isin(velocities[0], positions[0])]
         at = np.searchsorted(positions[0], t), np.searchsorted(velocities[0], t)
-        nearest, towards = np.full(len(t), np.inf), np.zeros(len(t))
+        nearest, measured = np.full(len(t), np.inf), np.zeros(len(t))
         for i, a in enumerate(positions[1][0]):
             for j, b in enumerate(positions[1][1]):
                 apart = (b - a)[at[0]]
                 distance = _norm(apart)
-                velocity = -velocities[1][1][j] if of_human else velocities[1][0][i]
-                along = _dot(velocity[at[1]], apart)
+                value = measure(apart, velocities[1][0][i][at[1]], velocities[1][1][j][at[1]])
                 closer = distance < nearest
-                nearest[closer], towards[closer] = distance[closer], along[closer]
-        somewhere: BoolArray = nearest > 0  # in one point there is no direction
-        return t[somewhere], towards[somewhere] / nearest[somewhere]
+                nearest[closer], measured[closer] = distance[closer], value[closer]
+        return t, nearest, measured
 
 
 _Tracks = tuple[list[FloatArray], list[FloatArray]]
+_OfPoints = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+"""Of the way from robot to human, the velocity of the robot and that of the human, row by row."""
 
 
 def _points(body: Body) -> list[str]:

@@ -379,6 +379,14 @@ class Trial:
             for human in self.bodies_of("human"):
                 yield robot, human
 
+    def body_pairs(self) -> Iterator[tuple[Body, Body]]:
+        """Every two bodies of which one at least is a machine: robots first, then AGVs, then humans."""
+        machines = [*self.bodies_of("robot"), *self.bodies_of("agv")]
+        everybody = [*machines, *self.bodies_of("human")]
+        for index, machine in enumerate(machines):
+            for other in everybody[index + 1 :]:
+                yield machine, other
+
     def events_of(self, kind: str) -> tuple[Event, ...]:
         """The events of one kind in order of time."""
         return tuple(sorted(e for e in self.events if e.kind == kind))

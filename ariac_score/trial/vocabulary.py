@@ -1,7 +1,9 @@
 """The well-known signals: what each quantity means, its unit and its shape.
 
 A signal is named `quantity/subject`. The subject is a body (`gantry`), a link of
-one (`gantry::torso`), or a robot and a human (`gantry/person_1`).
+one (`gantry::torso`), or a robot and a human (`gantry/person_1`). A few quantities
+belong to any two bodies (`agv1/person_1`, `gantry/kitting`), or to one body and
+`environment`. Flags are 1 or 0.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ class Quantity:
         of: Whether it belongs to one body or to a (robot, human) pair.
         meaning: One sentence.
         at_least: The least value it can have; a smaller one is a fault of the recorder.
+        any_bodies: Whether its pairs may be any two bodies, not only a robot and a human.
     """
 
     unit: str
@@ -30,6 +33,7 @@ class Quantity:
     of: Literal["body", "pair"]
     meaning: str
     at_least: float = -math.inf
+    any_bodies: bool = False
 
 
 QUANTITIES = {
@@ -46,6 +50,30 @@ QUANTITIES = {
     ),
     "approach_speed_human": Quantity(
         "m/s", 1, "pair", "speed of the human's nearest point towards the robot; negative: away"
+    ),
+    "relative_speed": Quantity("m/s", 1, "pair", "speed of the nearest points against each other", 0.0),
+    "contact_force": Quantity("N", 1, "pair", "force between the two; 0 without contact", 0.0, True),
+    "contact_pressure": Quantity("Pa", 1, "pair", "largest pressure between the two", 0.0, True),
+    "contact_area": Quantity("m2", 1, "pair", "area on which the two touch", 0.0, True),
+    "contact_height": Quantity("m", 1, "pair", "height of the contact above the floor"),
+    "clamped": Quantity("1", 1, "pair", "1 while the human's body part cannot get away, else 0", 0.0),
+    "crush_gap": Quantity(
+        "m", 1, "pair", "gap between the robot and a fixed surface, the human's body part between them", 0.0
+    ),
+    "in_contact": Quantity("1", 1, "pair", "1 while two bodies touch, else 0", 0.0, True),
+    "body_separation": Quantity(
+        "m", 1, "pair", "smallest surface-to-surface distance of two bodies of any kind", 0.0, True
+    ),
+    "heading": Quantity("rad", 1, "body", "rotation of the body (or link) about the vertical"),
+    "tcp_speed": Quantity("m/s", 1, "body", "speed of the tool centre point: link `tcp` or `tool0`", 0.0),
+    "joint_speed": Quantity("rad/s", 1, "body", "speed of the fastest joint", 0.0),
+    "joint_position": Quantity("rad", 1, "body", "angle of one joint, named like a link"),
+    "clearance": Quantity("m", 1, "body", "free space around a vehicle to the nearest obstacle", 0.0),
+    "drive_enabled": Quantity("1", 1, "body", "1 while the drives have power, else 0", 0.0),
+    "enabling_device": Quantity("1", 1, "body", "1 while the enabling device is held, else 0", 0.0),
+    "manual_mode": Quantity("1", 1, "body", "1 in manual (reduced-speed, teaching) mode, else 0", 0.0),
+    "personnel_detection": Quantity(
+        "1", 1, "body", "1 while a vehicle's detection of persons covers its direction of travel, else 0", 0.0
     ),
 }
 

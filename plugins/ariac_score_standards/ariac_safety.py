@@ -4,12 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import floor
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ariac_score import Finding, SignalNeed, Span, Trial, Verdict
-from ariac_score_standards.watching import Watched, episodes_below, watch_pairs
+from ariac_score import (
+    Body,
+    Finding,
+    SignalNeed,
+    Span,
+    Trial,
+    Verdict,
+    check_parameters,
+    episodes_where,
+    parameter,
+    sample_durations,
+    uncovered_spans,
+)
+from ariac_score_standards.severity import episodes_below
+from ariac_score_standards.watching import ENVIRONMENT, OFF, ON, FloatArray, Watched, looked_for, watch_pairs
 
 _CONTACT_CLAUSE = "ARIAC 2022 scoring, robot-human collision"
 
@@ -126,3 +141,204 @@ class NoEvent:
             yield Finding.inconclusive(
                 "trial", f"the log does not show whether there was any {name}", clause="ARIAC scoring"
             )
+
+
+# Collisions that cost per occurrence -----------------------------------------------------------
+
+_COLLISION_CLAUSE = "ARIAC 2025 rules, collisions"
+_ROUNDING = 1e-9
+
+
+def occurrences(
+    duration_s: float, *, every_s: float = 5.0, closed_right: bool = True, weight: int = 1
+) -> int:
+    """How often a collision of some length counts: once, and again after every 5 s.
+
+    Args:
+        duration_s: Its length, s.
+        every_s: Time after which it counts again, s.
+        closed_right: Whether exactly 5 s count twice; the rules do not say.
+        weight: Each counts so often; 2 for two robots.
+
+    >>> [occurrences(d) for d in (0.5, 4.9, 5.0, 12.3, 25.0)]
+    [1, 1, 2, 3, 6]
+    """
+    times = duration_s / every_s
+    again = floor(times + _ROUNDING) if closed_right else max(-floor(-(times - _ROUNDING)) - 1, 0)
+    return weight * (1 + again)
+
+
+@dataclass(frozen=True)
+class _Touching:
+    """Where two bodies touch, and how hard."""
+
+    t: FloatArray
+    touching: NDArray[np.bool_]
+    force_n: FloatArray | None
+
+
+@dataclass(frozen=True)
+class CollisionEpisodes:
+    """Machines do not collide: with each other, with themselves, or with what stands around.
+
+    Measures:
+        For every two machines (and every machine and the environment) the contacts:
+        from `in_contact`, else `contact_force` above `contact_on_n`, else the distance
+        of surfaces, else events `in_contact` with details `on` and `off`. Touches less
+        than `t_off_s` apart are one collision. Each counts once, and again for every
+        `every_s` it lasts; of two robots `robot_robot_weight` times.
+    Violated when:
+        There is a collision; `occurrences` says how often it counts.
+    Source:
+        ARIAC 2025 rules: every 5 s another occurrence, two robots count double, two
+        AGVs are an entry of their own. That exactly 5 s count twice is our reading
+        (`closed_right`). ARIAC 2020-2022: any collision zeroes the trial (`critical`).
+    """
+
+    between: Literal["any", "robot_robot", "robot_agv", "agv_agv", "robot_environment", "agv_environment"] = (
+        parameter("any", source="which entry of the rules")
+    )
+    every_s: float = parameter(
+        5.0, unit="s", above=0, at_most=600, status="verified", source="ARIAC 2025 rules"
+    )
+    closed_right: bool = parameter(True, source="whether exactly every_s counts twice; rules are silent")
+    robot_robot_weight: int = parameter(
+        2, unit="1", at_least=1, at_most=100, status="verified", source="ARIAC 2025 rules"
+    )
+    contact_on_n: float = parameter(5.0, unit="N", at_least=0, at_most=1e4, source="catalogue, M4")
+    critical: bool = parameter(False, status="verified", source="ARIAC 2020-2022: zeroes the trial")
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
+    t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """Whatever tells of contacts."""
+        for quantity, unit in (("in_contact", "1"), ("contact_force", "N"), ("body_separation", "m")):
+            yield SignalNeed(quantity, unit, self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every two bodies each collision, or that there was none."""
+        pairs = list(self._pairs(trial))
+        if not pairs:
+            yield self._nobody(trial)
+        for first, second in pairs:
+            yield from self._judge(trial, first, second)
+
+    def _pairs(self, trial: Trial) -> Iterator[tuple[Body, Body]]:
+        surroundings = Body(ENVIRONMENT, ENVIRONMENT)
+        machines = [*trial.bodies_of("robot"), *trial.bodies_of("agv")]
+        for first, second in [*trial.body_pairs(), *((machine, surroundings) for machine in machines)]:
+            kinds = f"{first.kind}_{second.kind}"
+            recorded = second.kind != ENVIRONMENT or self._recorded(trial, first, second)
+            wanted = kinds == self.between or (self.between == "any" and recorded)
+            if wanted and second.kind != "human":
+                yield first, second
+
+    def _recorded(self, trial: Trial, first: Body, second: Body) -> bool:
+        """Whether the log has anything about two bodies; with the environment not every log has."""
+        return self._touching(trial, first, second) is not None or bool(
+            self._from_events(trial, first, second)
+        )
+
+    def _nobody(self, trial: Trial) -> Finding:
+        message = "the log shows no two bodies that could collide"
+        if "bodies" in trial.witnessed:
+            return Finding.not_applicable("trial", message, clause=_COLLISION_CLAUSE)
+        return Finding.inconclusive(
+            "trial", f"{message}{looked_for(trial)}", span=trial.window, clause=_COLLISION_CLAUSE
+        )
+
+    def _touching(self, trial: Trial, first: Body, second: Body) -> _Touching | None:
+        for a, b in ((first.id, second.id), (second.id, first.id)):
+            flag = trial.signals.get(f"in_contact/{a}/{b}")
+            force = trial.signals.get(f"contact_force/{a}/{b}")
+            if flag is not None:
+                return _Touching(flag.t, flag.values >= 0.5, None if force is None else force.at(flag.t))
+            if force is not None:
+                return _Touching(force.t, force.values > self.contact_on_n, force.values)
+        for a, b in ((first.id, second.id), (second.id, first.id)):
+            apart = trial.signals.get(f"body_separation/{a}/{b}")
+            if apart is not None:
+                return _Touching(apart.t, apart.values <= 0, None)
+        return None
+
+    def _from_events(self, trial: Trial, first: Body, second: Body) -> list[Span]:
+        """Contacts between `on` and `off` events; one that never ends lasts as long as the log."""
+        names = {f"{first.id}/{second.id}", f"{second.id}/{first.id}"}
+        spans, began = [], None
+        for event in (e for e in trial.events_of("in_contact") if e.subject in names):
+            if event.detail == ON and began is None:
+                began = event.t_s
+            elif event.detail == OFF and began is not None:
+                spans.append(Span(began, event.t_s))
+                began = None
+        if began is not None:
+            spans.append(Span(began, max(began, trial.window.end_s if trial.window else began)))
+        return spans
+
+    def _judge(self, trial: Trial, first: Body, second: Body) -> Iterator[Finding]:
+        subject = f"{first.id}/{second.id}"
+        contact = self._touching(trial, first, second)
+        gaps: list[Span] = []
+        if contact is not None:
+            contact, gaps = self._cut(trial, contact)
+            spans = episodes_where(
+                contact.t, contact.touching, t_off_s=self.t_off_s, longest_s=self.max_gap_s
+            )
+        else:
+            spans = _merged(self._from_events(trial, first, second), self.t_off_s)
+        if contact is None and not spans and "in_contact" not in trial.witnessed:
+            message = f"the log does not show whether they touched{looked_for(trial)}"
+            yield Finding.inconclusive(subject, message, span=trial.window, clause=_COLLISION_CLAUSE)
+            return
+        for gap in gaps:
+            message = f"no samples for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
+            yield Finding.inconclusive(subject, message, span=gap, clause=_COLLISION_CLAUSE)
+        both = first.kind == second.kind == "robot"
+        for span in spans:
+            yield self._collision(subject, contact, span, self.robot_robot_weight if both else 1)
+        if not spans and not gaps:
+            yield Finding.satisfied(subject, "they never touched", clause=_COLLISION_CLAUSE)
+
+    def _cut(self, trial: Trial, contact: _Touching) -> tuple[_Touching, list[Span]]:
+        window = trial.window
+        if window is None:
+            return contact, []
+        inside = (contact.t >= window.start_s) & (contact.t <= window.end_s)
+        force = None if contact.force_n is None else contact.force_n[inside]
+        kept = _Touching(contact.t[inside], contact.touching[inside], force)
+        return kept, uncovered_spans(kept.t, window, max_gap_s=self.max_gap_s)
+
+    def _collision(self, subject: str, contact: _Touching | None, span: Span, weight: int) -> Finding:
+        times = occurrences(
+            span.duration_s, every_s=self.every_s, closed_right=self.closed_right, weight=weight
+        )
+        quantities = {"occurrences": float(times), "length_s": span.duration_s}
+        if contact is not None:
+            rows = np.flatnonzero(contact.touching & (contact.t >= span.start_s) & (contact.t <= span.end_s))
+            weights = sample_durations(contact.t, longest_s=self.max_gap_s)[rows]
+            quantities["time_in_violation_s"] = float(weights.sum())
+            if contact.force_n is not None:
+                quantities["force_max_N"] = float(contact.force_n[rows].max())
+                quantities["impulse_N_s"] = float((contact.force_n[rows] * weights).sum())
+        return Finding(
+            subject,
+            Verdict.VIOLATED,
+            f"collision of {span.duration_s:.2f} s, which counts {times} time{'s' if times > 1 else ''}",
+            span=span,
+            quantities=quantities,
+            clause=_COLLISION_CLAUSE,
+            critical=self.critical,
+        )
+
+
+def _merged(spans: list[Span], t_off_s: float) -> list[Span]:
+    merged: list[Span] = []
+    for span in spans:
+        if merged and span.start_s - merged[-1].end_s < t_off_s - _ROUNDING:
+            merged[-1] = Span(merged[-1].start_s, span.end_s)
+        else:
+            merged.append(span)
+    return merged

@@ -1,148 +1,648 @@
-"""Speed and separation monitoring, after ISO/TS 15066:2016, 5.5.4."""
+"""Speed and separation monitoring, after ISO/TS 15066:2016, 5.5.4 (ISO 10218-2:2025, Annex L)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ariac_score import Finding, Sample, SignalNeed, Trial, Verdict
-from ariac_score_standards.watching import Episode, Watched, episodes_below, watch_pairs
-
-FloatArray = NDArray[np.float64]
+from ariac_score import Finding, Sample, SignalNeed, Span, Trial, Verdict, check_parameters, parameter
+from ariac_score_standards.severity import (
+    EXPOSURE_DISTANCE_M,
+    STANDSTILL_SPEED_M_S,
+    Bound,
+    Episode,
+    Rules,
+    Told,
+    blame,
+    closing_energy_j,
+    episodes_of,
+    exposure_s,
+    limit_findings,
+    travelled_m,
+)
+from ariac_score_standards.watching import BoolArray, FloatArray, Watched, watch_pairs
 
 _CLAUSE = "derived from ISO/TS 15066:2016, 5.5.4"
 
-PROFILES = {
+PROFILES: Mapping[str, Mapping[str, float]] = {
     "seed": {"t1_s": 1.0, "t2_s": 1.5, "stopping_distance_m": 0.0, "delta_m": 2.6},
     "ariac2023": {"t1_s": 1.0, "t2_s": 1.5, "stopping_distance_m": 0.0, "delta_m": 1.0},
+    "ariac2023_agent": {
+        "t1_s": 1.0,
+        "t2_s": 1.5,
+        "stopping_distance_m": 0.0,
+        "delta_m": 1.2,
+        "cap_m": 5.0,
+    },
+    "standard": {"t1_s": 0.1, "t2_s": 0.3, "stopping_distance_m": 0.0, "t_on_s": 0.03},
 }
-"""seed: Ferrando et al., the values used with their robot. ariac2023: the penalty formula of that release."""
+"""seed: Ferrando et al., the values used with their robot. ariac2023: the penalty formula of that release;
+ariac2023_agent: what tells its simulated human that it sees the gantry. standard: our defaults."""
 
-_DISTANCES = {"seed": "centre_distance", "ariac2023": "centre_distance_2d"}
+STANDARD_MARGINS_M: Mapping[str, float] = {
+    "intrusion_m": 0.20,
+    "human_uncertainty_m": 0.10,
+    "robot_uncertainty_m": 0.05,
+}
+"""C, Z_d and Z_r where nothing else is given (catalogue, M1; our choice)."""
+
+WALKING_SPEED_M_S = 1.6
+"""Speed of a human that is not measured (ISO 13855, as quoted in public sources)."""
+
+_DISTANCES = {
+    "seed": "centre_distance",
+    "ariac2023": "centre_distance_2d",
+    "ariac2023_agent": "centre_distance_2d",
+    "standard": "separation",
+}
+
+_PER_PROFILE = "None takes the profile's value"
+
+
+# Formulas -------------------------------------------------------------------------------------
+
+
+def path_m(t_s: FloatArray, speed_m_s: FloatArray) -> float:
+    """Way covered at a speed that is a straight line between samples: the integrals S_h, S_r, S_s, m.
+
+    >>> path_m(np.array([0.0, 0.6]), np.array([0.5, 1.5]))
+    0.6
+    """
+    return travelled_m(t_s, speed_m_s, Span(float(t_s[0]), float(t_s[-1])))
 
 
 @dataclass(frozen=True)
-class SsmSeparation:
-    """Robot and human stay at least the protective separation distance apart.
+class Approach:
+    """Two points moving, at every sample (catalogue, 1.1).
 
-    The required distance is d_min = k_H (t1 + t2) + k_R t1 + B + delta, with k_H and
-    k_R the scalar speeds of human and robot, t1 the time from sensing to the stop
-    signal, t2 the time to standstill, B the distance covered while stopping and
-    delta an allowance for intrusion and uncertainty. Equal distance satisfies.
-
-    Measures:
-        For every robot and human the margin distance - d_min, in m, at every sample
-        of the competition. Stretches longer than `max_gap_s` without a sample are
-        inconclusive.
-    Violated when:
-        The distance is below d_min. One approach is one violation (episode): pauses
-        shorter than `t_off_s` are bridged, violations shorter than `t_on_s` ignored.
-    Source:
-        ISO/TS 15066:2016, 5.5.4, in the notation of Ferrando et al.; profile `seed`
-        has their values (t1 1.0 s, t2 1.5 s, B 0 m, delta 2.6 m, distance between
-        centres), profile `ariac2023` those of the ARIAC 2023 penalty (delta 1.0 m,
-        distance in the plane). Known oddities of both: B = 0 says that the robot
-        covers no ground while stopping, and walking away also enlarges d_min.
+    Attributes:
+        distance_m: Between the points, shape (n,), m.
+        robot_m_s: Speed of the robot towards the human, v_r . u, m/s.
+        human_m_s: Speed of the human towards the robot, -(v_h . u), m/s.
     """
 
-    profile: Literal["seed", "ariac2023"] = "seed"
-    t1_s: float | None = None
-    t2_s: float | None = None
-    stopping_distance_m: float | None = None
-    delta_m: float | None = None
-    distance: Literal["profile", "centre_distance", "centre_distance_2d", "separation"] = "profile"
-    max_gap_s: float = 0.05
-    t_on_s: float = 0.0
-    t_off_s: float = 1.0
+    distance_m: FloatArray
+    robot_m_s: FloatArray
+    human_m_s: FloatArray
+
+    @property
+    def distance_rate_m_s(self) -> FloatArray:
+        """How the distance changes, -(v_r_dir + v_h_dir), m/s."""
+        return -(self.robot_m_s + self.human_m_s)
+
+
+def approach_of(
+    robot_m: FloatArray, human_m: FloatArray, robot_m_s: FloatArray, human_m_s: FloatArray
+) -> Approach:
+    """Distance and directed speeds of two points from positions and velocities, each of shape (n, 3)."""
+    apart = human_m - robot_m
+    distance = np.sqrt(_dot(apart, apart))
+    u = np.divide(apart, distance[:, None], out=np.zeros_like(apart), where=distance[:, None] > 0)
+    return Approach(distance, _dot(robot_m_s, u), -_dot(human_m_s, u))
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    total: FloatArray = a[:, 0] * b[:, 0]
+    for column in range(1, a.shape[1]):
+        total = total + a[:, column] * b[:, column]
+    return total
+
+
+# Parameters and formulas that the three monitors share ----------------------------------------
+
+_TIME: Any = {"unit": "s", "at_least": 0, "at_most": 60}
+_LENGTH: Any = {"unit": "m", "at_least": 0, "at_most": 100}
+_SPEED: Any = {"unit": "m/s", "at_least": 0, "at_most": 20}
+_OF_PROFILE = "seed: Ferrando et al.; ariac2023: that release; standard: set per system; " + _PER_PROFILE
+
+
+@dataclass(frozen=True)
+class SsmFormula:
+    """S_p = S_h + S_r + S_s + C + Z_d + Z_r, and its inverse; the parameters of every SSM monitor."""
+
+    profile: Literal["seed", "ariac2023", "ariac2023_agent", "standard"] = parameter(
+        "seed", source="which formula and which defaults; seed: Ferrando et al."
+    )
+    t1_s: float | None = parameter(None, status="our choice", source=f"T_r; {_OF_PROFILE}", **_TIME)
+    t2_s: float | None = parameter(None, status="our choice", source=f"T_s; {_OF_PROFILE}", **_TIME)
+    stopping_distance_m: float | None = parameter(
+        None, status="our choice", source=f"B, S_s of stop model `fixed`; {_OF_PROFILE}", **_LENGTH
+    )
+    delta_m: float | None = parameter(
+        None, status="our choice", source=f"C + Z_d + Z_r in one; {_OF_PROFILE}", **_LENGTH
+    )
+    distance: Literal["profile", "centre_distance", "centre_distance_2d", "separation"] = parameter(
+        "profile", source="seed and ariac2023 as published; standard: surface to surface"
+    )
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
+    t_on_s: float | None = parameter(None, source="0 s; standard: 0.03 s (catalogue, 1.2)", **_TIME)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+    stop_model: Literal["profile", "fixed", "linear", "deceleration", "constant_speed"] = parameter(
+        "profile",
+        status="verified",
+        source="linear: v_r T_s / 2; deceleration: v_r^2 / 2a; constant_speed, from memory: v_r T_s",
+    )
+    deceleration_m_s2: float = parameter(
+        2.0, unit="m/s2", above=0, at_most=100, source="with stop model `deceleration`; set per system"
+    )
+    intrusion_m: float | None = parameter(None, source=f"C: 0.20; {_PER_PROFILE}", **_LENGTH)
+    human_uncertainty_m: float | None = parameter(None, source=f"Z_d: 0.10; {_PER_PROFILE}", **_LENGTH)
+    robot_uncertainty_m: float | None = parameter(None, source=f"Z_r: 0.05; {_PER_PROFILE}", **_LENGTH)
+    speeds: Literal["profile", "scalar", "directed"] = parameter(
+        "profile", source="standard: directed, never below 0; the others: scalar, as published"
+    )
+    human_speed: Literal["profile", "measured", "fixed"] = parameter(
+        "profile", source="standard: fixed; the others: measured"
+    )
+    human_speed_m_s: float = parameter(
+        WALKING_SPEED_M_S,
+        status="verified",
+        source="of a human who is not measured: ISO 13855 as public sources quote it",
+        **_SPEED,
+    )
+    cap_m: float | None = parameter(
+        None,
+        unit="m",
+        above=0,
+        status="verified",
+        source="ariac2023_agent: 5.0 (ariac2023 branch); otherwise none",
+    )
+    robot_must_move: Literal["profile", "yes", "no"] = parameter(
+        "profile", source="standard: a robot at rest violates nothing; the others ask for no motion"
+    )
+    standstill_speed_m_s: float = parameter(
+        STANDSTILL_SPEED_M_S, source="catalogue, M7; ARIAC 2023 uses it for AGVs", **_SPEED
+    )
 
     def __post_init__(self) -> None:
-        for name in ("t1_s", "t2_s", "stopping_distance_m", "delta_m", "t_on_s", "t_off_s"):
-            value = getattr(self, name)
-            if value is not None and not value >= 0:
-                raise ValueError(f"{name} is {value:g} but cannot be negative")
-        if not self.max_gap_s > 0:
-            raise ValueError(f"max_gap_s is {self.max_gap_s:g} but must be positive")
+        check_parameters(self)
+        parts = ("intrusion_m", "human_uncertainty_m", "robot_uncertainty_m")
+        given = [name for name in parts if getattr(self, name) is not None]
+        if given and self.delta_m is not None:
+            raise ValueError(f"delta_m is the sum of C, Z_d and Z_r: give it or {given[0]}, not both")
+        if self.stopping_distance_m is not None and self._stop_model != "fixed":
+            raise ValueError(
+                f"stopping_distance_m belongs to stop_model 'fixed', but the model is {self._stop_model!r}"
+            )
 
     def _value(self, name: str) -> float:
         given: float | None = getattr(self, name)
-        return PROFILES[self.profile][name] if given is None else given
+        return PROFILES[self.profile].get(name, 0.0) if given is None else given
+
+    @property
+    def _standard(self) -> bool:
+        return self.profile == "standard"
+
+    @property
+    def _stop_model(self) -> str:
+        if self.stop_model != "profile":
+            return self.stop_model
+        return "linear" if self._standard and self.stopping_distance_m is None else "fixed"
+
+    @property
+    def _directed(self) -> bool:
+        return self._standard if self.speeds == "profile" else self.speeds == "directed"
+
+    @property
+    def _measured_human(self) -> bool:
+        return not self._standard if self.human_speed == "profile" else self.human_speed == "measured"
+
+    @property
+    def _must_move(self) -> bool:
+        return self._standard if self.robot_must_move == "profile" else self.robot_must_move == "yes"
 
     @property
     def _distance(self) -> str:
         return _DISTANCES[self.profile] if self.distance == "profile" else self.distance
+
+    @property
+    def _cap_m(self) -> float | None:
+        return PROFILES[self.profile].get("cap_m") if self.cap_m is None else self.cap_m
+
+    @property
+    def allowance_m(self) -> float:
+        """C + Z_d + Z_r, m."""
+        if self.delta_m is not None:
+            return self.delta_m
+        parts = {name: getattr(self, name) for name in STANDARD_MARGINS_M}
+        if not self._standard and all(part is None for part in parts.values()):
+            return self._value("delta_m")
+        default = STANDARD_MARGINS_M if self._standard else {}
+        c, z_d, z_r = (default.get(name, 0.0) if part is None else part for name, part in parts.items())
+        return float(c + z_d + z_r)
+
+    def stopping_time_s(self, robot_speed_m_s: FloatArray) -> FloatArray:
+        """T_s for each robot speed, shape (n,), s."""
+        if self._stop_model == "deceleration":
+            return robot_speed_m_s / self.deceleration_m_s2
+        return np.full_like(robot_speed_m_s, self._value("t2_s"))
+
+    def human_path_m(self, human_speed_m_s: FloatArray, robot_speed_m_s: FloatArray) -> FloatArray:
+        """S_h: the human walks on while the robot reacts and while it stops, m."""
+        if self._stop_model == "deceleration":
+            return human_speed_m_s * (self._value("t1_s") + self.stopping_time_s(robot_speed_m_s))
+        return human_speed_m_s * (self._value("t1_s") + self._value("t2_s"))
+
+    def reaction_path_m(self, robot_speed_m_s: FloatArray) -> FloatArray:
+        """S_r: what the robot covers while it reacts, m."""
+        return robot_speed_m_s * self._value("t1_s")
+
+    def stopping_path_m(self, robot_speed_m_s: FloatArray) -> FloatArray:
+        """S_s (B in the seed's notation): what the robot covers while it stops, m."""
+        model, t2_s = self._stop_model, self._value("t2_s")
+        if model == "linear":
+            return robot_speed_m_s * t2_s / 2.0
+        if model == "deceleration":
+            return robot_speed_m_s * robot_speed_m_s / (2.0 * self.deceleration_m_s2)
+        if model == "constant_speed":
+            return robot_speed_m_s * t2_s
+        return np.full_like(robot_speed_m_s, self._value("stopping_distance_m"))
 
     def d_min_m(self, human_speed_m_s: FloatArray, robot_speed_m_s: FloatArray) -> FloatArray:
         """Required distance for each pair of speeds, shape (n,), m.
 
         The order of operations is the paper's: h * (t1 + t2) + r * t1 + B + delta.
         """
-        t1_s = self._value("t1_s")
-        reaction_and_stop_s = t1_s + self._value("t2_s")
-        human_path_m = human_speed_m_s * reaction_and_stop_s
-        robot_path_m = robot_speed_m_s * t1_s
-        return human_path_m + robot_path_m + self._value("stopping_distance_m") + self._value("delta_m")
+        robot_speed_m_s = np.asarray(robot_speed_m_s, dtype=np.float64)
+        human_path_m = self.human_path_m(human_speed_m_s, robot_speed_m_s)
+        robot_path_m = self.reaction_path_m(robot_speed_m_s)
+        required_m = human_path_m + robot_path_m + self.stopping_path_m(robot_speed_m_s) + self.allowance_m
+        return required_m if self._cap_m is None else np.minimum(required_m, self._cap_m)
+
+    def speed_cap_m_s(self, distance_m: FloatArray, human_speed_m_s: FloatArray) -> FloatArray:
+        """Largest speed at which a distance is enough, shape (n,), m/s.
+
+        It is 0 exactly wherever the distance is at most what a robot at rest needs,
+        and infinite where the cap on the required distance is kept.
+        """
+        distance_m = np.asarray(distance_m, dtype=np.float64)
+        human_speed_m_s = np.broadcast_to(np.asarray(human_speed_m_s, dtype=np.float64), distance_m.shape)
+        t1_s, t2_s, model = self._value("t1_s"), self._value("t2_s"), self._stop_model
+        if model == "deceleration":
+            cap = self._decelerating_cap(distance_m - self.allowance_m, human_speed_m_s)
+        else:
+            fixed_m = self._value("stopping_distance_m") if model == "fixed" else 0.0
+            left_m = distance_m - self.allowance_m - fixed_m - human_speed_m_s * (t1_s + t2_s)
+            slope_s = {"fixed": t1_s, "linear": t1_s + t2_s / 2.0, "constant_speed": t1_s + t2_s}[model]
+            cap = left_m / slope_s if slope_s > 0 else np.full_like(left_m, np.inf)
+        at_rest_m = self.d_min_m(human_speed_m_s, np.zeros_like(distance_m))
+        if model == "fixed" and t1_s == 0:  # speed costs nothing: any will do where rest does
+            cap = np.where(distance_m < at_rest_m, 0.0, np.inf)
+        else:
+            cap = np.where(distance_m <= at_rest_m, 0.0, np.maximum(cap, 0.0))
+        if self._cap_m is not None:
+            cap = np.where(distance_m >= self._cap_m, np.inf, cap)
+        return cap
+
+    def _decelerating_cap(self, free_m: FloatArray, human_speed_m_s: FloatArray) -> FloatArray:
+        """Positive root of v^2 / 2a + v (T_r + v_h / a) + v_h T_r - free = 0, without cancellation."""
+        a, t1_s = self.deceleration_m_s2, self._value("t1_s")
+        b = a * t1_s + human_speed_m_s
+        left = 2.0 * a * (free_m - human_speed_m_s * t1_s)
+        root = np.sqrt(np.maximum(b * b + left, 0.0)) + b
+        return np.divide(left, root, out=np.zeros_like(root), where=(left > 0) & (root > 0))
+
+    # What the monitors read ---------------------------------------------------------------
 
     def needs(self) -> Iterator[SignalNeed]:
-        """Distance and both scalar speeds."""
+        """The distance and the speeds the formula speaks of."""
         yield SignalNeed(self._distance, "m", self.max_gap_s)
         yield SignalNeed("speed", "m/s", self.max_gap_s)
+        if self._directed:
+            yield SignalNeed("approach_speed_robot", "m/s", self.max_gap_s)
+            yield SignalNeed("approach_speed_human", "m/s", self.max_gap_s)
+
+    @property
+    def _wanted(self) -> dict[str, str]:
+        wanted = {f"{self._distance}/{{robot}}/{{human}}": "m"}
+        if self._measured_human:
+            wanted[_TOWARDS_ROBOT if self._directed else "speed/{human}"] = "m/s"
+        wanted["speed/{robot}"] = "m/s"
+        if self._directed:
+            wanted[_TOWARDS_HUMAN] = "m/s"
+        return wanted
+
+    @property
+    def _optional(self) -> dict[str, str]:
+        """What tells who closes in, where the formula itself does not ask for it."""
+        return {} if not self._directed or self._measured_human else {_TOWARDS_ROBOT: "m/s"}
+
+    def _moments(self, watched: Watched) -> _Moments:
+        distance_m = watched[f"{self._distance}/{{robot}}/{{human}}"]
+        scalar = watched["speed/{robot}"]
+        robot = np.maximum(watched[_TOWARDS_HUMAN], 0.0) if self._directed else scalar
+        if not self._measured_human:
+            human = np.full_like(distance_m, self.human_speed_m_s)
+        elif self._directed:
+            human = np.maximum(watched[_TOWARDS_ROBOT], 0.0)
+        else:
+            human = watched["speed/{human}"]
+        return _Moments(distance_m, human, robot, scalar, self.d_min_m(human, robot))
+
+    def _towards(self, watched: Watched) -> tuple[FloatArray | None, FloatArray | None]:
+        """Directed speeds of robot and human, where the monitor has them."""
+        if not self._directed:
+            return None, None
+        if self._measured_human:
+            return watched[_TOWARDS_HUMAN], watched[_TOWARDS_ROBOT]
+        return watched[_TOWARDS_HUMAN], watched.extra.get(_TOWARDS_ROBOT)
+
+
+_TOWARDS_HUMAN = "approach_speed_robot/{robot}/{human}"
+_TOWARDS_ROBOT = "approach_speed_human/{robot}/{human}"
+
+
+@dataclass(frozen=True)
+class _Moments:
+    """What the formula is fed with and what it gives, sample by sample."""
+
+    distance_m: FloatArray
+    human_m_s: FloatArray
+    robot_m_s: FloatArray
+    robot_scalar_m_s: FloatArray
+    required_m: FloatArray
+
+
+# Monitors -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SsmSeparation(SsmFormula):
+    """Robot and human stay at least the protective separation distance apart.
+
+    The required distance is S_p = S_h + S_r + S_s + C + Z_d + Z_r. In the notation of
+    the profiles `seed` and `ariac2023` it is d_min = k_H (t1 + t2) + k_R t1 + B + delta,
+    with k_H and k_R the scalar speeds of human and robot, t1 the time from sensing to
+    the stop signal, t2 the time to standstill, B the distance covered while stopping
+    and delta an allowance for intrusion and uncertainty. Equal distance satisfies.
+
+    Measures:
+        For every robot and human the margin distance - S_p, in m, at every sample
+        of the competition. Stretches longer than `max_gap_s` without a sample are
+        inconclusive.
+    Violated when:
+        The distance is below S_p (profile `standard`: while the robot moves). One
+        approach is one violation (episode): pauses shorter than `t_off_s` are
+        bridged, violations shorter than `t_on_s` ignored.
+    Source:
+        ISO/TS 15066:2016, 5.5.4, in the notation of Ferrando et al.; profile `seed`
+        has their values (t1 1.0 s, t2 1.5 s, B 0 m, delta 2.6 m, distance between
+        centres), profile `ariac2023` those of the ARIAC 2023 penalty (delta 1.0 m,
+        distance in the plane), `ariac2023_agent` those that move its simulated human
+        (delta 1.2 m, never more than 5.0 m). Known oddities of these: B = 0 says that
+        the robot covers no ground while stopping, and walking away also enlarges
+        d_min. Profile `standard`: directed speeds, never below 0, surface distances,
+        a human at 1.6 m/s, linear stop; its times and margins are our choice.
+    """
+
+    reduced_mass_kg: float | None = parameter(
+        None, unit="kg", above=0, source="where given, the energy of closing in is measured too"
+    )
+    exposure_distance_m: float = parameter(EXPOSURE_DISTANCE_M, source="catalogue, 1.3", **_LENGTH)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for every pair: its violations, or its closest moment."""
-        wanted = {
-            f"{self._distance}/{{robot}}/{{human}}": "m",
-            "speed/{human}": "m/s",
-            "speed/{robot}": "m/s",
-        }
-        return watch_pairs(trial, wanted, max_gap_s=self.max_gap_s, clause=_CLAUSE, judge=self._judge)
+        return watch_pairs(
+            trial,
+            self._wanted,
+            max_gap_s=self.max_gap_s,
+            clause=_CLAUSE,
+            judge=self._judge,
+            optional=self._optional,
+        )
 
     def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
-        distance_m, human_speed, robot_speed = watched.columns.values()
-        required_m = self.d_min_m(human_speed, robot_speed)
-        margin_m = distance_m - required_m
-        episodes = episodes_below(watched, margin_m, required_m, t_on_s=self.t_on_s, t_off_s=self.t_off_s)
+        now = self._moments(watched)
+        margin_m = now.distance_m - now.required_m
+        applies = self._applies(now)
+        episodes = episodes_of(
+            watched,
+            applies & (margin_m < 0),
+            margin_m,
+            now.required_m,
+            unit="m",
+            t_on_s=self._value("t_on_s"),
+            t_off_s=self.t_off_s,
+        )
         for episode in episodes:
-            yield self._violation(subject, watched, episode, margin_m, required_m)
+            yield self._violation(subject, watched, episode, now)
         if not episodes and not watched.gaps:
-            closest = int(np.argmin(margin_m))
-            yield Finding(
-                subject,
-                Verdict.SATISFIED,
-                f"at its closest {margin_m[closest]:.3f} m more than required, at {watched.t[closest]:.3f} s",
-                robustness=float(margin_m[closest]),
-                unit="m",
-                evidence=_evidence(subject, watched, closest, required_m),
-                clause=_CLAUSE,
-            )
+            yield self._closest(subject, watched, now, np.flatnonzero(applies))
 
-    def _violation(
-        self, subject: str, watched: Watched, episode: Episode, margin_m: FloatArray, required_m: FloatArray
-    ) -> Finding:
+    def _applies(self, now: _Moments) -> BoolArray:
+        if not self._must_move:
+            return np.ones(len(now.distance_m), dtype=bool)
+        moves: BoolArray = now.robot_scalar_m_s > self.standstill_speed_m_s
+        return moves
+
+    def _closest(self, subject: str, watched: Watched, now: _Moments, rows: Any) -> Finding:
+        if not len(rows):
+            return Finding.not_applicable(subject, "the robot never moved", clause=_CLAUSE)
+        margin_m = now.distance_m - now.required_m
+        closest = int(rows[np.argmin(margin_m[rows])])
+        return Finding(
+            subject,
+            Verdict.SATISFIED,
+            f"at its closest {margin_m[closest]:.3f} m more than required, at {watched.t[closest]:.3f} s",
+            robustness=float(margin_m[closest]),
+            unit="m",
+            quantities=self._exposure(watched, now),
+            evidence=_evidence(subject, watched, closest, now.required_m),
+            clause=_CLAUSE,
+        )
+
+    def _violation(self, subject: str, watched: Watched, episode: Episode, now: _Moments) -> Finding:
         worst = episode.worst
-        robot_speed = list(watched.columns.values())[2]
-        moving = bool((robot_speed[episode.rows] > STANDSTILL_SPEED_M_S).any())
+        shortfall_m = now.required_m[worst] - now.distance_m[worst]
+        labels = blame(
+            episode,
+            now.robot_scalar_m_s,
+            *self._towards(watched),
+            standstill_m_s=self.standstill_speed_m_s,
+        )
+        if not self._directed:
+            del labels["closing_by"]  # scalar speeds do not tell
         return Finding(
             subject,
             Verdict.VIOLATED,
             f"too close for {episode.quantities['time_in_violation_s']:.2f} s; at worst "
-            f"{-margin_m[worst]:.3f} m nearer than the required {required_m[worst]:.3f} m, "
+            f"{shortfall_m:.3f} m nearer than the required {now.required_m[worst]:.3f} m, "
             f"at {watched.t[worst]:.3f} s",
             span=episode.span,
-            robustness=float(margin_m[worst]),
+            robustness=float(now.distance_m[worst] - now.required_m[worst]),
             unit="m",
-            quantities=episode.quantities,
-            labels={"robot_moving": "yes" if moving else "no"},
-            evidence=_evidence(subject, watched, worst, required_m),
+            quantities={
+                **episode.quantities,
+                **self._exposure(watched, now),
+                **self._energy(episode, now),
+            },
+            labels=labels,
+            evidence=_evidence(subject, watched, worst, now.required_m),
             clause=_CLAUSE,
         )
 
+    def _exposure(self, watched: Watched, now: _Moments) -> dict[str, float]:
+        if not self._directed:
+            return {}
+        exposed = exposure_s(
+            watched,
+            now.distance_m,
+            now.robot_scalar_m_s,
+            within_m=self.exposure_distance_m,
+            standstill_m_s=self.standstill_speed_m_s,
+        )
+        return {"exposure_s": exposed}
 
-STANDSTILL_SPEED_M_S = 0.01
-"""Above this a robot moves (monitor catalogue, M7; ARIAC 2023 uses the same for AGVs)."""
+    def _energy(self, episode: Episode, now: _Moments) -> dict[str, float]:
+        if self.reduced_mass_kg is None:
+            return {}
+        closing = now.human_m_s[episode.rows] + now.robot_m_s[episode.rows]
+        return {"closing_energy_max_J": float(closing_energy_j(self.reduced_mass_kg, closing).max())}
+
+
+@dataclass(frozen=True)
+class SsmSpeedCap(SsmFormula):
+    """The robot is no faster than the distance to the human permits.
+
+    The same requirement as `ssm_separation` solved for the robot's speed: easier to
+    explain to a team. Price one of the two, never both.
+
+    Measures:
+        For every robot and human the permitted speed at the distance at hand, and the
+        robot's speed (towards the human, in profile `standard`) against it, in m/s.
+    Violated when:
+        The speed is above the permitted one.
+    Source:
+        ISO/TS 15066:2016, 5.5.4, S_p(v) = d solved for v. Times, margins and stop
+        model as in `ssm_separation`.
+    """
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """Findings for every pair: where it was too fast, or its closest moment."""
+        return watch_pairs(
+            trial,
+            self._wanted,
+            max_gap_s=self.max_gap_s,
+            clause=_CLAUSE,
+            judge=self._judge,
+            optional=self._optional,
+        )
+
+    def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
+        now = self._moments(watched)
+        cap = self.speed_cap_m_s(now.distance_m, now.human_m_s)
+        moves = now.robot_scalar_m_s > self.standstill_speed_m_s
+        bound = Bound(
+            "robot speed",
+            now.robot_m_s,
+            cap,
+            "m/s",
+            at_most=True,
+            applies=moves if self._must_move else None,
+            evidence="permitted_speed",
+        )
+        rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the robot never moved near the human")
+        towards = self._towards(watched)
+
+        def told(episode: Episode | None) -> Told:
+            if episode is None or not self._directed:
+                return Told()
+            return Told(labels=blame(episode, now.robot_scalar_m_s, *towards))
+
+        yield from limit_findings(subject, watched, bound, rules, told)
+
+
+@dataclass(frozen=True)
+class SsmResponse(SsmFormula):
+    """After a breach of the separation distance the robot stops as it must.
+
+    A human may always walk in; what counts is what the robot does then. From the
+    breach it may go on at its speed for t1, then fall linearly to 0 within t2, and
+    stay at rest until the distance is enough again.
+
+    Measures:
+        For every robot and human the robot's speed against the speed it is allowed
+        since the breach, in m/s; the way beyond what a stop takes, in m.
+    Violated when:
+        The speed exceeds the allowed one by more than `tolerance_m_s`.
+    Source:
+        ISO/TS 15066:2016, 5.5.4: the robot is stopped before contact. The envelope
+        and the tolerance are our choice (catalogue, M3).
+    """
+
+    tolerance_m_s: float = parameter(0.02, source="catalogue, M3", **_SPEED)
+
+    def allowed_speed_m_s(self, since_breach_s: FloatArray, speed_at_breach_m_s: FloatArray) -> FloatArray:
+        """Speed allowed at a time since the breach, shape (n,), m/s."""
+        t1_s = self._value("t1_s")
+        stop_s = np.asarray(self.stopping_time_s(np.asarray(speed_at_breach_m_s, dtype=np.float64)))
+        into_stop_s = np.maximum(since_breach_s - t1_s, 0.0)
+        left = 1.0 - np.divide(into_stop_s, stop_s, out=np.where(into_stop_s > 0, 1.0, 0.0), where=stop_s > 0)
+        allowed: FloatArray = speed_at_breach_m_s * np.clip(left, 0.0, 1.0)
+        return allowed
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """Findings for every pair: stops that took too long, or the closest moment of the others."""
+        return watch_pairs(
+            trial,
+            self._wanted,
+            max_gap_s=self.max_gap_s,
+            clause=_CLAUSE,
+            judge=self._judge,
+            optional=self._optional,
+        )
+
+    def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
+        now = self._moments(watched)
+        breach = now.distance_m < now.required_m
+        first = first_of_runs(watched.t, breach, watched.max_gap_s)
+        speed = now.robot_scalar_m_s
+        allowed = self.allowed_speed_m_s(watched.t - watched.t[first], speed[first])
+        limit = allowed + self.tolerance_m_s
+        excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)
+        bound = Bound("robot speed after a breach", speed, limit, "m/s", True, breach, "allowed_speed")
+        rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the distance was always enough")
+
+        def told(episode: Episode | None) -> Told:
+            rows = np.flatnonzero(breach)
+            if episode is not None:
+                rows = rows[
+                    (first[rows] >= first[episode.rows[0]]) & (first[rows] <= first[episode.rows[-1]])
+                ]
+            if not len(rows):
+                return Told()
+            return Told(_ways(watched, rows, speed, excess))
+
+        yield from limit_findings(subject, watched, bound, rules, told)
+
+
+def _ways(watched: Watched, rows: Any, speed: FloatArray, excess: FloatArray) -> dict[str, float]:
+    """Ways covered during breaches, each to the end of its last sample."""
+    last = min(int(rows[-1]) + 1, len(watched.t) - 1)
+    span = Span(float(watched.t[rows[0]]), float(watched.t[last]))
+    return {
+        "travel_m": travelled_m(watched.t, speed, span),
+        "extra_travel_m": travelled_m(watched.t, excess, span),
+        "excess_max_m_s": float(excess[rows].max()),
+    }
+
+
+def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> Any:
+    """For each row the first row of the run of true rows it belongs to; itself where false.
+
+    A hole in the samples longer than `longest_s` ends a run.
+
+    >>> holds = np.array([False, True, True, False, True])
+    >>> first_of_runs(np.arange(5.0), holds, 1.0).tolist()
+    [0, 1, 1, 3, 4]
+    """
+    index = np.arange(len(t))
+    goes_on = np.zeros(len(t), dtype=bool)
+    goes_on[1:] = holds[1:] & holds[:-1] & (np.diff(t) <= longest_s + 1e-9)
+    return np.maximum.accumulate(np.where(goes_on, 0, index))
 
 
 def _evidence(subject: str, watched: Watched, row: int, required_m: FloatArray) -> tuple[Sample, ...]:

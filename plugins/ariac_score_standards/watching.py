@@ -1,9 +1,17 @@
-"""What every monitor of a (robot, human) pair does: find its signals, its gaps, its episodes."""
+"""Where every monitor starts: whom it watches, on which signals, and what the log leaves open.
+
+A monitor names the signals it wants as templates (`speed/{robot}`) and hands over a
+function that judges one subject. `watch_pairs` asks it about every robot and human,
+`watch_bodies` about every body of a kind, `watch_subjects` about any list. Signals
+come on one time base, cut to the competition; what is missing, and every gap longer
+than the monitor accepts, is said before the judging starts and is never satisfied.
+Flags and modes, which stay as they are until they change, come from `state_over`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,24 +24,28 @@ from ariac_score import (
     Span,
     Trial,
     align,
-    episodes_where,
-    sample_durations,
     uncovered_spans,
 )
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+ENVIRONMENT = "environment"
+"""Stands in a signal's name for everything that is no body."""
 
 
 @dataclass(frozen=True)
 class Watched:
-    """Signals of one pair on one time base, cut to the competition.
+    """Signals of one subject on one time base, cut to the competition.
 
     Attributes:
         t: Sample times, shape (n,), s.
-        columns: Values by signal name, each shape (n,).
+        columns: Values by signal name, each shape (n,) or (n, k).
         gaps: Stretches of the competition without samples.
         max_gap_s: A sample stands for no longer than this, s.
         units: Unit by signal name.
+        names: Signal name by template.
+        extra: Values of the optional signals the log has, by template; NaN where it has none.
     """
 
     t: FloatArray
@@ -41,13 +53,42 @@ class Watched:
     gaps: Sequence[Span]
     max_gap_s: float
     units: Mapping[str, str]
+    names: Mapping[str, str] = field(default_factory=dict)
+    extra: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __getitem__(self, template: str) -> FloatArray:
+        return self.columns[self.names[template]]
 
     def samples(self, row: int) -> tuple[Sample, ...]:
         """What was measured in one row, as evidence."""
         return tuple(
-            Sample(name, float(self.t[row]), float(column[row]), self.units[name])
+            Sample(name, float(self.t[row]), _plain(column[row]), self.units[name])
             for name, column in self.columns.items()
         )
+
+
+def _plain(value: FloatArray) -> float | tuple[float, ...]:
+    return float(value) if np.ndim(value) == 0 else tuple(float(v) for v in value)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Whom a monitor is asked about.
+
+    Attributes:
+        name: Subject of the findings, such as `gantry/person_1`.
+        bodies: What to fill into the templates: body id by placeholder.
+    """
+
+    name: str
+    bodies: Mapping[str, str]
+
+    def fill(self, template: str) -> str:
+        """The signal name that a template stands for."""
+        return template.format(**self.bodies)
+
+
+Judge = Callable[[Subject, Watched], Iterator[Finding]]
 
 
 def watch_pairs(
@@ -57,6 +98,7 @@ def watch_pairs(
     max_gap_s: float,
     clause: str,
     judge: Callable[[str, Watched], Iterator[Finding]],
+    optional: Mapping[str, str] | None = None,
 ) -> Iterator[Finding]:
     """Judge every (robot, human) pair; what cannot be judged is said for each pair.
 
@@ -66,51 +108,117 @@ def watch_pairs(
         max_gap_s: Longest stretch without a sample that is accepted, s.
         clause: Clause for the findings about what is missing.
         judge: Findings about one pair, given its subject and its signals.
+        optional: Signals that help where the log has them.
     """
-    pairs = list(trial.pairs())
-    if not pairs:
-        yield _nobody(trial, clause)
-    for robot, human in pairs:
-        subject = f"{robot.id}/{human.id}"
-        names = {n.format(robot=robot.id, human=human.id): unit for n, unit in wanted.items()}
+    yield from watch_subjects(
+        trial,
+        pairs_of(trial),
+        wanted,
+        max_gap_s=max_gap_s,
+        clause=clause,
+        judge=lambda subject, watched: judge(subject.name, watched),
+        optional=optional,
+        kinds=("robot", "human"),
+    )
+
+
+def pairs_of(trial: Trial, machine: str = "robot") -> list[Subject]:
+    """Every pair of a machine (`robot` or `agv`) and a human."""
+    return [
+        Subject(f"{a.id}/{h.id}", {machine: a.id, "human": h.id})
+        for a in trial.bodies_of(machine)
+        for h in trial.bodies_of("human")
+    ]
+
+
+def bodies_of(trial: Trial, kind: str) -> list[Subject]:
+    """Every body of a kind."""
+    return [Subject(body.id, {kind: body.id}) for body in trial.bodies_of(kind)]
+
+
+def watch_subjects(
+    trial: Trial,
+    subjects: Iterable[Subject],
+    wanted: Mapping[str, str],
+    *,
+    max_gap_s: float,
+    clause: str,
+    judge: Judge,
+    optional: Mapping[str, str] | None = None,
+    kinds: tuple[str, ...] = ("robot",),
+) -> Iterator[Finding]:
+    """Judge every subject; what cannot be judged is said for each.
+
+    Args:
+        trial: The trial.
+        subjects: Whom to judge.
+        wanted: Unit by signal template.
+        max_gap_s: Longest stretch without a sample that is accepted, s.
+        clause: Clause for the findings about what is missing.
+        judge: Findings about one subject.
+        optional: Unit by signal template, of signals that help where the log has them.
+        kinds: Kinds of bodies that must be there for a subject to exist.
+    """
+    asked = list(subjects)
+    if not asked:
+        yield nobody(trial, clause, kinds)
+    for subject in asked:
+        names = {template: subject.fill(template) for template in wanted}
         try:
-            signals = [trial.signal(name, unit=unit) for name, unit in names.items()]
+            signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
         except MissingSignalError as missing:
             yield Finding.inconclusive(
-                subject, f"{missing}{_looked_for(trial)}", span=trial.window, clause=clause
+                subject.name, f"{missing}{looked_for(trial)}", span=trial.window, clause=clause
             )
             continue
-        watched = _watched(trial, signals, max_gap_s)
+        helpful = _present(trial, subject, optional or {})
+        watched = _watched(trial, signals, max_gap_s, names, helpful)
         if (trial.started_s is None) != (trial.ended_s is None):
             missing_end = "end" if trial.ended_s is None else "start"
             message = (
                 f"the log does not show the {missing_end} of the competition, so part of it may be missing"
             )
-            yield Finding.inconclusive(subject, message, span=trial.window, clause=clause)
+            yield Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)
         for gap in watched.gaps:
             message = f"no samples for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
-            yield Finding.inconclusive(subject, message, span=gap, clause=clause)
+            yield Finding.inconclusive(subject.name, message, span=gap, clause=clause)
         if len(watched.t):
             yield from judge(subject, watched)
 
 
-def _nobody(trial: Trial, clause: str) -> Finding:
-    """The finding when there is no robot or no human to watch."""
-    missing = " and no ".join(kind for kind in ("robot", "human") if not trial.bodies_of(kind))
+def nobody(trial: Trial, clause: str, kinds: tuple[str, ...] = ("robot", "human")) -> Finding:
+    """The finding when there is no subject to watch."""
+    missing = " and no ".join(kind for kind in kinds if not trial.bodies_of(kind))
     if "bodies" in trial.witnessed:
         return Finding.not_applicable(
             "trial", f"the log records every body, and there is no {missing} among them", clause=clause
         )
     return Finding.inconclusive(
-        "trial", f"the log shows no {missing}{_looked_for(trial)}", span=trial.window, clause=clause
+        "trial", f"the log shows no {missing}{looked_for(trial)}", span=trial.window, clause=clause
     )
 
 
-def _looked_for(trial: Trial) -> str:
+def looked_for(trial: Trial) -> str:
+    """What was looked for in the log and not found, as the end of a sentence."""
     return f"; not in the log: {', '.join(trial.unrecorded)}" if trial.unrecorded else ""
 
 
-def _watched(trial: Trial, signals: Sequence[Signal], max_gap_s: float) -> Watched:
+def _present(trial: Trial, subject: Subject, optional: Mapping[str, str]) -> dict[str, Signal]:
+    found = {}
+    for template, unit in optional.items():
+        name = subject.fill(template)
+        if name in trial.signals:
+            found[template] = trial.signal(name, unit=unit)
+    return found
+
+
+def _watched(
+    trial: Trial,
+    signals: Sequence[Signal],
+    max_gap_s: float,
+    names: Mapping[str, str],
+    helpful: Mapping[str, Signal],
+) -> Watched:
     t, columns = align(signals, max_gap_s=max_gap_s)
     window = trial.window
     gaps: list[Span] = []
@@ -118,63 +226,68 @@ def _watched(trial: Trial, signals: Sequence[Signal], max_gap_s: float) -> Watch
         inside = (t >= window.start_s) & (t <= window.end_s)
         t, columns = t[inside], [column[inside] for column in columns]
         gaps = uncovered_spans(t, window, max_gap_s=max_gap_s)
-    names = [signal.name for signal in signals]
     units = {signal.name: signal.unit for signal in signals}
-    return Watched(t, dict(zip(names, columns, strict=True)), gaps, max_gap_s, units)
+    by_name = dict(zip([signal.name for signal in signals], columns, strict=True))
+    extra = {template: _where_covered(signal, t, max_gap_s) for template, signal in helpful.items()}
+    return Watched(t, by_name, gaps, max_gap_s, units, names, extra)
+
+
+def _where_covered(signal: Signal, t: FloatArray, max_gap_s: float) -> FloatArray:
+    values = np.array(signal.at(t), dtype=np.float64)
+    values[~signal.covers(t, max_gap_s=max_gap_s)] = np.nan
+    return values
+
+
+# What stays as it is until it changes -------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Episode:
-    """One violation over time, with the severities of the monitor catalogue, section 1.3.
+class State:
+    """Something that is on or off at each of a row of times.
 
     Attributes:
-        span: From its first to the end of its last violating sample.
-        rows: Indices of its violating samples.
-        worst: Row with the least margin.
-        quantities: `time_in_violation_s`, `depth_max_m`, `depth_integral_m_s`,
-            `relative_depth_integral_s`, `relative_depth_max`.
+        on: Whether it is on, shape (n,); off where it is not known.
+        known: Whether the log says, shape (n,).
     """
 
-    span: Span
-    rows: NDArray[np.intp]
-    worst: int
-    quantities: Mapping[str, float]
+    on: BoolArray
+    known: BoolArray
 
 
-def episodes_below(
-    watched: Watched, margin_m: FloatArray, required_m: FloatArray, *, t_on_s: float, t_off_s: float
-) -> list[Episode]:
-    """The episodes in which a distance falls short of what is required.
+ON, OFF = "on", "off"
+
+
+def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: float) -> State | None:
+    """A flag over time: from the signal `name/body`, else from events of that kind.
+
+    A signal's value holds until its next sample, for `max_age_s` at most. An event
+    has the detail `on` or `off` and holds until the next; before the first event the
+    state was the other one. An event that says neither leaves it unknown. A log that
+    would have recorded such events and holds none shows a flag that was never on.
 
     Args:
-        watched: The time base.
-        margin_m: Distance less required distance, shape (n,), m; negative violates.
-        required_m: Required distance, shape (n,), m.
-        t_on_s: Shortest violation that counts, s.
-        t_off_s: Pauses shorter than this are bridged, s.
+        trial: The trial.
+        name: Quantity and event kind, such as `drive_enabled`.
+        body: Id of the body; events without a subject concern every body.
+        t: Times asked for, shape (n,), s.
+        max_age_s: How long a sample of the signal is believed, s.
+
+    Returns:
+        The state, or `None` when the log has neither.
     """
-    holds = margin_m < 0
-    weights_s = sample_durations(watched.t, longest_s=watched.max_gap_s)
-    depth_m = np.maximum(-margin_m, 0.0)
-    relative = np.clip(
-        np.divide(depth_m, required_m, out=np.ones_like(depth_m), where=required_m > 0), 0.0, 1.0
-    )
-    found = []
-    for span in episodes_where(watched.t, holds, t_on_s=t_on_s, t_off_s=t_off_s, longest_s=watched.max_gap_s):
-        rows = np.flatnonzero(holds & (watched.t >= span.start_s) & (watched.t <= span.end_s))
-        weight_s = weights_s[rows]
-        found.append(
-            Episode(
-                span,
-                rows,
-                int(rows[np.argmin(margin_m[rows])]),
-                {
-                    "time_in_violation_s": float(weight_s.sum()),
-                    "depth_max_m": float(depth_m[rows].max()),
-                    "depth_integral_m_s": float((depth_m[rows] * weight_s).sum()),
-                    "relative_depth_max": float(relative[rows].max()),
-                    "relative_depth_integral_s": float((relative[rows] * weight_s).sum()),
-                },
-            )
-        )
-    return found
+    signal = trial.signals.get(f"{name}/{body}")
+    if signal is not None and len(signal):
+        before = np.searchsorted(signal.t, t + 1e-9, side="right") - 1
+        held = before.clip(0)
+        known = (before >= 0) & (t - signal.t[held] <= max_age_s + 1e-9)
+        return State(known & (signal.values[held] >= 0.5), known)
+    events = [e for e in trial.events_of(name) if e.subject in ("", body)]
+    if not events and name not in trial.witnessed:
+        return None
+    if not events:
+        return State(np.zeros(len(t), dtype=bool), np.ones(len(t), dtype=bool))
+    times = np.array([e.t_s for e in events])
+    earlier = OFF if events[0].detail == ON else ON if events[0].detail == OFF else ""
+    words = np.array([earlier, *(event.detail for event in events)])
+    told = words[np.searchsorted(times, t, side="right")]
+    return State(told == ON, (told == ON) | (told == OFF))

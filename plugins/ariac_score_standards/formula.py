@@ -1,0 +1,470 @@
+"""Monitors without Python: a formula over signals that always holds, never, or in time.
+
+The formula is of the expression language of score sheets, on columns. Names are those
+of `signals` (templates such as `speed/{robot}`, filled in for every robot, AGV and
+human they speak of) and of `parameters`:
+
+    separation:
+      use: formula.always
+      with:
+        holds: distance >= k_H * (t1 + t2) + k_R * t1 + B + delta
+        signals: {distance: "centre_distance/{robot}/{human}", k_H: "speed/{human}", k_R: "speed/{robot}"}
+        parameters: {t1: 1.0, t2: 1.5, B: 0.0, delta: 2.6}
+        unit: m
+
+A signal beyond the vocabulary names its unit, `pressure/{robot} [bar]`; of a vector one
+component is taken, `position/{robot}.z`.
+"""
+
+from __future__ import annotations
+
+import ast
+import keyword
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from string import Formatter
+from typing import Any
+
+import numpy as np
+
+from ariac_score import (
+    QUANTITIES,
+    Expression,
+    Finding,
+    FormulaError,
+    Sample,
+    SignalNeed,
+    Span,
+    Trial,
+    Verdict,
+    check_parameters,
+    episodes_where,
+    parameter,
+)
+from ariac_score_standards.severity import Episode, episodes_of
+from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, watch_subjects
+
+_KINDS = ("robot", "agv", "human")
+_AXES = {".x": 0, ".y": 1, ".z": 2}
+_TEMPLATE = re.compile(r"(?P<name>[^\[\]]+?)(?P<axis>\.[xyz])?\s*(?:\[(?P<unit>[^\[\]]+)\])?")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+Columns = Mapping[str, Any]
+
+
+# What a formula says of columns ----------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A formula on columns.
+
+    Attributes:
+        true: Whether it holds, shape (n,).
+        margin: By how much; negative (or 0, at a strict comparison) where it does not, shape (n,).
+        limit: The right side of a formula that is one comparison, shape (n,); else `None`.
+    """
+
+    true: BoolArray
+    margin: FloatArray
+    limit: FloatArray | None = None
+
+
+def judge_columns(formula: Expression, values: Columns, rows: int) -> Judged:
+    """Truth and margin of a formula, row by row.
+
+    The margin of a comparison is the difference of its sides; of `and` the least, of
+    `or` the largest of those that had to be asked, of `not` the negative; of a plain
+    number 1 or -1.
+
+    Raises:
+        FormulaError: It has no value in some row.
+    """
+    return _judge(formula, formula.root, values, rows)
+
+
+def _judge(formula: Expression, node: ast.expr, values: Columns, rows: int) -> Judged:
+    if isinstance(node, ast.Compare):
+        return _compare(formula, node, values, rows)
+    if isinstance(node, ast.BoolOp):
+        return _either(formula, node, values, rows)
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        inner = _judge(formula, node.operand, values, rows)
+        return Judged(~inner.true, -inner.margin)
+    if isinstance(node, ast.IfExp):
+        test = _judge(formula, node.test, values, rows).true
+        true, margin = np.zeros(rows, dtype=bool), np.zeros(rows)
+        for part, chosen in ((node.body, test), (node.orelse, ~test)):
+            found = _judge(formula, part, _only(values, chosen), int(chosen.sum()))
+            true[chosen], margin[chosen] = found.true, found.margin
+        return Judged(true, margin)
+    true = _column(formula, node, values, rows) != 0
+    return Judged(true, np.where(true, 1.0, -1.0))
+
+
+def _either(formula: Expression, node: ast.BoolOp, values: Columns, rows: int) -> Judged:
+    """`and`, `or`: the further ones are asked only where the earlier ones leave it open."""
+    either = isinstance(node.op, ast.Or)
+    first = _judge(formula, node.values[0], values, rows)
+    true, margin = first.true.copy(), first.margin.copy()
+    for operand in node.values[1:]:
+        open_rows = ~true if either else true.copy()
+        further = _judge(formula, operand, _only(values, open_rows), int(open_rows.sum()))
+        choose = np.maximum if either else np.minimum
+        true[open_rows], margin[open_rows] = further.true, choose(margin[open_rows], further.margin)
+    return Judged(true, margin)
+
+
+def _compare(formula: Expression, node: ast.Compare, values: Columns, rows: int) -> Judged:
+    sides = [_column(formula, side, values, rows) for side in (node.left, *node.comparators)]
+    true, margin = np.ones(rows, dtype=bool), np.full(rows, np.inf)
+    for op, a, b in zip(node.ops, sides, sides[1:], strict=False):
+        if isinstance(op, ast.Gt | ast.GtE):
+            way = a - b
+        elif isinstance(op, ast.Lt | ast.LtE):
+            way = b - a
+        else:
+            apart = np.abs(a - b)
+            way = apart if isinstance(op, ast.NotEq) else -apart
+        strict = isinstance(op, ast.Gt | ast.Lt | ast.NotEq)
+        true &= way > 0 if strict else way >= 0
+        np.minimum(margin, way, out=margin)
+    return Judged(true, margin, sides[1] if len(sides) == 2 else None)
+
+
+def _column(formula: Expression, node: ast.expr, values: Columns, rows: int) -> FloatArray:
+    return np.array(np.broadcast_to(formula.part(node).columns(values), (rows,)), dtype=np.float64)
+
+
+def _only(values: Columns, rows: BoolArray) -> Columns:
+    return {name: value[rows] if np.ndim(value) else value for name, value in values.items()}
+
+
+# What the three monitors share -----------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Where the values of one name come from."""
+
+    template: str
+    unit: str
+    axis: int | None
+
+    @property
+    def quantity(self) -> str:
+        return self.template.partition("/")[0]
+
+
+def _source(name: str, told: str) -> _Source:
+    match = _TEMPLATE.fullmatch(told.strip())
+    if match is None or "/" not in told:
+        raise ValueError(f"signal {name!r} is {told!r}, not quantity/subject such as speed/{{robot}}")
+    template, axis, unit = match["name"], match["axis"], match["unit"]
+    try:
+        placeholders = {field for _, field, _, _ in Formatter().parse(template) if field is not None}
+    except ValueError as wrong:
+        raise ValueError(f"signal {name!r} is {told!r}: {wrong}") from None
+    unknown = sorted(placeholders - set(_KINDS))
+    if unknown:
+        raise ValueError(f"signal {name!r} speaks of {{{unknown[0]}}}; it may speak of {', '.join(_KINDS)}")
+    known = QUANTITIES.get(template.partition("/")[0])
+    if known is not None and unit not in (None, known.unit):
+        raise ValueError(f"signal {name!r} is asked for in {unit!r}, but it is measured in {known.unit!r}")
+    if known is None and unit is None:
+        raise ValueError(
+            f"signal {name!r} measures nothing known: name its unit, such as {template!r} followed by [bar]"
+        )
+    if known is not None and (known.components == 3) is not (axis is not None):
+        has = "3 components: take one with .x, .y or .z" if known.components == 3 else "no components"
+        raise ValueError(f"signal {name!r} is {told!r}, but {template.partition('/')[0]} has {has}")
+    return _Source(template, unit or (known.unit if known else ""), None if axis is None else _AXES[axis])
+
+
+@dataclass(frozen=True)
+class Formula:
+    """Signals, parameters and episodes of a monitor that is written as a formula."""
+
+    signals: Mapping[str, str] | None = parameter(None, source="signal template by name")
+    parameters: Mapping[str, float] | None = parameter(None, source="number by name")
+    clause: str = parameter("", source="where the standard or rulebook asks for it")
+    critical: bool = parameter(False, source="whether a violation is a critical event")
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=600, source="catalogue, 1.4")
+    t_on_s: float = parameter(0.0, unit="s", at_least=0, at_most=600, source="catalogue, 1.2")
+    t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=600, source="catalogue, 1.2")
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        sources = self._sources
+        for name in (*sources, *self._numbers):
+            if not _NAME.fullmatch(name) or keyword.iskeyword(name):
+                raise ValueError(f"{name!r} cannot be used as a name in a formula")
+        both = sorted(set(sources) & set(self._numbers))
+        if both:
+            raise ValueError(f"{both[0]!r} is both a signal and a parameter")
+        for text in self._texts:
+            self._check(text)
+
+    @property
+    def _texts(self) -> tuple[str, ...]:
+        return ()
+
+    def _check(self, text: str) -> None:
+        """Evaluate on no rows at all: every name and function is met, no number."""
+        if not text:
+            return
+        if not self.signals:
+            raise ValueError("signals is empty: a formula needs at least one")
+        nothing: dict[str, Any] = {name: np.zeros(0) for name in self._sources}
+        try:
+            judge_columns(Expression.parse(text), {**nothing, **self._numbers}, 0)
+        except FormulaError as wrong:
+            raise ValueError(f"{wrong.cause}{f'; {wrong.hint}' if wrong.hint else ''}") from None
+
+    @property
+    def _numbers(self) -> Mapping[str, float]:
+        return self.parameters or {}
+
+    @property
+    def _sources(self) -> dict[str, _Source]:
+        return {name: _source(name, told) for name, told in (self.signals or {}).items()}
+
+    @property
+    def _clause(self) -> str:
+        return self.clause or "formula of the rule set"
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """The quantities the formula speaks of."""
+        for source in dict.fromkeys(self._sources.values()):
+            yield SignalNeed(source.quantity, source.unit, self.max_gap_s)
+
+    def _subjects(self, trial: Trial) -> tuple[list[Subject], tuple[str, ...]]:
+        """Whom the templates speak of: every combination of the kinds they name."""
+        told = " ".join(source.template for source in self._sources.values())
+        kinds = tuple(kind for kind in _KINDS if f"{{{kind}}}" in told)
+        if not kinds:
+            return [Subject("trial", {})], kinds
+        ids = [[body.id for body in trial.bodies_of(kind)] for kind in kinds]
+        return [
+            Subject("/".join(chosen), dict(zip(kinds, chosen, strict=True))) for chosen in product(*ids)
+        ], kinds
+
+    def _watch(self, trial: Trial) -> Iterator[Finding]:
+        if not all(self._texts):
+            yield Finding.inconclusive("trial", "no formula is given", span=trial.window, clause=self._clause)
+            return
+        subjects, kinds = self._subjects(trial)
+        yield from watch_subjects(
+            trial,
+            subjects,
+            {source.template: source.unit for source in self._sources.values()},
+            max_gap_s=self.max_gap_s,
+            clause=self._clause,
+            judge=lambda subject, watched: self._guarded(trial, subject, watched),
+            kinds=kinds,
+        )
+
+    def _guarded(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        """What the formula says; where it has no value, that."""
+        try:
+            yield from self._judge(subject, watched)
+        except FormulaError as wrong:
+            message = f"the formula has no value: {wrong.cause}"
+            yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        raise NotImplementedError
+
+    def _of(self, text: str, watched: Watched) -> Judged:
+        values: dict[str, Any] = dict(self._numbers)
+        for name, source in self._sources.items():
+            column = watched[source.template]
+            values[name] = column if source.axis is None else column[:, source.axis]
+        return judge_columns(Expression.parse(text), values, len(watched.t))
+
+
+@dataclass(frozen=True)
+class Always(Formula):
+    """A formula over signals holds at every sample of the competition.
+
+    Measures:
+        For every combination of the bodies its signals speak of: the margin of the
+        formula, in `unit`. Stretches longer than `max_gap_s` without a sample are
+        inconclusive, and so is a formula that has no value.
+    Violated when:
+        It does not hold. One stretch is one violation (episode): pauses shorter than
+        `t_off_s` are bridged, violations shorter than `t_on_s` ignored.
+    Source:
+        The rule set that writes it.
+    """
+
+    holds: str = parameter("", source="the formula; required")
+    unit: str = parameter("1", source="unit of the margin, for the names of the severities")
+
+    @property
+    def _texts(self) -> tuple[str, ...]:
+        return (self.holds,)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every subject where it did not hold, or its closest moment."""
+        return self._watch(trial)
+
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        yield from self._findings(subject, watched, self._of(self.holds, watched))
+
+    def _findings(self, subject: Subject, watched: Watched, found: Judged) -> Iterator[Finding]:
+        limit = np.zeros(len(watched.t)) if found.limit is None else found.limit
+        episodes = episodes_of(
+            watched,
+            ~found.true,
+            found.margin,
+            limit,
+            unit=self.unit,
+            t_on_s=self.t_on_s,
+            t_off_s=self.t_off_s,
+        )
+        for episode in episodes:
+            yield self._finding(subject, watched, found, episode.worst, episode)
+        if not episodes and not watched.gaps:
+            yield self._finding(subject, watched, found, int(np.argmin(found.margin)), None)
+
+    def _finding(
+        self, subject: Subject, watched: Watched, found: Judged, row: int, episode: Episode | None
+    ) -> Finding:
+        at, unit = f"at {watched.t[row]:.3f} s", "" if self.unit == "1" else f" {self.unit}"
+        kept = f"holds; closest by {found.margin[row]:.3f}{unit}, {at}"
+        broken = f"does not hold; at worst by {-found.margin[row]:.3f}{unit}, {at}"
+        evidence = watched.samples(row)
+        if found.limit is not None:
+            limit = float(found.limit[row])
+            evidence += (Sample(f"limit/{subject.name}", float(watched.t[row]), limit, self.unit),)
+        return Finding(
+            subject.name,
+            Verdict.SATISFIED if episode is None else Verdict.VIOLATED,
+            f"{self._says} {kept if episode is None else broken}",
+            span=None if episode is None else episode.span,
+            robustness=float(found.margin[row]),
+            unit=self.unit,
+            quantities={} if episode is None else episode.quantities,
+            evidence=evidence,
+            clause=self._clause,
+            critical=self.critical and episode is not None,
+        )
+
+    @property
+    def _says(self) -> str:
+        return f"'{self.holds}'"
+
+
+@dataclass(frozen=True)
+class Never(Always):
+    """A formula over signals never holds during the competition.
+
+    Measures:
+        For every combination of the bodies its signals speak of: the margin by which
+        the formula fails to hold, in `unit`.
+    Violated when:
+        It holds. Episodes as for `formula.always`.
+    Source:
+        The rule set that writes it.
+    """
+
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        found = self._of(self.holds, watched)
+        yield from self._findings(subject, watched, Judged(~found.true, -found.margin, found.limit))
+
+    @property
+    def _says(self) -> str:
+        return f"'not ({' '.join(self.holds.split())})'"
+
+
+@dataclass(frozen=True)
+class Within(Formula):
+    """Whenever one formula begins to hold, another one holds within some time.
+
+    Measures:
+        For every combination of the bodies the signals speak of, and for every time
+        that `trigger` begins to hold: how long it takes until `response` holds, in s;
+        0 where it holds already.
+    Violated when:
+        It takes longer than `within_s`. Where the log ends, or has a gap, before the
+        time is up, that is inconclusive.
+    Source:
+        The rule set that writes it.
+    """
+
+    trigger: str = parameter("", source="what begins to hold; required")
+    response: str = parameter("", source="what has to hold then; required")
+    within_s: float = parameter(1.0, unit="s", at_least=0, at_most=1e6, source="for the rule set to set")
+
+    @property
+    def _texts(self) -> tuple[str, ...]:
+        return (self.trigger, self.response)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every subject each late response, or the latest that was in time."""
+        return self._watch(trial)
+
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        t, answered = watched.t, self._of(self.response, watched).true
+        times = t[answered]
+        said = False
+        in_time: list[tuple[float, float]] = []
+        for span in episodes_where(
+            t,
+            self._of(self.trigger, watched).true,
+            t_on_s=self.t_on_s,
+            t_off_s=self.t_off_s,
+            longest_s=watched.max_gap_s,
+        ):
+            began = span.start_s
+            after = int(np.searchsorted(times, began))
+            takes = float(times[after]) - began if after < len(times) else np.inf
+            if takes <= self.within_s + 1e-9:
+                in_time.append((takes, began))
+                continue
+            said = True
+            yield self._late(subject, watched, began, takes)
+        if in_time and not watched.gaps:
+            takes, began = max(in_time)
+            message = (
+                f"the latest response took {takes:.3f} s, to {began:.3f} s (at most {self.within_s:g} s)"
+            )
+            if not said:
+                yield Finding(
+                    subject.name,
+                    Verdict.SATISFIED,
+                    message,
+                    robustness=self.within_s - takes,
+                    unit="s",
+                    quantities={"response_s": takes},
+                    clause=self._clause,
+                )
+        elif not said and not watched.gaps:
+            message = f"'{self.trigger}' never began to hold"
+            yield Finding.not_applicable(subject.name, message, clause=self._clause)
+
+    def _late(self, subject: Subject, watched: Watched, began: float, takes: float) -> Finding:
+        deadline, last = began + self.within_s, float(watched.t[-1])
+        unseen = [gap for gap in watched.gaps if gap.start_s < deadline and gap.end_s > began]
+        if unseen or last < deadline - 1e-9:
+            message = f"the response to {began:.3f} s is not in the log until {deadline:.3f} s"
+            return Finding.inconclusive(
+                subject.name, message, span=Span(began, max(began, last)), clause=self._clause
+            )
+        answered = np.isfinite(takes)
+        end = began + takes if answered else last
+        told = f"came after {takes:.3f} s" if answered else "never came"
+        return Finding(
+            subject.name,
+            Verdict.VIOLATED,
+            f"the response to {began:.3f} s {told} (at most {self.within_s:g} s)",
+            span=Span(began, end),
+            robustness=self.within_s - (end - began),
+            unit="s",
+            quantities={"response_s": end - began, "time_in_violation_s": end - deadline},
+            clause=self._clause,
+            critical=self.critical,
+        )

@@ -1,0 +1,346 @@
+"""Stopping, and not starting again by itself, after IEC 60204-1 and ISO 13850.
+
+Stops are events: `emergency_stop` and `protective_stop`; `emergency_stop_reset` and
+`start` end an emergency stop. Their subject is a machine; without one they concern all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from ariac_score import (
+    Event,
+    Finding,
+    SignalNeed,
+    Span,
+    Trial,
+    Verdict,
+    check_parameters,
+    episodes_where,
+    parameter,
+    sample_durations,
+)
+from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, travelled_m
+from ariac_score_standards.watching import (
+    FloatArray,
+    Subject,
+    Watched,
+    bodies_of,
+    looked_for,
+    state_over,
+    watch_subjects,
+)
+
+EMERGENCY_STOP = "emergency_stop"
+PROTECTIVE_STOP = "protective_stop"
+RESET = "emergency_stop_reset"
+START = "start"
+
+_TIME: Any = {"unit": "s", "at_least": 0, "at_most": 60}
+_GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
+_SPEED: Any = {"unit": "m/s", "at_least": 0, "at_most": 20}
+_TOLERANCE_S = 1e-9
+
+
+# Formulas -------------------------------------------------------------------------------------
+
+
+def standstill_reached_s(
+    t: FloatArray, speed_m_s: FloatArray, request_s: float, *, standstill_m_s: float, hold_s: float
+) -> float | None:
+    """When the speed came below standstill for at least `hold_s`, s of trial time; `None`: never.
+
+    Between samples the speed is a straight line, so that the time does not depend on
+    where samples fall.
+
+    >>> t, v = np.array([0.0, 1.0, 2.0]), np.array([1.0, 0.0, 0.0])
+    >>> standstill_reached_s(t, v, 0.0, standstill_m_s=0.25, hold_s=0.5)
+    0.75
+    """
+    rows = np.flatnonzero(t >= request_s - _TOLERANCE_S)
+    still = speed_m_s[rows] <= standstill_m_s
+    for span in episodes_where(t[rows], still):
+        first = int(np.searchsorted(t, span.start_s))
+        reached = max(_crossing(t, speed_m_s, first, standstill_m_s), request_s)
+        if span.end_s - reached >= hold_s - _TOLERANCE_S:
+            return reached
+    return None
+
+
+def _crossing(t: FloatArray, speed: FloatArray, first: int, limit: float) -> float:
+    """Time at which the speed falls to the limit before its first row at or below it."""
+    if first == 0 or speed[first - 1] <= limit:
+        return float(t[first])
+    share = (speed[first - 1] - limit) / (speed[first - 1] - speed[first])
+    return float(t[first - 1] + share * (t[first] - t[first - 1]))
+
+
+def stop_category(power_off_s: float | None, standstill_s: float) -> Literal[0, 1, 2]:
+    """The stop category a record shows: 0 power off before standstill, 1 after, 2 never.
+
+    >>> stop_category(10.3, 10.5), stop_category(10.6, 10.5), stop_category(None, 10.5)
+    (0, 1, 2)
+    """
+    if power_off_s is None:
+        return 2
+    return 0 if power_off_s < standstill_s else 1
+
+
+# Stopping -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class StopPerformance:
+    """A machine that is told to stop does, in time and on the way it has.
+
+    Measures:
+        For every machine and every stop request (`emergency_stop`, `protective_stop`)
+        the time until its speed stays at standstill for `hold_s`, in s; the way covered
+        until then, in m; the stop category, where the log has `drive_enabled`.
+    Violated when:
+        Time or way exceeds its limit, the machine does not stop, or an emergency stop
+        is of category 2: the power stays on.
+    Source:
+        IEC 60204-1 (stop categories), ISO 13850 (emergency stop: 0 or 1), ISO 10218-1
+        (stopping time and distance). The limits are data of the machine: 0.5 s is our
+        choice, and there is none for the way.
+    """
+
+    kind: Literal["robot", "agv"] = parameter("robot", source="which machines")
+    max_time_s: float = parameter(0.5, source="data of the machine; catalogue, M8", **_TIME)
+    max_distance_m: float | None = parameter(
+        None, unit="m", at_least=0, at_most=100, source="data of the machine"
+    )
+    hold_s: float = parameter(0.1, source="catalogue, M8", **_TIME)
+    standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **_SPEED)
+    power_wait_s: float = parameter(1.0, source="how long after standstill power may go off", **_TIME)
+    max_flag_age_s: float = parameter(1.0, unit="s", above=0, at_most=60, source="how long a flag holds")
+    max_gap_s: float = parameter(0.05, **_GAP)
+
+    _clause = "derived from IEC 60204-1 and ISO 13850, stop functions"
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """Speed, and whether the drives have power."""
+        yield SignalNeed("speed", "m/s", self.max_gap_s)
+        yield SignalNeed("drive_enabled", "1", self.max_flag_age_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every machine each of its stops, or that none was asked for."""
+        return watch_subjects(
+            trial,
+            bodies_of(trial, self.kind),
+            {f"speed/{{{self.kind}}}": "m/s"},
+            max_gap_s=self.max_gap_s,
+            clause=self._clause,
+            judge=lambda subject, watched: self._judge(trial, subject, watched),
+            kinds=(self.kind,),
+        )
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        requests = events_about(trial, subject.name, (EMERGENCY_STOP, PROTECTIVE_STOP))
+        for request in requests:
+            yield self._stop(trial, subject, watched, request)
+        if not requests:
+            yield nothing_happened(trial, subject, (EMERGENCY_STOP, PROTECTIVE_STOP), self._clause)
+
+    def _stop(self, trial: Trial, subject: Subject, watched: Watched, request: Event) -> Finding:
+        t, speed = watched.t, watched[f"speed/{{{self.kind}}}"]
+        name = request.kind.replace("_", " ")
+        reached = standstill_reached_s(
+            t, speed, request.t_s, standstill_m_s=self.standstill_speed_m_s, hold_s=self.hold_s
+        )
+        last = float(t[-1])
+        end = last if reached is None else reached + self.hold_s
+        unseen = [gap for gap in watched.gaps if gap.start_s < end and gap.end_s > request.t_s]
+        if unseen or last < request.t_s or (reached is None and last < request.t_s + self.max_time_s):
+            message = f"{name} at {request.t_s:.3f} s: the log does not show the whole stop"
+            return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+        if reached is None:
+            message = f"{name} at {request.t_s:.3f} s: no stop until the log ends at {last:.3f} s"
+            return Finding(
+                subject.name,
+                Verdict.VIOLATED,
+                message,
+                span=Span(request.t_s, last),
+                robustness=request.t_s + self.max_time_s - last,
+                unit="s",
+                clause=self._clause,
+                critical=request.kind == EMERGENCY_STOP,
+            )
+        return self._stopped(trial, subject, watched, request, reached)
+
+    def _stopped(
+        self, trial: Trial, subject: Subject, watched: Watched, request: Event, reached: float
+    ) -> Finding:
+        t, speed = watched.t, watched[f"speed/{{{self.kind}}}"]
+        time_s = reached - request.t_s
+        # What creeps on below standstill while it is being held belongs to the way.
+        way_m = travelled_m(t, speed, Span(request.t_s, reached + self.hold_s))
+        category = self._category(trial, subject, watched, request, reached)
+        over_time = time_s > self.max_time_s + _TOLERANCE_S
+        over_way = self.max_distance_m is not None and way_m > self.max_distance_m
+        powered = category == 2 and request.kind == EMERGENCY_STOP
+        told = [f"{request.kind.replace('_', ' ')} at {request.t_s:.3f} s: stopped in {time_s:.3f} s"]
+        told.append(f"on {way_m:.3f} m")
+        if over_time:
+            told.append(f"at most {self.max_time_s:g} s")
+        if over_way:
+            told.append(f"at most {self.max_distance_m:g} m")
+        if powered:
+            told.append("the drives kept their power (category 2)")
+        return Finding(
+            subject.name,
+            Verdict.VIOLATED if over_time or over_way or powered else Verdict.SATISFIED,
+            ", ".join(told),
+            span=Span(request.t_s, reached),
+            robustness=self.max_time_s - time_s,
+            unit="s",
+            quantities={
+                "stop_time_s": time_s,
+                "stop_distance_m": way_m,
+                "excess_s": max(time_s - self.max_time_s, 0.0),
+            },
+            labels={"category": "unknown" if category is None else str(category), "request": request.kind},
+            clause=self._clause,
+        )
+
+    def _category(
+        self, trial: Trial, subject: Subject, watched: Watched, request: Event, reached: float
+    ) -> int | None:
+        """The category shown by the drives' power; `None` when the log does not tell."""
+        rows = np.flatnonzero((watched.t >= request.t_s) & (watched.t <= reached + self.power_wait_s))
+        state = state_over(
+            trial, "drive_enabled", subject.name, watched.t[rows], max_age_s=self.max_flag_age_s
+        )
+        if state is None or not len(rows) or not state.known.all():
+            return None
+        off = np.flatnonzero(~state.on)
+        if not len(off) and watched.t[rows[-1]] < reached + self.power_wait_s - self.max_gap_s:
+            return None
+        return stop_category(float(watched.t[rows[off[0]]]) if len(off) else None, reached)
+
+
+def events_about(trial: Trial, machine: str, kinds: Sequence[str]) -> list[Event]:
+    """The events of some kinds that concern a machine, in order of time."""
+    found = [e for kind in kinds for e in trial.events_of(kind) if e.subject in ("", machine)]
+    return sorted(found)
+
+
+def nothing_happened(trial: Trial, subject: Subject, kinds: Sequence[str], clause: str) -> Finding:
+    """The finding when there was none of some events: not applicable, if the log would have had them."""
+    words = " and no ".join(kind.replace("_", " ") for kind in kinds)
+    if set(kinds) <= trial.witnessed:
+        return Finding.not_applicable(subject.name, f"the log records no {words}", clause=clause)
+    message = f"the log does not show whether there was any {words.replace(' and no ', ' or ')}"
+    return Finding.inconclusive(
+        subject.name, f"{message}{looked_for(trial)}", span=trial.window, clause=clause
+    )
+
+
+# Starting again -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class EstopRestart:
+    """After an emergency stop nothing moves before reset and a separate start.
+
+    Measures:
+        For every machine, from the time it has to come to rest after `emergency_stop`
+        until `start` (after `emergency_stop_reset`): its speed, and the way it covers.
+    Violated when:
+        It moves faster than standstill: in LATCHED, before the reset, or in READY,
+        after the reset and before a start. Reset alone must not start motion. Every
+        violation is a critical event.
+    Source:
+        ISO 13850; IEC 60204-1; for trucks ISO 3691-4, 4.1.14. The time for coming to
+        rest is our choice.
+    """
+
+    kind: Literal["robot", "agv"] = parameter("robot", source="which machines")
+    stop_within_s: float = parameter(1.0, source="STOPPING: until rest at the latest; our choice", **_TIME)
+    hold_s: float = parameter(0.1, source="at rest for this long is LATCHED; catalogue, M8", **_TIME)
+    standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **_SPEED)
+    max_gap_s: float = parameter(0.05, **_GAP)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+
+    _clause = "derived from ISO 13850, resetting the emergency stop"
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """The speed."""
+        yield SignalNeed("speed", "m/s", self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every machine each emergency stop, or that there was none."""
+        return watch_subjects(
+            trial,
+            bodies_of(trial, self.kind),
+            {f"speed/{{{self.kind}}}": "m/s"},
+            max_gap_s=self.max_gap_s,
+            clause=self._clause,
+            judge=lambda subject, watched: self._judge(trial, subject, watched),
+            kinds=(self.kind,),
+        )
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        stops = events_about(trial, subject.name, (EMERGENCY_STOP,))
+        if not stops:
+            yield nothing_happened(trial, subject, (EMERGENCY_STOP,), self._clause)
+        for number, stop in enumerate(stops):
+            following = stops[number + 1].t_s if number + 1 < len(stops) else np.inf
+            yield from self._after(trial, subject, watched, stop, following)
+
+    def _after(
+        self, trial: Trial, subject: Subject, watched: Watched, stop: Event, following_s: float
+    ) -> Iterator[Finding]:
+        t, speed = watched.t, watched[f"speed/{{{self.kind}}}"]
+        resets = [e.t_s for e in events_about(trial, subject.name, (RESET,)) if e.t_s >= stop.t_s]
+        reset_s = resets[0] if resets else np.inf
+        starts = [e.t_s for e in events_about(trial, subject.name, (START,)) if e.t_s >= reset_s]
+        end_s = min(starts[0] if starts else np.inf, following_s)
+        rest = standstill_reached_s(
+            t, speed, stop.t_s, standstill_m_s=self.standstill_speed_m_s, hold_s=self.hold_s
+        )
+        latched_s = (
+            stop.t_s + self.stop_within_s if rest is None else min(rest, stop.t_s + self.stop_within_s)
+        )
+        moving = (speed > self.standstill_speed_m_s) & (t >= latched_s - _TOLERANCE_S) & (t < end_s)
+        spans = episodes_where(t, moving, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
+        weights = sample_durations(t, longest_s=watched.max_gap_s)
+        for span in spans:
+            rows = np.flatnonzero(moving & (t >= span.start_s) & (t <= span.end_s))
+            worst = int(rows[np.argmax(speed[rows])])
+            phase = "LATCHED" if span.start_s < reset_s else "READY"
+            quantities = {
+                "time_in_violation_s": float(weights[rows].sum()),
+                "speed_max_m_s": float(speed[worst]),
+                "travel_m": travelled_m(t, speed, Span(span.start_s, min(span.end_s, end_s))),
+            }
+            if np.isfinite(end_s):
+                quantities["before_start_s"] = float(end_s - span.start_s)
+            yield Finding(
+                subject.name,
+                Verdict.VIOLATED,
+                f"moved at {span.start_s:.3f} s in {phase}, after the emergency stop at {stop.t_s:.3f} s",
+                span=span,
+                robustness=float(self.standstill_speed_m_s - speed[worst]),
+                unit="m/s",
+                quantities=quantities,
+                labels={"state": phase},
+                evidence=watched.samples(worst),
+                clause=self._clause,
+                critical=True,
+            )
+        unseen = [gap for gap in watched.gaps if gap.end_s > stop.t_s and gap.start_s < end_s]
+        if not spans and not unseen:
+            message = f"at rest from the emergency stop at {stop.t_s:.3f} s until the next start"
+            yield Finding.satisfied(subject.name, message, clause=self._clause)

@@ -1,0 +1,682 @@
+"""Robots beside people, after ISO 10218-2:2025 (Annexes L and M) and ISO/TS 15066:2016.
+
+Contact within limits of force and pressure, speed that keeps a contact within them,
+standing still while a person is in the workspace, hand guiding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from ariac_score import (
+    Event,
+    Finding,
+    SignalNeed,
+    Span,
+    Trial,
+    Verdict,
+    check_parameters,
+    episodes_where,
+    parameter,
+    sample_durations,
+)
+from ariac_score_standards.body_regions import UNKNOWN_REGION, BodyLimits, body_limits, limits_at
+from ariac_score_standards.geometry import check_polygon, inside
+from ariac_score_standards.iso_ts_15066 import first_of_runs
+from ariac_score_standards.severity import (
+    STANDSTILL_SPEED_M_S,
+    Bound,
+    Episode,
+    Rules,
+    Told,
+    limit_findings,
+    travelled_m,
+)
+from ariac_score_standards.watching import (
+    BoolArray,
+    FloatArray,
+    State,
+    Subject,
+    Watched,
+    bodies_of,
+    looked_for,
+    pairs_of,
+    state_over,
+    watch_subjects,
+)
+
+CONTACT = "contact"
+"""Event kind: robot and human (subject `robot/human`) touch; the detail names the body region."""
+
+_TIME: Any = {"unit": "s", "at_least": 0, "at_most": 60}
+_GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
+_SPEED: Any = {"unit": "m/s", "at_least": 0, "at_most": 20}
+_LENGTH: Any = {"unit": "m", "at_least": 0, "at_most": 100}
+_TOLERANCE_S = 1e-9
+"""Times are sums of decimals in float64; a time that is up is up in spite of the last bit."""
+
+
+# Power and force limiting: formulas -----------------------------------------------------------
+
+
+def effective_robot_mass_kg(moving_mass_kg: float, load_kg: float) -> float:
+    """m_R = M / 2 + m_L of an arm: half of its moving parts, and tool with workpiece, kg."""
+    return moving_mass_kg / 2.0 + load_kg
+
+
+def reduced_mass_kg(body_mass_kg: float, robot_mass_kg: float) -> float:
+    """mu = 1 / (1 / m_H + 1 / m_R), kg."""
+    return 1.0 / (1.0 / body_mass_kg + 1.0 / robot_mass_kg)
+
+
+def contact_energy_j(reduced_kg: float, relative_m_s: float) -> float:
+    """E = mu v^2 / 2, J."""
+    return 0.5 * reduced_kg * relative_m_s * relative_m_s
+
+
+def energy_limit_j(force_n: float, stiffness_n_m: float) -> float:
+    """E = F^2 / 2k, J.
+
+    >>> energy_limit_j(280.0, 25000.0)
+    1.568
+    """
+    return force_n * force_n / (2.0 * stiffness_n_m)
+
+
+def impact_force_n(relative_m_s: float, reduced_kg: float, stiffness_n_m: float) -> float:
+    """F = v sqrt(mu k) of a free impact, N."""
+    return float(relative_m_s * np.sqrt(reduced_kg * stiffness_n_m))
+
+
+def permitted_speed_m_s(force_n: float, reduced_kg: float, stiffness_n_m: float) -> float:
+    """v = F / sqrt(mu k), with k in N/m (1000 times the number in N/mm), m/s."""
+    return float(force_n / np.sqrt(reduced_kg * stiffness_n_m))
+
+
+@dataclass(frozen=True)
+class Permitted:
+    """What a contact of robot and body region may be.
+
+    Attributes:
+        reduced_kg: mu, kg.
+        force_n: The smaller of the limits of force and of pressure on the area, N.
+        speed_m_s: Largest relative speed, m/s.
+        energy_j: Largest energy, J.
+    """
+
+    reduced_kg: float
+    force_n: float
+    speed_m_s: float
+    energy_j: float
+
+
+def permitted_contact(
+    limits: BodyLimits, robot_mass_kg: float, *, factor: float, contact_area_m2: float | None
+) -> Permitted:
+    """The limits for one region and one robot.
+
+    Args:
+        limits: Of the region.
+        robot_mass_kg: m_R.
+        factor: 1 for quasi-static contact, the transient factor for a short one.
+        contact_area_m2: The smaller of robot's and body's; `None` leaves the pressure out.
+    """
+    region = limits.region
+    reduced = reduced_mass_kg(region.mass_kg, robot_mass_kg)
+    force = factor * region.force_n
+    if contact_area_m2 is not None:
+        force = min(force, factor * limits.pressure_pa * contact_area_m2)
+    speed = permitted_speed_m_s(force, reduced, region.stiffness_n_m)
+    return Permitted(reduced, force, speed, energy_limit_j(force, region.stiffness_n_m))
+
+
+# Contact --------------------------------------------------------------------------------------
+
+_FORCE = "contact_force/{robot}/{human}"
+_HELPFUL = {
+    "contact_pressure/{robot}/{human}": "Pa",
+    "contact_area/{robot}/{human}": "m2",
+    "contact_height/{robot}/{human}": "m",
+}
+
+
+@dataclass(frozen=True)
+class PflContact:
+    """Contact between robot and human stays within what the body region bears.
+
+    Measures:
+        For every contact the force (and, where the log has pressure or area, the
+        pressure) against the limit of the body region, sample by sample. For
+        `transient_window_s` from the beginning of a contact the transient limit
+        holds (`transient_factor` times the other), then, or while the body part is
+        clamped, the quasi-static one. Touches less than `t_off_s` apart are one
+        contact. The region comes from the parameter `region`, else from the event
+        `contact` of the pair, else from the height of the contact, else the weakest.
+    Violated when:
+        Force or pressure exceeds its limit, or skull, forehead or face are touched
+        at all. Every violation is a critical event.
+    Source:
+        ISO/TS 15066:2016, Annex A (Table A.2); ISO 10218-2:2025, Annex M, as public
+        sources give them. Not valid for children. The window of 0.5 s is from
+        memory (DGUV FB HM-080), threshold and clamping rule are our choice.
+    """
+
+    region: str = parameter("", source="body region or area; empty: as the log tells")
+    contact_on_n: float = parameter(5.0, unit="N", at_least=0, at_most=1000, source="catalogue, M4")
+    transient_window_s: float = parameter(0.5, status="from memory", source="DGUV FB HM-080", **_TIME)
+    transient_factor: float = parameter(
+        2.0, unit="1", at_least=1, at_most=10, status="verified", source="public sources on Table A.2"
+    )
+    clamped: bool = parameter(False, source="whether the quasi-static limit holds from the beginning")
+    max_gap_s: float = parameter(0.05, **_GAP)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+
+    _clause = "derived from ISO/TS 15066:2016, Annex A"
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.region:
+            body_limits(self.region)
+
+    def transient(self, since_contact_s: FloatArray, clamped: BoolArray | bool = False) -> BoolArray:
+        """Whether the transient limit holds at a time since the contact began."""
+        short = since_contact_s <= self.transient_window_s + _TOLERANCE_S
+        result: BoolArray = short & ~np.asarray(clamped, dtype=bool)
+        return result
+
+    def limit_n(self, limits: BodyLimits, transient: BoolArray) -> FloatArray:
+        """Limit of force in each phase, N."""
+        factor = limits.region.transient_factor(self.transient_factor)
+        return np.where(transient, factor * limits.force_n, limits.force_n)
+
+    def limit_pa(self, limits: BodyLimits, transient: BoolArray) -> FloatArray:
+        """Limit of pressure in each phase, Pa."""
+        factor = limits.region.transient_factor(self.transient_factor)
+        return np.where(transient, factor * limits.pressure_pa, limits.pressure_pa)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """The force; what else helps is used where it is there."""
+        for template, unit in {_FORCE: "N", **_HELPFUL, "clamped/": "1"}.items():
+            yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every pair each contact, or that there was none."""
+        subjects = pairs_of(trial)
+        forceless = [s for s in subjects if s.fill(_FORCE) not in trial.signals]
+        for subject in forceless:
+            yield self._without_force(trial, subject)
+        measured = [s for s in subjects if s not in forceless]
+        if measured or not subjects:
+            yield from watch_subjects(
+                trial,
+                measured,
+                {_FORCE: "N"},
+                max_gap_s=self.max_gap_s,
+                clause=self._clause,
+                judge=lambda subject, watched: self._judge(trial, subject, watched),
+                optional=_HELPFUL,
+                kinds=("robot", "human"),
+            )
+
+    def _without_force(self, trial: Trial, subject: Subject) -> Finding:
+        touched = _contacts(trial, subject)
+        name = subject.fill(_FORCE)
+        if touched:
+            message = f"contact at {touched[0].t_s:.3f} s without a force: signal {name!r} is not in the log"
+            return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+        if CONTACT in trial.witnessed:
+            return Finding.satisfied(subject.name, "the log records no contact", clause=self._clause)
+        message = f"signal {name!r} is not in the log{looked_for(trial)}"
+        return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        force = watched[_FORCE]
+        touching = force > self.contact_on_n
+        spans = episodes_where(watched.t, touching, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
+        held = state_over(trial, "clamped", subject.name, watched.t, max_age_s=watched.max_gap_s)
+        for span in spans:
+            rows = np.flatnonzero(touching & (watched.t >= span.start_s) & (watched.t <= span.end_s))
+            try:
+                limits = self._limits(trial, subject, watched, rows)
+            except ValueError as unknown:
+                message = f"contact at {span.start_s:.3f} s: {unknown}"
+                yield Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
+                continue
+            yield self._contact(subject, watched, span, rows, limits, held)
+        if not spans and not watched.gaps:
+            strongest = int(np.argmax(force))
+            yield Finding(
+                subject.name,
+                Verdict.SATISFIED,
+                f"no contact: never more than {force[strongest]:.3f} N",
+                robustness=float(self.contact_on_n - force[strongest]),
+                unit="N",
+                quantities={"contacts": 0.0},
+                evidence=watched.samples(strongest),
+                clause=self._clause,
+            )
+
+    def _limits(self, trial: Trial, subject: Subject, watched: Watched, rows: Any) -> BodyLimits:
+        if self.region:
+            return body_limits(self.region)
+        start_s, end_s = watched.t[rows[0]] - self.t_off_s, watched.t[rows[-1]] + watched.max_gap_s
+        events = _contacts(trial, subject)
+        named = [e.detail for e in events if start_s <= e.t_s <= end_s and e.detail]
+        if named:
+            return min((body_limits(name) for name in named), key=lambda limits: limits.force_n)
+        heights = watched.extra.get("contact_height/{robot}/{human}")
+        if heights is not None and np.isfinite(heights[rows]).all():
+            return min((limits_at(float(h)) for h in heights[rows]), key=lambda limits: limits.force_n)
+        return body_limits(UNKNOWN_REGION)
+
+    def _contact(
+        self,
+        subject: Subject,
+        watched: Watched,
+        span: Span,
+        rows: Any,
+        limits: BodyLimits,
+        held: State | None,
+    ) -> Finding:
+        clamped = np.full(len(rows), self.clamped) | (False if held is None else held.on[rows])
+        transient = self.transient(watched.t[rows] - span.start_s, clamped)
+        force, limit = watched[_FORCE][rows], self.limit_n(limits, transient)
+        pressure = _pressure(watched, rows)
+        of_pressure = np.nan_to_num(pressure, nan=0.0) / self.limit_pa(limits, transient)
+        ratio = np.maximum(force / limit, of_pressure)
+        above = ratio > 1.0
+        weights = sample_durations(watched.t, longest_s=watched.max_gap_s)[rows]
+        worst = int(np.argmax(ratio))
+        forbidden = not limits.region.contact_permitted
+        relative = np.clip(np.maximum(ratio - 1.0, 0.0), 0.0, 1.0)
+        quantities = {
+            "contacts": 1.0,
+            "force_max_N": float(force.max()),
+            "force_ratio_max": float((force / limit).max()),
+            "ratio_max": float(ratio[worst]),
+            "contact_s": float(weights.sum()),
+            "impulse_N_s": float((force * weights).sum()),
+            "time_in_violation_s": float(weights[above].sum()),
+            "impulse_above_limit_N_s": float((force * weights)[above].sum()),
+            "relative_depth_max": float(relative.max()),
+            "relative_depth_integral_s": float((relative * weights).sum()),
+        }
+        if np.isfinite(pressure).any():
+            quantities["pressure_ratio_max"] = float(of_pressure.max())
+        violated = bool(above.any()) or forbidden
+        where = limits.region.title.lower()
+        phase = "transient" if transient[worst] else "quasi-static"
+        message = f"contact with {where}: {force[worst]:.1f} N, {ratio[worst]:.3f} of the {phase} limit"
+        return Finding(
+            subject.name,
+            Verdict.VIOLATED if violated else Verdict.SATISFIED,
+            f"{message}; contact there is not permissible" if forbidden else message,
+            span=span,
+            robustness=None if forbidden else float(1.0 - ratio[worst]),
+            unit="" if forbidden else "1",
+            quantities=quantities,
+            labels={"region": limits.name, "phase": phase},
+            evidence=watched.samples(int(rows[worst])),
+            clause=self._clause,
+            critical=violated,
+        )
+
+
+def _contacts(trial: Trial, subject: Subject) -> Sequence[Event]:
+    return [event for event in trial.events_of(CONTACT) if event.subject == subject.name]
+
+
+def _pressure(watched: Watched, rows: Any) -> FloatArray:
+    """Pressure as recorded, else force over area; NaN where neither is known."""
+    recorded = watched.extra.get("contact_pressure/{robot}/{human}")
+    area = watched.extra.get("contact_area/{robot}/{human}")
+    pressure = np.full(len(rows), np.nan)
+    if recorded is not None:
+        pressure = recorded[rows].copy()
+    if area is not None:
+        of_area = np.full(len(rows), np.nan)
+        np.divide(watched[_FORCE][rows], area[rows], out=of_area, where=area[rows] > 0)
+        pressure = np.where(np.isfinite(pressure), pressure, of_area)
+    return pressure
+
+
+# Speed ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PflSpeed:
+    """The robot meets a human no faster than the body region bears.
+
+    What to watch where a log has poses but no forces. A contact is modelled as a
+    spring between the masses of the robot and of the body region.
+
+    Measures:
+        For every robot and human the speed of the nearest points against each other,
+        against the permitted one: `when: contact` at the first sample of each contact
+        (surface distance 0), `when: near` their closing speed within `near_m`.
+    Violated when:
+        The speed is above the permitted one. At a contact that is a critical event.
+    Source:
+        ISO/TS 15066:2016, A.3.4 to A.3.6: v = F / sqrt(mu k), and the same of the
+        limit of pressure on `contact_area_m2`. M / 2 holds for arms; for a vehicle or
+        an arm on a gantry give `robot_mass_kg` (our choice).
+    """
+
+    region: str = parameter("", source="body region or area; empty: the face, the weakest of all")
+    moving_mass_kg: float = parameter(
+        33.5, unit="kg", above=0, at_most=1e5, status="verified", source="UR10e, complete arm"
+    )
+    load_kg: float = parameter(0.0, unit="kg", at_least=0, at_most=1e5, source="tool and workpiece")
+    robot_mass_kg: float | None = parameter(
+        None, unit="kg", above=0, at_most=1e5, source="m_R where it is not M / 2 + m_L"
+    )
+    contact_area_m2: float | None = parameter(
+        1e-4, unit="m2", above=0, at_most=1, status="verified", source="tables assume about 1 cm2"
+    )
+    phase: Literal["transient", "quasi_static"] = parameter("transient", source="a free impact is short")
+    transient_factor: float = parameter(
+        2.0, unit="1", at_least=1, at_most=10, status="verified", source="public sources on Table A.2"
+    )
+    when: Literal["contact", "near"] = parameter("contact", source="catalogue, M5")
+    near_m: float = parameter(0.10, source="catalogue, M5", **_LENGTH)
+    max_gap_s: float = parameter(0.05, **_GAP)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+
+    _clause = "derived from ISO/TS 15066:2016, A.3"
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        body_limits(self.region or UNKNOWN_REGION)
+
+    def permitted(self) -> Permitted:
+        """Largest speed, force and energy, and the mass they rest on."""
+        limits = body_limits(self.region or UNKNOWN_REGION)
+        short = self.phase == "transient"
+        factor = limits.region.transient_factor(self.transient_factor) if short else 1.0
+        robot = self.robot_mass_kg or effective_robot_mass_kg(self.moving_mass_kg, self.load_kg)
+        return permitted_contact(limits, robot, factor=factor, contact_area_m2=self.contact_area_m2)
+
+    @property
+    def _wanted(self) -> dict[str, str]:
+        if self.when == "contact":
+            return {"separation/{robot}/{human}": "m", "relative_speed/{robot}/{human}": "m/s"}
+        return {
+            "separation/{robot}/{human}": "m",
+            "approach_speed_robot/{robot}/{human}": "m/s",
+            "approach_speed_human/{robot}/{human}": "m/s",
+        }
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """Distance and speeds of the nearest points."""
+        for template, unit in self._wanted.items():
+            yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every pair where it was too fast, or its closest moment."""
+        return watch_subjects(
+            trial,
+            pairs_of(trial),
+            self._wanted,
+            max_gap_s=self.max_gap_s,
+            clause=self._clause,
+            judge=self._judge,
+            kinds=("robot", "human"),
+        )
+
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        distance = watched["separation/{robot}/{human}"]
+        if self.when == "contact":
+            speed = watched["relative_speed/{robot}/{human}"]
+            touching = distance <= 0
+            first = first_of_runs(watched.t, touching, watched.max_gap_s)
+            applies = touching & (first == np.arange(len(first)))
+        else:
+            speed = watched["approach_speed_robot/{robot}/{human}"]
+            speed = speed + watched["approach_speed_human/{robot}/{human}"]
+            applies = distance < self.near_m
+        may = self.permitted()
+        limit = np.full_like(speed, may.speed_m_s)
+        bound = Bound("relative speed", speed, limit, "m/s", True, applies, "permitted_speed")
+        idle = "no contact" if self.when == "contact" else f"never nearer than {self.near_m:g} m"
+        rules = Rules(self._clause, 0.0, self.t_off_s, idle, critical=self.when == "contact")
+
+        def told(episode: Episode | None) -> Told:
+            if episode is None:
+                return Told()
+            v = float(speed[episode.worst])
+            energy = contact_energy_j(may.reduced_kg, v)
+            return Told({"speed_ratio": v / may.speed_m_s, "energy_ratio": energy / may.energy_j})
+
+        yield from limit_findings(subject.name, watched, bound, rules, told)
+
+
+# Monitored standstill -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class MonitoredStandstill:
+    """The robot stands still while a person is in the collaborative workspace.
+
+    Measures:
+        For every robot and human, while the human is inside `workspace` and once
+        `grace_s` has passed since it came in: the robot's speed (and that of its
+        joints, where recorded), its drift from where it came to rest, and the way it
+        covers until the human has left.
+    Violated when:
+        A speed exceeds its standstill limit, or the drift exceeds `drift_m`.
+    Source:
+        ISO 10218-2, monitored standstill (2011: safety-rated monitored stop; stop
+        category 2: drives may stay on). Limits and grace are our choice (catalogue, M7).
+    """
+
+    workspace: tuple[tuple[float, ...], ...] = parameter((), unit="m", source="corners [x, y]; required")
+    standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **_SPEED)
+    standstill_joint_speed_rad_s: float = parameter(
+        0.01, unit="rad/s", at_least=0, at_most=100, source="catalogue, M7"
+    )
+    drift_m: float = parameter(0.005, source="catalogue, M7", **_LENGTH)
+    grace_s: float = parameter(0.5, source="T_r + T_s; catalogue, M7", **_TIME)
+    max_gap_s: float = parameter(0.05, **_GAP)
+    t_on_s: float = parameter(0.03, source="catalogue, 1.2", **_TIME)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+
+    _clause = "derived from ISO 10218-2:2025, monitored standstill"
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        check_polygon("workspace", self.workspace)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """Where the human is, how fast the robot is, and where."""
+        yield SignalNeed("position", "m", self.max_gap_s)
+        yield SignalNeed("speed", "m/s", self.max_gap_s)
+        yield SignalNeed("joint_speed", "rad/s", self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every pair each movement, or that there was none."""
+        if not self.workspace:
+            message = "no workspace is given, so nobody can be inside"
+            yield Finding.inconclusive("trial", message, span=trial.window, clause=self._clause)
+            return
+        yield from watch_subjects(
+            trial,
+            pairs_of(trial),
+            {"position/{human}": "m", "speed/{robot}": "m/s"},
+            max_gap_s=self.max_gap_s,
+            clause=self._clause,
+            judge=self._judge,
+            optional={"position/{robot}": "m", "joint_speed/{robot}": "rad/s"},
+            kinds=("robot", "human"),
+        )
+
+    def held(self, t: FloatArray, within: BoolArray) -> BoolArray:
+        """Whether the robot must be at rest: a person inside, and the grace over."""
+        first = first_of_runs(t, within, self.max_gap_s)
+        over: BoolArray = within & (t - t[first] >= self.grace_s - _TOLERANCE_S)
+        return over
+
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        within = inside(watched["position/{human}"], self.workspace)
+        held = self.held(watched.t, within)
+        speed = watched["speed/{robot}"]
+        limit = np.full_like(speed, self.standstill_speed_m_s)
+        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the workspace for long enough")
+        bound = Bound("speed in the workspace", speed, limit, "m/s", True, held)
+        yield from limit_findings(
+            subject.name, watched, bound, rules, lambda e: self._told(watched, within, held, e)
+        )
+        joints = watched.extra.get("joint_speed/{robot}")
+        if joints is not None:
+            known = held & np.isfinite(joints) & (speed <= limit)
+            bound = Bound(
+                "joint speed in the workspace",
+                np.nan_to_num(joints),
+                np.full_like(speed, self.standstill_joint_speed_rad_s),
+                "rad/s",
+                True,
+                known,
+            )
+            yield from _violations(limit_findings(subject.name, watched, bound, rules))
+        position = watched.extra.get("position/{robot}")
+        if position is not None:
+            yield from _violations(self._drift(subject, watched, held, speed > limit, position, rules))
+
+    def _told(self, watched: Watched, within: BoolArray, held: BoolArray, episode: Episode | None) -> Told:
+        """The way until the person left (or the next violation), and whether the robot had been at rest."""
+        speed = watched["speed/{robot}"]
+        if episode is None:
+            return Told()
+        last = int(episode.rows[-1])
+        after = np.flatnonzero(~within[last:])
+        leaves = last + int(after[0]) if len(after) else len(watched.t) - 1
+        again = np.flatnonzero(speed[last + 1 : leaves] > self.standstill_speed_m_s)
+        stop = last + 1 + int(again[0]) if len(again) else leaves
+        end_s = max(float(watched.t[stop]), episode.span.end_s)
+        way = travelled_m(watched.t, speed, Span(episode.span.start_s, end_s))
+        first = int(episode.rows[0])
+        resumed = first > 0 and bool(held[first - 1])
+        return Told(
+            {"travel_m": way, "speed_max_m_s": float(speed[episode.rows].max())},
+            {"resumed": "yes" if resumed else "no"},
+        )
+
+    def _drift(
+        self,
+        subject: Subject,
+        watched: Watched,
+        held: BoolArray,
+        moving: BoolArray,
+        position: FloatArray,
+        rules: Rules,
+    ) -> Iterator[Finding]:
+        """Creep below the standstill speed, from where the robot last came to rest."""
+        index = np.arange(len(held))
+        fresh = held.copy()
+        fresh[1:] &= ~held[:-1]
+        anchor = np.maximum.accumulate(np.where(fresh | moving | ~held, index, 0))
+        away = position - position[anchor]
+        drift = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)
+        known = held & ~moving & np.isfinite(drift)
+        limit = np.full_like(drift, self.drift_m)
+        bound = Bound("drift while standing still", np.nan_to_num(drift), limit, "m", True, known)
+        return limit_findings(subject.name, watched, bound, rules)
+
+
+def _violations(findings: Iterator[Finding]) -> Iterator[Finding]:
+    """What a second criterion adds: its violations, its silence being told by the first."""
+    return (finding for finding in findings if finding.verdict is Verdict.VIOLATED)
+
+
+# Hand guiding ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class HandGuiding:
+    """The robot moves by hand only while the enabling device is held, and slowly.
+
+    Measures:
+        For every robot its speed: against `max_speed_m_s` while the device is held
+        and for `stop_within_s` after its release, then against the standstill speed.
+        The device is the flag `enabling_device` (signal, or events `on` and `off`).
+    Violated when:
+        The speed exceeds the limit of the moment.
+    Source:
+        ISO 10218-2 and ISO/TS 15066:2016, 5.5.3. The speed limit is for the risk
+        assessment to set; 0.25 m/s and 0.5 s are our choice.
+    """
+
+    max_speed_m_s: float = parameter(0.25, source="for the risk assessment to set", **_SPEED)
+    stop_within_s: float = parameter(0.5, source="set per system", **_TIME)
+    standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **_SPEED)
+    applies: Literal["always", "manual_mode"] = parameter("always", source="while the robot is guided")
+    max_flag_age_s: float = parameter(1.0, unit="s", above=0, at_most=60, source="how long a flag holds")
+    max_gap_s: float = parameter(0.05, **_GAP)
+    t_on_s: float = parameter(0.0, source="catalogue, 1.2", **_TIME)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+
+    _clause = "derived from ISO/TS 15066:2016, 5.5.3"
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """Speed and flags."""
+        yield SignalNeed("speed", "m/s", self.max_gap_s)
+        yield SignalNeed("enabling_device", "1", self.max_flag_age_s)
+        if self.applies == "manual_mode":
+            yield SignalNeed("manual_mode", "1", self.max_flag_age_s)
+
+    def allowed_speed_m_s(self, t: FloatArray, pressed: BoolArray) -> FloatArray:
+        """The limit of each moment, shape (n,), m/s."""
+        released = first_of_runs(t, ~pressed, np.inf)
+        since_s = np.where(pressed, 0.0, t - t[released])
+        # Before the first sample the device was as it is there: released means at rest.
+        never = ~pressed & (released == 0)
+        stopping = (since_s < self.stop_within_s - _TOLERANCE_S) & ~never
+        return np.where(pressed | stopping, self.max_speed_m_s, self.standstill_speed_m_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every robot where it was too fast, or its closest moment."""
+        return watch_subjects(
+            trial,
+            bodies_of(trial, "robot"),
+            {"speed/{robot}": "m/s"},
+            max_gap_s=self.max_gap_s,
+            clause=self._clause,
+            judge=lambda subject, watched: self._judge(trial, subject, watched),
+        )
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        applies = np.ones(len(watched.t), dtype=bool)
+        for flag in ("enabling_device", *(("manual_mode",) if self.applies == "manual_mode" else ())):
+            state = state_over(trial, flag, subject.name, watched.t, max_age_s=self.max_flag_age_s)
+            if state is None or not state.known.all():
+                yield unknown_flag(trial, subject, flag, state, watched, self._clause)
+                return
+            if flag == "manual_mode":
+                applies = state.on
+            else:
+                pressed = state.on
+        speed = watched["speed/{robot}"]
+        limit = self.allowed_speed_m_s(watched.t, pressed)
+        bound = Bound("speed of the guided robot", speed, limit, "m/s", True, applies, "allowed_speed")
+        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "the robot was never guided by hand")
+        yield from limit_findings(subject.name, watched, bound, rules)
+
+
+def unknown_flag(
+    trial: Trial, subject: Subject, flag: str, state: State | None, watched: Watched, clause: str
+) -> Finding:
+    """The finding when a flag that decides is not in the log, or not all the time."""
+    if state is None:
+        message = f"the log has neither a signal '{flag}/{subject.name}' nor {flag!r} events"
+        return Finding.inconclusive(
+            subject.name, f"{message}{looked_for(trial)}", span=trial.window, clause=clause
+        )
+    at = float(watched.t[np.flatnonzero(~state.known)[0]])
+    message = f"{flag!r} is not known at {at:.3f} s"
+    return Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)

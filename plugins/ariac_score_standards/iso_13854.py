@@ -1,0 +1,104 @@
+"""Gaps in which a part of the body is crushed, after ISO 13854."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ariac_score import Finding, ParameterFacts, SignalNeed, Trial, check_parameters, parameter
+from ariac_score_standards.severity import Bound, Rules, Told, limit_findings
+from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, pairs_of, watch_subjects
+
+_SEEN = ParameterFacts("m", "verified", "sample of ISO 13854 quoted in a public research note")
+_MEMORY = ParameterFacts("m", "from memory", "ISO 13854")
+
+MINIMUM_GAP_M: Mapping[str, tuple[float, ParameterFacts]] = {
+    "body": (0.5, _SEEN),
+    "head": (0.3, _SEEN),
+    "leg": (0.18, _SEEN),
+    "foot": (0.12, _MEMORY),
+    "toes": (0.05, _MEMORY),
+    "arm": (0.12, _MEMORY),
+    "hand": (0.1, _MEMORY),
+    "wrist": (0.1, _MEMORY),
+    "fist": (0.1, _MEMORY),
+    "finger": (0.025, _MEMORY),
+}
+"""Least gap that does not crush, with what is known about it, by part of the body."""
+
+
+def minimum_gap_m(part: str) -> float:
+    """Least gap for a part of the body, m.
+
+    Raises:
+        ValueError: The part is unknown.
+    """
+    if part not in MINIMUM_GAP_M:
+        raise ValueError(f"body part {part!r} is unknown; parts: {', '.join(MINIMUM_GAP_M)}")
+    return MINIMUM_GAP_M[part][0]
+
+
+def clamps(part: str, gap_m: FloatArray, closing: BoolArray | bool) -> BoolArray:
+    """Whether a gap clamps the part: below its least gap, and getting smaller, shape (n,)."""
+    result: BoolArray = (np.asarray(gap_m) < minimum_gap_m(part)) & np.asarray(closing, dtype=bool)
+    return result
+
+
+@dataclass(frozen=True)
+class CrushGap:
+    """No part of the body is between robot and fixed things in a gap that closes on it.
+
+    What it finds tells `pfl_contact` that a contact is clamped; not to be priced alone.
+
+    Measures:
+        For every robot and human the signal `crush_gap` (the gap between the robot and
+        a fixed surface with the human's body part in it) while it gets smaller, against
+        the least gap for `part`, in m.
+    Violated when:
+        The gap is smaller. Equality keeps it.
+    Source:
+        ISO 13854, minimum gaps: body, head, leg seen in a public sample, the others
+        from memory.
+    """
+
+    part: str = parameter("body", source="body, head, leg, foot, toes, arm, hand, wrist, fist or finger")
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
+    t_on_s: float = parameter(0.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
+    t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
+
+    _clause = "derived from ISO 13854, minimum gaps"
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        minimum_gap_m(self.part)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """The gap."""
+        yield SignalNeed("crush_gap", "m", self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every pair where a gap closed on somebody, or its closest moment."""
+        return watch_subjects(
+            trial,
+            pairs_of(trial),
+            {"crush_gap/{robot}/{human}": "m"},
+            max_gap_s=self.max_gap_s,
+            clause=self._clause,
+            judge=self._judge,
+            kinds=("robot", "human"),
+        )
+
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        gap = watched["crush_gap/{robot}/{human}"]
+        closing = np.zeros(len(gap), dtype=bool)
+        step: Any = np.diff(gap) < 0
+        closing[:-1] |= step  # from this sample on it gets smaller
+        closing[1:] |= step  # or it has just become so
+        limit = np.full_like(gap, minimum_gap_m(self.part))
+        bound = Bound("closing gap", gap, limit, "m", False, closing)
+        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "no gap ever closed")
+        told = Told(labels={"clamped": "yes", "part": self.part})
+        yield from limit_findings(subject.name, watched, bound, rules, lambda e: told if e else Told())

@@ -1,0 +1,267 @@
+"""Distance between a sensing line and the hazard behind it, after ISO 13855 (2010 and 2024)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from ariac_score import Finding, SignalNeed, Trial, Verdict, check_parameters, parameter
+from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
+from ariac_score_standards.iso_ts_15066 import first_of_runs
+from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, Bound, Rules, limit_findings
+from ariac_score_standards.watching import (
+    BoolArray,
+    FloatArray,
+    Subject,
+    Watched,
+    pairs_of,
+    watch_subjects,
+)
+
+Edition = Literal["2010", "2024"]
+Arrangement = Literal["orthogonal", "whole_body", "parallel", "two_hand", "interlocked_guard"]
+
+HAND_SPEED_M_S = 2.0
+"""Approach of a hand, up to `SWITCH_M` (verified: manuals of C4000 and miniTwin4)."""
+WALKING_SPEED_M_S = 1.6
+"""Approach of a walking person (verified: the same)."""
+SWITCH_M = 0.5
+"""Above this distance, intrusion included, the walking speed counts."""
+LEAST_M = 0.1
+"""An orthogonal field is never nearer to the hazard than this."""
+
+_TOLERANCE_S = 1e-9
+_CLAUSE = "derived from ISO 13855:{edition}, minimum distance"
+_ROUNDING_M = 1e-12
+"""A distance given in m is 0.5 m in spite of the last bit."""
+
+
+@dataclass(frozen=True)
+class MinimumDistance:
+    """A minimum distance and how it came about.
+
+    Attributes:
+        total_m: S, m.
+        intrusion_m: C (2010) or the reach D (2024), without the supplement Z, m.
+        first_step_m: S with the speed of a hand, before the switch at 500 mm, m.
+    """
+
+    total_m: float
+    intrusion_m: float
+    first_step_m: float
+
+
+def minimum_distance(
+    edition: Edition,
+    arrangement: Arrangement,
+    stopping_time_s: float,
+    *,
+    resolution_m: float = 0.03,
+    height_m: float = 0.0,
+    supplement_m: float = 0.0,
+    reach_m: float = 0.0,
+    covered: bool = False,
+) -> MinimumDistance:
+    """S = K T + C (2010), S = K T + D + Z (2024).
+
+    Args:
+        edition: `2010` or `2024`; values of the latter come from free vendor guides.
+        arrangement: How the safeguard stands to the approach.
+        stopping_time_s: T, overall stopping performance, s (not ms).
+        resolution_m: d, smallest detected object, m.
+        height_m: H, height of a field parallel to the floor, m.
+        supplement_m: Z, 2024 only, m.
+        reach_m: Reach through the opening of a guard, m.
+        covered: Whether a two-hand control is covered.
+
+    Raises:
+        ValueError: The combination is one the standard excludes or the sources do not give.
+
+    >>> minimum_distance("2010", "orthogonal", 0.32, resolution_m=0.014).total_m
+    0.512
+    """
+    z = supplement_m if edition == "2024" else 0.0
+    if edition == "2010" and supplement_m:
+        raise ValueError("supplement_m (Z) belongs to edition 2024")
+    if arrangement == "orthogonal":
+        return _orthogonal(edition, stopping_time_s, resolution_m, z)
+    if arrangement == "parallel":
+        intrusion = _parallel_intrusion_m(edition, height_m, resolution_m)
+    elif arrangement == "two_hand":
+        if covered and edition == "2024":
+            raise ValueError("for a covered two-hand control the sources give no value of edition 2024")
+        intrusion = 0.0 if covered else 0.25 if edition == "2010" else 0.55
+    elif arrangement == "interlocked_guard":
+        intrusion = reach_m
+    else:
+        intrusion = 0.85
+    total = WALKING_SPEED_M_S * stopping_time_s + intrusion + z
+    return MinimumDistance(total, intrusion, total)
+
+
+def _orthogonal(edition: Edition, t_s: float, d_m: float, z_m: float) -> MinimumDistance:
+    fine_to_m = 0.04 if edition == "2010" else 0.055
+    if d_m > fine_to_m + _ROUNDING_M:
+        total = WALKING_SPEED_M_S * t_s + 0.85 + z_m
+        return MinimumDistance(total, 0.85, total)
+    coarse = d_m > 0.04 + _ROUNDING_M
+    reach = 0.208 + 12.0 * (d_m - 0.04) if coarse else max(8.0 * (d_m - 0.014), 0.0)
+    first = HAND_SPEED_M_S * t_s + reach + z_m
+    if first > SWITCH_M + _ROUNDING_M:
+        return MinimumDistance(max(WALKING_SPEED_M_S * t_s + reach + z_m, SWITCH_M), reach, first)
+    # The row for coarse resolutions of 2024 asks for 500 mm at least, whatever the first step gives.
+    return MinimumDistance(max(first, SWITCH_M if coarse else LEAST_M), reach, first)
+
+
+def _parallel_intrusion_m(edition: Edition, height_m: float, resolution_m: float) -> float:
+    if edition == "2024":
+        return 1.2
+    if height_m > 1.0:
+        raise ValueError(f"height_m is {height_m:g} but a parallel field lies at most 1 m high")
+    least = 15.0 * (resolution_m - 0.05)
+    if height_m < least - _ROUNDING_M:
+        raise ValueError(f"height_m is {height_m:g} but resolution {resolution_m:g} m needs {least:g} m")
+    return max(0.85, 1.2 - 0.4 * height_m)
+
+
+_LENGTH: Any = {"unit": "m", "at_least": 0, "at_most": 100}
+
+
+@dataclass(frozen=True)
+class SafeguardDistance:
+    """A sensing line is far enough from its hazard, and the hazard rests when somebody is past it.
+
+    Measures:
+        Once: the distance from `line` to `hazard` against the minimum distance, in m.
+        For every robot and human: the robot's speed after the human crossed the line
+        towards the hazard, from `stopping_time_s` later on or as soon as the human is
+        within the intrusion distance of the hazard, until the human is back.
+    Violated when:
+        The line is too near, or the robot then moves faster than standstill.
+    Source:
+        ISO 13855, editions 2010 and 2024, from manuals and free vendor guides; the
+        check at run time is our reading of it.
+    """
+
+    edition: Edition = parameter("2010", source="2024 is known from free vendor guides only")
+    arrangement: Arrangement = parameter("orthogonal", source="set per cell")
+    stopping_time_s: float = parameter(
+        0.5, unit="s", above=0, at_most=20, source="T, overall stopping performance; measured per machine"
+    )
+    resolution_m: float = parameter(
+        0.03, unit="m", at_least=0, at_most=1, source="d; data of the sensing device"
+    )
+    height_m: float = parameter(0.3, source="H of a field parallel to the floor; per cell", **_LENGTH)
+    supplement_m: float = parameter(0.0, source="Z, edition 2024", **_LENGTH)
+    reach_m: float = parameter(0.0, source="reach through a guard; per guard", **_LENGTH)
+    covered: bool = parameter(False, source="whether a two-hand control is covered")
+    line: tuple[tuple[float, ...], ...] = parameter(
+        (), unit="m", source="both ends [x, y] of the sensing line; required"
+    )
+    hazard: tuple[tuple[float, ...], ...] = parameter(
+        (), unit="m", source="corners [x, y] of the hazard zone; required"
+    )
+    standstill_speed_m_s: float = parameter(
+        STANDSTILL_SPEED_M_S, unit="m/s", at_least=0, at_most=20, source="catalogue, M7"
+    )
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
+    t_on_s: float = parameter(0.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
+    t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        self.minimum()
+        check_polygon("hazard", self.hazard)
+        ends = [tuple(end) for end in self.line]
+        if ends and (len(ends) != 2 or any(len(end) != 2 for end in ends) or ends[0] == ends[1]):
+            raise ValueError(f"line is {[list(end) for end in ends]!r}, not two different ends [x, y] in m")
+
+    def minimum(self) -> MinimumDistance:
+        """The minimum distance of these parameters."""
+        return minimum_distance(
+            self.edition,
+            self.arrangement,
+            self.stopping_time_s,
+            resolution_m=self.resolution_m,
+            height_m=self.height_m,
+            supplement_m=self.supplement_m,
+            reach_m=self.reach_m,
+            covered=self.covered,
+        )
+
+    @property
+    def _clause(self) -> str:
+        return _CLAUSE.format(edition=self.edition)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """Where the human is, and how fast the robot."""
+        yield SignalNeed("position", "m", self.max_gap_s)
+        yield SignalNeed("speed", "m/s", self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """About the line itself, then for every pair where the robot moved, or that it did not."""
+        if not (self.line and self.hazard):
+            message = "the sensing line or the hazard zone is not given"
+            yield Finding.inconclusive("trial", message, span=trial.window, clause=self._clause)
+            return
+        yield self._line()
+        yield from watch_subjects(
+            trial,
+            pairs_of(trial),
+            {"position/{human}": "m", "speed/{robot}": "m/s"},
+            max_gap_s=self.max_gap_s,
+            clause=self._clause,
+            judge=self._judge,
+            kinds=("robot", "human"),
+        )
+
+    def _line(self) -> Finding:
+        a, b = (np.asarray(end, dtype=np.float64) for end in self.line)
+        distance = distance_between_m(a, b, self.hazard)
+        needed = self.minimum().total_m
+        return Finding(
+            "trial",
+            Verdict.of(distance - needed),
+            f"the sensing line is {distance:.3f} m from the hazard (at least {needed:.3f} m)",
+            robustness=distance - needed,
+            unit="m",
+            quantities={"distance_m": distance, "minimum_distance_m": needed},
+            clause=self._clause,
+        )
+
+    def past_line(self, t: FloatArray, position_m: FloatArray) -> tuple[BoolArray, FloatArray]:
+        """Whether a human is past the line, and since when; positions of shape (n, 2 or 3)."""
+        a, b = (np.asarray(end, dtype=np.float64) for end in self.line)
+        along, offset = b - a, position_m[:, :2] - a
+        side = along[0] * offset[:, 1] - along[1] * offset[:, 0]
+        middle = np.array([corner[:2] for corner in self.hazard]).mean(axis=0) - a
+        if along[0] * middle[1] - along[1] * middle[0] < 0:
+            side = -side
+        beyond = side >= 0
+        share = (offset[:, 0] * along[0] + offset[:, 1] * along[1]) / float(along @ along)
+        entered = np.zeros(len(t), dtype=bool)
+        when = np.array(t, dtype=np.float64)
+        cross = np.flatnonzero(beyond[1:] & ~beyond[:-1])
+        part = -side[cross] / (side[cross + 1] - side[cross])
+        where = share[cross] + part * (share[cross + 1] - share[cross])
+        through = (where >= 0) & (where <= 1)
+        entered[cross[through] + 1] = True
+        when[cross + 1] = t[cross] + part * (t[cross + 1] - t[cross])
+        if len(t) and beyond[0]:
+            entered[0] = 0 <= share[0] <= 1
+        first = first_of_runs(t, beyond, self.max_gap_s)
+        past: BoolArray = beyond & entered[first]
+        return past, when[first]
+
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        position, speed = watched["position/{human}"], watched["speed/{robot}"]
+        past, since = self.past_line(watched.t, position)
+        late = watched.t - since >= self.stopping_time_s - _TOLERANCE_S
+        near = -depth_inside_m(position, self.hazard) < self.minimum().intrusion_m
+        limit = np.full_like(speed, self.standstill_speed_m_s)
+        bound = Bound("speed behind the line", speed, limit, "m/s", True, past & (late | near))
+        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was past the line for long enough")
+        yield from limit_findings(subject.name, watched, bound, rules)

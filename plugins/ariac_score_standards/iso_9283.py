@@ -1,0 +1,193 @@
+"""How well a pose is attained, after ISO 9283 (arms) and ISO 18646-2 (mobile robots)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from ariac_score import Finding, Limit, SignalNeed, Trial, Verdict, check_parameters, parameter
+from ariac_score_standards.iec_60204_1 import events_about
+from ariac_score_standards.watching import FloatArray, Subject, bodies_of, nobody
+
+ATTAINED = "pose_attained"
+"""Event kind: a body (its subject) has attained a commanded pose; the detail may name the pose."""
+
+
+@dataclass(frozen=True)
+class PosePerformance:
+    """Accuracy and repeatability of n attained positions of one commanded pose.
+
+    Attributes:
+        n: Attained positions.
+        mean_m: Their mean (bar), m.
+        accuracy_m: AP, from the commanded position to the mean, m.
+        spread_mean_m: Mean of the distances from the mean (l_bar), m.
+        spread_deviation_m: Standard deviation of these with n - 1 (S_l), m; NaN below two.
+        repeatability_m: RP = l_bar + 3 S_l, m; NaN below two.
+    """
+
+    n: int
+    mean_m: tuple[float, ...]
+    accuracy_m: float
+    spread_mean_m: float
+    spread_deviation_m: float
+    repeatability_m: float
+
+
+def pose_performance(attained_m: FloatArray, commanded_m: FloatArray) -> PosePerformance:
+    """Accuracy and repeatability of positions, shape (n, 3), of one commanded position, shape (3,).
+
+    >>> pose_performance(np.array([[1.0, 0, 0], [-1.0, 0, 0]]), np.zeros(3)).repeatability_m
+    1.0
+    """
+    mean = attained_m.mean(axis=0)
+    spread = np.sqrt(((attained_m - mean) ** 2).sum(axis=1))
+    deviation = float(spread.std(ddof=1)) if len(spread) > 1 else math.nan
+    return PosePerformance(
+        len(attained_m),
+        tuple(float(v) for v in mean),
+        float(np.sqrt(((mean - commanded_m) ** 2).sum())),
+        float(spread.mean()),
+        deviation,
+        float(spread.mean()) + 3.0 * deviation,
+    )
+
+
+def angle_performance(attained_rad: FloatArray, commanded_rad: float) -> tuple[float, float]:
+    """AP and RP of an angle: mean less command, and 3 standard deviations; angles are unwrapped, rad.
+
+    >>> ap, rp = angle_performance(np.array([3.1, -3.1]), np.pi)
+    >>> bool(abs(ap) < 0.1)
+    True
+    """
+    errors = np.asarray(attained_rad, dtype=np.float64) - commanded_rad
+    errors = np.mod(errors + np.pi, 2.0 * np.pi) - np.pi
+    errors = np.unwrap(errors)
+    repeatability = 3.0 * float(errors.std(ddof=1)) if len(errors) > 1 else math.nan
+    return float(errors.mean()), repeatability
+
+
+_LIMIT: Any = {"at_least": 0, "source": "for the task to set"}
+
+
+@dataclass(frozen=True)
+class PoseAttained:
+    """A machine comes back to one commanded pose, near it and always the same.
+
+    Measures:
+        For every body of `kind` (or its link) the positions at its events
+        `pose_attained` (of `goal`, where given): accuracy AP and repeatability RP in
+        m, and in rad where a heading is commanded and recorded. RP is not the largest
+        deviation: one outlier can push it above every single one.
+    Violated when:
+        AP or RP exceeds a limit that is set. Without limits nothing is violated.
+    Source:
+        ISO 9283: AP, RP = l_bar + 3 S_l, 30 cycles (fewer are taken here, and told);
+        for angles from memory.
+    """
+
+    kind: Literal["robot", "agv"] = parameter("robot", source="which machines")
+    link: str = parameter("", source="link that attains the pose; empty: the origin")
+    goal: str = parameter("", source="detail of the events that count; empty: all")
+    commanded_m: tuple[float, ...] = parameter((), unit="m", source="x, y, z; required")
+    commanded_heading_rad: float | None = parameter(
+        None, unit="rad", at_least=-100, at_most=100, source="for the task"
+    )
+    max_accuracy_m: float | None = parameter(None, unit="m", **_LIMIT)
+    max_repeatability_m: float | None = parameter(None, unit="m", **_LIMIT)
+    max_heading_accuracy_rad: float | None = parameter(None, unit="rad", **_LIMIT)
+    max_heading_repeatability_rad: float | None = parameter(None, unit="rad", **_LIMIT)
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
+
+    _clause = "derived from ISO 9283, pose accuracy and repeatability"
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if len(self.commanded_m) not in (0, 3):
+            raise ValueError(f"commanded_m is {list(self.commanded_m)!r}, not [x, y, z] in m")
+        heading = (self.max_heading_accuracy_rad, self.max_heading_repeatability_rad)
+        if heading != (None, None) and self.commanded_heading_rad is None:
+            raise ValueError("a limit of the heading is given, but no commanded_heading_rad")
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """Positions, and headings where one is commanded."""
+        yield SignalNeed("position", "m", self.max_gap_s)
+        if self.commanded_heading_rad is not None:
+            yield SignalNeed("heading", "rad", self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """One finding for each body."""
+        subjects = bodies_of(trial, self.kind)
+        if not subjects:
+            yield nobody(trial, self._clause, (self.kind,))
+        for subject in subjects:
+            yield self._judge(trial, subject)
+
+    def _judge(self, trial: Trial, subject: Subject) -> Finding:
+        point = f"{subject.name}::{self.link}" if self.link else subject.name
+        window = trial.window
+        times = np.array(
+            [
+                e.t_s
+                for e in events_about(trial, point, (ATTAINED,))
+                if (not self.goal or e.detail == self.goal)
+                and (window is None or window.start_s <= e.t_s <= window.end_s)
+            ]
+        )
+        if not self.commanded_m:
+            return self._open(trial, point, "no commanded position is given")
+        if not len(times):
+            if ATTAINED in trial.witnessed:
+                return Finding.not_applicable(point, "the pose was never attained", clause=self._clause)
+            return self._open(trial, point, "the log does not show when the pose was attained")
+        signal = trial.signal(f"position/{point}", unit="m")
+        if not signal.covers(times, max_gap_s=self.max_gap_s).all():
+            return self._open(trial, point, f"'position/{point}' is missing where the pose was attained")
+        found = pose_performance(signal.at(times), np.array(self.commanded_m))
+        limits = [Limit("accuracy", found.accuracy_m, "m", at_most=self.max_accuracy_m)]
+        limits.append(Limit("repeatability", found.repeatability_m, "m", at_most=self.max_repeatability_m))
+        if self.commanded_heading_rad is not None:
+            heading = trial.signal(f"heading/{point}", unit="rad")
+            if not heading.covers(times, max_gap_s=self.max_gap_s).all():
+                return self._open(trial, point, f"'heading/{point}' is missing where the pose was attained")
+            ap, rp = angle_performance(heading.at(times), self.commanded_heading_rad)
+            limits.append(Limit("heading accuracy", abs(ap), "rad", at_most=self.max_heading_accuracy_rad))
+            limits.append(
+                Limit("heading repeatability", rp, "rad", at_most=self.max_heading_repeatability_rad)
+            )
+        return self._finding(trial, point, found, limits)
+
+    def _finding(self, trial: Trial, point: str, found: PosePerformance, limits: list[Limit]) -> Finding:
+        asked = [limit for limit in limits if limit.at_most is not None]
+        known = [limit for limit in asked if not math.isnan(limit.value)]
+        broken = [limit for limit in known if not limit.kept]
+        if len(known) < len(asked) and not broken:
+            return self._open(trial, point, "one attained pose has no repeatability")
+        quantities = {
+            f"{limit.what.replace(' ', '_')}_{limit.unit}": limit.value
+            for limit in limits
+            if not math.isnan(limit.value)
+        }
+        shown = ", ".join(
+            f"{limit.what} {limit.value:.6g} {limit.unit}"
+            + (f" (at most {limit.at_most:g})" if limit in broken else "")
+            for limit in limits
+            if not math.isnan(limit.value)
+        )
+        telling = next(iter(broken or known), None)
+        return Finding(
+            point,
+            Verdict.VIOLATED if broken else Verdict.SATISFIED,
+            f"{found.n} attained: {shown}",
+            robustness=telling.margin if telling else None,
+            unit=telling.unit if telling else "",
+            quantities={"attained": float(found.n), **quantities},
+            clause=self._clause,
+        )
+
+    def _open(self, trial: Trial, point: str, message: str) -> Finding:
+        return Finding.inconclusive(point, message, span=trial.window, clause=self._clause)

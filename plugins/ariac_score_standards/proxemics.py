@@ -1,0 +1,139 @@
+"""How near people feel a robot is: zones of proxemics, time to collision. For information."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter, sample_durations
+from ariac_score_standards.severity import Bound, Episode, Rules, Told, limit_findings
+from ariac_score_standards.watching import FloatArray, Subject, Watched, pairs_of, watch_subjects
+
+ZONES_M: Mapping[str, float] = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
+"""Upper border of each zone, m (verified: hunav_sim metrics); beyond the last it is public."""
+
+
+def zone_of(distance_m: float) -> str:
+    """The zone a surface distance belongs to; a border belongs to the outer zone.
+
+    >>> zone_of(0.44), zone_of(0.45), zone_of(3.6)
+    ('intimate', 'personal', 'public')
+    """
+    return next((zone for zone, border in ZONES_M.items() if distance_m < border), "public")
+
+
+def zone_shares(distance_m: FloatArray, weights_s: FloatArray) -> dict[str, float]:
+    """Share of time in each zone; all 0 when no time passes."""
+    total = float(weights_s.sum())
+    shares, low = {}, -np.inf
+    for zone, high in {**ZONES_M, "public": np.inf}.items():
+        within = (distance_m >= low) & (distance_m < high)
+        shares[zone] = float(weights_s[within].sum()) / total if total > 0 else 0.0
+        low = high
+    return shares
+
+
+def time_to_collision_s(
+    apart_m: FloatArray, relative_m_s: FloatArray, contact_m: float | FloatArray
+) -> FloatArray:
+    """Time until two discs touch at their present velocities, shape (n,), s.
+
+    Args:
+        apart_m: From one centre to the other, shape (n, k), m.
+        relative_m_s: Velocity of the other less that of the one, shape (n, k), m/s.
+        contact_m: Sum of the radii, m.
+
+    Returns:
+        0 where they touch already, infinite where they will not.
+
+    Source:
+        nuplan-devkit, time to collision within bound, with discs for footprints.
+    """
+    a = (relative_m_s * relative_m_s).sum(axis=1)
+    b = (apart_m * relative_m_s).sum(axis=1)
+    c = (apart_m * apart_m).sum(axis=1) - np.asarray(contact_m, dtype=np.float64) ** 2
+    root = b * b - a * c
+    meets = (c > 0) & (b < 0) & (root >= 0)
+    # c / (sqrt - b) is the smaller root, without cancellation.
+    denominator = np.sqrt(np.where(meets, root, 0.0)) - b
+    time = np.full(len(a), np.inf)
+    np.divide(c, denominator, out=time, where=meets)
+    return np.where(c <= 0, 0.0, time)
+
+
+_GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
+
+
+@dataclass(frozen=True)
+class ProximityComfort:
+    """How near the robot came, and how soon it would have touched. Informational, never a gate.
+
+    Measures:
+        For every robot and human the share of time in each zone of proxemics by
+        surface distance (intimate below 0.45 m, personal below 1.2, social below 3.6,
+        public), and the time to collision of the two discs at their present
+        velocities in the plane, in s.
+    Violated when:
+        The time to collision is below `min_time_to_collision_s`. Never critical.
+    Source:
+        Zones: hunav_sim metrics. Time to collision: nuPlan, 0.95 s with a horizon of
+        3 s. ISO 13482 gives no numbers.
+    """
+
+    min_time_to_collision_s: float = parameter(
+        0.95, unit="s", at_least=0, at_most=60, status="verified", source="nuplan-devkit"
+    )
+    horizon_s: float = parameter(
+        3.0, unit="s", above=0, at_most=600, status="verified", source="nuplan-devkit; beyond it none is told"
+    )
+    max_gap_s: float = parameter(0.05, **_GAP)
+    t_on_s: float = parameter(0.03, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
+    t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
+
+    _clause = "proxemics and time to collision (hunav_sim, nuPlan)"
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """Distance, places and velocities."""
+        for quantity, unit in (("separation", "m"), ("position", "m"), ("velocity", "m/s")):
+            yield SignalNeed(quantity, unit, self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every pair where it would soon have touched, or its closest moment."""
+        wanted = {"separation/{robot}/{human}": "m"}
+        for body in ("{robot}", "{human}"):
+            wanted |= {f"position/{body}": "m", f"velocity/{body}": "m/s"}
+        radii = {body.id: body.radius_m for body in trial.bodies}
+        return watch_subjects(
+            trial,
+            pairs_of(trial),
+            wanted,
+            max_gap_s=self.max_gap_s,
+            clause=self._clause,
+            judge=lambda subject, watched: self._judge(subject, watched, radii),
+            kinds=("robot", "human"),
+        )
+
+    def _judge(self, subject: Subject, watched: Watched, radii: Mapping[str, float]) -> Iterator[Finding]:
+        contact = radii[subject.bodies["robot"]] + radii[subject.bodies["human"]]
+        apart = (watched["position/{human}"] - watched["position/{robot}"])[:, :2]
+        relative = (watched["velocity/{human}"] - watched["velocity/{robot}"])[:, :2]
+        time = np.minimum(time_to_collision_s(apart, relative, contact), self.horizon_s)
+        distance = watched["separation/{robot}/{human}"]
+        shares = zone_shares(distance, sample_durations(watched.t, longest_s=watched.max_gap_s))
+        quantities = {f"share_{zone}": share for zone, share in shares.items()}
+        quantities["time_to_collision_min_s"] = float(time.min())
+        quantities["distance_min_m"] = float(distance.min())
+
+        def told(_episode: Episode | None) -> Told:
+            return Told(quantities)
+
+        limit = np.full_like(time, self.min_time_to_collision_s)
+        bound = Bound("time to collision", time, limit, "s")
+        rules = Rules(self._clause, self.t_on_s, self.t_off_s)
+        yield from limit_findings(subject.name, watched, bound, rules, told)

@@ -1,0 +1,370 @@
+"""What every monitor measures: episodes, severities, exposure, blame (catalogue, section 1).
+
+How to build a monitor. Watch signals (`watching`), compute for every sample what was
+and what the limit is, and hand both to `limit_findings` as a `Bound`: it groups the
+violating samples into episodes (open after `t_on_s` of truth, closed after `t_off_s`
+of none), measures each (`time_in_violation_s`, depth, its integral, the same relative
+to the limit), and yields one finding for each, or one that tells the closest moment
+when there is none and no gap. `blame` says who moved and who closed in, `exposure_s`
+for how long a human was near a moving robot, `travelled_m` integrates speeds. Sample
+k stands for [t_k, t_k+1): durations are sums of those, never counts of samples.
+Parameters are declared with `ariac_score.parameter`, which carries unit, status and
+source, and checked by `check_parameters`.
+
+>>> margin_m, required_m = np.array([1.0, -0.5, 1.0]), np.array([2.0, 2.0, 2.0])
+>>> watched = Watched(np.array([0.0, 0.1, 0.2]), {}, [], 0.2, {})
+>>> (episode,) = episodes_below(watched, margin_m, required_m, t_on_s=0.0, t_off_s=1.0)
+>>> {name: round(number, 6) for name, number in episode.quantities.items()}["depth_integral_m_s"]
+0.05
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score import Finding, Sample, Span, Verdict, episodes_where, sample_durations
+from ariac_score_standards.watching import BoolArray, FloatArray, Watched
+
+STANDSTILL_SPEED_M_S = 0.01
+"""Above this a robot moves (monitor catalogue, M7; ARIAC 2023 uses the same for AGVs)."""
+
+EXPOSURE_DISTANCE_M = 5.0
+"""Within this of a moving robot a human is exposed (catalogue, 1.3; our choice)."""
+
+_DEPTH_NAMES: Mapping[str, tuple[str, str]] = {
+    "m": ("depth_max_m", "depth_integral_m_s"),
+    "m/s": ("excess_max_m_s", "excess_integral_m"),
+    "rad": ("depth_max_rad", "depth_integral_rad_s"),
+    "rad/s": ("excess_max_rad_s", "excess_integral_rad"),
+    "N": ("excess_max_N", "excess_integral_N_s"),
+    "Pa": ("excess_max_Pa", "excess_integral_Pa_s"),
+    "s": ("excess_max_s", "excess_integral_s2"),
+    "1": ("excess_max", "excess_integral_s"),
+}
+"""Names of the depth and of its integral, by unit of the limit."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One violation over time, with the severities of the monitor catalogue, section 1.3.
+
+    Attributes:
+        span: From its first to the end of its last violating sample.
+        rows: Indices of its violating samples.
+        worst: Row with the least margin.
+        quantities: `time_in_violation_s`, depth and its integral (such as `depth_max_m` and
+            `depth_integral_m_s`), `relative_depth_integral_s`, `relative_depth_max`.
+    """
+
+    span: Span
+    rows: NDArray[np.intp]
+    worst: int
+    quantities: Mapping[str, float]
+
+
+def episodes_below(
+    watched: Watched, margin_m: FloatArray, required_m: FloatArray, *, t_on_s: float, t_off_s: float
+) -> list[Episode]:
+    """The episodes in which a distance falls short of what is required.
+
+    Args:
+        watched: The time base.
+        margin_m: Distance less required distance, shape (n,), m; negative violates.
+        required_m: Required distance, shape (n,), m.
+        t_on_s: Shortest violation that counts, s.
+        t_off_s: Pauses shorter than this are bridged, s.
+    """
+    return episodes_of(watched, margin_m < 0, margin_m, required_m, unit="m", t_on_s=t_on_s, t_off_s=t_off_s)
+
+
+def episodes_of(
+    watched: Watched,
+    holds: BoolArray,
+    margin: FloatArray,
+    limit: FloatArray,
+    *,
+    unit: str,
+    t_on_s: float,
+    t_off_s: float,
+) -> list[Episode]:
+    """The episodes in which a limit is broken.
+
+    Args:
+        watched: The time base.
+        holds: Where it is broken, shape (n,).
+        margin: Signed distance to the limit, shape (n,); negative where broken.
+        limit: The limit, shape (n,); depths relative to it count as 1 where it is 0.
+        unit: Of margin and limit.
+        t_on_s: Shortest violation that counts, s.
+        t_off_s: Pauses shorter than this are bridged, s.
+    """
+    depth_name, integral_name = _DEPTH_NAMES.get(unit, ("depth_max", "depth_integral"))
+    weights_s = sample_durations(watched.t, longest_s=watched.max_gap_s)
+    depth = np.maximum(-margin, 0.0)
+    relative = np.clip(np.divide(depth, limit, out=np.ones_like(depth), where=limit > 0), 0.0, 1.0)
+    found = []
+    for span in episodes_where(watched.t, holds, t_on_s=t_on_s, t_off_s=t_off_s, longest_s=watched.max_gap_s):
+        rows = np.flatnonzero(holds & (watched.t >= span.start_s) & (watched.t <= span.end_s))
+        weight_s = weights_s[rows]
+        found.append(
+            Episode(
+                span,
+                rows,
+                int(rows[np.argmin(margin[rows])]),
+                {
+                    "time_in_violation_s": float(weight_s.sum()),
+                    depth_name: float(depth[rows].max()),
+                    integral_name: float((depth[rows] * weight_s).sum()),
+                    "relative_depth_max": float(relative[rows].max()),
+                    "relative_depth_integral_s": float((relative[rows] * weight_s).sum()),
+                },
+            )
+        )
+    return found
+
+
+# One limit, judged from its samples to its findings ------------------------------------------
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What was, against what may be, sample by sample.
+
+    Attributes:
+        what: Name of what is measured, such as `speed`.
+        actual: Measured, shape (n,).
+        limit: Its limit, shape (n,); infinite where there is none.
+        unit: Of both.
+        at_most: Whether the limit is an upper one; equality always keeps it.
+        applies: Where the limit applies, shape (n,); `None`: everywhere.
+        evidence: Name under which the limit stands in the evidence; empty leaves it out.
+    """
+
+    what: str
+    actual: FloatArray
+    limit: FloatArray
+    unit: str
+    at_most: bool = False
+    applies: BoolArray | None = None
+    evidence: str = ""
+
+    @property
+    def margin(self) -> FloatArray:
+        """Signed distance to the limit, negative where it is broken."""
+        return self.limit - self.actual if self.at_most else self.actual - self.limit
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How samples become findings.
+
+    Attributes:
+        clause: Where the standard asks for it.
+        t_on_s: Shortest violation that counts, s.
+        t_off_s: Pauses shorter than this are bridged, s.
+        idle: What to say when the limit never applied.
+        critical: Whether a violation is a critical event.
+    """
+
+    clause: str
+    t_on_s: float = 0.0
+    t_off_s: float = 1.0
+    idle: str = "the limit never applied"
+    critical: bool = False
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a monitor adds to the finding about an episode."""
+
+    quantities: Mapping[str, float] = field(default_factory=dict)
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+
+def _nothing_more(_episode: Episode | None) -> Told:
+    return Told()
+
+
+def limit_findings(
+    subject: str,
+    watched: Watched,
+    bound: Bound,
+    rules: Rules,
+    more: Callable[[Episode | None], Told] = _nothing_more,
+) -> Iterator[Finding]:
+    """One finding for each episode beyond a limit; else the closest moment, if no gap hides one.
+
+    Args:
+        subject: Whom it is about.
+        watched: The signals.
+        bound: What was, and what may be.
+        rules: How samples become findings.
+        more: What else to tell about an episode, or (given `None`) about a subject without any.
+    """
+    margin = bound.margin
+    applies = np.ones(len(watched.t), dtype=bool) if bound.applies is None else bound.applies
+    limited = applies & np.isfinite(bound.limit)
+    episodes = episodes_of(
+        watched,
+        limited & (margin < 0),
+        margin,
+        bound.limit,
+        unit=bound.unit,
+        t_on_s=rules.t_on_s,
+        t_off_s=rules.t_off_s,
+    )
+    for episode in episodes:
+        yield _broken(subject, watched, bound, rules, episode, more(episode))
+    if not episodes and not watched.gaps:
+        yield _kept(subject, watched, bound, rules, limited, more(None))
+
+
+def _broken(
+    subject: str, watched: Watched, bound: Bound, rules: Rules, episode: Episode, told: Told
+) -> Finding:
+    worst = episode.worst
+    relation = "at most" if bound.at_most else "at least"
+    return Finding(
+        subject,
+        Verdict.VIOLATED,
+        f"{bound.what} beyond its limit for {episode.quantities['time_in_violation_s']:.2f} s; at worst "
+        f"{bound.actual[worst]:.3f} {bound.unit} ({relation} {bound.limit[worst]:.3f}), "
+        f"at {watched.t[worst]:.3f} s",
+        span=episode.span,
+        robustness=float(bound.margin[worst]),
+        unit=bound.unit,
+        quantities={**episode.quantities, **told.quantities},
+        labels=told.labels,
+        evidence=_evidence(watched, bound, worst, subject),
+        clause=rules.clause,
+        critical=rules.critical,
+    )
+
+
+def _kept(
+    subject: str, watched: Watched, bound: Bound, rules: Rules, limited: BoolArray, told: Told
+) -> Finding:
+    rows = np.flatnonzero(limited)
+    if not len(rows):
+        return Finding.not_applicable(subject, rules.idle, clause=rules.clause)
+    closest = int(rows[np.argmin(bound.margin[rows])])
+    relation = "at most" if bound.at_most else "at least"
+    return Finding(
+        subject,
+        Verdict.SATISFIED,
+        f"{bound.what} keeps its limit; closest {bound.actual[closest]:.3f} {bound.unit} "
+        f"({relation} {bound.limit[closest]:.3f}), at {watched.t[closest]:.3f} s",
+        robustness=float(bound.margin[closest]),
+        unit=bound.unit,
+        quantities=told.quantities,
+        labels=told.labels,
+        evidence=_evidence(watched, bound, closest, subject),
+        clause=rules.clause,
+    )
+
+
+def _evidence(watched: Watched, bound: Bound, row: int, subject: str) -> tuple[Sample, ...]:
+    if not bound.evidence:
+        return watched.samples(row)
+    limit = Sample(f"{bound.evidence}/{subject}", float(watched.t[row]), float(bound.limit[row]), bound.unit)
+    return (*watched.samples(row), limit)
+
+
+# Blame, exposure, ways ------------------------------------------------------------------------
+
+
+def closing_by(robot_m_s: float, human_m_s: float, *, standstill_m_s: float = STANDSTILL_SPEED_M_S) -> str:
+    """Who closes the distance: `robot`, `human`, `both` or `neither`; `unknown` for NaN.
+
+    Args:
+        robot_m_s: Speed of the robot towards the human, m/s.
+        human_m_s: Speed of the human towards the robot, m/s.
+        standstill_m_s: A speed up to this closes nothing, m/s.
+
+    >>> closing_by(0.5, 0.0), closing_by(-0.5, 1.2), closing_by(0.3, 0.3)
+    ('robot', 'human', 'both')
+    """
+    if np.isnan(robot_m_s) or np.isnan(human_m_s):
+        return "unknown"
+    robot, human = robot_m_s > standstill_m_s, human_m_s > standstill_m_s
+    if robot and human:
+        return "both"
+    return "robot" if robot else "human" if human else "neither"
+
+
+def blame(
+    episode: Episode,
+    robot_speed_m_s: FloatArray,
+    robot_towards_m_s: FloatArray | None,
+    human_towards_m_s: FloatArray | None,
+    *,
+    standstill_m_s: float = STANDSTILL_SPEED_M_S,
+) -> dict[str, str]:
+    """Labels of an episode: whether the robot moved in it, and who closed in when it began.
+
+    Args:
+        episode: The episode.
+        robot_speed_m_s: Scalar speed of the robot, shape (n,), m/s.
+        robot_towards_m_s: Its speed towards the human, shape (n,), m/s; `None`: not known.
+        human_towards_m_s: That of the human towards the robot; `None`: not known.
+        standstill_m_s: Above this something moves, m/s.
+    """
+    moving = bool((robot_speed_m_s[episode.rows] > standstill_m_s).any())
+    by = "unknown"
+    if robot_towards_m_s is not None and human_towards_m_s is not None:
+        onset = int(episode.rows[0])
+        by = closing_by(
+            float(robot_towards_m_s[onset]), float(human_towards_m_s[onset]), standstill_m_s=standstill_m_s
+        )
+    return {"robot_moving": "yes" if moving else "no", "closing_by": by}
+
+
+def exposure_s(
+    watched: Watched,
+    distance_m: FloatArray,
+    robot_speed_m_s: FloatArray,
+    *,
+    within_m: float = EXPOSURE_DISTANCE_M,
+    standstill_m_s: float = STANDSTILL_SPEED_M_S,
+) -> float:
+    """For how long the human was within a distance of the moving robot, s."""
+    exposed = (distance_m <= within_m) & (robot_speed_m_s > standstill_m_s)
+    weights_s = sample_durations(watched.t, longest_s=watched.max_gap_s)
+    return float(weights_s[exposed].sum())
+
+
+def travelled_m(t: FloatArray, speed_m_s: FloatArray, span: Span) -> float:
+    """The way covered during a span, by straight lines between the samples of a speed, m.
+
+    Speeds inside the span alone count: where samples do not reach its ends, those
+    ends add nothing.
+
+    >>> travelled_m(np.array([0.0, 1.0, 2.0]), np.array([1.0, 1.0, 0.0]), Span(0.5, 2.0))
+    1.0
+    """
+    if not len(t):
+        return 0.0
+    start, end = np.clip([span.start_s, span.end_s], t[0], t[-1])
+    inside = t[(t > start) & (t < end)]
+    at = np.concatenate(([start], inside, [end]))
+    speeds = np.interp(at, t, speed_m_s)
+    return float((np.diff(at) * (speeds[1:] + speeds[:-1]) / 2.0).sum())
+
+
+def covered_share(covered_s: float, exposure_time_s: float) -> float:
+    """Share of the exposure for which signals were present; 1 when there was no exposure.
+
+    >>> covered_share(9.0, 10.0)
+    0.9
+    """
+    return covered_s / exposure_time_s if exposure_time_s > 0 else 1.0
+
+
+def closing_energy_j(reduced_mass_kg: float, closing_m_s: FloatArray) -> FloatArray:
+    """Energy of the two bodies moving against each other: mu v^2 / 2, shape (n,), J."""
+    closing = np.maximum(closing_m_s, 0.0)
+    return 0.5 * reduced_mass_kg * closing * closing

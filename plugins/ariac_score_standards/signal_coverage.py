@@ -1,0 +1,107 @@
+"""Whether a log holds enough for the other monitors to speak."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ariac_score import (
+    QUANTITIES,
+    Finding,
+    Signal,
+    SignalNeed,
+    Span,
+    Trial,
+    Verdict,
+    check_parameters,
+    parameter,
+    uncovered_spans,
+)
+from ariac_score_standards.severity import covered_share
+from ariac_score_standards.watching import FloatArray, looked_for
+
+_CLAUSE = "signal coverage (monitor catalogue, 1.4 and M19)"
+
+
+def tracks_of(t: FloatArray, position_m: FloatArray, *, teleport_speed_m_s: float) -> list[slice]:
+    """The rows of each unbroken track: a step faster than a teleport begins a new one.
+
+    >>> tracks_of(np.arange(3.0), np.array([[0.0], [1.0], [90.0]]), teleport_speed_m_s=5.0)
+    [slice(0, 2, None), slice(2, 3, None)]
+    """
+    step = np.diff(position_m, axis=0)
+    jump = np.sqrt((step * step).sum(axis=1)) > teleport_speed_m_s * np.diff(t)
+    cuts = [0, *(np.flatnonzero(jump) + 1).tolist(), len(t)]
+    return [slice(a, b) for a, b in pairwise(cuts) if b > a]
+
+
+@dataclass(frozen=True)
+class SignalCoverage:
+    """The signals that monitors rest on are there nearly all the time.
+
+    Measures:
+        For every signal of `quantities` the share of the competition that its samples
+        cover, the age of the stalest sample, and (for positions) jumps faster than
+        `teleport_speed_m_s`, which split a track and are never a speed.
+    Violated when:
+        Never: too little coverage is inconclusive, for what is missing is unknown.
+    Source:
+        Monitor catalogue, 1.4 and M19: 0.99 and 0.05 s are our choice.
+    """
+
+    quantities: tuple[str, ...] = parameter(("position",), source="what the other monitors read")
+    min_coverage: float = parameter(0.99, unit="1", at_least=0, at_most=1, source="catalogue, M19")
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
+    teleport_speed_m_s: float = parameter(5.0, unit="m/s", above=0, at_most=1000, source="catalogue, M19")
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        for quantity in self.quantities:
+            if quantity not in QUANTITIES:
+                raise ValueError(f"quantity {quantity!r} is unknown; known: {', '.join(QUANTITIES)}")
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """The quantities that are asked for."""
+        for quantity in self.quantities:
+            yield SignalNeed(quantity, QUANTITIES[quantity].unit, self.max_gap_s)
+
+    def verdict(self, coverage: float) -> Verdict:
+        """What a share of coverage means."""
+        return Verdict.SATISFIED if coverage >= self.min_coverage else Verdict.INCONCLUSIVE
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """One finding for each signal; one for each quantity without any."""
+        for quantity in self.quantities:
+            signals = [s for name, s in sorted(trial.signals.items()) if name.startswith(f"{quantity}/")]
+            for signal in signals:
+                yield self._judge(trial, signal)
+            if not signals:
+                message = f"there is no signal of {quantity!r}{looked_for(trial)}"
+                yield Finding.inconclusive(quantity, message, span=trial.window, clause=_CLAUSE)
+        if not self.quantities:
+            yield Finding.not_applicable("trial", "no quantity is asked for", clause=_CLAUSE)
+
+    def _judge(self, trial: Trial, signal: Signal) -> Finding:
+        window = trial.window or signal.span or Span(0.0, 0.0)
+        gaps = uncovered_spans(signal.t, window, max_gap_s=self.max_gap_s)
+        missing_s = float(np.array([gap.duration_s for gap in gaps]).sum())
+        share = covered_share(window.duration_s - missing_s, window.duration_s)
+        inside = signal.t[(signal.t >= window.start_s) & (signal.t <= window.end_s)]
+        ages = np.diff(np.concatenate(([window.start_s], inside, [window.end_s])))
+        quantities = {"coverage": share, "missing_s": missing_s, "stalest_s": float(ages.max())}
+        if signal.name.startswith("position/") and len(signal):
+            tracks = tracks_of(signal.t, signal.values, teleport_speed_m_s=self.teleport_speed_m_s)
+            quantities["jumps"] = float(len(tracks) - 1)
+        return Finding(
+            signal.name,
+            self.verdict(share),
+            f"covers {100 * share:.2f} % of the competition (at least {100 * self.min_coverage:g} %)",
+            span=gaps[0] if gaps else None,
+            robustness=share - self.min_coverage,
+            unit="1",
+            quantities=quantities,
+            clause=_CLAUSE,
+        )
