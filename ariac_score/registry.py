@@ -29,6 +29,7 @@ from ariac_score.errors import (
     did_you_mean,
 )
 from ariac_score.parameters import ParameterFacts, facts_of
+from ariac_score.quiet import quiet
 
 __all__ = ["Plugin", "Registry", "package_sha256"]
 
@@ -68,7 +69,8 @@ class Plugin:
             PluginError: The import fails, for whatever reason.
         """
         try:
-            return EntryPoint(self.name, self.target, self.group).load()
+            with quiet(self.origin):
+                return EntryPoint(self.name, self.target, self.group).load()
         except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
             raise PluginError(
                 f"plugin {self.origin} cannot be imported: {type(cause).__name__}: {cause}",
@@ -111,7 +113,8 @@ class Plugin:
                     hint=_remedy(value, fields[name]),
                 ) from None
         try:
-            plugin = kind(**values)
+            with quiet(self.origin):
+                plugin = kind(**values)
         except ValueError as cause:
             raise RuleSetError(
                 f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
