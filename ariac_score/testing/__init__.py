@@ -1,6 +1,7 @@
 """For authors of plugins and tests: trials made to order, and their record in every log format."""
 
 from ariac_score.testing.bags import Recorded, write_bag
+from ariac_score.testing.made import made_trial
 from ariac_score.testing.trials import (
     NEAR_MISS,
     SNAPSHOT_SIGNALS,
@@ -16,6 +17,7 @@ __all__ = [
     "NearMiss",
     "Recorded",
     "kitting_trial",
+    "made_trial",
     "recorded_messages",
     "write_bag",
     "write_trial_log",
