@@ -350,6 +350,7 @@ class _Checked:
                     )
 
     def repeats(self) -> None:
+        assert self.said  # the first answer
         for check in (self.check, self._anew()):
             self._same(self.ask(self.trial, check), "says something else when asked again")
 
@@ -372,9 +373,7 @@ class _Checked:
         later = self.ask(shifted(self.trial, SHIFT_S))
         difference = _difference([_moved(f, SHIFT_S) for f in self.said], later, moved=True)
         if difference:
-            raise self.broken(
-                f"says something else when the clock starts {SHIFT_S:g} s earlier: {difference}"
-            )
+            raise self.broken(f"says something else on a clock {SHIFT_S:g} s ahead: {difference}")
 
     def needs_declared(self) -> None:
         for need in needs_of(self.plugin, "contract", self.check):
