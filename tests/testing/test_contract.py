@@ -26,6 +26,7 @@ from ariac_score.testing import (
     write_trial_log,
 )
 from ariac_score.testing.competitions import write_database_competition
+from ariac_score.testing.pages import example_parameters
 from ariac_score.testing.variants import SIGNAL_VARIANTS, reordered, shifted
 
 Install = Callable[..., str]
@@ -34,22 +35,6 @@ RULES, MONITORS, READERS = "ariac_score.rules", "ariac_score.monitors", "ariac_s
 ROOT = Path(__file__).parents[2]
 MADE = made_trial()
 REGISTRY = Registry()
-
-WITH: dict[str, dict[str, Any]] = {
-    "formula.always": {
-        "holds": "distance >= 0.5 + 0.1 * v",
-        "signals": {"distance": "separation/{robot}/{human}", "v": "speed/{robot}"},
-        "unit": "m",
-    },
-    "formula.never": {"holds": "v > 0.4", "signals": {"v": "speed/{robot}"}, "unit": "m/s"},
-    "formula.within": {
-        "trigger": "p < 0.5",
-        "response": "v < 0.1",
-        "signals": {"p": "separation/{robot}/{human}", "v": "speed/{robot}"},
-        "within_s": 1.0,
-    },
-}
-"""Parameters with which a monitor has something to say about the made trial."""
 
 
 def first_party(group: str) -> list[str]:
@@ -73,8 +58,8 @@ def test_the_made_trial_is_the_same_every_time() -> None:
 
 @pytest.mark.parametrize("name", first_party(MONITORS))
 def test_every_monitor_of_ours_keeps_the_contract(name: str) -> None:
-    for parameters in ({}, WITH.get(name, {})):
-        plugin = REGISTRY.find(MONITORS, name).build(parameters)
+    found = REGISTRY.find(MONITORS, name)
+    for plugin in (found.build({}), found.build(example_parameters(found))):
         for trial in (MADE, kitting_trial()):
             for check in contract_checks(plugin, trial):
                 check()
@@ -82,10 +67,11 @@ def test_every_monitor_of_ours_keeps_the_contract(name: str) -> None:
 
 @pytest.mark.parametrize("name", first_party(RULES))
 def test_every_rule_of_ours_keeps_the_contract(name: str) -> None:
-    plugin = REGISTRY.find(RULES, name).build({})
-    for trial in (MADE, kitting_trial()):
-        for check in contract_checks(plugin, trial):
-            check()
+    found = REGISTRY.find(RULES, name)
+    for plugin in (found.build({}), found.build(example_parameters(found))):
+        for trial in (MADE, kitting_trial()):
+            for check in contract_checks(plugin, trial):
+                check()
 
 
 STATES = "".join(
