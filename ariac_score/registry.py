@@ -258,10 +258,19 @@ class Registry:
 def _installed() -> Iterator[Plugin]:
     for group in GROUPS:
         for point in sorted(entry_points(group=group), key=lambda p: (p.name, p.value)):
-            name = point.dist.metadata["Name"] if point.dist else "?"
-            version = point.dist.version if point.dist else "?"
-            normal = re.sub(r"[-_.]+", "-", name).lower()
-            yield Plugin(point.name, group, point.value, normal, version)
+            yield Plugin(point.name, group, point.value, *brought_by(point))
+
+
+def brought_by(point: EntryPoint) -> tuple[str, str]:
+    """Name and version of the distribution an entry point is of; `?` where its metadata do not say."""
+    try:
+        metadata = point.dist.metadata if point.dist else None
+    except (TypeError, FileNotFoundError):  # what Python makes of missing metadata depends on its version
+        metadata = None
+    if metadata is None:
+        return "?", "?"
+    name, version = (metadata[key] if key in metadata else "?" for key in ("Name", "Version"))
+    return re.sub(r"[-_.]+", "-", name).lower(), version
 
 
 _DATA_PACKAGES = frozenset({"rules", "schemas"})

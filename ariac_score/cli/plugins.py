@@ -140,12 +140,10 @@ def run_check(arguments: argparse.Namespace) -> int:
         raise UsageError(f"a budget of {budget_s:g} s is none", hint="give a positive number of seconds")
     code = 0
     for plugin in _named(arguments.name):
+        subject = _subject(plugin, arguments)
         try:
             built = plugin.build(example_parameters(plugin))
-            subject = _subject(plugin, arguments)
             checks = contract_checks(built, subject, budget_s=budget_s, log_map=arguments.log_map)
-        except UsageError:
-            raise
         except ScoreError as error:
             _outcome("built", error)
             return EXIT_BROKEN

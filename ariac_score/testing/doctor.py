@@ -11,7 +11,7 @@ from typing import Any
 
 from ariac_score.contracts import GROUPS
 from ariac_score.errors import PluginError, ScoreError, did_you_mean
-from ariac_score.registry import Plugin, Registry, package_sha256
+from ariac_score.registry import Plugin, Registry, brought_by, package_sha256
 from ariac_score.testing.contract import built_by_name, undocumented
 
 __all__ = ["Ailment", "ailments"]
@@ -57,9 +57,9 @@ def _unknown_groups() -> Iterator[Ailment]:
         if not group.startswith(_PREFIX) or group in GROUPS:
             continue
         for point in entry_points(group=group):
-            brought = f"{point.dist.metadata['Name']} {point.dist.version}" if point.dist else "?"
+            name, brought = brought_by(point)
             yield Ailment(
-                f"{point.name} ({brought})",
+                f"{point.name} ({name} {brought})",
                 f"is in the group {group!r}, which does not exist",
                 did_you_mean(group, GROUPS),
             )
@@ -133,7 +133,7 @@ def _required(kind: type) -> list[str]:
 
 # Versions ------------------------------------------------------------------------------
 
-_OURS = re.compile(r"ariac[-_.]score\s*(?:\[[^\]]*\])?\s*\(?([^;)]*)")
+_OURS = re.compile(r"ariac[-_.]score(?![-_.a-z0-9])\s*(?:\[[^\]]*\])?\s*\(?([^;)]*)")
 _CLAUSE = re.compile(r"(>=|<=|==|!=|<|>)\s*(\d+(?:\.\d+)*)")
 
 
