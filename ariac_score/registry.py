@@ -269,7 +269,8 @@ def brought_by(point: EntryPoint) -> tuple[str, str]:
         metadata = None
     if metadata is None:
         return "?", "?"
-    name, version = (metadata[key] if key in metadata else "?" for key in ("Name", "Version"))
+    known = [key if key in metadata else "" for key in ("Name", "Version")]
+    name, version = (metadata[key] if key else "?" for key in known)
     return re.sub(r"[-_.]+", "-", name).lower(), version
 
 

@@ -62,7 +62,22 @@ MAY_IMPORT: dict[str, set[str]] = {
         "trial",
     },
     "report": {"expression", "findings", "ranking", "result", "scoring", "trial"},
-    "testing": {"logs", "numpy", "rosbags", "trial", "yaml"},
+    "testing": {
+        "asking",
+        "contracts",
+        "errors",
+        "findings",
+        "guard",
+        "logmap",
+        "logs",
+        "numpy",
+        "quiet",
+        "registry",
+        "rosbags",
+        "ruleset",
+        "trial",
+        "yaml",
+    },
 }
 ANYTHING = {"cli", "__init__"}
 SLOW = {"rosbags", "jsonschema", "rich", "jinja2"}
