@@ -21,6 +21,7 @@ from ariac_score.trial.model import LogDefect, Order, Submission, Trial
 __all__ = [
     "GROUPS",
     "Decoder",
+    "Incremental",
     "LogDescription",
     "Monitor",
     "Reader",
@@ -28,6 +29,7 @@ __all__ = [
     "SignalNeed",
     "TopicDescription",
     "Wanted",
+    "Watcher",
 ]
 
 
@@ -70,6 +72,33 @@ class Monitor(Protocol):
 
     def watch(self, trial: Trial) -> Iterable[Finding]:
         """Findings about the trial; at least one, for silence is not a verdict."""
+        ...
+
+
+class Watcher(Protocol):
+    """Watches one trial message by message; made by an incremental monitor."""
+
+    def take(self, signal: str, t_s: float, value: float | tuple[float, ...]) -> None:
+        """Take one sample; they come in order of time, and at one time in order of name."""
+        ...
+
+    def end(self, trial: Trial) -> Iterable[Finding]:
+        """What was found; the trial holds all but the signals."""
+        ...
+
+
+@runtime_checkable
+class Incremental(Protocol):
+    """A monitor that can also be told a trial one message at a time.
+
+    It says so with a class attribute `incremental = True`. Told one by one it finds
+    what it finds when asked about the whole log.
+    """
+
+    incremental: bool
+
+    def begin(self) -> Watcher:
+        """A watcher for one trial."""
         ...
 
 

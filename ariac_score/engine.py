@@ -6,19 +6,19 @@ Measuring needs the log and knows no points; pricing needs only what was measure
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ariac_score.contracts import Monitor, Reader, Rule, Wanted
+from ariac_score.asking import ask, needs_of
+from ariac_score.contracts import Monitor, Reader, Rule, SignalNeed, Wanted
 from ariac_score.errors import (
     DataFileError,
     FormulaError,
     LogError,
     LogMapError,
-    MissingSignalError,
     NothingToScoreError,
     PluginError,
     RuleSetError,
@@ -26,13 +26,13 @@ from ariac_score.errors import (
     did_you_mean,
 )
 from ariac_score.findings import Finding, Verdict
-from ariac_score.guard import GuardedDecoder, broken, open_readers
+from ariac_score.guard import GuardedDecoder, open_readers
 from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
 from ariac_score.logs.config_forms import looks_like, years_in
 from ariac_score.logs.shipment_orders import unknown_products
-from ariac_score.registry import Plugin, Registry, package_sha256
-from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical, settled
+from ariac_score.registry import Registry, package_sha256
+from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical
 from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
@@ -110,7 +110,7 @@ def score_trial(
     bundle, readers = find_trial(path, registry)
     bundle = with_parts(bundle, also, root or path, readers)
     refuse_other_years(bundle, rule_set)
-    needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
+    needs = _needs(checks, rule_set, registry)
     trial = read_trial(
         bundle, readers, mapping, registry, quantities=[need.quantity for need in needs], progress=progress
     )
@@ -141,6 +141,15 @@ def refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
             )
 
 
+def _needs(checks: Mapping[str, Any], rule_set: RuleSet, registry: Registry) -> list[SignalNeed]:
+    """What all monitors of a rule set need."""
+    found = []
+    for name, check in checks.items():
+        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        found += needs_of(plugin, name, check)
+    return found
+
+
 def _renamed(trial: Trial, trial_id: str, team: str) -> Trial:
     setup = replace(trial.team or TeamSetup(), name=team) if team else trial.team
     return replace(trial, id=trial_id or trial.id, team=setup)
@@ -154,15 +163,18 @@ def _with_unknown_products(trial: Trial, rule_set: RuleSet) -> Trial:
     return replace(trial, log_defects=(*trial.log_defects, *unknown_products(trial.orders)))
 
 
-def check_needs(rule_set: RuleSet, checks: Mapping[str, Any], log_map: LogMap) -> None:
+def check_needs(
+    rule_set: RuleSet, checks: Mapping[str, Any], log_map: LogMap, registry: Registry | None = None
+) -> None:
     """Find monitors that ask for quantities nobody has heard of, before a log is read.
 
     Raises:
         RuleSetError: Naming the check and the quantity.
     """
     known = {**QUANTITIES, **log_map.quantities}
-    for name, check in checks.items():
-        for need in check.needs() if isinstance(check, Monitor) else ():
+    registry = registry or Registry()
+    for name in checks:
+        for need in _needs({name: checks[name]}, rule_set, registry):
             if need.quantity not in known:
                 raise RuleSetError(
                     f"check {name!r} asks for the quantity {need.quantity!r}, which is unknown",
@@ -285,12 +297,8 @@ def measure_trial(
     findings: dict[str, Finding] = {}
     for name, check in checks.items():
         plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
-        said = sorted(_ask(plugin, name, check, trial), key=_order_of_findings)
-        for number, finding in enumerate(said, start=1):
-            try:
-                findings[f"{name}#{number}"] = settled(replace(finding, check=name))
-            except (TypeError, ValueError) as cause:
-                raise broken(plugin, f"yields a number that is none: {cause}", of=name) from cause
+        for number, finding in enumerate(ask(plugin, name, check, trial), start=1):
+            findings[f"{name}#{number}"] = finding
     return Measured(
         trial=trial.id,
         findings=findings,
@@ -305,49 +313,6 @@ def measure_trial(
         official=trial.official,
         team=trial.team.name if trial.team else "",
     )
-
-
-def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
-    return finding.subject, finding.span.start_s if finding.span else -1.0, finding.message
-
-
-def _ask(plugin: Plugin, name: str, check: Rule | Monitor, trial: Trial) -> list[Finding]:
-    """Everything one check says, with its failures named and never swallowed."""
-    said: list[Finding] = []
-    try:
-        for finding in _answers(plugin, name, check, trial):
-            if not isinstance(finding, Finding):
-                raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
-            said.append(finding)
-    except MissingSignalError as missing:
-        said.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
-    except PluginError:
-        raise
-    except (Exception, SystemExit) as cause:
-        raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
-    if not said:
-        raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
-    return said
-
-
-def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Finding]:
-    """What a rule says about each order, or a monitor about the trial."""
-    if plugin.group != "ariac_score.rules":
-        yield from check.watch(trial)
-    elif not trial.orders:
-        yield Finding.not_applicable("trial", "no order was announced")
-    for order in trial.orders if plugin.group == "ariac_score.rules" else ():
-        if order.outline and not getattr(check, "reads_official", False):
-            yield Finding.inconclusive(order.id, "what it asked for is not recorded, only its official score")
-            continue
-        spoken = False
-        for finding in check.judge(trial, order):
-            spoken = True
-            yield finding
-        if not spoken and not order.tasks:
-            yield Finding.not_applicable(order.id, "the order asks for nothing")
-        elif not spoken:
-            raise broken(plugin, f"says nothing about {order.id}, and silence is not a verdict", of=name)
 
 
 def _scopes(trial: Trial) -> Scope:
@@ -530,12 +495,7 @@ def decidable(trial: Trial, rule_set: RuleSet, log_map: LogMap, registry: Regist
         registry: The installed plugins.
     """
     checks = rule_set.build(registry)
-    wanted = [
-        Derivation(n.quantity, n.max_gap_s)
-        for c in checks.values()
-        if isinstance(c, Monitor)
-        for n in c.needs()
-    ]
+    wanted = [Derivation(n.quantity, n.max_gap_s) for n in _needs(checks, rule_set, registry)]
     derived = derive_signals(trial, wanted, speed_window_s=log_map.speed_window_s)
     measured = measure_trial(derived, checks, registry=registry, rule_set=rule_set)
     answers = []

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ariac_score.contracts import Decoder, LogDescription, Reader, Wanted
 from ariac_score.errors import PluginError, ScoreError
+from ariac_score.quiet import quiet
 from ariac_score.registry import Plugin, Registry
 from ariac_score.trial.events import Event
 from ariac_score.trial.kits import Kit
@@ -42,7 +43,8 @@ class GuardedReader:
             PluginError: It raised, which this question never should.
         """
         try:
-            return bool(self.reader.can_read(path))
+            with quiet(self.plugin.origin):
+                return bool(self.reader.can_read(path))
         except (Exception, SystemExit) as cause:
             raise self._failed(cause, path) from cause
 
@@ -53,7 +55,8 @@ class GuardedReader:
             PluginError: It raised something other than an error for the user.
         """
         try:
-            return self.reader.describe(path)
+            with quiet(self.plugin.origin):
+                return self.reader.describe(path)
         except ScoreError:
             raise
         except (Exception, SystemExit) as cause:
@@ -67,7 +70,8 @@ class GuardedReader:
                 brought something other than a trial.
         """
         try:
-            trial = self.reader.read(path, wanted)
+            with quiet(self.plugin.origin):
+                trial = self.reader.read(path, wanted)
         except ScoreError:
             raise
         except (Exception, SystemExit) as cause:
@@ -94,7 +98,8 @@ class GuardedDecoder:
             PluginError: It raised anything else, or made something else.
         """
         try:
-            decoded = self.decoder.decode(msgtype, message, t_s)
+            with quiet(self.plugin.origin):
+                decoded = self.decoder.decode(msgtype, message, t_s)
         except (ScoreError, ValueError):
             raise
         except (Exception, SystemExit) as cause:

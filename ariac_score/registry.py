@@ -29,6 +29,7 @@ from ariac_score.errors import (
     did_you_mean,
 )
 from ariac_score.parameters import ParameterFacts, facts_of
+from ariac_score.quiet import quiet
 
 __all__ = ["Plugin", "Registry", "package_sha256"]
 
@@ -68,7 +69,8 @@ class Plugin:
             PluginError: The import fails, for whatever reason.
         """
         try:
-            return EntryPoint(self.name, self.target, self.group).load()
+            with quiet(self.origin):
+                return EntryPoint(self.name, self.target, self.group).load()
         except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
             raise PluginError(
                 f"plugin {self.origin} cannot be imported: {type(cause).__name__}: {cause}",
@@ -111,7 +113,8 @@ class Plugin:
                     hint=_remedy(value, fields[name]),
                 ) from None
         try:
-            plugin = kind(**values)
+            with quiet(self.origin):
+                plugin = kind(**values)
         except ValueError as cause:
             raise RuleSetError(
                 f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
@@ -257,10 +260,20 @@ class Registry:
 def _installed() -> Iterator[Plugin]:
     for group in GROUPS:
         for point in sorted(entry_points(group=group), key=lambda p: (p.name, p.value)):
-            name = point.dist.metadata["Name"] if point.dist else "?"
-            version = point.dist.version if point.dist else "?"
-            normal = re.sub(r"[-_.]+", "-", name).lower()
-            yield Plugin(point.name, group, point.value, normal, version)
+            yield Plugin(point.name, group, point.value, *brought_by(point))
+
+
+def brought_by(point: EntryPoint) -> tuple[str, str]:
+    """Name and version of the distribution an entry point is of; `?` where its metadata do not say."""
+    try:
+        metadata = point.dist.metadata if point.dist else None
+    except (TypeError, FileNotFoundError):  # what Python makes of missing metadata depends on its version
+        metadata = None
+    if metadata is None:
+        return "?", "?"
+    known = [key if key in metadata else "" for key in ("Name", "Version")]
+    name, version = (metadata[key] if key else "?" for key in known)
+    return re.sub(r"[-_.]+", "-", name).lower(), version
 
 
 _DATA_PACKAGES = frozenset({"rules", "schemas"})

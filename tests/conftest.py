@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -42,3 +44,36 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip("the folder of official material (../shared) is not here")
     return folder
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., str]]:
+    """Put distributions on the path as an installer does: a module, METADATA, entry_points.txt."""
+    before = set(sys.modules)
+
+    def put(
+        distribution: str,
+        points: dict[str, str],
+        *,
+        source: str = "",
+        version: str = "1.0",
+        group: str = "ariac_score.rules",
+    ) -> str:
+        module = f"stranger_{distribution.replace('-', '_')}"
+        place = tmp_path / f"{distribution}-{version}"
+        place.mkdir()
+        (place / f"{module}.py").write_text(source, encoding="utf-8")
+        folder = place / f"{distribution.replace('-', '_')}-{version}.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: {version}\n", encoding="utf-8"
+        )
+        lines = "".join(f"{name} = {module}:{attribute}\n" for name, attribute in points.items())
+        (folder / "entry_points.txt").write_text(f"[{group}]\n{lines}", encoding="utf-8")
+        monkeypatch.syspath_prepend(str(place))
+        return module
+
+    yield put
+    for name in set(sys.modules) - before:
+        if name.startswith("stranger_"):
+            del sys.modules[name]

@@ -428,6 +428,18 @@ BROKEN = {
         "trial.signals['centre_distance/robot/human'].values[:] = 99.0\nyield",
         "raised ValueError: assignment destination is read-only",
     ),
+    "unlocks an array": (
+        "trial.signals['speed/human'].values.setflags(write=True)\nyield",
+        "raised ValueError: cannot set WRITEABLE flag",
+    ),
+    "writes below the array": (
+        "trial.signals['speed/human'].values.base.setflags(write=True)\nyield",
+        "raised ValueError: cannot set WRITEABLE flag",
+    ),
+    "goes behind the lock": (
+        "object.__setattr__(trial, 'events', ())\nyield Finding.satisfied('t', 'x')",
+        "changed the trial it was asked about",
+    ),
     "stretches time": ("trial.signals['speed/human'].t[0] = -1.0\nyield", "raised ValueError"),
 }
 
@@ -445,6 +457,17 @@ def test_a_broken_check_stops_the_score_and_is_named_in_full(play: Played, name:
     assert "plugin odd.check (odd-rules 6.6)" in said
     assert words in said
     assert "odd-rules" in error.value.hint
+
+
+def test_what_a_plugin_prints_is_kept_out_of_the_result_and_its_name_said(
+    play: Played, capsys: pytest.CaptureFixture[str]
+) -> None:
+    play("print('here')\nprint('and there')\nyield Finding.satisfied('t', 'x')")
+
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("notice: plugin odd.check (odd-rules 6.6) printed 'here' and ")
+    assert err.endswith("plugins speak through findings alone\n")
 
 
 def test_a_monitor_that_says_nothing_stops_the_score(play: Played) -> None:

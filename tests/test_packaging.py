@@ -56,7 +56,10 @@ def test_the_wheel_holds_every_module_and_data_file(wheel: zipfile.ZipFile) -> N
     names = set(wheel.namelist())
     wanted = {
         f"ariac_score/{p}"
-        for p in _tree("ariac_score", "*.py") | _tree("ariac_score", "*.msg") | {"py.typed"}
+        for p in _tree("ariac_score", "*.py")
+        | _tree("ariac_score", "*.msg")
+        | _tree("ariac_score", "*.tmpl")
+        | {"py.typed"}
     }
     wanted |= {f"ariac_score/rules/{p}" for p in _tree("rules", "*.yaml") | {"__init__.py"}}
     wanted |= {f"ariac_score/schemas/{p}" for p in _tree("schemas", "*.json") | {"__init__.py"}}

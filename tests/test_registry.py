@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -116,39 +114,6 @@ class Install(Protocol):
         version: str = "1.0",
         group: str = RULES,
     ) -> str: ...
-
-
-@pytest.fixture
-def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Put distributions on the path as an installer does: a module, METADATA, entry_points.txt."""
-    before = set(sys.modules)
-
-    def put(
-        distribution: str,
-        points: dict[str, str],
-        *,
-        source: str = "",
-        version: str = "1.0",
-        group: str = RULES,
-    ) -> str:
-        module = f"stranger_{distribution.replace('-', '_')}"
-        place = tmp_path / f"{distribution}-{version}"
-        place.mkdir()
-        (place / f"{module}.py").write_text(source, encoding="utf-8")
-        folder = place / f"{distribution.replace('-', '_')}-{version}.dist-info"
-        folder.mkdir()
-        (folder / "METADATA").write_text(
-            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: {version}\n", encoding="utf-8"
-        )
-        lines = "".join(f"{name} = {module}:{attribute}\n" for name, attribute in points.items())
-        (folder / "entry_points.txt").write_text(f"[{group}]\n{lines}", encoding="utf-8")
-        monkeypatch.syspath_prepend(str(place))
-        return module
-
-    yield put
-    for name in set(sys.modules) - before:
-        if name.startswith("stranger_"):
-            del sys.modules[name]
 
 
 FINE = """

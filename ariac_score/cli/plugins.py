@@ -1,48 +1,211 @@
-"""`ariac-score plugins list`: what is installed, and who brought it."""
+"""`ariac-score plugins list|show|check|doctor`: what is installed, by whom, and whether it is sound."""
 
 from __future__ import annotations
 
 import argparse
+import json
+import sys
+from pathlib import Path
 from typing import Any
 
+EXIT_BROKEN = 1
 EXIT_PLUGIN = 3
 
 
 def register(commands: Any) -> None:
     """Add the command and its actions."""
-    parser = commands.add_parser("plugins", help="list installed plugins")
+    parser = commands.add_parser("plugins", help="list, show, check and mend installed plugins")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="every plugin, its distribution and version")
-    listing.set_defaults(run=run)
+    listing.add_argument("--hash", action="store_true", help="with the SHA-256 of its package's code")
+    listing.add_argument("--output-format", choices=("text", "json"), default="text")
+    listing.set_defaults(run=run_list)
+    show = actions.add_parser("show", help="the page of one plugin")
+    show.add_argument("name", metavar="NAME")
+    show.set_defaults(run=run_show)
+    check = actions.add_parser(
+        "check",
+        help="whether a plugin keeps its contract",
+        description="Tries the contract of a plugin on a trial. Exit codes: 0 kept, 1 broken.",
+    )
+    check.add_argument("name", metavar="NAME")
+    check.add_argument(
+        "--trial", type=Path, metavar="LOG", help="a log of yours; by default a made trial (readers need one)"
+    )
+    check.add_argument("--log-map", default="", metavar="NAME", help="log map to read it with")
+    check.add_argument(
+        "--budget", type=float, default=None, metavar="S", help="processor time for a million samples, s"
+    )
+    check.set_defaults(run=run_check)
+    doctor = actions.add_parser("doctor", help="everything that is wrong with what is installed")
+    doctor.set_defaults(run=run_doctor)
 
 
-def run(_arguments: argparse.Namespace) -> int:
+# list ----------------------------------------------------------------------------------
+
+
+def run_list(arguments: argparse.Namespace) -> int:
     """Print each plugin; one that cannot be loaded or is provided twice is said to be so."""
     from ariac_score.contracts import GROUPS  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.errors import PluginError  # noqa: PLC0415
     from ariac_score.registry import Registry  # noqa: PLC0415
 
-    registry, code = Registry(), 0
-    for group in GROUPS:
-        for plugin in registry.all(group):
-            state = _first_line(plugin)
+    registry = Registry()
+    rows = [_row(registry, plugin) for group in GROUPS for plugin in registry.all(group)]
+    if arguments.output_format == "json":
+        print(json.dumps(rows, indent=1, ensure_ascii=False))
+    for row in rows if arguments.output_format == "text" else ():
+        code = f" {row['sha256'][:16]}" if arguments.hash else ""
+        words = f"{row['problem'] or row['summary']}"
+        print(f"{row['kind']:<9} {row['name']:<30} {row['distribution']} {row['version']:<8}{code} {words}")
+    return EXIT_PLUGIN if any(row["problem"] for row in rows) else 0
+
+
+def _row(registry: Any, plugin: Any) -> dict[str, str]:
+    """One plugin as `list` gives it; why it cannot be used is its `problem`."""
+    from ariac_score.errors import PluginError  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.registry import package_sha256  # noqa: PLC0415
+
+    row = {
+        "kind": plugin.group.rpartition(".")[2],
+        "name": plugin.name,
+        "distribution": plugin.distribution,
+        "version": plugin.version,
+        "target": plugin.target,
+        "sha256": "",
+        "summary": "",
+        "problem": "",
+    }
+    try:
+        row["summary"] = (plugin.load().__doc__ or "").strip().partition("\n")[0]
+        row["sha256"] = package_sha256(plugin.package)
+    except PluginError as error:
+        row["problem"] = f"BROKEN: {error.cause}"
+    try:
+        registry.find(plugin.group, plugin.name)
+    except PluginError as error:
+        row["problem"] = f"CANNOT BE USED: {error.cause}"
+    return row
+
+
+# show ----------------------------------------------------------------------------------
+
+
+def run_show(arguments: argparse.Namespace) -> int:
+    """Print the page of a plugin, after who brought it."""
+    from ariac_score.registry import package_sha256  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.report.style import plain  # noqa: PLC0415
+    from ariac_score.testing.pages import plugin_page  # noqa: PLC0415
+
+    for plugin in _named(arguments.name):
+        kind = plugin.group.rpartition(".")[2].removesuffix("s")
+        page = plugin_page(plugin)
+        print(f"{kind} of {plugin.distribution} {plugin.version}, {plugin.target}")
+        print(f"code {package_sha256(plugin.package)}\n")
+        sys.stdout.write("".join(f"{plain(line)}\n" for line in page.splitlines()))
+    return 0
+
+
+def _named(name: str) -> list[Any]:
+    """The plugins of that name, whatever their kind.
+
+    Raises:
+        PluginNotFoundError: Nobody provides it.
+        PluginConflictError: Two distributions do.
+    """
+    from ariac_score.contracts import GROUPS  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.errors import PluginNotFoundError, did_you_mean  # noqa: PLC0415
+    from ariac_score.registry import Registry  # noqa: PLC0415
+
+    registry = Registry()
+    groups = [group for group in GROUPS if name in registry.names(group)]
+    if not groups:
+        known = [known for group in GROUPS for known in registry.names(group)]
+        raise PluginNotFoundError(
+            f"no installed distribution provides {name!r}", hint=did_you_mean(name, known, what="installed")
+        )
+    return [registry.find(group, name) for group in groups]
+
+
+# check ---------------------------------------------------------------------------------
+
+
+def run_check(arguments: argparse.Namespace) -> int:
+    """Try every check of a plugin's contract and say how each went."""
+    from ariac_score.errors import ScoreError, UsageError  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.testing.contract import BUDGET_S, contract_checks  # noqa: PLC0415
+    from ariac_score.testing.pages import example_parameters  # noqa: PLC0415
+
+    budget_s = BUDGET_S if arguments.budget is None else arguments.budget
+    if not budget_s > 0:
+        raise UsageError(f"a budget of {budget_s:g} s is none", hint="give a positive number of seconds")
+    code = 0
+    for plugin in _named(arguments.name):
+        subject = _subject(plugin, arguments)
+        try:
+            built = plugin.build(example_parameters(plugin))
+            checks = contract_checks(built, subject, budget_s=budget_s, log_map=arguments.log_map)
+        except ScoreError as error:
+            _outcome("built", error)
+            return EXIT_BROKEN
+        what = arguments.trial.name if arguments.trial else "the made trial"
+        print(f"{plugin.origin}: {len(checks)} checks on {what}")
+        for check in checks:
             try:
-                registry.find(group, plugin.name)
-            except PluginError as error:
-                state, code = f"CANNOT BE USED: {error.cause}", EXIT_PLUGIN
-            if state.startswith("BROKEN"):
-                code = EXIT_PLUGIN
-            kind = group.rpartition(".")[2]
-            print(f"{kind:<9} {plugin.name:<30} {plugin.distribution} {plugin.version:<8} {state}")
+                check()
+            except ScoreError as error:
+                _outcome(check.name, error)
+                code = EXIT_BROKEN
+            else:
+                print(f"  kept    {check.name:<24} {check.about}")
     return code
 
 
-def _first_line(plugin: Any) -> str:
-    """What the plugin is for, in its own words; or why it cannot be loaded."""
-    from ariac_score.errors import PluginError  # noqa: PLC0415  # keeps --help quick
+def _outcome(name: str, error: Any) -> None:
+    from ariac_score.report.style import plain, style_for  # noqa: PLC0415  # keeps --help quick
 
-    try:
-        kind = plugin.load()
-    except PluginError as error:
-        return f"BROKEN: {error.cause}"
-    return (kind.__doc__ or "").strip().partition("\n")[0]
+    print(f"  {style_for(sys.stdout)('BROKEN', 'red')}  {name:<24} {plain(str(error))}")
+
+
+def _subject(plugin: Any, arguments: argparse.Namespace) -> Any:
+    """What a plugin is checked with: a log for a reader, a trial for all others."""
+    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.testing.made import made_trial  # noqa: PLC0415
+
+    kind = plugin.group.rpartition(".")[2]
+    if kind == "decoders":
+        raise UsageError("a decoder is checked with the reader that uses it", hint="check the reader")
+    if kind == "readers":
+        if arguments.trial is None:
+            raise UsageError("a reader is checked with a log that it reads", hint="give one with --trial")
+        return arguments.trial
+    return made_trial() if arguments.trial is None else _read(arguments)
+
+
+def _read(arguments: argparse.Namespace) -> Any:
+    """The trial of a log, with every quantity it has."""
+    from ariac_score.engine import find_trial, read_trial  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.logmap import load_log_map  # noqa: PLC0415
+    from ariac_score.registry import Registry  # noqa: PLC0415
+    from ariac_score.trial.channels import LogMap  # noqa: PLC0415
+    from ariac_score.trial.vocabulary import QUANTITIES  # noqa: PLC0415
+
+    registry = Registry()
+    mapping = load_log_map(arguments.log_map) if arguments.log_map else LogMap("none")
+    bundle, readers = find_trial(arguments.trial, registry)
+    return read_trial(bundle, readers, mapping, registry, quantities=[*QUANTITIES, *mapping.quantities])
+
+
+# doctor --------------------------------------------------------------------------------
+
+
+def run_doctor(_arguments: argparse.Namespace) -> int:
+    """Print every problem with its remedy."""
+    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.testing.doctor import ailments  # noqa: PLC0415
+
+    found = ailments()
+    for ailment in found:
+        print(f"{plain(ailment.origin)}: {plain(ailment.problem)}\n  hint: {plain(ailment.hint)}")
+    if not found:
+        print("every installed plugin can be used")
+    return EXIT_BROKEN if found else 0

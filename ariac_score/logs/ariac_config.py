@@ -32,6 +32,13 @@ class TrialConfigReader:
 
     Orders and their updates are given side by side, without times: when each was
     announced, and so whether an update came, only a log of the trial can tell.
+
+    Reads:
+        Orders with their tasks, products and poses; of 2025 how many orders of each kind.
+    Refuses:
+        YAML that is none, an unknown key, and a number or name that cannot be one.
+    Source:
+        `nist_gear/script/gear.py` of 2017 to 2022; ARIAC notes on log formats, section 7.
     """
 
     def can_read(self, path: Path) -> bool:

@@ -122,7 +122,17 @@ class DatabaseRun:
 
 
 class AriacDatabaseReader:
-    """Reads the run of a database that holds one."""
+    """Reads the run of a database that holds one.
+
+    Reads:
+        The numbers of the run and its trial, penalties, and the submissions that were
+        accepted. Of several runs one is asked for by its number.
+    Refuses:
+        A file that is damaged or no plain database, a table without its columns, no run at
+        all, and several of which none was chosen.
+    Source:
+        ARIAC notes on log formats, section 10; `ariac_db/schema/ariac.sql`.
+    """
 
     def can_read(self, path: Path) -> bool:
         """Whether it is an SQLite file with the tables of 2025, whole or not."""

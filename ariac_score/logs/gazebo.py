@@ -610,6 +610,15 @@ class GazeboStateReader:
     Times are simulated time. Positions are those of the models' and links' origins in
     the world frame; models have 3 significant digits in the real files, links 4.
     Recording pauses while nothing moves, which leaves gaps between frames.
+
+    Reads:
+        The position of every model and link that the log map names, frame by frame.
+    Refuses:
+        A log without one whole frame, and one with a corrupt chunk. A log that was cut off
+        is read up to the cut, which is said.
+    Source:
+        Gazebo classic 7 to 11, `physics/WorldState` and `util/LogRecord`; ARIAC notes on
+        log formats, section 4.
     """
 
     def can_read(self, path: Path) -> bool:

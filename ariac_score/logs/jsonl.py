@@ -63,7 +63,17 @@ Note = Callable[[str], None]
 
 
 class JsonLinesReader:
-    """Reads `.jsonl` trial logs in the format of `schemas/trial_log.schema.json`."""
+    """Reads `.jsonl` trial logs in the format of `schemas/trial_log.schema.json`.
+
+    Reads:
+        One record on each line: bodies, orders, submissions, events, and samples of any
+        signal with its time in s of trial time.
+    Refuses:
+        A line that is no record, a value of a wrong kind, or a file that breaks off: its
+        last record says how many there are. A repeated or disordered stamp is counted.
+    Source:
+        `schemas/trial_log.schema.json`, our own format.
+    """
 
     def can_read(self, path: Path) -> bool:
         """Whether the first line is the head of a trial log, or the file is an empty `.jsonl`."""

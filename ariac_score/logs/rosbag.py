@@ -26,6 +26,14 @@ class RosbagReader:
 
     Trial time 0 is the earliest log time of any message, so that the same
     messages give the same trial in every format, to the bit.
+
+    Reads:
+        The topics that the log map leads to signals, orders, submissions or events.
+    Refuses:
+        A recording that breaks off or fails a checksum, a message that its type does not
+        fit, and stamps that run back by more than a second.
+    Source:
+        ROS bag format 2.0, rosbag2, the MCAP specification; messages as the log map says.
     """
 
     def can_read(self, path: Path) -> bool:

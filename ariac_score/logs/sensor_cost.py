@@ -33,7 +33,15 @@ _CUT = "copy the file again, or start the simulator again: it is written at star
 
 
 class SensorCostReader:
-    """Reads the sensors of a run and their total cost."""
+    """Reads the sensors of a run and their total cost.
+
+    Reads:
+        How many sensors of each type there were, and what they cost in all.
+    Refuses:
+        An empty text, and one that was cut off before its total.
+    Source:
+        ARIAC notes on log formats, section 6.
+    """
 
     def can_read(self, path: Path) -> bool:
         """Whether its first lines are the heading of such a file."""

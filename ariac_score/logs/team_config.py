@@ -53,6 +53,13 @@ class TeamConfigReader:
 
     A camera on a robot is one of them when it is switched on. Sensors of 2025 are
     typed with their grade, such as `camera_1080p_30hz` (see `sensor_grades`).
+
+    Reads:
+        The sensors by name and type.
+    Refuses:
+        YAML that is none, and sensors whose type cannot be told.
+    Source:
+        ARIAC notes on log formats, section 8.
     """
 
     def can_read(self, path: Path) -> bool:
@@ -91,6 +98,13 @@ class TeamNameReader:
 
     Such a file holds an access token. Nothing but the name is taken from it, and no
     message quotes from it.
+
+    Reads:
+        `team_name`, and nothing else.
+    Refuses:
+        A name that is no text.
+    Source:
+        ARIAC notes on log formats, section 8.
     """
 
     def can_read(self, path: Path) -> bool:

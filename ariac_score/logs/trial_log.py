@@ -66,7 +66,16 @@ _CUT = "copy the log again; a score must not rest on part of it"
 
 
 class TrialLogReader:
-    """Reads the official score text of one run of 2023 or 2024, or how the run ended without one."""
+    """Reads the official score text of one run of 2023 or 2024, or how the run ended without one.
+
+    Reads:
+        The score and the times of each order as printed, the total, the course of the run.
+    Refuses:
+        An empty text, one of another kind, one that was cut off, an order that is given
+        twice, and times that contradict each other.
+    Source:
+        ARIAC notes on log formats, sections 5.1 to 5.3.
+    """
 
     def can_read(self, path: Path) -> bool:
         """Whether it has the headings of such a text, or is what the evaluation script wrote instead."""

@@ -1,6 +1,8 @@
 """For authors of plugins and tests: trials made to order, and their record in every log format."""
 
 from ariac_score.testing.bags import Recorded, write_bag
+from ariac_score.testing.contract import ContractCheck, ContractError, contract_checks
+from ariac_score.testing.made import made_trial
 from ariac_score.testing.trials import (
     NEAR_MISS,
     SNAPSHOT_SIGNALS,
@@ -13,9 +15,13 @@ from ariac_score.testing.trials import (
 __all__ = [
     "NEAR_MISS",
     "SNAPSHOT_SIGNALS",
+    "ContractCheck",
+    "ContractError",
     "NearMiss",
     "Recorded",
+    "contract_checks",
     "kitting_trial",
+    "made_trial",
     "recorded_messages",
     "write_bag",
     "write_trial_log",

@@ -230,6 +230,10 @@ class TeamSetup:
     sensors: Mapping[str, str] | None = None
     sensor_cost: float | None = None
 
+    def __post_init__(self) -> None:
+        if self.sensors is not None:
+            object.__setattr__(self, "sensors", MappingProxyType(dict(self.sensors)))
+
 
 @dataclass(frozen=True)
 class OfficialOrder:
@@ -257,6 +261,9 @@ class OfficialOrder:
     submitted_s: float | None = None
     items: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "items", MappingProxyType(dict(self.items)))
+
 
 @dataclass(frozen=True)
 class OfficialResult:
@@ -280,6 +287,10 @@ class OfficialResult:
     outcome: str = ""
     summaries: tuple[OfficialOrder, ...] = ()
     items: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __post_init__(self) -> None:
+        for name in ("orders", "items"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
 
 @dataclass(frozen=True, order=True)

@@ -50,19 +50,16 @@ class Signal:
     values: FloatArray
 
     def __post_init__(self) -> None:
-        # Copies: a caller who keeps the array it handed in must not be able to change the trial.
-        t = np.array(self.t, dtype=np.float64)
-        values = np.array(self.values, dtype=np.float64)
+        t = np.asarray(self.t, dtype=np.float64)
+        values = np.asarray(self.values, dtype=np.float64)
         if t.ndim != 1 or values.ndim not in (1, 2) or len(values) != len(t):
             raise ValueError(f"signal {self.name!r}: times {t.shape} and values {values.shape} do not fit")
         if not (np.isfinite(t).all() and (np.diff(t) > 0).all()):
             raise ValueError(f"signal {self.name!r}: times must be finite and strictly increasing")
         if not np.isfinite(values).all():
             raise ValueError(f"signal {self.name!r}: values must be finite")
-        t.setflags(write=False)
-        values.setflags(write=False)
-        object.__setattr__(self, "t", t)
-        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "t", _sealed(t))
+        object.__setattr__(self, "values", _sealed(values))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -103,6 +100,13 @@ class Signal:
         value = self.values[i]
         plain = float(value) if self.values.ndim == 1 else tuple(float(v) for v in value)
         return Sample(self.name, float(self.t[i]), plain, self.unit)
+
+
+def _sealed(values: FloatArray) -> FloatArray:
+    """A copy that nobody can write to, neither who handed the array in nor who unsets its flags."""
+    if not values.size:  # an empty buffer makes no array, and holds nothing to protect
+        return np.empty(values.shape)
+    return np.frombuffer(values.tobytes(), dtype=np.float64).reshape(values.shape)
 
 
 def align(signals: Sequence[Signal], *, max_gap_s: float) -> tuple[FloatArray, list[FloatArray]]:

@@ -25,7 +25,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from string import Formatter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -300,6 +300,13 @@ class Always(Formula):
         The rule set that writes it.
     """
 
+    example: ClassVar[Mapping[str, Any]] = {
+        "holds": "distance >= k_R * t1 + 0.5",
+        "signals": {"distance": "separation/{robot}/{human}", "k_R": "speed/{robot}"},
+        "parameters": {"t1": 1.0},
+        "unit": "m",
+    }
+
     holds: str = parameter("", source="the formula; required")
     unit: str = parameter("1", source="unit of the margin, for the names of the severities")
 
@@ -371,6 +378,12 @@ class Never(Always):
         The rule set that writes it.
     """
 
+    example: ClassVar[Mapping[str, Any]] = {
+        "holds": "v > 0.4",
+        "signals": {"v": "speed/{robot}"},
+        "unit": "m/s",
+    }
+
     def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
         found = self._of(self.holds, watched)
         yield from self._findings(subject, watched, Judged(~found.true, -found.margin, found.limit))
@@ -394,6 +407,13 @@ class Within(Formula):
     Source:
         The rule set that writes it.
     """
+
+    example: ClassVar[Mapping[str, Any]] = {
+        "trigger": "distance < 0.5",
+        "response": "v < 0.1",
+        "signals": {"distance": "separation/{robot}/{human}", "v": "speed/{robot}"},
+        "within_s": 1.0,
+    }
 
     trigger: str = parameter("", source="what begins to hold; required")
     response: str = parameter("", source="what has to hold then; required")

@@ -1,0 +1,120 @@
+"""Asking one check about a trial: what it says, with its failures named and never swallowed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+from ariac_score.contracts import Monitor, Rule, SignalNeed
+from ariac_score.errors import MissingSignalError, PluginError
+from ariac_score.findings import Finding
+from ariac_score.guard import broken
+from ariac_score.quiet import quiet
+from ariac_score.registry import Plugin
+from ariac_score.result import settled
+from ariac_score.trial.model import Trial
+
+__all__ = ["ask", "needs_of"]
+
+Heard = Callable[[str], None]
+
+
+def needs_of(plugin: Plugin, name: str, check: Any) -> list[SignalNeed]:
+    """What a monitor needs; nothing for a rule.
+
+    Raises:
+        PluginError: It raised, or asks for something that is no `SignalNeed`.
+    """
+    if not isinstance(check, Monitor):
+        return []
+    try:
+        with quiet(plugin.origin):
+            needs = list(check.needs())
+    except (Exception, SystemExit) as cause:
+        raise broken(
+            plugin, f"raised {type(cause).__name__} when asked what it needs: {cause}", of=name
+        ) from cause
+    for need in needs:
+        if not isinstance(need, SignalNeed):
+            raise broken(plugin, f"needs a {type(need).__name__} instead of a SignalNeed", of=name)
+    return needs
+
+
+def ask(
+    plugin: Plugin, name: str, check: Rule | Monitor, trial: Trial, *, heard: Heard | None = None
+) -> list[Finding]:
+    """Everything one check says about a trial, in order, with the numbers as they will be stored.
+
+    Args:
+        plugin: Whose fault it is when something goes wrong.
+        name: Name of the check.
+        check: The built plugin.
+        trial: With the derived signals.
+        heard: Told when the plugin prints; by default a notice goes to standard error.
+
+    Raises:
+        PluginError: The plugin raised, said nothing, yielded something else, or changed the trial.
+    """
+    before = _marks(trial)
+    said: list[Finding] = []
+    with quiet(plugin.origin, heard) if heard else quiet(plugin.origin):
+        try:
+            for finding in _answers(plugin, name, check, trial):
+                if not isinstance(finding, Finding):
+                    raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
+                said.append(finding)
+        except MissingSignalError as missing:
+            said.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
+        except PluginError:
+            raise
+        except (Exception, SystemExit) as cause:
+            raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
+    if _marks(trial) != before:
+        raise broken(plugin, "changed the trial it was asked about", of=name)
+    if not said:
+        raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
+    return sorted((_stored(plugin, name, finding) for finding in said), key=_order_of_findings)
+
+
+def _stored(plugin: Plugin, name: str, finding: Finding) -> Finding:
+    try:
+        return settled(replace(finding, check=name))
+    except (TypeError, ValueError) as cause:
+        raise broken(plugin, f"yields a number that is none: {cause}", of=name) from cause
+
+
+def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
+    return finding.subject, finding.span.start_s if finding.span else -1.0, finding.message
+
+
+def _marks(trial: Trial) -> tuple[object, ...]:
+    """What tells that a trial is still the same; its arrays cannot be written to at all."""
+    small = (trial.orders, trial.submissions, trial.events, trial.bodies, trial.witnessed, trial.recorded)
+    same = (trial.signals, trial.facts, trial.team, trial.official, trial.kits)
+    arrays = [(name, id(s), id(s.t), id(s.values), s.unit) for name, s in trial.signals.items()]
+    try:
+        small_mark = hash(small)
+    except TypeError:  # a reader put a list where a tuple belongs
+        small_mark = hash(repr(small))
+    return small_mark, *map(id, same), trial.id, trial.clock, trial.unrecorded, trial.log_defects, *arrays
+
+
+def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Finding]:
+    """What a rule says about each order, or a monitor about the trial."""
+    if plugin.group != "ariac_score.rules":
+        yield from check.watch(trial)
+    elif not trial.orders:
+        yield Finding.not_applicable("trial", "no order was announced")
+    for order in trial.orders if plugin.group == "ariac_score.rules" else ():
+        if order.outline and not getattr(check, "reads_official", False):
+            yield Finding.inconclusive(order.id, "what it asked for is not recorded, only its official score")
+            continue
+        spoken = False
+        for finding in check.judge(trial, order):
+            spoken = True
+            yield finding
+        if not spoken and not order.tasks:
+            yield Finding.not_applicable(order.id, "the order asks for nothing")
+        elif not spoken:
+            raise broken(plugin, f"says nothing about {order.id}, and silence is not a verdict", of=name)

@@ -1,0 +1,541 @@
+"""The contracts of plugins as checks that any test can run, and any referee.
+
+    @pytest.mark.parametrize("check", contract_checks(MONITOR, made_trial()))
+    def test_keeps_the_monitor_contract(check: ContractCheck) -> None:
+        check()
+
+A check that fails names the plugin with its distribution and version, and says what it did.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ariac_score.asking import ask, needs_of
+from ariac_score.contracts import GROUPS, Incremental, Monitor, Reader, Rule
+from ariac_score.errors import PluginError
+from ariac_score.findings import Finding, Verdict
+from ariac_score.registry import Plugin, Registry
+from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
+from ariac_score.testing.variants import HOLLOW, SIGNAL_VARIANTS, bare, only, reordered, shifted, without
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.model import Trial
+
+__all__ = [
+    "BUDGET_S",
+    "SECTIONS",
+    "ContractCheck",
+    "ContractError",
+    "contract_checks",
+    "origin_of",
+    "snapshot",
+    "undocumented",
+]
+
+BUDGET_S = 30.0
+"""Processor time a plugin may take for a million samples, s. Generous: a vectorised monitor takes 0.1 s."""
+
+SMALLEST_LOG_SAMPLES = 100_000
+"""A shorter log is allowed the time of one of this length, for calls and imports cost time too."""
+
+SECTIONS: Mapping[str, tuple[str, ...]] = {
+    "ariac_score.rules": ("Measures", "Violated when", "Source"),
+    "ariac_score.monitors": ("Measures", "Violated when", "Source"),
+    "ariac_score.readers": ("Reads", "Refuses", "Source"),
+    "ariac_score.decoders": (),
+}
+"""The sections that the docstring of a plugin has: its help page."""
+
+SHIFT_S = 64.0
+
+HINT = "see ariac_score.contracts and docs/write-a-monitor.md"
+
+_DECIDED = (Verdict.SATISFIED, Verdict.VIOLATED)
+
+
+class ContractError(PluginError):
+    """A plugin does not keep its contract."""
+
+
+@dataclass(frozen=True)
+class ContractCheck:
+    """One requirement, ready to be tried.
+
+    Attributes:
+        name: Such as `time_shift`.
+        about: What is required, in one sentence.
+        run: Tries it.
+    """
+
+    name: str
+    about: str
+    run: Callable[[], None] = dataclasses.field(repr=False)
+
+    @property
+    def __name__(self) -> str:
+        """What pytest calls it."""
+        return self.name
+
+    def __call__(self) -> None:
+        """Try it.
+
+        Raises:
+            PluginError: The plugin does otherwise; the message names it.
+        """
+        self.run()
+
+
+def contract_checks(
+    plugin: Any, trial: Trial | Path, *, budget_s: float = BUDGET_S, log_map: str = ""
+) -> list[ContractCheck]:
+    """Everything the contract of a plugin asks for.
+
+    Args:
+        plugin: A rule, a monitor or a reader, with the parameters it is to be checked with.
+        trial: A trial that gives it something to say, such as `made_trial()`; for a
+            reader, the path of a log that it reads.
+        budget_s: Processor time it may take for a million samples, s.
+        log_map: Name of the log map a reader is asked to read with; by default an empty one.
+
+    Raises:
+        TypeError: It is none of these, or the second argument does not fit it.
+    """
+    if isinstance(plugin, Reader):
+        from ariac_score.testing.reader_contract import reader_checks  # noqa: PLC0415  # it imports this module
+
+        if isinstance(trial, Trial):
+            raise TypeError("a reader is checked with the path of a log, not with a trial")
+        return reader_checks(plugin, origin_of(plugin), Path(trial), budget_s=budget_s, log_map=log_map)
+    if not isinstance(plugin, Rule | Monitor):
+        raise TypeError(f"{type(plugin).__name__} is no rule, monitor or reader; is it built?")
+    if not isinstance(trial, Trial):
+        raise TypeError("a rule or monitor is checked with a trial, such as made_trial()")
+    return _Checked(plugin, trial, budget_s).checks()
+
+
+# Whose fault it is ---------------------------------------------------------------------
+
+
+def origin_of(plugin: Any) -> Plugin:
+    """The installed plugin that an object is of; where none is, one that says so."""
+    kind = plugin if isinstance(plugin, type) else type(plugin)
+    group = next((name for name, contract in GROUPS.items() if isinstance(plugin, contract)), "")
+    package = kind.__module__.partition(".")[0]
+    for known in Registry().all(group):
+        if known.package == package and _loads(known, kind):
+            return known
+    return Plugin(kind.__name__, group, f"{kind.__module__}:{kind.__qualname__}", package, "not installed")
+
+
+def _loads(known: Plugin, kind: type) -> bool:
+    try:
+        return known.load() is kind
+    except PluginError:
+        return False
+
+
+def undocumented(plugin: Plugin, kind: Any) -> list[str]:
+    """The sections that the docstring of a plugin lacks."""
+    page = f"\n{inspect.cleandoc(kind.__doc__ or '')}\n"
+    return [section for section in SECTIONS[plugin.group] if f"\n{section}:\n" not in page]
+
+
+def built_by_name(kind: type) -> str:
+    """Why a class cannot be built from the `with:` block of a rule set; empty when it can."""
+    try:
+        parameters = inspect.signature(kind).parameters.values()
+    except (TypeError, ValueError):
+        return ""
+    for parameter in parameters:
+        if parameter.kind is parameter.POSITIONAL_ONLY:
+            return f"takes {parameter.name!r} by position alone, and a rule set gives parameters by name"
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            return f"takes *{parameter.name}, so that a misspelt parameter would pass"
+    return ""
+
+
+def snapshot(value: Any) -> Any:
+    """A copy of a value down to its last number, to see later whether anything changed.
+
+    >>> snapshot({"a": (1, [2.5])})
+    (('a', (1, (2.5,))),)
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        held = ((f.name, snapshot(getattr(value, f.name))) for f in dataclasses.fields(value))
+        return type(value).__name__, *held
+    if isinstance(value, Mapping):
+        return tuple((key, snapshot(item)) for key, item in value.items())
+    if isinstance(value, list | tuple):
+        return tuple(snapshot(item) for item in value)
+    return value.tobytes() if isinstance(value, np.ndarray) else value
+
+
+# Rules and monitors --------------------------------------------------------------------
+
+
+class _Checked:
+    """A rule or monitor under examination."""
+
+    def __init__(self, check: Any, trial: Trial, budget_s: float) -> None:
+        self.check, self.budget_s = check, budget_s
+        self.plugin = origin_of(check)
+        self.heard: list[str] = []
+        self.taken_s = 0.0
+        self._trial = trial
+        self._derived: Trial | None = None
+        self._said: list[Finding] | None = None
+
+    def checks(self) -> list[ContractCheck]:
+        """In the order in which one failing explains the next."""
+        named = [
+            ("docstring_sections", "its docstring has the sections of a help page", self.docstring_sections),
+            ("built_by_name", "a rule set can build it, with parameters by name", self.built_by_name),
+            ("time_budget", "it keeps its budget of processor time", self.time_budget),
+            ("prints_nothing", "it prints nothing", self.prints_nothing),
+            ("at_least_one_finding", "silence is not a verdict, whatever the trial", self.speaks),
+            ("units_declared", "margins and evidence have a unit", self.units_declared),
+            ("spans_inside", "spans and evidence lie inside the trial", self.spans_inside),
+            ("same_trial_same_findings", "the same trial gives the same findings", self.repeats),
+            ("trial_unchanged", "it leaves the trial as it was", self.trial_unchanged),
+            ("order_of_signals", "the order of signals and bodies is irrelevant", self.order_of_signals),
+            ("time_shift", "a later start moves spans and nothing else", self.time_shift),
+        ]
+        if isinstance(self.check, Monitor):
+            named += [
+                ("needs_declared", "what it rests on is what it says it needs", self.needs_declared),
+                ("missing_signals", "missing signals are asked for, not assumed", self.missing_signals),
+            ]
+            named += [
+                (variant, f"signals with a fault ({variant.replace('_', ' ')}) are no reason to guess", run)
+                for variant, run in self._variants()
+            ]
+        else:
+            named.append(("missing_submissions", "what is not recorded is not assumed", self.submissions))
+        if getattr(self.check, "incremental", False):
+            named.append(("one_by_one", "one message at a time equals the whole log", self.one_by_one))
+        return [ContractCheck(*each) for each in named]
+
+    # Asking
+
+    @property
+    def trial(self) -> Trial:
+        """The trial with what the monitor needs, as the engine would hand it over."""
+        if self._derived is None:
+            needs = needs_of(self.plugin, "contract", self.check)
+            wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
+            self._derived = derive_signals(self._trial, wanted) if needs else self._trial
+        return self._derived
+
+    @property
+    def said(self) -> list[Finding]:
+        """What it says about the trial as it is."""
+        if self._said is None:
+            self._said = self.ask(self.trial)
+        return self._said
+
+    def ask(self, trial: Trial, check: Any = None) -> list[Finding]:
+        """What it says, under the clock."""
+        samples = sum(len(signal) for signal in trial.signals.values())
+        watch = Stopwatch(self.budget_s * max(samples, SMALLEST_LOG_SAMPLES) / 1e6)
+        try:
+            with watch.running():
+                return ask(
+                    self.plugin,
+                    "contract",
+                    self.check if check is None else check,
+                    trial,
+                    heard=self.heard.append,
+                )
+        except OutOfTime:
+            raise self.broken(
+                f"ran longer than its budget of {watch.limit_s:g} s of processor time "
+                f"({self.budget_s:g} s for a million samples)"
+            ) from None
+
+    def broken(self, what: str) -> ContractError:
+        """The error that names the plugin."""
+        return ContractError(
+            f"plugin {self.plugin.origin} {what}",
+            hint="see ariac_score.contracts and docs/write-a-monitor.md",
+        )
+
+    def needed(self) -> list[str]:
+        """The quantities it declares."""
+        return sorted({need.quantity for need in needs_of(self.plugin, "contract", self.check)})
+
+    # One for each requirement
+
+    def docstring_sections(self) -> None:
+        missing = undocumented(self.plugin, type(self.check))
+        if missing:
+            raise self.broken(f"has no section {', '.join(map(repr, missing))} in its docstring")
+
+    def built_by_name(self) -> None:
+        problem = built_by_name(type(self.check))
+        if problem:
+            raise self.broken(problem)
+        made = getattr(type(self.check), "__dataclass_params__", None)
+        if made is not None and not made.frozen:
+            raise self.broken("is a dataclass that is not frozen, so it may change between two questions")
+        self._anew()
+
+    def _anew(self) -> Any:
+        """Another one of the same parameters."""
+        fields = dataclasses.fields(self.check) if dataclasses.is_dataclass(self.check) else ()
+        values = {f.name: getattr(self.check, f.name) for f in fields if f.init}
+        try:
+            made = type(self.check)(**values)
+        except (Exception, SystemExit) as cause:
+            raise self.broken(f"cannot be built: {type(cause).__name__}: {cause}") from cause
+        if not isinstance(made, GROUPS[self.plugin.group]):
+            raise self.broken(f"makes a {type(made).__name__} when it is built")
+        return made
+
+    def time_budget(self) -> None:
+        self.ask(self.trial)
+
+    def prints_nothing(self) -> None:
+        self._anew()
+        self.ask(self.trial)
+        if self.heard:
+            raise self.broken(self.heard[0].removeprefix(f"plugin {self.plugin.origin} "))
+
+    def speaks(self) -> None:
+        for trial in (
+            self.trial,
+            bare(self.trial),
+            replace(self.trial, bodies=()),
+            replace(self.trial, events=()),
+        ):
+            self.ask(trial)
+
+    def units_declared(self) -> None:
+        for finding in self.said:
+            if finding.robustness is not None and not finding.unit:
+                raise self.broken(f"gives a margin without a unit: {finding.message!r}")
+            for sample in finding.evidence:
+                if not sample.unit:
+                    raise self.broken(f"gives evidence {sample.signal!r} without a unit; 1 is one too")
+                recorded = self.trial.signals.get(sample.signal)
+                if recorded is not None and recorded.unit != sample.unit:
+                    raise self.broken(
+                        f"gives evidence {sample.signal!r} in {sample.unit!r}, recorded in {recorded.unit!r}"
+                    )
+
+    def spans_inside(self) -> None:
+        self._inside(self.said, self.trial)
+
+    def _inside(self, findings: Iterable[Finding], trial: Trial) -> None:
+        ends = [span for span in (trial.recorded, trial.window) if span is not None]
+        if not ends:
+            return
+        start_s, end_s = min(span.start_s for span in ends) - 1e-9, max(span.end_s for span in ends) + 1e-9
+        for finding in findings:
+            times = [sample.t_s for sample in finding.evidence]
+            times += [finding.span.start_s, finding.span.end_s] if finding.span else []
+            for t_s in times:
+                if not start_s <= t_s <= end_s:
+                    raise self.broken(
+                        f"speaks of {t_s:g} s, outside the trial from {start_s:g} s to {end_s:g} s: "
+                        f"{finding.message!r}"
+                    )
+
+    def repeats(self) -> None:
+        assert self.said  # the first answer
+        for check in (self.check, self._anew()):
+            self._same(self.ask(self.trial, check), "says something else when asked again")
+
+    def _same(self, found: list[Finding], what: str) -> None:
+        difference = _difference(self.said, found)
+        if difference:
+            raise self.broken(f"{what}: {difference}")
+
+    def trial_unchanged(self) -> None:
+        trial = replace(self.trial)
+        before = snapshot(trial)
+        self.ask(trial)
+        if snapshot(trial) != before:
+            raise self.broken("changed the trial it was asked about")
+
+    def order_of_signals(self) -> None:
+        self._same(self.ask(reordered(self.trial)), "depends on the order of signals")
+
+    def time_shift(self) -> None:
+        later = self.ask(shifted(self.trial, SHIFT_S))
+        difference = _difference([_moved(f, SHIFT_S) for f in self.said], later, moved=True)
+        if difference:
+            raise self.broken(f"says something else on a clock {SHIFT_S:g} s ahead: {difference}")
+
+    def needs_declared(self) -> None:
+        for need in needs_of(self.plugin, "contract", self.check):
+            recorded = (s for n, s in self.trial.signals.items() if n.startswith(f"{need.quantity}/"))
+            for signal in recorded:
+                if signal.unit != need.unit:
+                    raise self.broken(
+                        f"needs {need.quantity!r} in {need.unit!r}, recorded in {signal.unit!r}"
+                    )
+            if not need.max_gap_s > 0:
+                raise self.broken(
+                    f"accepts no gap at all in {need.quantity!r}, and any two samples are apart"
+                )
+        self._same(self.ask(only(self.trial, self.needed())), "reads signals that it does not say it needs")
+
+    def missing_signals(self) -> None:
+        """Without any signal nothing may be decided that was decided with them."""
+        if not self.needed():
+            return
+        blind = self.ask(without(self.trial, self.needed()))
+        for finding in blind:
+            if finding.verdict is Verdict.SATISFIED:
+                raise self.broken(
+                    f"is satisfied although every signal it needs is missing: {finding.message!r}"
+                )
+        if _decided(self.said) and not any(f.verdict is Verdict.INCONCLUSIVE for f in blind):
+            raise self.broken("is never inconclusive although every signal it needs is missing")
+        for quantity in self.needed():
+            self.ask(without(self.trial, [quantity]))
+
+    def _variants(self) -> Iterator[tuple[str, Callable[[], None]]]:
+        for name in SIGNAL_VARIANTS:
+            yield name, lambda name=name: self._variant(name)  # type: ignore[misc]
+
+    def _variant(self, name: str) -> None:
+        """A fault of the recorder makes no numbers out of nothing, and no good verdict."""
+        trial = SIGNAL_VARIANTS[name](self.trial)
+        found = self.ask(trial)
+        self._inside(found, trial)
+        satisfied = any(f.verdict is Verdict.SATISFIED for f in found)
+        inconclusive = any(f.verdict is Verdict.INCONCLUSIVE for f in found)
+        if name in HOLLOW and self.needed() and satisfied and not inconclusive:
+            raise self.broken(f"is satisfied with signals that show nothing ({name.replace('_', ' ')})")
+
+    def submissions(self) -> None:
+        """A rule decides nothing new when it is not known what was handed in."""
+        if getattr(self.check, "reads_official", False):
+            return
+        unseen = replace(self.trial, submissions=(), kits=(), witnessed=frozenset())
+        for finding in self.ask(unseen):
+            if finding.verdict in _DECIDED and finding not in self.said:
+                raise self.broken(
+                    f"decides {finding.subject!r} although no submission is recorded: {finding.message!r}"
+                )
+
+    def one_by_one(self) -> None:
+        if not isinstance(self.check, Incremental):
+            raise self.broken("claims to be incremental and has no begin()")
+        watcher = self.check.begin()
+        rows = [
+            (t_s, name, value)
+            for name, signal in self.trial.signals.items()
+            for t_s, value in zip(signal.t.tolist(), signal.values.tolist(), strict=True)
+        ]
+        for t_s, name, value in sorted(rows, key=lambda row: row[:2]):
+            watcher.take(name, t_s, tuple(value) if isinstance(value, list) else value)
+        blind = replace(self.trial, signals={})
+        told = _Told(watcher.end(blind))
+        self._same(self.ask(blind, told), "says something else when told one message at a time")
+
+
+class _Told:
+    """What an incremental monitor found, as a monitor to be asked."""
+
+    def __init__(self, findings: Iterable[Finding]) -> None:
+        self._findings = findings
+
+    def needs(self) -> Iterator[Any]:
+        """Nothing more."""
+        return iter(())
+
+    def watch(self, _trial: Trial) -> Iterable[Finding]:
+        """What was found."""
+        return self._findings
+
+
+# Comparing -----------------------------------------------------------------------------
+
+
+def _decided(findings: Iterable[Finding]) -> bool:
+    return any(finding.verdict in _DECIDED for finding in findings)
+
+
+def _moved(finding: Finding, by_s: float) -> Finding:
+    """The finding, later."""
+    span = finding.span
+    return replace(
+        finding,
+        span=None if span is None else replace(span, start_s=span.start_s + by_s, end_s=span.end_s + by_s),
+        evidence=tuple(replace(sample, t_s=sample.t_s + by_s) for sample in finding.evidence),
+    )
+
+
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
+
+
+def _words(finding: Finding) -> str:
+    """The message without its numbers, of which some are times."""
+    return _NUMBER.sub("#", finding.message)
+
+
+def _key(finding: Finding) -> tuple[str, float, str, str]:
+    return (
+        finding.subject,
+        finding.span.start_s if finding.span else -1.0,
+        finding.verdict.value,
+        _words(finding),
+    )
+
+
+def _difference(before: list[Finding], after: list[Finding], *, moved: bool = False) -> str:
+    """What differs between two lists of findings, in words; empty when nothing does."""
+    if len(before) != len(after):
+        return f"{len(before)} findings, then {len(after)}"
+    for first, second in zip(sorted(before, key=_key), sorted(after, key=_key), strict=True):
+        if first == second or (moved and _alike(first, second)):
+            continue
+        return f"{_shown(first)}, then {_shown(second)}"
+    return ""
+
+
+def _shown(finding: Finding) -> str:
+    span = f" from {finding.span.start_s:g} s to {finding.span.end_s:g} s" if finding.span else ""
+    return f"{finding.verdict.value} {finding.subject}{span} {finding.message!r}"
+
+
+def _alike(first: Finding, second: Finding) -> bool:
+    """Whether two findings differ in nothing but the last digits and the times in their words."""
+    blank: dict[str, Any] = {
+        "message": "",
+        "span": None,
+        "robustness": None,
+        "quantities": {},
+        "evidence": (),
+    }
+    return (
+        replace(first, **blank) == replace(second, **blank)
+        and _words(first) == _words(second)
+        and [name for name, _ in _numbers(first)] == [name for name, _ in _numbers(second)]
+        and all(
+            math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6)
+            for (_, a), (_, b) in zip(_numbers(first), _numbers(second), strict=True)
+        )
+    )
+
+
+def _numbers(finding: Finding) -> list[tuple[str, float]]:
+    numbers = [] if finding.robustness is None else [("robustness", finding.robustness)]
+    if finding.span is not None:
+        numbers += [("start", finding.span.start_s), ("end", finding.span.end_s)]
+    numbers += sorted(finding.quantities.items())
+    for sample in finding.evidence:
+        values = sample.value if isinstance(sample.value, tuple) else (sample.value,)
+        numbers += [(sample.signal, value) for value in (sample.t_s, *values)]
+    return numbers

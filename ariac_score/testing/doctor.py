@@ -1,0 +1,163 @@
+"""What is wrong with the plugins that are installed, each problem with whose it is."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, distribution, entry_points, version
+from typing import Any
+
+from ariac_score.contracts import GROUPS
+from ariac_score.errors import PluginError, ScoreError, did_you_mean
+from ariac_score.registry import Plugin, Registry, brought_by, package_sha256
+from ariac_score.testing.contract import built_by_name, undocumented
+
+__all__ = ["Ailment", "ailments"]
+
+_ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "ariac_score.rules": {"judge": ("trial", "order")},
+    "ariac_score.monitors": {"needs": (), "watch": ("trial",)},
+    "ariac_score.readers": {"can_read": ("path",), "describe": ("path",), "read": ("path", "wanted")},
+    "ariac_score.decoders": {"decode": ("msgtype", "message", "t_s")},
+}
+_NAME = re.compile(r"[a-z0-9_]+(\.[a-z0-9_]+)+")
+_PREFIX = "ariac_score."
+
+
+@dataclass(frozen=True)
+class Ailment:
+    """Something wrong with one plugin.
+
+    Attributes:
+        origin: The plugin, with distribution and version.
+        problem: What is wrong.
+        hint: What to do.
+    """
+
+    origin: str
+    problem: str
+    hint: str
+
+
+def ailments() -> list[Ailment]:
+    """Everything that is wrong with what is installed."""
+    registry = Registry()
+    found = [*_unknown_groups()]
+    for group in GROUPS:
+        for plugin in registry.all(group):
+            found += (Ailment(plugin.origin, problem, hint) for problem, hint in _problems(registry, plugin))
+    return found
+
+
+def _unknown_groups() -> Iterator[Ailment]:
+    """Plugins that nobody will ever ask: their group is misspelt, or of another version."""
+    for group in sorted(entry_points().groups):
+        if not group.startswith(_PREFIX) or group in GROUPS:
+            continue
+        for point in entry_points(group=group):
+            name, brought = brought_by(point)
+            yield Ailment(
+                f"{point.name} ({name} {brought})",
+                f"is in the group {group!r}, which does not exist",
+                did_you_mean(group, GROUPS),
+            )
+
+
+def _problems(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
+    if plugin.distribution == "?" or plugin.version == "?":
+        yield (
+            "comes from a distribution without metadata",
+            "install it with pip: a result names who measured",
+        )
+    try:
+        registry.find(plugin.group, plugin.name)
+    except PluginError as conflict:
+        yield conflict.cause, conflict.hint
+    if plugin.group in ("ariac_score.rules", "ariac_score.monitors") and not _NAME.fullmatch(plugin.name):
+        yield "has a name that no rule set can use", "name it like family.check, in small letters"
+    yield from _requirement(plugin)
+    try:
+        kind = plugin.load()
+    except PluginError as error:
+        yield error.cause.removeprefix(f"plugin {plugin.origin} "), error.hint
+        return
+    yield from _of_class(plugin, kind)
+
+
+def _of_class(plugin: Plugin, kind: Any) -> Iterator[tuple[str, str]]:
+    if not isinstance(kind, type):
+        yield f"is a {type(kind).__name__}, not a class", "let the entry point name a class"
+        return
+    missing = undocumented(plugin, kind)
+    if missing:
+        words = ", ".join(map(repr, missing))
+        yield f"has no section {words} in its docstring", "the docstring is the page a referee reads"
+    unnamed = built_by_name(kind)
+    if unnamed:
+        yield unnamed, "give every parameter a name"
+    other = [*_other_arguments(plugin, kind)]
+    yield from other
+    if not (unnamed or other or _required(kind)):
+        try:
+            plugin.build({})
+        except ScoreError as error:
+            yield error.cause.removeprefix(f"plugin {plugin.origin} "), error.hint
+    try:
+        package_sha256(plugin.package)
+    except PluginError as error:
+        yield error.cause, "a result names the hash of the code that measured; install it as files"
+
+
+def _other_arguments(plugin: Plugin, kind: type) -> Iterator[tuple[str, str]]:
+    """Methods that are missing, or that are asked otherwise than this version asks."""
+    for name, arguments in _ARGUMENTS[plugin.group].items():
+        method = getattr(kind, name, None)
+        wanted = f"{name}({', '.join(arguments)})"
+        hint = f"it is asked {wanted}; see ariac_score.contracts"
+        if method is None:
+            yield f"has no {wanted}", hint
+            continue
+        try:
+            inspect.signature(method).bind(None, *arguments)
+        except TypeError:
+            yield f"has {name}{inspect.signature(method)} where the contract has {wanted}", hint
+
+
+def _required(kind: type) -> list[str]:
+    """Parameters that a rule set must give."""
+    parameters = inspect.signature(kind).parameters.values()
+    return [p.name for p in parameters if p.default is p.empty and p.kind is not p.VAR_KEYWORD]
+
+
+# Versions ------------------------------------------------------------------------------
+
+_OURS = re.compile(r"ariac[-_.]score(?![-_.a-z0-9])\s*(?:\[[^\]]*\])?\s*\(?([^;)]*)")
+_CLAUSE = re.compile(r"(>=|<=|==|!=|<|>)\s*(\d+(?:\.\d+)*)")
+
+
+def _requirement(plugin: Plugin) -> Iterator[tuple[str, str]]:
+    """Whether its distribution asks for another version of ours."""
+    try:
+        required = distribution(plugin.distribution).requires or []
+    except (PackageNotFoundError, ValueError):
+        return
+    ours = version("ariac-score")
+    for line in required:
+        asked = _OURS.match(line.lower())
+        if asked and not all(_kept(ours, *clause) for clause in _CLAUSE.findall(asked[1])):
+            yield f"asks for ariac-score {asked[1].strip()}, and {ours} is installed", "install one that fits"
+
+
+def _kept(ours: str, relation: str, theirs: str) -> bool:
+    """Whether a version keeps one clause of a requirement.
+
+    >>> _kept("0.10.0", ">=", "0.9"), _kept("0.1", "<", "0.1.0"), _kept("0.1", "==", "0.1.0")
+    (True, False, True)
+    """
+    numbers = [[int(n) for n in re.findall(r"\d+", text.partition("+")[0])[:3]] for text in (ours, theirs)]
+    a, b = ([*n, 0, 0, 0][:3] for n in numbers)
+    return {
+        ">=": a >= b, "<=": a <= b, "==": a == b, "!=": a != b, "<": a < b, ">": a > b,
+    }[relation]  # fmt: skip

@@ -1,0 +1,104 @@
+"""A new distribution with one plugin, complete and sound: what `ariac-score new` writes."""
+
+from __future__ import annotations
+
+import keyword
+import re
+import sys
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from string import Template
+
+from ariac_score.contracts import GROUPS
+from ariac_score.errors import UsageError
+from ariac_score.registry import Registry
+
+__all__ = ["KINDS", "new_distribution"]
+
+KINDS = {"monitor": "ariac_score.monitors", "rule": "ariac_score.rules", "reader": "ariac_score.readers"}
+"""What can be begun, and the entry-point group of each."""
+
+_TEMPLATES = Path(__file__).parent / "templates"
+_WORD = r"[a-z][a-z0-9]*(?:_[a-z0-9]+)*"
+_NAME = re.compile(rf"{_WORD}(?:\.{_WORD})+")
+
+
+def new_distribution(kind: str, name: str, into: Path) -> list[Path]:
+    """Write a distribution with one plugin into a new folder.
+
+    Args:
+        kind: `monitor`, `rule` or `reader`.
+        name: Name of the plugin, such as `workshop.calm_robot`.
+        into: Folder in which the new one is made.
+
+    Returns:
+        The files, as they stand in `into`.
+
+    Raises:
+        UsageError: The name cannot be one, is taken, or the folder exists.
+    """
+    _check_name(name)
+    facts = _facts(kind, name)
+    folder = into / facts["distribution"]
+    if folder.exists():
+        raise UsageError(
+            "exists already", file=folder, hint="nothing is overwritten; choose another name or place"
+        )
+    texts = {
+        _place(template, root, facts): Template(template.read_text(encoding="utf-8")).substitute(facts)
+        for root in (_TEMPLATES / "common", _TEMPLATES / kind)
+        for template in sorted(root.rglob("*.tmpl"))
+    }
+    try:
+        for place, text in texts.items():
+            file = folder / place
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as cause:
+        raise UsageError(
+            f"cannot be written: {cause.strerror}", file=folder, hint="choose another place"
+        ) from cause
+    return [folder / place for place in sorted(texts)]
+
+
+def _facts(kind: str, name: str) -> dict[str, str]:
+    """What the templates speak of."""
+    module = name.replace(".", "_")
+    return {
+        "kind": kind,
+        "name": name,
+        "group": KINDS[kind].rpartition(".")[2],
+        "module": module,
+        "distribution": module.replace("_", "-"),
+        "check": name.rpartition(".")[2],
+        "cls": "".join(word.capitalize() for word in re.split(r"[._]", name.rpartition(".")[2])),
+        "version": ".".join(version("ariac-score").split(".")[:2]),
+    }
+
+
+def _place(template: Path, root: Path, facts: dict[str, str]) -> Path:
+    place = template.relative_to(root).as_posix().removesuffix(".tmpl")
+    return Path(place.replace("MODULE", facts["module"]))
+
+
+def _check_name(name: str) -> None:
+    """Refuse what cannot be a plugin's name, or is one already."""
+    if not _NAME.fullmatch(name):
+        raise UsageError(
+            f"{name!r} cannot be the name of a plugin",
+            hint="name it family.check, in small letters, digits and single underscores: workshop.calm_robot",
+        )
+    reserved = [word for word in name.split(".") if keyword.iskeyword(word)]
+    if reserved:
+        raise UsageError(f"{reserved[0]!r} is a word of Python", hint="choose another name")
+    for group in GROUPS:
+        for plugin in Registry().all(group):
+            if plugin.name == name:
+                raise UsageError(
+                    f"{name!r} is provided by {plugin.distribution} {plugin.version}",
+                    hint="two distributions with one name are both refused; choose another",
+                )
+    module = name.replace(".", "_")
+    if module in sys.stdlib_module_names or find_spec(module) is not None:
+        raise UsageError(f"there is a module {module!r} already", hint="choose another name")

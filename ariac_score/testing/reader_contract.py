@@ -1,0 +1,246 @@
+"""The contract of readers as checks: what may not happen whatever the file, and what must with its own."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ariac_score.contracts import LogDescription, Reader, Wanted
+from ariac_score.errors import PluginError, ScoreError
+from ariac_score.guard import GuardedDecoder, GuardedReader
+from ariac_score.logmap import load_log_map
+from ariac_score.quiet import quiet
+from ariac_score.registry import Plugin, Registry
+from ariac_score.testing.contract import (
+    HINT,
+    SMALLEST_LOG_SAMPLES,
+    ContractCheck,
+    ContractError,
+    built_by_name,
+    snapshot,
+    undocumented,
+)
+from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.model import Trial
+from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
+
+__all__ = ["reader_checks"]
+
+_Answer = TypeVar("_Answer")
+
+_STRANGE = {
+    "empty": b"",
+    "empty.txt": b"",
+    "words.log": b"nothing of interest\n" * 100,
+    "noise.bin": bytes(range(256)) * 64,
+    "zeros.db3": bytes(4096),
+    "odd.yaml": b"a: [1, 2\n\xff",
+    "deep.json": b"[" * 5000,
+}
+"""Files that nobody made for a reader."""
+
+
+def reader_checks(
+    reader: Reader, origin: Plugin, log: Path, *, budget_s: float, log_map: str = ""
+) -> list[ContractCheck]:
+    """Everything the contract of a reader asks for; see `contract_checks`."""
+    return _CheckedReader(reader, origin, log, budget_s, log_map).checks()
+
+
+class _CheckedReader:
+    """A reader under examination, with a log of its kind."""
+
+    def __init__(self, reader: Reader, plugin: Plugin, log: Path, budget_s: float, log_map: str) -> None:
+        self.reader, self.plugin, self.log = reader, plugin, log
+        self.budget_s, self.log_map = budget_s, log_map
+        self.guarded = GuardedReader(plugin, reader)
+
+    def checks(self) -> list[ContractCheck]:
+        """In the order in which one failing explains the next."""
+        named = [
+            ("docstring_sections", "its docstring has the sections of a help page", self.docstring_sections),
+            ("built_by_name", "it is built without parameters", self.built_by_name),
+            ("time_budget", "it keeps its budget of processor time", self.time_budget),
+            ("prints_nothing", "it prints nothing", self.prints_nothing),
+            ("knows_its_own", "it knows a log of its kind, and describes it", self.knows_its_own),
+            ("strange_files", "a file of another kind is no error", self.strange_files),
+            ("same_log_same_trial", "the same log gives the same trial", self.repeats),
+            ("log_unchanged", "it leaves the log as it was", self.log_unchanged),
+            ("units_declared", "signals of the vocabulary have its units", self.units_declared),
+            ("times_inside", "everything lies inside what was recorded", self.times_inside),
+            ("cut_off", "a log that was cut off is read or refused in words", self.cut_off),
+        ]
+        return [ContractCheck(*each) for each in named]
+
+    def broken(self, what: str) -> ContractError:
+        """The error that names the plugin."""
+        return ContractError(f"plugin {self.plugin.origin} {what}", hint=HINT)
+
+    def timed(self, question: Callable[[], _Answer]) -> _Answer:
+        """An answer, under the clock of the shortest log."""
+        watch = Stopwatch(self.budget_s * SMALLEST_LOG_SAMPLES / 1e6)
+        try:
+            with watch.running():
+                return question()
+        except OutOfTime:
+            raise self.late(watch.limit_s) from None
+
+    def late(self, limit_s: float) -> ContractError:
+        """The error of a reader that is too slow."""
+        return self.broken(
+            f"ran longer than its budget of {limit_s:g} s of processor time "
+            f"({self.budget_s:g} s for a million samples)"
+        )
+
+    def wanted(self) -> Wanted:
+        """Everything a log could hold."""
+        if not self.log_map:
+            return Wanted(LogMap("none"), frozenset(QUANTITIES))
+        log_map, registry = load_log_map(self.log_map), Registry()
+        names = sorted({channel.decoder for channel in log_map.channels if channel.decoder})
+        plugins = [registry.find("ariac_score.decoders", name) for name in names]
+        decoders = {plugin.name: GuardedDecoder(plugin, plugin.build({})) for plugin in plugins}
+        return Wanted(log_map, frozenset(QUANTITIES), decoders)
+
+    def read(self, path: Path | None = None) -> Trial:
+        """The trial of a log."""
+        return self.guarded.read(path or self.log, self.wanted())
+
+    # One for each requirement
+
+    def docstring_sections(self) -> None:
+        missing = undocumented(self.plugin, type(self.reader))
+        if missing:
+            raise self.broken(f"has no section {', '.join(map(repr, missing))} in its docstring")
+
+    def built_by_name(self) -> None:
+        problem = built_by_name(type(self.reader))
+        if problem:
+            raise self.broken(problem)
+        try:
+            type(self.reader)()
+        except (Exception, SystemExit) as cause:
+            raise self.broken(f"cannot be built: {type(cause).__name__}: {cause}") from cause
+
+    def time_budget(self) -> None:
+        # The number of samples is known only once it has read them.
+        watch = Stopwatch(self.budget_s * 100)
+        try:
+            with watch.running():
+                trial = self.read()
+        except OutOfTime:
+            raise self.late(watch.limit_s) from None
+        samples = sum(len(signal) for signal in trial.signals.values())
+        limit_s = self.budget_s * max(samples, SMALLEST_LOG_SAMPLES) / 1e6
+        if watch.taken_s > limit_s:
+            raise self.late(limit_s)
+
+    def prints_nothing(self) -> None:
+        heard: list[str] = []
+        with quiet(self.plugin.origin, heard.append):
+            self.reader.can_read(self.log)
+            self.reader.describe(self.log)
+            self.reader.read(self.log, self.wanted())
+        if heard:
+            raise self.broken(heard[0].removeprefix(f"plugin {self.plugin.origin} "))
+
+    def knows_its_own(self) -> None:
+        if not self.timed(lambda: self.guarded.can_read(self.log)):
+            raise self.broken(f"does not know {self.log.name}")
+        found: Any = self.guarded.describe(self.log)
+        if not isinstance(found, LogDescription):
+            raise self.broken(f"describes a log by a {type(found).__name__} instead of a LogDescription")
+        if not found.format:
+            raise self.broken("does not say what format a log is of")
+
+    def strange_files(self) -> None:
+        with _folder() as folder:
+            for name, content in _STRANGE.items():
+                (folder / name).write_bytes(content)
+            for path in (folder, folder / "nothing", *(folder / name for name in _STRANGE)):
+                answer = self.timed(lambda path=path: self._answer(path))  # type: ignore[misc]
+                if not isinstance(answer, bool):
+                    raise self.broken(f"answers {answer!r} when asked whether it can read a file")
+
+    def _answer(self, path: Path) -> Any:
+        """What it says when asked whether it can read a file, whatever that is."""
+        try:
+            return self.reader.can_read(path)
+        except (Exception, SystemExit) as cause:
+            raise self.broken(f"raised {type(cause).__name__} on {path.name}: {cause}") from cause
+
+    def repeats(self) -> None:
+        if snapshot(_plain(self.read())) != snapshot(_plain(self.read())):
+            raise self.broken("brings another trial when it reads a log again")
+
+    def log_unchanged(self) -> None:
+        before = _hashes(self.log)
+        self.guarded.describe(self.log)
+        self.read()
+        if _hashes(self.log) != before:
+            raise self.broken("changed the log it read")
+
+    def units_declared(self) -> None:
+        for name, signal in self.read().signals.items():
+            known = QUANTITIES.get(quantity_of(name))
+            if not signal.unit:
+                raise self.broken(f"brings {name!r} without a unit; 1 is one too")
+            if known is not None and signal.unit != known.unit:
+                raise self.broken(
+                    f"brings {name!r} in {signal.unit!r}; a {quantity_of(name)} is in {known.unit!r}"
+                )
+
+    def times_inside(self) -> None:
+        trial = self.read()
+        times = [event.t_s for event in trial.events] + [s.submitted_s for s in trial.submissions]
+        for span in (signal.span for signal in trial.signals.values()):
+            times += [span.start_s, span.end_s] if span else []
+        if trial.recorded is None and trial.signals:
+            raise self.broken("brings signals, but not when the recording began and ended")
+        for t_s in times if trial.recorded else ():
+            if trial.recorded and not trial.recorded.start_s - 1e-9 <= t_s <= trial.recorded.end_s + 1e-9:
+                raise self.broken(f"brings something at {t_s:g} s, outside what was recorded")
+
+    def cut_off(self) -> None:
+        if self.log.is_dir():
+            return
+        content = self.log.read_bytes()
+        with _folder() as folder:
+            for length in (len(content) // 2, len(content) - 1, 1, 0):
+                path = folder / self.log.name
+                path.write_bytes(content[: max(0, length)])
+                self._named(path)
+
+    def _named(self, path: Path) -> None:
+        """Read a damaged log: a trial, or an error for the user."""
+        try:
+            if self.timed(lambda: self.guarded.can_read(path)):
+                self.guarded.describe(path)
+                self.read(path)
+        except PluginError:
+            raise
+        except ScoreError as refusal:
+            if not str(refusal):
+                raise self.broken("refuses a log without saying why") from refusal
+
+
+def _plain(trial: Trial) -> list[Any]:
+    """What a trial says; records of kits answer questions and hold nothing to compare."""
+    values = {name: value for name, value in vars(trial).items() if name != "kits"}
+    return [sorted(value) if isinstance(value, frozenset) else value for value in values.values()]
+
+
+def _hashes(log: Path) -> dict[str, str]:
+    files = sorted(log.rglob("*")) if log.is_dir() else [log]
+    return {str(f): hashlib.sha256(f.read_bytes()).hexdigest() for f in files if f.is_file()}
+
+
+@contextmanager
+def _folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="ariac-score-") as folder:
+        yield Path(folder)
