@@ -56,6 +56,7 @@ def ask(
     Raises:
         PluginError: The plugin raised, said nothing, yielded something else, or changed the trial.
     """
+    trial = replace(trial)  # its own, so that nothing it sets reaches another check
     before = _marks(trial)
     said: list[Finding] = []
     with quiet(plugin.origin, heard) if heard else quiet(plugin.origin):
