@@ -244,8 +244,8 @@ BAD: dict[str, tuple[str, str, str, str]] = {
     ),
     "runs too long": (
         SPEAK,
-        "        while True:\n            x = 0\n            try:\n                x = 1\n            except Exception:\n"
-        "                pass\n" + SPEAK,
+        "        while True:\n            x = 0\n            try:\n                x = 1\n"
+        "            except Exception:\n                pass\n" + SPEAK,
         "time_budget",
         "ran longer than its budget of 0.04",
     ),
