@@ -71,7 +71,8 @@ def load_penalty(name: str, *, beside: Path) -> Penalty:
         path = shipped[name]
     else:
         raise RuleSetError(
-            f"there is no penalty {name!r}", hint=did_you_mean(name, penalty_names(), what="shipped penalties")
+            f"there is no penalty {name!r}",
+            hint=did_you_mean(name, penalty_names(), what="shipped penalties"),
         )
     document = load_yaml(path, error=RuleSetError)
     validate(document, "penalty", error=RuleSetError)
@@ -172,11 +173,12 @@ def _parameters(
 
 
 def _terms(document: YamlDocument, penalty: Penalty, charged: list[_Charged]) -> dict[str, Any]:
-    """The terms of the trial: its own, what was earned, those of the penalty as it stands or as overridden."""
+    """The terms of the trial: its own, what was earned, those of the penalty unless overridden."""
     own = document.data.get("terms", {}).get("trial", {})
-    for level, terms in document.data.get("terms", {}).items():
-        if EARNED in terms and level == "trial":
-            raise _clash(document, ["terms", level, EARNED], f"term {EARNED!r} is the penalty's name for the score")
+    if EARNED in own:
+        raise _clash(
+            document, ["terms", "trial", EARNED], f"term {EARNED!r} is the penalty's name for the score"
+        )
     for name in penalty.terms:
         if name in document.data.get("parameters", {}):
             raise _clash(document, ["parameters", name], f"parameter {name!r} is also a term of {penalty.id}")
@@ -204,5 +206,8 @@ def _concerns(of: str, each: _Charged) -> bool:
 
 def _clash(document: YamlDocument, path: list[str], cause: str) -> RuleSetError:
     return RuleSetError(
-        cause, file=document.file, place=document.place(path), hint="each name must be one thing: rename yours"
+        cause,
+        file=document.file,
+        place=document.place(path),
+        hint="each name must be one thing: rename yours",
     )

@@ -23,6 +23,7 @@ __all__ = [
     "Check",
     "RuleSet",
     "differences",
+    "draft_rule_set",
     "expanded_yaml",
     "load_rule_set",
     "rule_set_from_text",
@@ -154,12 +155,27 @@ def rule_set_from_text(text: str, *, file: str) -> RuleSet:
         RuleSetError: It is not the text of a whole rule set.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
-    validate(document, "ruleset", error=RuleSetError)
+    document = _from_text(text, file)
     for key in ("extends", "include", "safety"):
         if key in document.data:
             raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
     return _parsed(document)
+
+
+def draft_rule_set(text: str, *, file: str) -> RuleSet:
+    """A rule set from the text of a file that may include a penalty but extends nothing.
+
+    Raises:
+        RuleSetError: It is not the text of a rule set, or its penalty does not fit.
+        FormulaError: A formula cannot be parsed or names something unknown.
+    """
+    return _parsed(with_penalty(_from_text(text, file)))
+
+
+def _from_text(text: str, file: str) -> YamlDocument:
+    document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
+    validate(document, "ruleset", error=RuleSetError)
+    return document
 
 
 def expanded_yaml(rule_set: RuleSet) -> str:

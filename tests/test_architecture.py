@@ -58,6 +58,18 @@ MAY_IMPORT: dict[str, set[str]] = {
         "scoring",
         "trial",
     },
+    "laws": {
+        "contracts",
+        "errors",
+        "expression",
+        "findings",
+        "numpy",
+        "penalties",
+        "registry",
+        "ruleset",
+        "scoring",
+        "trial",
+    },
     "report": {"expression", "findings", "ranking", "result", "scoring", "trial"},
     "testing": {"logs", "numpy", "rosbags", "trial", "yaml"},
 }

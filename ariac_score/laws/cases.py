@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from random import Random
 
 import numpy as np
@@ -46,7 +46,7 @@ class Violation:
         check: Name in the rule set.
         pair: Whom it is about: a number into the two pairs there are.
         start: First tick.
-        end: The tick after the last.
+        end: The tick after the last; the first, for a single event.
         depth: Relative depth, the same throughout.
         critical: Whether it is a critical event.
     """
@@ -59,7 +59,8 @@ class Violation:
     critical: bool = False
 
     def __str__(self) -> str:
-        words = f"{self.check} of {PAIRS[self.pair]} from {_s(self.start)} to {_s(self.end)}"
+        when = f"from {_s(self.start)} to {_s(self.end)}" if self.end > self.start else f"at {_s(self.start)}"
+        words = f"{self.check} of {PAIRS[self.pair]} {when}"
         depth = f", relative depth {self.depth:g}" if self.depth != 1 else ""
         return f"{words}{depth}{', critical' if self.critical else ''}"
 
@@ -128,7 +129,11 @@ class World:
         choosing: set[str] = set()
         for formula in _all_formulas(self.rule_set):
             for node in formula.walk():
-                if isinstance(node, ast.IfExp) and not _a_constant(node.body) and not _a_constant(node.orelse):
+                if (
+                    isinstance(node, ast.IfExp)
+                    and not _a_constant(node.body)
+                    and not _a_constant(node.orelse)
+                ):
                     choosing |= {name.id for name in ast.walk(node.test) if isinstance(name, ast.Name)}
         return frozenset(choosing & set(self.rule_set.checks))
 
@@ -159,6 +164,11 @@ class World:
             and any(function != "measure" for _, function in asked)
         )
 
+    @cached_property
+    def earning(self) -> tuple[str, ...]:
+        """Those of them whose satisfied findings are counted."""
+        return tuple(check for check in self.task if "points" in {f for _, f in self.asked[check]})
+
     def t_off_s(self, check: str) -> float:
         """Up to which pause the monitor bridges two violations."""
         return float(self.rule_set.checks[check].parameters.get("t_off_s", 1.0))
@@ -166,17 +176,22 @@ class World:
     def _is_monitor(self, check: str) -> bool:
         return self.rule_set.checks[check].group == "ariac_score.monitors"
 
-    def level(self, check: str) -> str:
+    @cached_property
+    def levels(self) -> dict[str, str]:
+        """The level of each rule's findings."""
+        return {check: self._level(check) for check in self.asked if not self._is_monitor(check)}
+
+    def _level(self, check: str) -> str:
         """Whom a rule speaks about: parts where its points are counted, else the scope that asks."""
         levels = [LEVELS.index(level) for level, _ in self.asked[check]]
         counted = any(function in ("points", "count") for _, function in self.asked[check])
         if counted and check not in self.measured:
             return "part"
-        return LEVELS[min(min(levels), LEVELS.index("order"))]
+        return LEVELS[min(*levels, LEVELS.index("order"))]
 
-    def subjects(self, case: Case, check: str) -> list[str]:
+    def subjects(self, case: Case, check: str) -> tuple[str, ...]:
         """The subjects of a rule's findings."""
-        return [scope.path for scope in self.scopes(case).each(self.level(check))]
+        return _paths(case.orders, self.levels[check])
 
     def scopes(self, case: Case) -> Scope:
         """The orders of a case."""
@@ -194,7 +209,9 @@ class World:
         if check in self.safety:
             yield from self._watches(check, case)
         elif self._is_monitor(check):
-            yield Finding("team", Verdict.SATISFIED, "recorded", quantities=self._numbers(check, case), check=check)
+            yield Finding(
+                "team", Verdict.SATISFIED, "recorded", quantities=self._numbers(check, case), check=check
+            )
         else:
             for subject in self.subjects(case, check):
                 verdict = Verdict.VIOLATED if (check, subject) in case.failed else Verdict.SATISFIED
@@ -223,7 +240,9 @@ class World:
             else:
                 yield from _episodes(violations, case, subject, self.t_off_s(check))
         if none:
-            yield Finding(PAIRS[0], Verdict.SATISFIED, "kept", quantities=dict.fromkeys(_SEVERITIES, 0.0), check=check)
+            yield Finding(
+                PAIRS[0], Verdict.SATISFIED, "kept", quantities=dict.fromkeys(_SEVERITIES, 0.0), check=check
+            )
 
     def score(self, case: Case) -> Number | None:
         """The score, not rounded; `None` when what is undecided withholds it.
@@ -233,7 +252,9 @@ class World:
         """
         sheet = self.rule_set.sheet
         scopes = self.scopes(case)
-        return value_of(self.findings(case), scopes, sheet, self.rule_set.policies, cohort=self._cohort(scopes))
+        return value_of(
+            self.findings(case), scopes, sheet, self.rule_set.policies, cohort=self._cohort(scopes)
+        )
 
     def _cohort(self, scopes: Scope) -> CohortValues:
         """Other teams, always the same ones."""
@@ -249,6 +270,12 @@ def _a_constant(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant)
 
 
+@lru_cache(maxsize=1024)
+def _paths(orders: tuple[tuple[int, ...], ...], level: str) -> tuple[str, ...]:
+    return tuple(scope.path for scope in _scopes(orders, 0).each(level))
+
+
+@lru_cache(maxsize=256)
 def _scopes(orders: tuple[tuple[int, ...], ...], duration: int) -> Scope:
     found = []
     for index, tasks in enumerate(orders):
@@ -296,7 +323,13 @@ def _episodes(violations: list[Violation], case: Case, subject: str, t_off_s: fl
 def _violated(check: str, subject: str, span: Span, *, critical: bool, **quantities: float) -> Finding:
     numbers = {**dict.fromkeys(_SEVERITIES, 0.0), **quantities}
     return Finding(
-        subject, Verdict.VIOLATED, f"{check} violated", span=span, quantities=numbers, critical=critical, check=check
+        subject,
+        Verdict.VIOLATED,
+        f"{check} violated",
+        span=span,
+        quantities=numbers,
+        critical=critical,
+        check=check,
     )
 
 
@@ -314,29 +347,29 @@ def draw_violation(world: World, rng: Random, *, shortest: int = 1) -> Violation
     start = _upto(rng, 40 * TICKS_PER_S)
     length = shortest + _upto(rng, (3 if rng.random() < 0.5 else 15) * TICKS_PER_S)
     pair = int(rng.random() < 0.2)
+    length = 0 if check in world.events else length
     return Violation(check, pair, start, start + length, _DEPTHS[_upto(rng, 3)], rng.random() < 0.15)
 
 
 def draw_case(world: World, rng: Random, *, most_violations: int = 4) -> Case:
-    """A random case: up to two orders, some parts wrong, some violations."""
-    tasks = 1 + int(rng.random() < 0.3)
-    orders = tuple(
-        tuple(1 + _upto(rng, 3) for _ in range(tasks)) for _ in range(1 + int(rng.random() < 0.5))
-    )
+    """A random case: an order or two, some parts wrong, some violations."""
+    tasks = 1 + int(rng.random() < 0.15)
+    orders = tuple(tuple(1 + _upto(rng, 2) for _ in range(tasks)) for _ in range(1 + int(rng.random() < 0.3)))
     numbers = {
         f"{check}.{name}": _NUMBERS[_upto(rng, len(_NUMBERS))]
         for check, names in world.measured.items()
         for name in names
     }
     case = Case(orders, numbers=numbers)
-    share = (0.0, 0.1, 0.5, 0.9)[_upto(rng, 4)]
+    share = (0.0, 0.1, 0.5, 0.9, 1.0)[_upto(rng, 5)]
     failed = frozenset(
         (check, subject)
         for check in world.asked
-        if check not in world.safety and not world._is_monitor(check)
+        if check in world.levels
         for subject in world.subjects(case, check)
         if rng.random() < (0.5 if check in world.kinds else share)
     )
-    count = _upto(rng, most_violations + 1) if world.safety else 0
+    most = 3 * most_violations if rng.random() < 0.2 else most_violations
+    count = _upto(rng, most + 1) if world.safety else 0
     violations = tuple(sorted(draw_violation(world, rng) for _ in range(count)))
     return Case(orders, failed, violations, numbers)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from random import Random
 
 from ariac_score.expression import Number, add_up
 from ariac_score.laws.cases import PAIRS, TICKS_PER_S, Case, Violation, World, draw_case, draw_violation
 
-__all__ = ["LAWS", "Broken", "Law", "Situation"]
+__all__ = ["LAWS", "Broken", "Law", "Situation", "simpler"]
 
 _TOLERANCE = 1e-9
 """Of a score: sums in another order may differ in their last bits, never by this much."""
@@ -58,6 +59,7 @@ class Law:
     Attributes:
         name: Short name.
         says: The law in words.
+        how: How it is tried.
         idle: Why it says nothing about a rule set; empty when it does.
         draw: A random situation.
         broken: What the law finds wrong in a situation; `None` when it holds, or has
@@ -66,6 +68,7 @@ class Law:
 
     name: str
     says: str
+    how: str
     idle: Callable[[World], str]
     draw: Callable[[World, Random], Situation]
     broken: Callable[[World, Situation], Broken | None]
@@ -98,8 +101,12 @@ def _without_points(world: World) -> str:
     return "" if world.task else "its points are numbers read from a record, not verdicts"
 
 
-def _without_either(world: World) -> str:
-    return _without_safety(world) or _without_points(world)
+def _without_work(world: World) -> str:
+    if not world.safety:
+        return _without_safety(world)
+    if not world.earning or set(world.earning) & set(world.measured):
+        return "what work earns is read from a record, so no work cannot be made up"
+    return ""
 
 
 def _upto(rng: Random, count: int) -> int:
@@ -110,21 +117,31 @@ def _upto(rng: Random, count: int) -> int:
 
 
 def _draw_more(world: World, rng: Random) -> Situation:
-    case = draw_case(world, rng)
-    more = draw_violation(world, rng)
-    if case.violations and rng.random() < 0.7:
+    case, more = draw_case(world, rng), draw_violation(world, rng)
+    if world.watched and rng.random() < 0.5:
+        return _draw_joined(world, rng, case)
+    if case.violations and rng.random() < 0.5:  # another of the same, overlapping or not
         of = case.violations[_upto(rng, len(case.violations))]
-        later = [v for v in case.violations if (v.check, v.pair) == (of.check, of.pair) and v.start > of.end]
-        if later:  # violating in the pause between two makes one of them
-            more = replace(of, start=of.end, end=later[0].start, depth=more.depth)
-        else:
-            more = replace(more, check=of.check, pair=of.pair)
+        length = 0 if of.check in world.events else max(1, more.end - more.start)
+        more = replace(more, check=of.check, pair=of.pair, end=more.start + length)
     return Situation(case, violation=more)
+
+
+def _draw_joined(world: World, rng: Random, case: Case) -> Situation:
+    """Two short violations, and one more in the pause between them, so that they become one."""
+    check = world.watched[_upto(rng, len(world.watched))]
+    start = _upto(rng, 20 * TICKS_PER_S)
+    first = Violation(check, 0, start, start + 1 + _upto(rng, TICKS_PER_S))
+    pause_end = first.end + TICKS_PER_S + _upto(rng, 5 * TICKS_PER_S)
+    second = replace(first, start=pause_end, end=pause_end + 1 + _upto(rng, TICKS_PER_S))
+    between = replace(first, start=first.end, end=second.start, depth=(1.0, 0.5, 0.1)[_upto(rng, 3)])
+    kept = [v for v in case.violations if v.check != check] if rng.random() < 0.5 else []
+    return Situation(replace(case, violations=tuple(sorted([*kept, first, second]))), violation=between)
 
 
 def _more(world: World, situation: Situation) -> Broken | None:
     extra = situation.violation
-    if extra is None or extra.start >= extra.end:
+    if extra is None:
         return None
     case = situation.case
     after = replace(case, violations=tuple(sorted([*case.violations, extra])))
@@ -218,40 +235,67 @@ def _second_costs(world: World, case: Case, violation: Violation) -> Number:
 # Doing nothing is not optimal ----------------------------------------------------------
 
 
-def _everything(world: World, case: Case) -> frozenset[tuple[str, str]]:
-    """All task findings violated; the kind of task stays what it is."""
-    kinds = {each for each in case.failed if each[0] in world.kinds}
-    return frozenset(kinds | {(check, s) for check in world.task for s in world.subjects(case, check)})
+def _undone(world: World, case: Case, *, but: int = 0) -> frozenset[tuple[str, str]]:
+    """The task findings when only the first orders are done: nothing earned or wrong with the others.
+
+    What rules count points for is violated, what they only ask to be kept is satisfied;
+    the kind of task stays what it is.
+    """
+    undone = {
+        (check, subject)
+        for check in world.earning
+        for subject in world.subjects(case, check)
+        if _order(subject) >= but
+    }
+    kept = {each for each in case.failed if each[0] in world.kinds or _order(each[1]) < but}
+    return frozenset(undone | kept)
+
+
+def _order(subject: str) -> int:
+    return int(subject.split("/", maxsplit=1)[0].removeprefix("order_"))
 
 
 def _draw_work(world: World, rng: Random) -> Situation:
-    return Situation(draw_case(world, rng))
+    case = draw_case(world, rng)
+    if rng.random() < 0.3:  # one thing again and again
+        first = replace(draw_violation(world, rng), start=0, critical=False)
+        length = 0 if first.check in world.events else 1
+        again = (replace(first, start=s, end=s + length) for s in range(0, 600, 15))
+        case = replace(case, violations=tuple(sorted(again)))
+    return Situation(case)
 
 
 def _nothing(world: World, situation: Situation) -> Broken | None:
     case = situation.case
     clean = replace(case, violations=())
-    idle = replace(clean, failed=_everything(world, case))
+    idle = replace(clean, failed=_undone(world, case))
     with_violations, without, doing_nothing = _scores(world, case, clean, idle)
     worth_something = without > doing_nothing + _margin(without, doing_nothing)
     if not worth_something or with_violations >= doing_nothing - _margin(with_violations, doing_nothing):
         return None
     return Broken(
-        f"as it is ({without:g} without its violations)", with_violations, "having done nothing", doing_nothing
+        f"as it is ({without:g} without its violations)",
+        with_violations,
+        "having done nothing",
+        doing_nothing,
     )
 
 
 # Stopping early does not pay at a constant violation rate ------------------------------
 
 _PERIOD = 30 * TICKS_PER_S
-_PIECES = 4
+_PIECES = 2
 
 
 def _draw_pieces(world: World, rng: Random) -> Situation:
     case = draw_case(world, rng, most_violations=3)
-    kinds = frozenset()
-    first = tuple(replace(v, start=v.start % 100, end=v.start % 100 + min(v.end - v.start, 50)) for v in case.violations)
-    return Situation(replace(case, orders=(case.orders[0],) * _PIECES, failed=kinds, violations=tuple(sorted(first))))
+    failed = frozenset[tuple[str, str]]()
+    first = tuple(
+        replace(v, start=v.start % 100, end=v.start % 100 + min(v.end - v.start, 50)) for v in case.violations
+    )
+    return Situation(
+        replace(case, orders=(case.orders[0],) * _PIECES, failed=failed, violations=tuple(sorted(first)))
+    )
 
 
 def _pieces(world: World, situation: Situation) -> Broken | None:
@@ -261,11 +305,11 @@ def _pieces(world: World, situation: Situation) -> Broken | None:
         return None
     counts = range(len(case.orders) + 1)
     clean = _scores(world, *(_after(world, replace(case, violations=()), n) for n in counts))
-    gains = [later - sooner for sooner, later in zip(clean, clean[1:], strict=False)]
-    if any(gain <= 0 for gain in gains) or any(b < a for a, b in zip(gains, gains[1:], strict=False)):
+    gains = [later - sooner for sooner, later in pairwise(clean)]
+    if any(gain <= 0 for gain in gains) or any(b < a for a, b in pairwise(gains)):
         return None  # the pieces are not alike
     scores = _scores(world, *(_after(world, case, n) for n in counts))
-    for n, (sooner, later) in enumerate(zip(scores, scores[1:], strict=False)):
+    for n, (sooner, later) in enumerate(pairwise(scores)):
         if later < sooner - _margin(sooner, later):
             return Broken(
                 f"stopping after {n} orders",
@@ -278,12 +322,6 @@ def _pieces(world: World, situation: Situation) -> Broken | None:
 
 def _after(world: World, case: Case, done: int) -> Case:
     """The case when it ends after so many orders; violations repeat with each."""
-    undone = {
-        (check, subject)
-        for check in world.task
-        for subject in world.subjects(case, check)
-        if int(subject.split("/")[0].removeprefix("order_")) >= done
-    }
     again = tuple(
         sorted(
             replace(v, start=v.start + n * _PERIOD, end=v.end + n * _PERIOD)
@@ -291,7 +329,9 @@ def _after(world: World, case: Case, done: int) -> Case:
             for n in range(done)
         )
     )
-    return replace(case, failed=case.failed | undone, violations=again, duration=_PERIOD * max(done, 1))
+    return replace(
+        case, failed=_undone(world, case, but=done), violations=again, duration=_PERIOD * max(done, 1)
+    )
 
 
 # Unknown never beats known -------------------------------------------------------------
@@ -346,22 +386,69 @@ def _pause(world: World, situation: Situation) -> Broken | None:
 
 
 LAWS: tuple[Law, ...] = (
-    Law("more_violations", "more violations never help", _without_safety, _draw_more, _more),
-    Law("more_points", "more task points never hurt", _without_points, _draw_point, _point),
-    Law("waiting", "waiting changes nothing", _fine, _draw_waiting, _waiting),
-    Law("log_rate", "halving the log rate changes at most one sample's worth", _without_time, _draw_rate, _rate),
-    Law("doing_nothing", "doing nothing is not optimal", _without_either, _draw_work, _nothing),
+    Law(
+        "more_violations",
+        "more violations never help",
+        "a violation is added, in half of the cases just where it joins two others; the score may not rise",
+        _without_safety,
+        _draw_more,
+        _more,
+    ),
+    Law(
+        "more_points",
+        "more task points never hurt",
+        "a violated finding of a rule is satisfied instead; the score may not fall",
+        _without_points,
+        _draw_point,
+        _point,
+    ),
+    Law(
+        "waiting",
+        "waiting changes nothing",
+        "the trial ends later and nothing else happens; the score stays",
+        _fine,
+        _draw_waiting,
+        _waiting,
+    ),
+    Law(
+        "log_rate",
+        "halving the log rate changes at most one sample's worth",
+        "the findings are made from every second sample; for each violation the score may move by what "
+        "a tenth of a second costs where it costs most, in the first second of a first violation",
+        _without_time,
+        _draw_rate,
+        _rate,
+    ),
+    Law(
+        "doing_nothing",
+        "doing nothing is not optimal",
+        "work that would be worth something without its violations may not be worth less than none at all",
+        _without_work,
+        _draw_work,
+        _nothing,
+    ),
     Law(
         "stopping_early",
         "stopping early does not pay at a constant violation rate",
-        _without_either,
+        "orders alike, each done in 30 s with the same violations; going on may not give less than "
+        "stopping after any of them, or before the first",
+        _without_work,
         _draw_pieces,
         _pieces,
     ),
-    Law("unknown", "unknown never beats known", _fine, _draw_unknown, _unknown),
+    Law(
+        "unknown",
+        "unknown never beats known",
+        "what is known of one check about one subject is taken away; there is no score then, "
+        "or none above the known",
+        _fine,
+        _draw_unknown,
+        _unknown,
+    ),
     Law(
         "short_pause",
         "splitting a violation by a gap shorter than t_off changes nothing",
+        "a violation is interrupted for less than the pause its monitor bridges; the score stays",
         _without_time,
         _draw_pause,
         _pause,
@@ -376,13 +463,30 @@ def simpler(situation: Situation) -> Iterator[Situation]:
     if situation.violation is not None:
         for plainer in _simpler_violations(situation.violation):
             yield replace(situation, violation=plainer)
+        yield from _simpler_splits(situation, situation.violation)
     for ticks in _rounder(situation.ticks):
         yield replace(situation, ticks=ticks)
     for at in _rounder(situation.at):
         yield replace(situation, at=at)
 
 
+def _simpler_splits(situation: Situation, split: Violation) -> Iterator[Situation]:
+    """A violation with a pause in it, begun earlier or cut, with its pause."""
+    until = situation.at + situation.ticks
+    if split.start < situation.at < until < split.end:
+        for start in _rounder(split.start):
+            moved = replace(split, start=start, end=start + split.end - split.start)
+            yield replace(situation, violation=moved, at=start + situation.at - split.start)
+        if situation.at > split.start + 1:
+            yield replace(situation, violation=replace(split, start=situation.at - 1))
+        if until < split.end - 1:
+            yield replace(situation, violation=replace(split, end=until + 1))
+
+
 def _simpler_cases(case: Case) -> Iterator[Case]:
+    if len(case.violations) > 3:
+        half = len(case.violations) // 2
+        yield replace(case, violations=case.violations[:half])
     for i in range(len(case.violations)):
         yield replace(case, violations=case.violations[:i] + case.violations[i + 1 :])
     for i in range(len(case.orders) if len(case.orders) > 1 else 0):
@@ -393,12 +497,7 @@ def _simpler_cases(case: Case) -> Iterator[Case]:
     for i, order in enumerate(case.orders):
         for tasks in _simpler_tasks(order):
             yield replace(case, orders=(*case.orders[:i], tasks, *case.orders[i + 1 :]))
-    if case.failed:
-        yield replace(case, failed=frozenset())
-    for check in sorted({check for check, _ in case.failed}):
-        yield replace(case, failed=frozenset(each for each in case.failed if each[0] != check))
-    for each in sorted(case.failed):
-        yield replace(case, failed=case.failed - {each})
+    yield from _simpler_failures(case)
     for i, violation in enumerate(case.violations):
         for plainer in _simpler_violations(violation):
             changed = [*case.violations[:i], plainer, *case.violations[i + 1 :]]
@@ -406,6 +505,15 @@ def _simpler_cases(case: Case) -> Iterator[Case]:
     for name, value in case.numbers.items():
         if value != 1:
             yield replace(case, numbers={**case.numbers, name: 1.0})
+
+
+def _simpler_failures(case: Case) -> Iterator[Case]:
+    if case.failed:
+        yield replace(case, failed=frozenset())
+    for check in sorted({check for check, _ in case.failed}):
+        yield replace(case, failed=frozenset(each for each in case.failed if each[0] != check))
+    for each in sorted(case.failed):
+        yield replace(case, failed=case.failed - {each})
 
 
 def _simpler_tasks(tasks: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
@@ -433,5 +541,11 @@ def _simpler_violations(violation: Violation) -> Iterator[Violation]:
 
 def _rounder(ticks: int) -> Iterator[int]:
     """Smaller and rounder times."""
-    tried = [0, TICKS_PER_S, ticks // 2 // TICKS_PER_S * TICKS_PER_S, ticks // TICKS_PER_S * TICKS_PER_S, ticks - 1]
+    tried = [
+        0,
+        TICKS_PER_S,
+        ticks // 2 // TICKS_PER_S * TICKS_PER_S,
+        ticks // TICKS_PER_S * TICKS_PER_S,
+        ticks - 1,
+    ]
     yield from (each for each in dict.fromkeys(tried) if 0 <= each < ticks)

@@ -12,9 +12,9 @@ from ariac_score.laws.laws import LAWS, Broken, Law, Situation, simpler
 from ariac_score.registry import Registry
 from ariac_score.ruleset import RuleSet
 
-__all__ = ["Outcome", "check_laws"]
+__all__ = ["DEFAULT_CASES", "Outcome", "check_laws"]
 
-DEFAULT_CASES = 1000
+DEFAULT_CASES = 400
 """Random cases for each law."""
 
 _MOST_STEPS = 2000

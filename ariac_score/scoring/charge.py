@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from ariac_score.expression import Number
 from ariac_score.findings import Finding, Verdict
@@ -91,7 +92,7 @@ def _envelope(weighings: Sequence[_Weighing]) -> list[tuple[str, Number]]:
     coming = sorted(weighings, key=lambda each: each.start_s, reverse=True)
     active: list[_Weighing] = []
     pieces: list[tuple[str, Number]] = []
-    for from_s, to_s in zip(marks, marks[1:], strict=False):
+    for from_s, to_s in pairwise(marks):
         while coming and coming[-1].start_s <= from_s:
             heapq.heappush(active, coming.pop())
         while active and active[0].end_s <= from_s:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError, did_you_mean
-from ariac_score.expression import Expression, Number, Traced, add_up
+from ariac_score.expression import Expression, Number, Traced, add_up, text_of
 from ariac_score.findings import Finding, Verdict
 from ariac_score.scoring.charge import charge
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
@@ -60,7 +60,7 @@ CHECK_FUNCTIONS: Mapping[str, str] = {
     "measure": "sum of a named quantity over its findings: measure(check, quantity)",
     "product": "p to the power of its violations: product(check, p=0.6)",
     "occurrences": "sum over its violations of 1 + whole times that every_s fits into their length",
-    "charged": "what violations of several checks cost, one event once: charged(check=weight, again_after_s=5)",
+    "charged": "what violations of several checks cost, one event once: charged(check=weight, …)",
 }
 _OPTIONS: Mapping[str, frozenset[str]] = {
     "demerits": frozenset({"tau_s"}),
@@ -358,6 +358,9 @@ class _Pricing:
         self.sheet, self.trial, self.cohort = sheet, trial, cohort
         self.findings = {key: findings[key] for key in sorted(findings)}
         self._terms: dict[tuple[str, str], Traced] = {}
+        self._by_check: dict[str, list[tuple[str, Finding]]] = {}
+        for key, finding in self.findings.items():
+            self._by_check.setdefault(finding.check, []).append((key, finding))
 
     def root(self, formula: Expression, label: str) -> Traced:
         """A formula of the whole trial, such as its score."""
@@ -385,7 +388,7 @@ class _Pricing:
 
     def of_check(self, check: str, scope: Scope) -> dict[str, Finding]:
         """The findings of a check within a scope, by id."""
-        return {k: f for k, f in self.findings.items() if f.check == check and scope.contains(f.subject)}
+        return {k: f for k, f in self._by_check.get(check, ()) if scope.contains(f.subject)}
 
 
 class _Environment:
@@ -452,7 +455,7 @@ class _Environment:
         """The outermost level below this one that the argument speaks of."""
         inner = LEVELS[: LEVELS.index(self.scope.level)]
         named = {
-            ast.unparse(node).split(".")[0]
+            text_of(node).split(".")[0]
             for argument in arguments
             for node in argument.walk()
             if isinstance(node, ast.Attribute)
