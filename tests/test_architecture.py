@@ -70,7 +70,20 @@ MAY_IMPORT: dict[str, set[str]] = {
         "scoring",
         "trial",
     },
-    "report": {"expression", "findings", "ranking", "result", "scoring", "trial"},
+    "sensitivity": {
+        "contracts",
+        "engine",
+        "errors",
+        "logmap",
+        "logs",
+        "ranking",
+        "registry",
+        "result",
+        "ruleset",
+        "scoring",
+        "trial",
+    },
+    "report": {"expression", "findings", "ranking", "result", "ruleset", "scoring", "sensitivity", "trial"},
     "testing": {"logs", "numpy", "rosbags", "trial", "yaml"},
 }
 ANYTHING = {"cli", "__init__"}

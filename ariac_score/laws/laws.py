@@ -257,12 +257,15 @@ def _order(subject: str) -> int:
 
 def _draw_work(world: World, rng: Random) -> Situation:
     case = draw_case(world, rng)
-    if rng.random() < 0.3:  # one thing again and again
-        first = replace(draw_violation(world, rng), start=0, critical=False)
-        length = 0 if first.check in world.events else 1
-        again = (replace(first, start=s, end=s + length) for s in range(0, 600, 15))
-        case = replace(case, violations=tuple(sorted(again)))
-    return Situation(case)
+    return Situation(replace(case, violations=_again(world, rng, 40)) if rng.random() < 0.3 else case)
+
+
+def _again(world: World, rng: Random, count: int) -> tuple[Violation, ...]:
+    """One short violation again and again, the pauses too long to be bridged."""
+    first = replace(draw_violation(world, rng), critical=False)
+    length = 0 if first.check in world.events else 1
+    step = round(world.t_off_s(first.check) * TICKS_PER_S) + 5
+    return tuple(replace(first, start=n * step, end=n * step + length) for n in range(count))
 
 
 def _nothing(world: World, situation: Situation) -> Broken | None:
@@ -339,6 +342,8 @@ def _after(world: World, case: Case, done: int) -> Case:
 
 def _draw_unknown(world: World, rng: Random) -> Situation:
     case = draw_case(world, rng)
+    if world.safety and rng.random() < 0.3:
+        case = replace(case, violations=_again(world, rng, 4))
     hidden: list[tuple[str, str]] = [(v.check, PAIRS[v.pair]) for v in case.violations]
     hidden += [(check, s) for check in world.task for s in world.subjects(case, check)]
     return Situation(case, subject=hidden[_upto(rng, len(hidden))] if hidden else None)

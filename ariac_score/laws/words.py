@@ -36,9 +36,16 @@ def _trial(case: Case) -> str:
     orders = [" and ".join(_count(parts, "part") for parts in tasks) for tasks in case.orders]
     failed = ", ".join(f"{check} of {subject}" for check, subject in sorted(case.failed))
     task = f"not satisfied: {failed}" if failed else "all of the task satisfied"
-    safety = "; ".join(str(v) for v in case.violations) or "no violations"
+    safety = "; ".join(_repeated(case)) or "no violations"
     numbers = ", ".join(f"{name} = {value:g}" for name, value in case.numbers.items())
     return f"{'; '.join(orders)}; {task}; {safety}{f'; {numbers}' if numbers else ''}"
+
+
+def _repeated(case: Case) -> Iterator[str]:
+    """The violations, with alike ones told once."""
+    for violation in dict.fromkeys(case.violations):
+        times = case.violations.count(violation)
+        yield str(violation) if times == 1 else f"{times} times {violation}"
 
 
 def _count(number: int, what: str) -> str:
