@@ -49,7 +49,7 @@ def reference_rules(penalty: str) -> RuleSet:
     return draft_rule_set(_REFERENCE.replace("PENALTY", penalty), file=f"{penalty} on the made competition")
 
 
-def penalties_page(*, cases: int = 250, seed: int = 0) -> str:
+def penalties_page(*, cases: int = 120, seed: int = 0) -> str:
     """`docs/penalties.md`, with the table and the smallest counter-examples."""
     registry = Registry()
     found = [
