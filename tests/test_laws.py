@@ -58,7 +58,8 @@ def test_the_default_penalty_keeps_every_law(seed: int) -> None:
 
 @pytest.mark.parametrize("policy", ["withhold", "worst_case"])
 def test_it_keeps_them_whatever_undecided_means_and_for_points_that_grow(policy: str) -> None:
-    score = f"earned ** 2\ninclude: [{DEFAULT}]\nsafety:\n  separation: {{class: separation}}\n  dropped: {{class: limit}}"
+    safety = "  separation: {class: separation}\n  dropped: {class: limit}"
+    score = f"earned ** 2\ninclude: [{DEFAULT}]\nsafety:\n{safety}"
     text = MADE.replace("SCORE", score).replace("POLICY", policy).replace("trial: {earned:", "trial: {parts:")
     rule_set = draft_rule_set(text.replace("earned ** 2", "parts ** 2"), file="made.yaml")
 
@@ -131,7 +132,8 @@ def test_the_counter_example_to_counting_episodes_is_the_smallest_there_is() -> 
     assert found.situation.case.orders == ((1,),)
     assert len(found.situation.case.violations) == 2
     assert found.situation.case.failed == frozenset()
-    # A part is worth 4. Two breaches of 0.1 s: 0.4 * (2 + 0.2 / 5) demerits; bridged, one of 0.3 s: 0.4 * (1 + 0.3 / 5).
+    # A part is worth 4. Two breaches of 0.1 s: 0.4 * (2 + 0.2 / 5) demerits;
+    # bridged, one of 0.3 s: 0.4 * (1 + 0.3 / 5).
     assert found.broken.first_score == pytest.approx(4 / (1 + 0.4 * 2.04))
     assert found.broken.second_score == pytest.approx(4 / (1 + 0.4 * 1.06))
 

@@ -19,7 +19,7 @@ def register(commands: Any) -> None:
         "sensitivity",
         help="vary every parameter and say whether score or ranks would change",
         description="Vary each parameter and weight over its range ('ranges:' in the rules; else half to "
-        "double) and say what it does to the score of a result, or at which values ranks of a competition change.",
+        "double) and say what it does to the score of a result, or at which values ranks change.",
     )
     parser.add_argument(
         "path",
