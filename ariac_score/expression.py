@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ariac_score.errors import FormulaError, did_you_mean
 
-__all__ = ["Environment", "Expression", "Number", "Traced", "add_up"]
+__all__ = ["Environment", "Expression", "Number", "Traced", "add_up", "text_of"]
 
 Number = int | float
 """What a formula works with; comparisons give 1 or 0."""
@@ -191,7 +191,7 @@ class Expression:
 
     def part(self, node: ast.expr) -> Expression:
         """A sub-formula as a formula of its own."""
-        return Expression(ast.unparse(node), self.where, node)
+        return Expression(text_of(node), self.where, node)
 
     @property
     def as_name(self) -> str:
@@ -217,6 +217,15 @@ class Expression:
         shape = np.broadcast_shapes(*(np.shape(column) for column in values.values()))
         result = _ColumnEvaluator(self, values).visit(self._root)
         return np.array(np.broadcast_to(result, shape))
+
+
+def text_of(node: ast.AST) -> str:
+    """The text of a node, written once: a formula is evaluated more often than it is read."""
+    text: str | None = getattr(node, "text_once_written", None)
+    if text is None:
+        text = ast.unparse(node)
+        vars(node)["text_once_written"] = text
+    return text
 
 
 def _dotted(node: ast.expr) -> str:
@@ -293,7 +302,7 @@ class _Evaluator:
         self.expression, self.environment = expression, environment
 
     def error(self, cause: str, node: ast.expr, hint: str = "") -> FormulaError:
-        text, whole = ast.unparse(node), self.expression.source
+        text, whole = text_of(node), self.expression.source
         inside = f" in {whole!r}" if text != whole else ""
         return FormulaError(f"{cause}: {text!r}{inside}", place=self.expression.where, hint=hint)
 
@@ -304,7 +313,7 @@ class _Evaluator:
     def visit_constant(self, node: ast.Constant) -> Traced:
         value = node.value
         assert isinstance(value, int | float)  # _problem let nothing else through
-        return Traced(ast.unparse(node), self._checked(value, node), "number")
+        return Traced(text_of(node), self._checked(value, node), "number")
 
     def visit_name(self, node: ast.Name) -> Traced:
         return self._sound(self.environment.name(node.id), node)
@@ -381,7 +390,7 @@ class _Evaluator:
         return self._op(function, node, apply(*(a.value for a in arguments)), *arguments)
 
     def _op(self, symbol: str, node: ast.expr, value: Number, *children: Traced) -> Traced:
-        return Traced(ast.unparse(node), self._checked(value, node), "op", symbol, children)
+        return Traced(text_of(node), self._checked(value, node), "op", symbol, children)
 
     def _sound(self, traced: Traced, node: ast.expr) -> Traced:
         self._checked(traced.value, node)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import yaml
 from ariac_score.datafiles import YamlDocument, load_yaml, parse_yaml, shipped_rules, validate
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
 from ariac_score.expression import Expression
+from ariac_score.penalties import PREFIX, with_penalty
 from ariac_score.registry import Registry
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
@@ -25,6 +26,7 @@ __all__ = [
     "Differences",
     "RuleSet",
     "differences",
+    "draft_rule_set",
     "expanded_yaml",
     "load_rule_set",
     "rule_set_from_text",
@@ -108,12 +110,13 @@ class RuleSet:
         sheet: What findings are worth.
         digits: Decimal digits of the score.
         file: Where it was loaded from.
-        sha256: Hash of the file, and of those it extends.
-        expanded: The whole as plain values, after `extends`.
+        sha256: Hash of the file, and of those it extends or includes.
+        expanded: The whole as plain values, after `extends` and `include`.
         ranking: How runs become a ranking, as the file says it; empty when it does not.
         edition: Year of the competition; `None` when the file does not say.
         printed: What the official text of the edition prints, and how it adds up.
         differs: In what it differs from another rule set, as the file names it; `None` when it does not.
+        ranges: Lowest and highest reasonable value of parameters, as the file says them.
     """
 
     id: str
@@ -131,6 +134,7 @@ class RuleSet:
     edition: int | None = None
     printed: PrintedText = field(default_factory=PrintedText)
     differs: Differences | None = None
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def policies(self) -> dict[str, str]:
@@ -168,7 +172,7 @@ def _shipped() -> dict[str, Path]:
     shipped = {}
     for name, path in shipped_rules().items():
         edition, _, last = name.rpartition(".")
-        if last not in _NOT_RULE_SETS:
+        if last not in _NOT_RULE_SETS and not name.startswith(PREFIX):
             shipped[edition if last == _DEFAULT else name] = path
     return shipped
 
@@ -185,7 +189,7 @@ def load_rule_set(name: str) -> RuleSet:
             set it extends.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    return _parsed(_expanded(_path_of(name, Path()), ()))
+    return _parsed(with_penalty(_expanded(_path_of(name, Path()), ())))
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -195,15 +199,31 @@ def rule_set_from_text(text: str, *, file: str) -> RuleSet:
         RuleSetError: It is not the text of a whole rule set.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
-    validate(document, "ruleset", error=RuleSetError)
-    if "extends" in document.data:
-        raise RuleSetError("the rules of a result stand alone", file=file, place="$.extends")
+    document = _from_text(text, file)
+    for key in ("extends", "include", "safety"):
+        if key in document.data:
+            raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
     return _parsed(document)
 
 
+def draft_rule_set(text: str, *, file: str) -> RuleSet:
+    """A rule set from the text of a file that may include a penalty but extends nothing.
+
+    Raises:
+        RuleSetError: It is not the text of a rule set, or its penalty does not fit.
+        FormulaError: A formula cannot be parsed or names something unknown.
+    """
+    return _parsed(with_penalty(_from_text(text, file)))
+
+
+def _from_text(text: str, file: str) -> YamlDocument:
+    document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
+    validate(document, "ruleset", error=RuleSetError)
+    return document
+
+
 def expanded_yaml(rule_set: RuleSet) -> str:
-    """The rule set as it is after `extends`, as YAML."""
+    """The rule set as it is after `extends` and `include`, as YAML."""
     return yaml.safe_dump(dict(rule_set.expanded), sort_keys=False, allow_unicode=True, width=100)
 
 
@@ -241,8 +261,14 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
     if "log_map" not in document.data and base.data["log_map"].endswith((".yaml", ".yml")):
         base.data["log_map"] = str(Path(base.file).parent / base.data["log_map"])
+    base.data["include"] = [_beside(base.file, name) for name in base.data.get("include", [])]
     both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
     return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
+
+
+def _beside(file: str, name: str) -> str:
+    """What a file of a rule set names, so that it can be found from elsewhere."""
+    return str(Path(file).parent / name) if name.endswith((".yaml", ".yml")) else name
 
 
 def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
@@ -252,6 +278,11 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
     for key in ("parameters", "rules", "monitors", "cohort"):
         merged[key] = {**base.get(key, {}), **own.get(key, {})}
+    for key in ("safety", "ranges"):
+        if key in base or key in own:
+            merged[key] = {**base.get(key, {}), **own.get(key, {})}
+    if not merged.get("include"):
+        merged.pop("include", None)
     for key, other in (("rules", "monitors"), ("monitors", "rules")):
         for name in own.get(key, {}):
             if name not in own.get(other, {}):
@@ -320,6 +351,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
         ranking=data.get("ranking", {}),
         edition=data.get("edition"),
         differs=_differs(data["differs"]) if "differs" in data else None,
+        ranges=_ranges(document, checks),
         printed=printed,
     )
 
@@ -382,6 +414,32 @@ def _differs(told: Mapping[str, Any]) -> Differences:
             for each in told["because"]
         ),
     )
+
+
+def _ranges(document: YamlDocument, checks: Mapping[str, Check]) -> dict[str, tuple[float, float]]:
+    ranges = {}
+    parameters = document.data.get("parameters", {})
+    for name, (low, high) in document.data.get("ranges", {}).items():
+        place = document.place(["ranges", name])
+        check, dot, _ = name.partition(".")
+        known: Iterable[str] = checks if dot else parameters
+        if (check if dot else name) not in known:
+            what = "check" if dot else "parameter"
+            raise RuleSetError(
+                f"a range is given for {name!r}, but there is no such {what}",
+                file=document.file,
+                place=place,
+                hint=did_you_mean(check, known, what=f"{what}s of this rule set"),
+            )
+        if not low < high:
+            raise RuleSetError(
+                f"the range of {name!r} goes from {low:g} to {high:g}",
+                file=document.file,
+                place=place,
+                hint="give the lower value first",
+            )
+        ranges[name] = (low, high)
+    return ranges
 
 
 def _cohort_term(name: str, body: Mapping[str, Any]) -> CohortTerm:

@@ -10,6 +10,7 @@ from ariac_score.contracts import Monitor, Rule
 from ariac_score.datafiles import shipped_rules
 from ariac_score.errors import FormulaError, PluginNotFoundError, RuleSetError, ScoreError, UsageError
 from ariac_score.logmap import load_log_map
+from ariac_score.penalties import penalty_names
 from ariac_score.registry import Registry
 from ariac_score.ruleset import load_rule_set, rule_set_names
 from ariac_score.scoring.policy import POLICIES
@@ -69,11 +70,13 @@ def refusal(path: Path, old: str, new: str, kind: type[ScoreError]) -> ScoreErro
 # Shipped -------------------------------------------------------------------------------
 
 
-def test_every_shipped_yaml_file_is_a_rule_set_or_a_log_map() -> None:
+def test_every_shipped_yaml_file_is_a_rule_set_a_log_map_or_a_penalty() -> None:
     maps = [name for name in shipped_rules() if name.endswith(".log_map")]
+    penalties = [*penalty_names(), "penalty.classes"]
 
     assert rule_set_names()
-    assert len(rule_set_names()) + len(maps) == len(shipped_rules())
+    assert {*rule_set_names(), *penalties}.isdisjoint(maps)
+    assert len(rule_set_names()) + len(maps) + len(penalties) == len(shipped_rules())
 
 
 @pytest.mark.parametrize("name", rule_set_names())

@@ -1,4 +1,4 @@
-"""`ariac-score rules list|show|validate|diff`: the rule sets, whether one is sound, how two differ."""
+"""`ariac-score rules list|show|validate|diff|check`: what rule sets say, how they differ, laws they keep."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 def register(commands: Any) -> None:
     """Add the command and its actions."""
-    parser = commands.add_parser("rules", help="list, show, validate and compare rule sets")
+    parser = commands.add_parser("rules", help="list, show, validate, compare and test rule sets")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="the shipped rule sets")
     listing.set_defaults(run=run_list)
@@ -29,6 +29,31 @@ def register(commands: Any) -> None:
     validate = actions.add_parser("validate", help="check a rule set and the plugins it names")
     validate.add_argument("names", metavar="NAME", nargs="+", help="names or .yaml files")
     validate.set_defaults(run=run_validate)
+    check = actions.add_parser(
+        "check",
+        help="try on random findings whether violations can help, and other laws",
+        description="Try eight laws on thousands of random findings; print which hold, and the smallest "
+        "counter-example found for one that does not. Exit code 1 when one does not hold.",
+    )
+    check.add_argument(
+        "names",
+        metavar="NAME",
+        nargs="*",
+        help="rule sets, .yaml files, or penalties; default: all that are shipped",
+    )
+    check.add_argument(
+        "--cases", type=_count, default=None, metavar="N", help="random cases for each law (default: 400)"
+    )
+    check.add_argument("--seed", type=int, default=0, metavar="S", help="the same seed tries the same cases")
+    check.set_defaults(run=run_check)
+
+
+def _count(text: str) -> int:
+    """A number of cases."""
+    count = int(text)
+    if not 1 <= count <= 1_000_000:
+        raise argparse.ArgumentTypeError("give a number from 1 to 1000000")
+    return count
 
 
 def run_list(_arguments: argparse.Namespace) -> int:
@@ -130,3 +155,30 @@ def run_validate(arguments: argparse.Namespace) -> int:
         remark = f"; not priced: {', '.join(unpriced)}" if unpriced else ""
         print(f"{rule_set.id}: sound, {len(rule_set.checks)} checks{remark}")
     return 0
+
+
+def run_check(arguments: argparse.Namespace) -> int:
+    """Try the laws on each rule set."""
+    from ariac_score.laws.proving import DEFAULT_CASES, check_laws  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.laws.reference import reference_rules  # noqa: PLC0415
+    from ariac_score.laws.words import outcome_lines  # noqa: PLC0415
+    from ariac_score.penalties import PREFIX, penalty_names  # noqa: PLC0415
+    from ariac_score.registry import Registry  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set, rule_set_names  # noqa: PLC0415
+
+    registry, broken = Registry(), False
+    for name in arguments.names or [*rule_set_names(), *penalty_names()]:
+        is_penalty = name.startswith(PREFIX) and not name.endswith((".yaml", ".yml"))
+        rule_set = reference_rules(name) if is_penalty else load_rule_set(name)
+        outcomes = check_laws(
+            rule_set, cases=arguments.cases or DEFAULT_CASES, seed=arguments.seed, registry=registry
+        )
+        tried = sum(outcome.cases for outcome in outcomes)
+        where = f"{name} on the made competition of docs/penalties.md" if is_penalty else rule_set.id
+        print(f"{where}: {tried} random cases, seed {arguments.seed}")
+        for outcome in outcomes:
+            for line in outcome_lines(outcome):
+                print(f"  {line}")
+        sys.stdout.flush()
+        broken |= any(outcome.verdict == "broken" for outcome in outcomes)
+    return 1 if broken else 0

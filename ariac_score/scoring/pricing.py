@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError
+from ariac_score.expression import Number
 from ariac_score.findings import Finding
 from ariac_score.scoring.cohort import CohortValues, Contribution
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
@@ -14,7 +15,7 @@ from ariac_score.scoring.policy import Assumed, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
 
-__all__ = ["Contributed", "Priced", "contribute", "price"]
+__all__ = ["Contributed", "Priced", "contribute", "price", "value_of"]
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,28 @@ def price(
         return Priced("incomplete", None, task, possible, assumed.assumptions, missing.cause)
     ledger = _zeroed(make_ledger(score, digits=digits), assumed, sheet.asked(sheet.score))
     return Priced("scored", ledger, task, possible, assumed.assumptions)
+
+
+def value_of(
+    findings: Mapping[str, Finding],
+    scopes: Scope,
+    sheet: ScoreSheet,
+    policies: Mapping[str, str],
+    *,
+    cohort: CohortValues | None = None,
+) -> Number | None:
+    """The number that `price` rounds to the score; `None` when the score is withheld.
+
+    Raises:
+        FormulaError: It has no value here.
+    """
+    asked = sheet.scored
+    assumed = assume(findings, policies, priced=asked)
+    if assumed.withheld:
+        return None
+    if assumed.zeroed:
+        return 0
+    return sheet.evaluate(scopes, assumed.findings, cohort or CohortValues()).value
 
 
 def _withheld(assumed: Assumed, asked: frozenset[str]) -> bool:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import ast
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError, did_you_mean
-from ariac_score.expression import Expression, Number, Traced, add_up
+from ariac_score.expression import Expression, Number, Traced, add_up, text_of
 from ariac_score.findings import Finding, Verdict
+from ariac_score.scoring.charge import charge
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
 from ariac_score.scoring.scope import LEVELS, Scope
 
-__all__ = ["CHECK_FUNCTIONS", "FACTS", "ScoreSheet"]
+__all__ = ["CHECK_FUNCTIONS", "FACTS", "VIOLATION_FUNCTIONS", "ScoreSheet"]
 
 _COHORT = "cohort"
 _NO_COHORT = CohortValues()
@@ -56,8 +59,17 @@ CHECK_FUNCTIONS: Mapping[str, str] = {
     "gate": "0 when one of its violations is critical, else 1",
     "measure": "sum of a named quantity over its findings: measure(check, quantity)",
     "product": "p to the power of its violations: product(check, p=0.6)",
+    "occurrences": "sum over its violations of 1 + whole times that every_s fits into their length",
+    "charged": "what violations of several checks cost, one event once: charged(check=weight, …)",
 }
-_OPTIONS: Mapping[str, frozenset[str]] = {"demerits": frozenset({"tau_s"}), "product": frozenset({"p"})}
+_OPTIONS: Mapping[str, frozenset[str]] = {
+    "demerits": frozenset({"tau_s"}),
+    "product": frozenset({"p"}),
+    "occurrences": frozenset({"every_s"}),
+    "charged": frozenset({"again_after_s"}),
+}
+VIOLATION_FUNCTIONS = frozenset(CHECK_FUNCTIONS) - {"points", "measure"}
+"""The functions that ask about violations, rather than about points or numbers."""
 _AGGREGATES = ("sum", "mean", "min", "max", "any", "all", "count")
 
 
@@ -97,10 +109,15 @@ class ScoreSheet:
         if self.task:
             self._validate_cohort_free(self.task, "trial", "task")
 
+    @cached_property
+    def scored(self) -> frozenset[str]:
+        """The checks the score really asks about."""
+        return self.asked(self.score)
+
     @property
     def priced(self) -> frozenset[str]:
         """The checks the score or the task score really asks about."""
-        return self.asked(self.score) | (self.asked(self.task) if self.task else frozenset())
+        return self.scored | (self.asked(self.task) if self.task else frozenset())
 
     @property
     def needs_cohort(self) -> bool:
@@ -110,16 +127,28 @@ class ScoreSheet:
     def asked(self, formula: Expression, level: str = "trial") -> frozenset[str]:
         """The checks a formula asks about, itself or through the terms it names."""
         reached = [self.terms[at][name] for at, name in self._reached(formula, level) if at != _COHORT]
-        return frozenset(
-            argument.id
-            for each in (formula, *reached)
-            for call in each.walk()
-            if isinstance(call, ast.Call)
-            and isinstance(call.func, ast.Name)
-            and call.func.id in CHECK_FUNCTIONS
-            for argument in call.args[:1]
-            if isinstance(argument, ast.Name) and argument.id in self.checks
-        )
+        return frozenset(name for each in (formula, *reached) for _, name in self._questions(each))
+
+    def questions(self, formula: Expression, level: str = "trial") -> list[tuple[str, str, str]]:
+        """What a formula asks of checks, itself or through terms: level, function, check."""
+        reached = [(at, self.terms[at][name]) for at, name in self._reached(formula, level) if at != _COHORT]
+        return [(at, *asked) for at, each in ((level, formula), *reached) for asked in self._questions(each)]
+
+    def reached(self, formula: Expression, level: str = "trial") -> list[Expression]:
+        """A formula and those of all terms it rests on."""
+        terms = [self.terms[at][name] for at, name in self._reached(formula, level) if at != _COHORT]
+        return [formula, *terms]
+
+    def _questions(self, formula: Expression) -> Iterator[tuple[str, str]]:
+        """What a formula itself asks of checks: function and check."""
+        for call in formula.walk():
+            if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name)):
+                continue
+            function, first = call.func.id, call.args[0] if call.args else None
+            if function == "charged":
+                yield from ((function, str(k.arg)) for k in call.keywords if k.arg in self.checks)
+            elif function in CHECK_FUNCTIONS and isinstance(first, ast.Name) and first.id in self.checks:
+                yield function, first.id
 
     def evaluate(
         self, trial: Scope, findings: Mapping[str, Finding], cohort: CohortValues = _NO_COHORT
@@ -251,6 +280,9 @@ class ScoreSheet:
         if function == "count" and name in LEVELS:
             self._inside(formula, name, level)
             return {id(first)}
+        if function == "charged":
+            self._validate_charged(formula, call)
+            return set()
         # count() is an aggregate as well, but never of a bare name.
         if function in CHECK_FUNCTIONS and (function not in _AGGREGATES or isinstance(first, ast.Name)):
             if name not in self.checks:
@@ -271,6 +303,18 @@ class ScoreSheet:
                 f"unknown function {function!r}", place=formula.where, hint=did_you_mean(function, known)
             )
         return set()
+
+    def _validate_charged(self, formula: Expression, call: ast.Call) -> None:
+        named = [str(keyword.arg) for keyword in call.keywords if keyword.arg not in _OPTIONS["charged"]]
+        for name in named:
+            if name not in self.checks:
+                raise FormulaError(
+                    f"charged() asks about {name!r}, which is no check",
+                    place=formula.where,
+                    hint=did_you_mean(name, self.checks, what="checks of this rule set"),
+                )
+        if call.args or not named:
+            raise _wrong_arguments("charged", ast.unparse(call), formula.where)
 
     def _validate_name(self, formula: Expression, dotted: str, level: str, known: Sequence[str]) -> None:
         prefix, _, name = dotted.rpartition(".")
@@ -314,6 +358,9 @@ class _Pricing:
         self.sheet, self.trial, self.cohort = sheet, trial, cohort
         self.findings = {key: findings[key] for key in sorted(findings)}
         self._terms: dict[tuple[str, str], Traced] = {}
+        self._by_check: dict[str, list[tuple[str, Finding]]] = {}
+        for key, finding in self.findings.items():
+            self._by_check.setdefault(finding.check, []).append((key, finding))
 
     def root(self, formula: Expression, label: str) -> Traced:
         """A formula of the whole trial, such as its score."""
@@ -341,7 +388,7 @@ class _Pricing:
 
     def of_check(self, check: str, scope: Scope) -> dict[str, Finding]:
         """The findings of a check within a scope, by id."""
-        return {k: f for k, f in self.findings.items() if f.check == check and scope.contains(f.subject)}
+        return {k: f for k, f in self._by_check.get(check, ()) if scope.contains(f.subject)}
 
 
 class _Environment:
@@ -395,6 +442,8 @@ class _Environment:
         if function == "count" and first in LEVELS:
             scopes = list(self.scope.each(first))
             return Traced(f"count({first})", len(scopes), "fact", subject=self.scope.path)
+        if function == "charged":
+            return self._charged(options)
         if function in CHECK_FUNCTIONS and first in self.pricing.sheet.checks:
             return self._ask(function, first, arguments[1:], options)
         level = self._inner_level(arguments) if len(arguments) == 1 else ""
@@ -406,7 +455,7 @@ class _Environment:
         """The outermost level below this one that the argument speaks of."""
         inner = LEVELS[: LEVELS.index(self.scope.level)]
         named = {
-            ast.unparse(node).split(".")[0]
+            text_of(node).split(".")[0]
             for argument in arguments
             for node in argument.walk()
             if isinstance(node, ast.Attribute)
@@ -442,15 +491,47 @@ class _Environment:
     def _ask(
         self, function: str, check: str, rest: Sequence[Expression], options: Mapping[str, Number]
     ) -> Traced:
+        findings = self._said_by(check)
+        shown = ", ".join([check, *(r.source for r in rest), *(f"{k}={v:g}" for k, v in options.items())])
+        label = f"{function}({shown})"
+        value, parts = self._answer(function, findings, rest, options, label)
+        return self._asked(function, label, value, parts, findings)
+
+    def _charged(self, options: Mapping[str, Number]) -> Traced:
+        """What the violations of several checks cost, each moment under its heaviest."""
+        weights = {name: weight for name, weight in options.items() if name not in _OPTIONS["charged"]}
+        again_after_s = options.get("again_after_s", 5.0)
+        label = f"charged({', '.join(f'{name}={value:g}' for name, value in options.items())})"
+        for name, weight in weights.items():
+            if weight < 0:
+                raise FormulaError(
+                    f"{label}: the weight of {name!r} is negative", hint="a violation never brings points"
+                )
+        if not again_after_s > 0:
+            raise FormulaError(f"{label}: again_after_s must be positive", hint="5 s is the rule of 2025")
+        findings = {key: f for name in weights for key, f in self._said_by(name).items()}
+        shares = charge(findings, weights, again_after_s=again_after_s)
+        return self._asked("charged", label, add_up(share for _, share in shares), shares, findings)
+
+    def _said_by(self, check: str) -> dict[str, Finding]:
+        """The findings of a check within this scope; there are some."""
         findings = self.pricing.of_check(check, self.scope)
         if not findings:
             raise FormulaError(
                 f"check {check!r} says nothing about {self.scope.path or 'the trial'}",
                 hint="ask for it in the scope its findings are about; an excluded finding leaves none",
             )
-        shown = ", ".join([check, *(r.source for r in rest), *(f"{k}={v:g}" for k, v in options.items())])
-        label = f"{function}({shown})"
-        value, parts = self._answer(function, findings, rest, options, label)
+        return findings
+
+    def _asked(
+        self,
+        function: str,
+        label: str,
+        value: Number,
+        parts: Sequence[tuple[str, Number]],
+        findings: Mapping[str, Finding],
+    ) -> Traced:
+        """The trace of an answer, with what each finding has in it."""
         children = tuple(
             Traced(findings[key].message, part, "finding", subject=findings[key].subject, findings=(key,))
             for key, part in parts
@@ -483,6 +564,8 @@ class _Environment:
             shares = _demerits(findings, options.get("tau_s", 5.0), label)
         elif function == "measure":
             shares = _measures(findings, rest[0].source, label)
+        elif function == "occurrences":
+            shares = _occurrences(findings, options.get("every_s", 5.0), label)
         elif function == "gate":
             critical = [(key, one) for key, one in violations if findings[key].critical]
             return int(not critical), critical
@@ -493,6 +576,20 @@ class _Environment:
         else:
             shares = violations
         return add_up(share for _, share in shares), shares
+
+
+def _occurrences(findings: Mapping[str, Finding], every_s: Number, label: str) -> list[tuple[str, Number]]:
+    if not every_s > 0:
+        raise FormulaError(f"{label}: every_s must be positive", hint="5 s is the rule of 2025")
+    return [
+        (key, 1 + math.floor(f.span.duration_s / every_s + _WHOLE) if f.span else 1)
+        for key, f in findings.items()
+        if f.verdict is Verdict.VIOLATED
+    ]
+
+
+_WHOLE = 1e-9
+"""A length of 5 s is one, however its ends were rounded."""
 
 
 def _names(formula: Expression, checks: frozenset[str]) -> Iterator[str]:

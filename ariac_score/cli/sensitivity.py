@@ -1,0 +1,112 @@
+"""`ariac-score sensitivity RESULT|COMPETITION`: what score and ranks owe to the numbers chosen."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ariac_score.ranking.competition import Competition
+    from ariac_score.result import Result
+    from ariac_score.ruleset import RuleSet
+    from ariac_score.sensitivity import RankSensitivity, ScoreSensitivity
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "sensitivity",
+        help="vary every parameter and say whether score or ranks would change",
+        description="Vary each parameter and weight over its range ('ranges:' in the rules; else half to "
+        "double) and say what it does to the score of a result, or at which values ranks change.",
+    )
+    parser.add_argument(
+        "path",
+        type=Path,
+        metavar="RESULT|COMPETITION",
+        help="a stored result; or competition.yaml, its folder, or a folder of 'rank --results'",
+    )
+    parser.add_argument("--rules", default="", metavar="NAME", help="rule set instead of its own")
+    parser.add_argument(
+        "--log", type=Path, metavar="PATH", help="the log of the result, to vary parameters of monitors too"
+    )
+    parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Vary, compare, show."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.cli.output import refuse_inputs, write  # noqa: PLC0415
+    from ariac_score.report.sensitivity import ranks_text, scores_text  # noqa: PLC0415
+    from ariac_score.sensitivity import sensitivity_json  # noqa: PLC0415
+
+    refuse_inputs(arguments.output, arguments.path)
+    if arguments.path.suffix == ".json":
+        scores, rule_set, of = _of_result(arguments)
+        text = scores_text(scores, rule_set, of)
+        data = sensitivity_json(scores, rule_set, of)
+    else:
+        ranks, rule_set, of = _of_competition(arguments)
+        text = ranks_text(ranks, rule_set, of)
+        data = sensitivity_json(ranks, rule_set, of)
+    write(data if arguments.output_format == "json" else text, arguments.output)
+    return 0
+
+
+def _of_result(arguments: argparse.Namespace) -> tuple[list[ScoreSensitivity], RuleSet, str]:
+    from ariac_score.registry import Registry  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.result_json import load_result  # noqa: PLC0415
+    from ariac_score.sensitivity import score_sensitivity  # noqa: PLC0415
+
+    result = load_result(arguments.path)
+    rule_set = _rules(arguments, result)
+    found = score_sensitivity(result, rule_set, registry=Registry(), log=arguments.log)
+    return found, rule_set, result.measured.trial
+
+
+def _of_competition(arguments: argparse.Namespace) -> tuple[list[RankSensitivity], RuleSet, str]:
+    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
+    from ariac_score.registry import Registry  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.sensitivity import rank_sensitivity  # noqa: PLC0415
+
+    if arguments.log is not None:
+        raise UsageError("--log is for a result", hint="a competition knows the logs of its runs")
+    competition = _competition(arguments)
+    rule_set = load_rule_set(competition.rules) if competition.rules else _rules_of_stored(competition)
+    registry = Registry()
+    results = score_runs(competition, rule_set, registry=registry)
+    return rank_sensitivity(competition, rule_set, results, registry=registry), rule_set, competition.id
+
+
+def _competition(arguments: argparse.Namespace) -> Competition:
+    from dataclasses import replace  # noqa: PLC0415  # keeps --help quick
+
+    from ariac_score.ranking.competition import load_competition, stored_results  # noqa: PLC0415
+
+    path = arguments.path
+    if path.is_dir() and not (path / "competition.yaml").is_file():
+        stored = stored_results(path)
+        if stored.runs:
+            return replace(stored, rules=arguments.rules)
+    return load_competition(path, arguments.rules)
+
+
+def _rules_of_stored(competition: Competition) -> RuleSet:
+    from ariac_score.result_json import load_result  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.ruleset import rule_set_from_text  # noqa: PLC0415
+
+    first = competition.runs[0].path
+    return rule_set_from_text(load_result(first).rules, file=str(first))
+
+
+def _rules(arguments: argparse.Namespace, result: Result) -> RuleSet:
+    from ariac_score.ruleset import load_rule_set, rule_set_from_text  # noqa: PLC0415  # keeps --help quick
+
+    if arguments.rules:
+        return load_rule_set(arguments.rules)
+    return rule_set_from_text(result.rules, file=str(arguments.path))

@@ -1,0 +1,1 @@
+"""Laws a fair penalty keeps, tried on random findings."""
