@@ -27,11 +27,14 @@ if TYPE_CHECKING:
     )
     from ariac_score.engine import measure_trial, price_trial, reprice, score_trial
     from ariac_score.errors import (
+        FormulaError,
         LogError,
         MissingSignalError,
         NothingToScoreError,
         ScoreError,
+        did_you_mean,
     )
+    from ariac_score.expression import Expression
     from ariac_score.findings import Finding, Limit, Verdict
     from ariac_score.logmap import load_log_map
     from ariac_score.result import Measured, Provenance, Result
@@ -65,7 +68,10 @@ _HOME = {
     ),
     "ariac_score.cohort": "Cohort load_cohort",
     "ariac_score.engine": "measure_trial price_trial reprice score_trial",
-    "ariac_score.errors": "LogError MissingSignalError NothingToScoreError ScoreError",
+    "ariac_score.errors": (
+        "FormulaError LogError MissingSignalError NothingToScoreError ScoreError did_you_mean"
+    ),
+    "ariac_score.expression": "Expression",
     "ariac_score.findings": "Finding Limit Verdict",
     "ariac_score.logmap": "load_log_map",
     "ariac_score.result": "Measured Provenance Result",
@@ -89,7 +95,9 @@ __all__ = [
     "Cohort",
     "Decoder",
     "Event",
+    "Expression",
     "Finding",
+    "FormulaError",
     "Kit",
     "Limit",
     "LogDefect",
@@ -127,6 +135,7 @@ __all__ = [
     "WantedProduct",
     "align",
     "as_json",
+    "did_you_mean",
     "episodes_where",
     "load_cohort",
     "load_log_map",

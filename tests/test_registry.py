@@ -58,6 +58,7 @@ SHIPPED = {
         "iso_ts_15066.ssm_separation",
         "official.trial",
         "run.record",
+        "stl.formula",
         "team.positive_sensor_cost",
         "team.sensor_cost",
     ],
