@@ -29,7 +29,7 @@ from ariac_score_stl.explain import Cause, causes
 from ariac_score_stl.robustness import Beyond, Discrete, margins, truths
 from ariac_score_stl.rows import TOLERANCE_S, BoolArray, Rows
 from ariac_score_stl.signals import Source, Subject, check_name, parse_source, subjects
-from ariac_score_stl.sliding import FloatArray
+from ariac_score_stl.sliding import FloatArray, IntArray
 from ariac_score_stl.syntax import STEPS, Node, StlError, parse
 from ariac_score_stl.units import check_units, unit_of
 
@@ -129,6 +129,12 @@ class StlFormula:
     def _units(self) -> dict[str, str]:
         return {name: source.unit for name, source in self.sources.items()}
 
+    @cached_property
+    def margin_units(self) -> Mapping[Node, str]:
+        """The unit of every predicate's margin."""
+        predicates = [node for node in self.tree.walk() if node.operator == "predicate"]
+        return {node: unit_of(node, self._units) for node in predicates}
+
     def needs(self) -> Iterator[SignalNeed]:
         """The quantities of its signals."""
         for quantity, unit in sorted({(s.quantity, s.unit) for s in self.sources.values()}):
@@ -215,7 +221,7 @@ class Judged:
     ) -> None:
         self.monitor, self.subject, self.span = monitor, subject, span
         self.t, self.columns, self.signals = t, columns, signals
-        self.gaps = uncovered_spans(t, span, max_gap_s=monitor.max_gap_s)
+        self.gaps = _gaps(t, span, monitor.max_gap_s)
         self.predicates = margins(monitor.tree, {**columns, **monitor.constants}, len(t))
         self.evaluated = self.evaluate(self.predicates)
         tree = monitor.tree
@@ -223,13 +229,16 @@ class Judged:
         self.stretch, self.overrun = self._stretch()
         # Where a margin is exactly 0 it does not tell < from <=.
         self.decided: Discrete | Dense = self.evaluated
-        begin, lower, upper = self.bounds(self.evaluated)
+        self.begin, self.lower, self.upper = begin, lower, upper = self.bounds(self.evaluated)
         if not (lower.all() and upper.all()):
             self.decided = self.evaluate(truths(self.predicates))
             begin, lower, upper = self.bounds(self.decided)
-        self.begin = begin
+            if len(begin) != len(self.begin):  # steps of dense time are as long as nothing changes
+                self.begin, both = _on_all_steps(self.begin, begin)
+                self.lower, self.upper = self.lower[both[0]], self.upper[both[0]]
+                lower, upper = lower[both[1]], upper[both[1]]
         self.violated: BoolArray = upper < 0
-        self.open: BoolArray = (lower < 0) & (upper >= 0)
+        self.open: BoolArray = (lower < 0) & ~self.violated
 
     def evaluate(self, predicates: Mapping[Node, FloatArray]) -> Discrete | Dense:
         monitor = self.monitor
@@ -295,10 +304,10 @@ class Judged:
         )
 
     def _violation(self, span: Span) -> Finding:
-        _, _, upper = self.bounds(self.evaluated)
-        (rows,) = np.nonzero(self.violated & (self.begin >= span.start_s) & (self.begin <= span.end_s))
-        worst = int(rows[np.argmin(upper[rows])])
-        worst_s, robustness = float(self.begin[worst]), float(upper[worst])
+        first, last = np.searchsorted(self.begin, [span.start_s, np.nextafter(span.end_s, np.inf)])
+        rows = int(first) + np.flatnonzero(self.violated[first:last])
+        worst = int(rows[np.argmin(self.upper[rows])])
+        worst_s, robustness = float(self.begin[worst]), float(self.upper[worst])
         evaluated = self.evaluated if robustness < 0 else self.decided
         chain = causes(evaluated, self.body, worst_s)
         return Finding(
@@ -307,7 +316,7 @@ class Judged:
             f"{self._how_long(span, worst_s)}: {self._told(chain)}",
             span=span,
             robustness=robustness if np.isfinite(robustness) else None,
-            unit=self._unit(chain) if np.isfinite(robustness) else "",
+            unit=self._unit(chain, robustness) if np.isfinite(robustness) else "",
             quantities={"time_in_violation_s": span.duration_s, "failed_at_s": chain[-1].t_s},
             labels={"failed": chain[0].node.text, "because_of": chain[-1].node.text},
             evidence=self._evidence([worst_s, *(cause.t_s for cause in chain)]),
@@ -328,12 +337,13 @@ class Judged:
         last = chain[-1]
         if last.node.operator == "predicate":
             margin = abs(float(self.predicates[last.node][self._row(last.t_s)]))
-            words[-1] += f" by {margin:.6g} {self._unit(chain)}".rstrip()
+            words[-1] += f" by {margin:.6g} {self.monitor.margin_units[last.node]}".rstrip()
         return ", for ".join(words)
 
-    def _unit(self, chain: list[Cause]) -> str:
-        last = chain[-1].node
-        return unit_of(last, self.monitor._units) if last.operator == "predicate" else ""
+    def _unit(self, chain: list[Cause], robustness: float) -> str:
+        last = chain[-1]
+        known = self.monitor.margin_units.get(last.node)
+        return self._deciding_unit(robustness, last.t_s) if known is None else known
 
     def _row(self, t_s: float) -> int:
         return max(int(np.searchsorted(self.t, t_s + TOLERANCE_S, side="right")) - 1, 0)
@@ -408,7 +418,7 @@ class Judged:
         )
 
     def _kept(self) -> Finding:
-        begin, lower, _ = self.bounds(self.evaluated)
+        begin, lower = self.begin, self.lower
         if not len(begin):
             return self._none_judged()
         closest = int(np.argmin(lower))
@@ -437,7 +447,7 @@ class Judged:
 
     def _deciding_unit(self, robustness: float, at_s: float) -> str:
         """The unit all predicates share; of different ones that of the predicate that is as far."""
-        units = {node: unit_of(node, self.monitor._units) for node in self.predicates}
+        units = self.monitor.margin_units
         if len(set(units.values())) == 1:
             return next(iter(units.values()))
         row = self._row(at_s)
@@ -446,6 +456,20 @@ class Judged:
                 return unit
         near = [u for n, u in units.items() if (np.abs(self.predicates[n]) == abs(robustness)).any()]
         return near[0] if near else ""
+
+
+def _gaps(t: FloatArray, span: Span, max_gap_s: float) -> list[Span]:
+    """The stretches without samples; most logs have none, which is seen at a glance."""
+    longest_s = max(float(t[0]) - span.start_s, span.end_s - float(t[-1]))
+    if len(t) > 1:
+        longest_s = max(longest_s, float((t[1:] - t[:-1]).max()))
+    return uncovered_spans(t, span, max_gap_s=max_gap_s) if longest_s > max_gap_s else []
+
+
+def _on_all_steps(a: FloatArray, b: FloatArray) -> tuple[FloatArray, tuple[IntArray, IntArray]]:
+    """Steps that fit both, and the row of each in both."""
+    begin = np.unique(np.concatenate((a, b)))
+    return begin, (np.searchsorted(a, begin, side="right") - 1, np.searchsorted(b, begin, side="right") - 1)
 
 
 def _reach(node: Node, *, back: bool, step_s: float) -> float:
