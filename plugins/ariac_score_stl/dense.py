@@ -187,7 +187,7 @@ class Dense:
         """The extremum over the window from `start_s` to `end_s` away of every moment."""
         ends = np.append(steps.begin[1:], self.span.end_s + 2 * TOLERANCE_S)
         edges = [self.span.start_s, self.span.start_s - start_s, self.span.end_s - end_s + 2 * TOLERANCE_S]
-        begin = self._inside(np.concatenate((steps.begin - end_s, ends[:-1] - start_s, edges)))
+        begin = self._inside(np.concatenate((steps.begin - end_s, ends - start_s, edges)))
         first = np.searchsorted(ends, begin + (start_s + TOLERANCE_S), side="right")
         last = np.searchsorted(steps.begin, begin + (end_s + TOLERANCE_S), side="right") - 1
 

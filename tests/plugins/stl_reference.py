@@ -32,7 +32,7 @@ def rtamt_of(f: Formula) -> str:
     """The formula in the language of rtamt; both-or-neither as two implications, see the tests."""
     match f:
         case ("p", name, comparison, limit):
-            return f"({name} {comparison} {limit!r})"
+            return f"({name} {'!==' if comparison == '!=' else comparison} {limit!r})"
         case ("not", a):
             return f"(not {rtamt_of(a)})"
         case (("next" | "rise" | "fall") as op, a):
@@ -67,12 +67,20 @@ def _predicate(value: float, comparison: str, limit: float) -> float:
     }[comparison]
 
 
-def robustness(f: Formula, t: Sequence[float], values: dict[str, Sequence[float]], i: int) -> float:
-    """The robustness at sample i, windows cut to the trace."""
+def robustness(
+    f: Formula, t: Sequence[float], values: dict[str, Sequence[float]], i: int, *, dense: bool = False
+) -> float:
+    """The robustness at sample i, windows cut to the trace.
+
+    In dense time samples must come at equal steps, of which bounds are multiples. Then it is the same on
+    all of a step: from a moment in step i, a and b steps away lie in the steps i + a and i + b. Only
+    `until` and `since` differ: before a moment within step k, some of step k has passed, and behind
+    it some of step k is still to come.
+    """
     n = len(t)
 
     def at(part: Formula, k: int) -> float:
-        return robustness(part, t, values, k)
+        return robustness(part, t, values, k, dense=dense)
 
     def window(bounds: tuple[float, float] | None, *, back: bool) -> list[int]:
         low, high = bounds or (0.0, math.inf)
@@ -109,17 +117,17 @@ def robustness(f: Formula, t: Sequence[float], values: dict[str, Sequence[float]
         case ("once", a, bounds):
             return max((at(a, k) for k in window(bounds, back=True)), default=-math.inf)
         case ("until", a, b, bounds):
+            moments = window(bounds, back=False)
+            away = bool(dense and bounds and bounds[0] > 0)
+            nearest = [k for k in moments if away and t[k] - t[i] <= bounds[0] + EPSILON_S]
             return max(
-                (
-                    min([at(b, k), *(at(a, j) for j in range(i, k))])
-                    for k in window(bounds, back=False)
-                ),
+                (min([at(b, k), *(at(a, j) for j in range(i, k + (k in nearest)))]) for k in moments),
                 default=-math.inf,
             )
         case ("since", a, b, bounds):
             return max(
                 (
-                    min([at(b, k), *(at(a, j) for j in range(k + 1, i + 1))])
+                    min([at(b, k), *(at(a, j) for j in range(k + 1 - (dense and k < i), i + 1))])
                     for k in window(bounds, back=True)
                 ),
                 default=-math.inf,
