@@ -201,7 +201,12 @@ def test_the_last_sample_counts_in_both_times() -> None:
 @pytest.mark.parametrize("time", ["discrete", "dense"])
 @pytest.mark.parametrize(
     ("formula", "at_the_limit", "below"),
-    [("d >= 1", True, False), ("d > 1", False, False), ("not (d < 1)", True, False), ("not (d <= 1)", False, False)],
+    [
+        ("d >= 1", True, False),
+        ("d > 1", False, False),
+        ("not (d < 1)", True, False),
+        ("not (d <= 1)", False, False),
+    ],
 )
 def test_the_limit_to_the_bit(formula: str, at_the_limit: bool, below: bool, time: Any) -> None:
     for d, kept in [(1.0, at_the_limit), (np.nextafter(1.0, 0), below), (np.nextafter(1.0, 2), True)]:
@@ -233,7 +238,9 @@ GAP = [0.0, 0.1, 0.2, 0.3, 1.3, 1.4, 1.5, 1.6]
 
 
 def test_a_gap_leaves_open_what_its_window_reaches_and_nothing_else() -> None:
-    finding = only("always[0,0.5] eventually[0,0.2] d > 1", trial(GAP, [0, 0, 5, 0, 5, 5, 5, 5]), max_gap_s=0.15)
+    finding = only(
+        "always[0,0.5] eventually[0,0.2] d > 1", trial(GAP, [0, 0, 5, 0, 5, 5, 5, 5]), max_gap_s=0.15
+    )
 
     # From 0.0 to 0.2 s the sample at 0.2 s keeps it; from 0.3 to 0.5 s only what is missing could.
     assert finding.verdict is INCONCLUSIVE
@@ -326,7 +333,9 @@ def test_what_lies_outside_the_competition_does_not_count() -> None:
     log = trial(tenths(10), [0, 0, 5, 5, 5, 5, 5, 0, 0, 0], events=events)
 
     assert only("always d > 1", log).verdict is SATISFIED
-    (half,) = [f for f in findings("always d > 1", replace(log, events=events[:1])) if f.verdict is INCONCLUSIVE]
+    (half,) = [
+        f for f in findings("always d > 1", replace(log, events=events[:1])) if f.verdict is INCONCLUSIVE
+    ]
     assert "does not show the end of the competition" in half.message
 
 
@@ -410,7 +419,9 @@ def test_nobody_to_judge_is_told_from_nobody_recorded() -> None:
 
 def test_a_vector_is_not_decided() -> None:
     velocity = Signal("velocity/robot", "m/s", np.array([0.0, 0.1]), np.zeros((2, 3)))
-    log = Trial("t", bodies=(Body("robot", "robot"),), signals={velocity.name: velocity}, recorded=Span(0.0, 0.1))
+    log = Trial(
+        "t", bodies=(Body("robot", "robot"),), signals={velocity.name: velocity}, recorded=Span(0.0, 0.1)
+    )
 
     (found,) = StlFormula(formula="always v < 1", signals={"v": "velocity of robot in m/s"}).watch(log)
 
@@ -450,8 +461,14 @@ def test_a_signal_in_another_unit_is_refused() -> None:
         ("abs(d, 2) > 1", "column 1: 'abs' takes 1 values"),
         ("max(d, key=2) > 1", "column 11: '=' (U+003D) means nothing in a formula; write '=='"),
         ("always[2,1] d > 1", "column 7: bounds [2,1] are reversed"),
-        ("always[-1,1] d > 1", "column 8: bounds cannot be negative; 'once', 'historically' and 'since' look back"),
-        ("always[0:1] d > 1", "column 9: ':' (U+003A) means nothing in a formula; bounds are written [from,to]"),
+        (
+            "always[-1,1] d > 1",
+            "column 8: bounds cannot be negative; 'once', 'historically' and 'since' look back",
+        ),
+        (
+            "always[0:1] d > 1",
+            "column 9: ':' (U+003A) means nothing in a formula; bounds are written [from,to]",
+        ),
         ("always[0,inf] d > 1", "column 10: 'inf' is no bound"),
         ("always[0,500ms] d > 1", "column 13: 'ms' stands where ']'"),
         ("always[0,1e9] d > 1", "column 10: a bound of 1e+09 s is not between"),
@@ -475,7 +492,9 @@ def test_a_signal_in_another_unit_is_refused() -> None:
 )
 def test_a_formula_that_is_none_is_refused_with_its_place(formula: str, message: str) -> None:
     with pytest.raises(StlError) as error:
-        StlFormula(formula=formula, signals={"d": DISTANCE, "v": SPEED} if "v" in formula else {"d": DISTANCE})
+        StlFormula(
+            formula=formula, signals={"d": DISTANCE, "v": SPEED} if "v" in formula else {"d": DISTANCE}
+        )
 
     assert message in str(error.value)
     str(error.value).encode()  # can be printed, whatever the formula had in it
@@ -483,7 +502,12 @@ def test_a_formula_that_is_none_is_refused_with_its_place(formula: str, message:
 
 @pytest.mark.parametrize("n", [MAX_DEPTH + 1, 1000, 10_000, 1_000_000])
 def test_brackets_without_end_are_refused(n: int) -> None:
-    for formula in ("(" * n + "d > 1" + ")" * n, "(" * n + "d" + ")" * n + " > 1", "(" * n, "not " * n + "d > 1"):
+    for formula in (
+        "(" * n + "d > 1" + ")" * n,
+        "(" * n + "d" + ")" * n + " > 1",
+        "(" * n,
+        "not " * n + "d > 1",
+    ):
         with pytest.raises(StlError):
             parse(formula, ["d"])
     with pytest.raises(StlError, match=r"deep|longer"):
@@ -513,7 +537,9 @@ def test_any_text_is_a_formula_or_an_error_that_says_so(text: str) -> None:
         assert str(error)
 
 
-WORDS = "always eventually until since not and -> ( ) [ ] , 0 1 2.5 d v > < <= + - rise [0,1] [1,0] true".split()
+WORDS = (
+    "always eventually until since not and -> ( ) [ ] , 0 1 2.5 d v > < <= + - rise [0,1] [1,0] true".split()
+)
 
 
 @given(st.lists(st.sampled_from(WORDS), max_size=14))
@@ -546,7 +572,8 @@ def test_different_units_are_not_compared(formula: str, message: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "formula", ["d > 2.6 + 1.5 * v", "d / v > 2", "d * d > d ** 2", "v * v / v < v", "abs(-d) > min(d, 1)", "0 < d < 2"]
+    "formula",
+    ["d > 2.6 + 1.5 * v", "d / v > 2", "d * d > d ** 2", "v * v / v < v", "abs(-d) > min(d, 1)", "0 < d < 2"],
 )
 def test_a_bare_number_may_have_any_unit(formula: str) -> None:
     assert monitor(formula).tree.names
@@ -618,7 +645,9 @@ def test_a_rule_set_scores_a_formula(tmp_path: Path) -> None:
 
     measured = measure_trial(log, rule_set.build(registry), registry=registry, rule_set=rule_set)
 
-    assert [(key, f.verdict, f.critical) for key, f in measured.findings.items()] == [("stops#1", VIOLATED, True)]
+    assert [(key, f.verdict, f.critical) for key, f in measured.findings.items()] == [
+        ("stops#1", VIOLATED, True)
+    ]
 
 
 def test_a_rule_set_with_a_broken_formula_is_refused(tmp_path: Path) -> None:
