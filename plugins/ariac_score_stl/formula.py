@@ -111,11 +111,11 @@ class StlFormula:
             StlError: It is no formula; or it puts metres beside seconds.
         """
         tree = parse(self.formula, self.signals, constants=self.constants)
+        if not tree.names & self.signals.keys():
+            raise StlError("the formula speaks of no signal")
         unused = sorted(self.signals.keys() - tree.names)
         if unused:
             raise StlError(f"the formula does not speak of signal {unused[0]!r}")
-        if not tree.names & self.signals.keys():
-            raise StlError("the formula speaks of no signal")
         for node in tree.walk():
             if self.time == "dense" and node.operator in STEPS:
                 raise StlError(

@@ -139,7 +139,6 @@ def test_a_formula_without_always_is_judged_at_the_start() -> None:
 
     assert only("d > 1", log).verdict is SATISFIED
     assert only("eventually[0.1,0.2] d > 1", log).verdict is VIOLATED
-    assert only("eventually[0.1,0.2] d > 1", log).span == Span(0.0, 0.0) or True
     assert only("always[0,0] d > 1", log).verdict is SATISFIED
 
 
@@ -147,7 +146,7 @@ def test_always_with_bounds_is_judged_in_them_and_nowhere_else() -> None:
     log = trial(tenths(6), [0, 0, 2, 2, 0, 0])
 
     assert only("always[0.2,0.3] d > 1", log).verdict is SATISFIED
-    assert only("always[0.2,0.4] d > 1", log).span == Span(0.4, 0.5)
+    assert only("always[0.2,0.4] d > 1", log).span == Span(0.4, 0.4)  # what comes after is not asked
 
 
 def test_past_and_change() -> None:
@@ -160,8 +159,9 @@ def test_past_and_change() -> None:
     assert start.span == Span(0.2, 0.3)
     (stop,) = findings("always (fall(v > 0.5) -> d > 1)", log, beyond="cut")
     assert stop.span == Span(0.4, 0.5)
-    (before,) = findings("always (next v > 0.5 -> v > 0.5)", log)
+    (before, last) = findings("always (next v > 0.5 -> v > 0.5)", log)
     assert before.span == Span(0.1, 0.2)
+    assert last.verdict is INCONCLUSIVE  # there is no sample after the last one
 
 
 def test_until_and_since() -> None:
@@ -484,10 +484,10 @@ def test_a_signal_in_another_unit_is_refused() -> None:
         ("d.x > 1", "means nothing in a formula"),
         ("d[0] > 1", "column 2: '[' stands where a comparison"),
         ("d > 'a'", "means nothing in a formula"),
-        ("__import__(1) > 1", "unknown function '__import__'"),
+        ("__import__(1) > 1", "column 1: a name with a leading underscore"),
         ("d > 2j", "column 6: unknown signal 'j'"),
         ("1 > 2", "the formula speaks of no signal"),
-        ("true", "the formula speaks of no signal"),
+        ("always true", "the formula speaks of no signal"),
     ],
 )
 def test_a_formula_that_is_none_is_refused_with_its_place(formula: str, message: str) -> None:
@@ -504,7 +504,7 @@ def test_a_formula_that_is_none_is_refused_with_its_place(formula: str, message:
 def test_brackets_without_end_are_refused(n: int) -> None:
     for formula in (
         "(" * n + "d > 1" + ")" * n,
-        "(" * n + "d" + ")" * n + " > 1",
+        "(" * (n + 1000) + "d" + ")" * (n + 1000) + " > 1",  # Python itself stops at 200
         "(" * n,
         "not " * n + "d > 1",
     ):
@@ -650,10 +650,17 @@ def test_a_rule_set_scores_a_formula(tmp_path: Path) -> None:
     ]
 
 
-def test_a_rule_set_with_a_broken_formula_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "r.yaml").write_text(RULES.format(speed="speed of robot in m"))
+@pytest.mark.parametrize(
+    ("speed", "message"),
+    [
+        ("robot_speed", "signal 'v' is 'robot_speed'; write 'QUANTITY in UNIT'"),
+        ("speed in m^", "'m^' is not a unit"),
+    ],
+)
+def test_a_rule_set_with_a_broken_formula_is_refused(tmp_path: Path, speed: str, message: str) -> None:
+    (tmp_path / "r.yaml").write_text(RULES.format(speed=speed))
 
     with pytest.raises(RuleSetError, match="stl.formula refuses its parameters") as error:
-        load_rule_set(str(tmp_path / "r.yaml").replace("  ", "")).build(Registry())
+        load_rule_set(str(tmp_path / "r.yaml")).build(Registry())
 
-    assert "unit" not in str(error.value) or True
+    assert message in str(error.value)
