@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
@@ -304,19 +305,22 @@ class Judged:
         )
 
     def _violation(self, span: Span) -> Finding:
-        first, last = np.searchsorted(self.begin, [span.start_s, np.nextafter(span.end_s, np.inf)])
-        rows = int(first) + np.flatnonzero(self.violated[first:last])
-        worst = int(rows[np.argmin(self.upper[rows])])
+        first = int(self.begin.searchsorted(span.start_s))
+        last = int(self.begin.searchsorted(span.end_s, side="right"))
+        worst = first + int(self.upper[first:last].argmin())
+        if self.upper[worst] >= 0:  # broken by < where <= would have been kept
+            worst = first + int(self.violated[first:last].argmax())
         worst_s, robustness = float(self.begin[worst]), float(self.upper[worst])
         evaluated = self.evaluated if robustness < 0 else self.decided
         chain = causes(evaluated, self.body, worst_s)
+        finite = math.isfinite(robustness)
         return Finding(
             self.subject,
             Verdict.VIOLATED,
             f"{self._how_long(span, worst_s)}: {self._told(chain)}",
             span=span,
-            robustness=robustness if np.isfinite(robustness) else None,
-            unit=self._unit(chain, robustness) if np.isfinite(robustness) else "",
+            robustness=robustness if finite else None,
+            unit=self._unit(chain, robustness) if finite else "",
             quantities={"time_in_violation_s": span.duration_s, "failed_at_s": chain[-1].t_s},
             labels={"failed": chain[0].node.text, "because_of": chain[-1].node.text},
             evidence=self._evidence([worst_s, *(cause.t_s for cause in chain)]),
@@ -346,7 +350,7 @@ class Judged:
         return self._deciding_unit(robustness, last.t_s) if known is None else known
 
     def _row(self, t_s: float) -> int:
-        return max(int(np.searchsorted(self.t, t_s + TOLERANCE_S, side="right")) - 1, 0)
+        return max(int(self.t.searchsorted(t_s + TOLERANCE_S, side="right")) - 1, 0)
 
     def _evidence(self, moments: Sequence[float]) -> tuple[Sample, ...]:
         rows = sorted({self._row(t_s) for t_s in moments})
@@ -424,7 +428,7 @@ class Judged:
         closest = int(np.argmin(lower))
         robustness = float(lower[closest])
         at_s = float(begin[closest])
-        finite = bool(np.isfinite(robustness))
+        finite = math.isfinite(robustness)
         if self.monitor.tree.operator == "always":
             message = f"holds throughout, at its closest at {at_s:.3f} s"
         else:
@@ -442,8 +446,7 @@ class Judged:
 
     def _none_judged(self) -> Finding:
         message = "no sample lies in the window of its outermost 'always'"
-        make: Callable[..., Finding] = Finding.inconclusive
-        return make(self.subject, message, span=self.stretch, clause=self.monitor.clause)
+        return Finding.inconclusive(self.subject, message, span=self.stretch, clause=self.monitor.clause)
 
     def _deciding_unit(self, robustness: float, at_s: float) -> str:
         """The unit all predicates share; of different ones that of the predicate that is as far."""

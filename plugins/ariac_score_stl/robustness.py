@@ -138,8 +138,8 @@ class Discrete:
     ) -> float | None:
         """When a bound of a sub-formula is least or greatest within a stretch of time."""
         values = getattr(self.of(node, sign), of)
-        first = int(np.searchsorted(self.rows.end, window[0] - TOLERANCE_S, side="left"))
-        last = int(np.searchsorted(self.rows.begin, window[1] + TOLERANCE_S, side="right"))
+        first = int(self.rows.end.searchsorted(window[0] - TOLERANCE_S, side="left"))
+        last = int(self.rows.begin.searchsorted(window[1] + TOLERANCE_S, side="right"))
         if first >= last:
             return None
         found = values[first:last].argmin() if least else values[first:last].argmax()
@@ -320,7 +320,7 @@ class Discrete:
 
 
 def _row(begin: FloatArray, t_s: float) -> int:
-    return max(int(np.searchsorted(begin, t_s + TOLERANCE_S, side="right")) - 1, 0)
+    return max(int(begin.searchsorted(t_s + TOLERANCE_S, side="right")) - 1, 0)
 
 
 def _lowest(values: FloatArray, extent: Extent) -> FloatArray:

@@ -67,7 +67,7 @@ def _predicate(value: float, comparison: str, limit: float) -> float:
     }[comparison]
 
 
-def robustness(
+def robustness(  # noqa: PLR0912  # one case for each operator, side by side
     f: Formula, t: Sequence[float], values: dict[str, Sequence[float]], i: int, *, dense: bool = False
 ) -> float:
     """The robustness at sample i, windows cut to the trace.

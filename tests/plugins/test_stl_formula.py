@@ -1,4 +1,4 @@
-"""`stl.formula`: what it finds, worked by hand; its limits to the bit; what it cannot decide; what it refuses."""
+"""`stl.formula`: what it finds, worked by hand; limits to the bit; what it cannot decide; what it refuses."""
 
 from __future__ import annotations
 
@@ -451,7 +451,7 @@ def test_a_signal_in_another_unit_is_refused() -> None:
         ("d > 1 d < 2", "column 5: '1 d' is not a formula"),
         ("d > 1 & v < 2", "column 7: '&' (U+0026) means nothing in a formula; write 'and'"),
         ("d ≥ 1", r"column 3: '\u2265' (U+2265) means nothing in a formula"),
-        ("dıst > 1", r"column 2: '\u0131' (U+0131)"),
+        ("d\u0131st > 1", r"column 2: '\u0131' (U+0131)"),
         ("d > 1\x00", r"column 6: '\x00' (U+0000)"),
         ("d > 1 \ud800", r"column 7: '\ud800' (U+D800)"),
         ("dd > 1", "column 1: unknown signal 'dd'; did you mean 'd'?"),
@@ -528,28 +528,61 @@ def test_a_formula_may_be_as_long_as_it_says_and_no_longer() -> None:
         parse(" and ".join(["d>1"] * 400), ["d"])
 
 
-@given(st.text(st.sampled_from("dv01.()[],<>=-+*/ \n") | st.characters(), max_size=30))
-@settings(max_examples=100, derandomize=True, deadline=None)
-def test_any_text_is_a_formula_or_an_error_that_says_so(text: str) -> None:
+def _error_in(text: str) -> StlError | None:
     try:
         parse(text, ["d", "v"])
     except StlError as error:
-        assert str(error)
+        return error
+    return None
 
 
-WORDS = (
-    "always eventually until since not and -> ( ) [ ] , 0 1 2.5 d v > < <= + - rise [0,1] [1,0] true".split()
-)
+@given(st.text(st.sampled_from("dv01.()[],<>=-+*/ \n") | st.characters(), max_size=30))
+@settings(max_examples=100, derandomize=True, deadline=None)
+def test_any_text_is_a_formula_or_an_error_that_says_so(text: str) -> None:
+    error = _error_in(text)
+
+    assert error is None or str(error).encode()
+
+
+WORDS = [
+    "always",
+    "eventually",
+    "until",
+    "since",
+    "not",
+    "and",
+    "->",
+    "(",
+    ")",
+    "[",
+    "]",
+    ",",
+    "0",
+    "1",
+    "2.5",
+    "d",
+    "v",
+    ">",
+    "<",
+    "<=",
+    "+",
+    "-",
+    "rise",
+    "[0,1]",
+    "[1,0]",
+    "true",
+]
 
 
 @given(st.lists(st.sampled_from(WORDS), max_size=14))
 @settings(max_examples=100, derandomize=True, deadline=None)
 def test_any_words_are_a_formula_or_an_error_that_says_so(words: list[str]) -> None:
-    try:
-        node = parse(" ".join(words), ["d", "v"])
-    except StlError as error:
-        assert str(error)
-    else:
+    text = " ".join(words)
+    error = _error_in(text)
+
+    assert error is None or str(error)
+    if error is None:
+        node = parse(text, ["d", "v"])
         assert parse(node.text, ["d", "v"]).text == node.text
 
 
@@ -613,7 +646,7 @@ def test_constants_stand_in_predicates_and_in_bounds() -> None:
 
     assert only(formula, log, constants=constants).verdict is SATISFIED
     assert only(formula, log, constants={**constants, "patience": 0.1}).verdict is VIOLATED
-    with pytest.raises(StlError, match="'patients' is no bound; did you mean 'patience'?"):
+    with pytest.raises(StlError, match=r"'patients' is no bound; did you mean 'patience'\?"):
         monitor(formula.replace("patience", "patients"), constants=constants)
     with pytest.raises(StlError, match="a bound of -1 s is not between"):
         monitor(formula, constants={**constants, "patience": -1.0})
@@ -660,7 +693,7 @@ def test_a_rule_set_scores_a_formula(tmp_path: Path) -> None:
 def test_a_rule_set_with_a_broken_formula_is_refused(tmp_path: Path, speed: str, message: str) -> None:
     (tmp_path / "r.yaml").write_text(RULES.format(speed=speed))
 
-    with pytest.raises(RuleSetError, match="stl.formula refuses its parameters") as error:
+    with pytest.raises(RuleSetError, match=r"stl\.formula refuses its parameters") as error:
         load_rule_set(str(tmp_path / "r.yaml")).build(Registry())
 
     assert message in str(error.value)
