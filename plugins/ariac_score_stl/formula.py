@@ -23,6 +23,7 @@ from ariac_score import (
     Verdict,
     align,
     episodes_where,
+    sample_durations,
     uncovered_spans,
 )
 from ariac_score_stl.dense import Dense
@@ -38,6 +39,10 @@ __all__ = ["StlFormula"]
 
 _NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
 _NO_TEXTS: Mapping[str, str] = MappingProxyType({})
+
+
+SHORTEST_GAP_S = 1e-6
+"""A gap must be long beside the rounding of stamps."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +93,8 @@ class StlFormula:
         for name in ("t_on_s", "t_off_s"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} is {getattr(self, name):g} but cannot be negative")
-        if not 0 < self.max_gap_s < np.inf:
-            raise ValueError(f"max_gap_s is {self.max_gap_s:g} but must be positive")
+        if not SHORTEST_GAP_S <= self.max_gap_s < np.inf:
+            raise ValueError(f"max_gap_s is {self.max_gap_s:g} but must be at least {SHORTEST_GAP_S:g}")
         both = sorted(self.signals.keys() & self.constants.keys())
         if both:
             raise ValueError(f"{both[0]!r} is a signal and a constant; give one another name")
@@ -227,7 +232,7 @@ class Judged:
         self.evaluated = self.evaluate(self.predicates)
         tree = monitor.tree
         self.body = tree.parts[0] if tree.operator == "always" else tree
-        self.stretch, self.overrun = self._stretch()
+        self.stretch, self.overrun, self.late = self._stretch()
         # Where a margin is exactly 0 it does not tell < from <=.
         self.decided: Discrete | Dense = self.evaluated
         self.begin, self.lower, self.upper = begin, lower, upper = self.bounds(self.evaluated)
@@ -247,16 +252,16 @@ class Judged:
             return Dense(self.t, self.span, predicates, monitor.beyond, monitor.max_gap_s)
         return Discrete(Rows.of(self.t, self.span, self.gaps), predicates, monitor.beyond)
 
-    def _stretch(self) -> tuple[Span, bool]:
-        """When the body is judged, and whether that goes beyond the trial."""
+    def _stretch(self) -> tuple[Span, bool, bool]:
+        """When the body is judged; whether that ends, and whether it begins, after the trial."""
         tree, start_s, end_s = self.monitor.tree, self.span.start_s, self.span.end_s
         if tree.operator != "always":
-            return Span(start_s, start_s), False
+            return Span(start_s, start_s), False, False
         if tree.bounds is None:
-            return self.span, False
+            return self.span, False, False
         first_s, last_s = start_s + tree.bounds.start_s, start_s + tree.bounds.end_s
-        overrun = last_s > end_s + TOLERANCE_S
-        return Span(min(first_s, end_s), min(last_s, end_s)), overrun
+        latest_s = end_s + TOLERANCE_S
+        return Span(min(first_s, end_s), min(last_s, end_s)), last_s > latest_s, first_s > latest_s
 
     def bounds(self, evaluated: Discrete | Dense) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Moments at which the body is judged, and its bounds there."""
@@ -270,7 +275,7 @@ class Judged:
         last = int(np.searchsorted(begin, self.stretch.end_s + TOLERANCE_S, side="right"))
         if self.monitor.tree.operator != "always":
             first, last = 0, 1
-        rows = slice(first, last)
+        rows = slice(0, 0) if self.late else slice(first, last)
         begin = begin[rows]
         if isinstance(evaluated, Dense) and len(begin) and begin[0] < self.stretch.start_s:
             begin = np.concatenate(([self.stretch.start_s], begin[1:]))
@@ -294,15 +299,31 @@ class Judged:
         if not holds.any():
             return []
         monitor = self.monitor
+        t_on_s = monitor.t_on_s if monitor.tree.operator == "always" else 0.0
         if monitor.time == "dense":
             begin = np.append(self.begin, max(self.stretch.end_s, float(self.begin[-1]) + TOLERANCE_S))
-            found = episodes_where(
-                begin, np.append(holds, False), t_on_s=monitor.t_on_s, t_off_s=monitor.t_off_s
-            )
-            return [Span(one.start_s, min(one.end_s, self.stretch.end_s)) for one in found]
+            found = episodes_where(begin, np.append(holds, False), t_on_s=t_on_s, t_off_s=monitor.t_off_s)
+            return [Span(one.start_s, max(min(one.end_s, self.stretch.end_s), one.start_s)) for one in found]
         return episodes_where(
-            self.begin, holds, t_on_s=monitor.t_on_s, t_off_s=monitor.t_off_s, longest_s=monitor.max_gap_s
+            self.begin, holds, t_on_s=t_on_s, t_off_s=monitor.t_off_s, longest_s=monitor.max_gap_s
         )
+
+    def _settled(self, span: Span) -> Span:
+        """A span without the tolerances that windows are laid out with."""
+        return Span(*sorted(self._moment(t_s) for t_s in (span.start_s, span.end_s)))
+
+    def _moment(self, t_s: float) -> float:
+        row = int(self.t.searchsorted(t_s))
+        near = (*self.t[max(row - 1, 0) : row + 1].tolist(), self.span.start_s, self.span.end_s)
+        exact = min(near, key=lambda one: abs(one - t_s))
+        return exact if abs(exact - t_s) <= 4 * TOLERANCE_S else round(t_s, 8)
+
+    @cached_property
+    def durations_s(self) -> FloatArray:
+        """How long the moments that are judged stand for, s."""
+        if self.monitor.time == "dense":
+            return np.diff(self.begin, append=max(self.stretch.end_s, float(self.begin[-1])))
+        return sample_durations(self.begin, longest_s=self.monitor.max_gap_s)
 
     def _violation(self, span: Span) -> Finding:
         first = int(self.begin.searchsorted(span.start_s))
@@ -310,7 +331,9 @@ class Judged:
         worst = first + int(self.upper[first:last].argmin())
         if self.upper[worst] >= 0:  # broken by < where <= would have been kept
             worst = first + int(self.violated[first:last].argmax())
-        worst_s, robustness = float(self.begin[worst]), float(self.upper[worst])
+        broken_s = self.durations_s[first:last][self.violated[first:last]]
+        worst_s, robustness = self._moment(float(self.begin[worst])), float(self.upper[worst])
+        span = self._settled(span)
         evaluated = self.evaluated if robustness < 0 else self.decided
         chain = causes(evaluated, self.body, worst_s)
         finite = math.isfinite(robustness)
@@ -321,7 +344,10 @@ class Judged:
             span=span,
             robustness=robustness if finite else None,
             unit=self._unit(chain, robustness) if finite else "",
-            quantities={"time_in_violation_s": span.duration_s, "failed_at_s": chain[-1].t_s},
+            quantities={
+                "time_in_violation_s": float(broken_s.sum()),
+                "failed_at_s": self._moment(chain[-1].t_s),
+            },
             labels={"failed": chain[0].node.text, "because_of": chain[-1].node.text},
             evidence=self._evidence([worst_s, *(cause.t_s for cause in chain)]),
             clause=self.monitor.clause,
@@ -382,7 +408,7 @@ class Judged:
         ends = np.append(self.begin[1:], self.stretch.end_s)
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             start_s, end_s = float(self.begin[run[0]]), float(max(ends[run[-1]], self.begin[run[-1]]))
-            found.append(Span(start_s, end_s))
+            found.append(self._settled(Span(start_s, end_s)))
         return found
 
     def _why(self, span: Span) -> str:
@@ -429,7 +455,9 @@ class Judged:
         robustness = float(lower[closest])
         at_s = float(begin[closest])
         finite = math.isfinite(robustness)
-        if self.monitor.tree.operator == "always":
+        if self.violated[closest]:
+            message = f"never broken for {self.monitor.t_on_s:g} s; at its worst at {at_s:.3f} s"
+        elif self.monitor.tree.operator == "always":
             message = f"holds throughout, at its closest at {at_s:.3f} s"
         else:
             message = "holds"
@@ -445,6 +473,9 @@ class Judged:
         )
 
     def _none_judged(self) -> Finding:
+        if self.late:
+            message = f"its window begins after the trial, which ends at {self.span.end_s:.3f} s"
+            return Finding.satisfied(self.subject, message, clause=self.monitor.clause)
         message = "no sample lies in the window of its outermost 'always'"
         return Finding.inconclusive(self.subject, message, span=self.stretch, clause=self.monitor.clause)
 

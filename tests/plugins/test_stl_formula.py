@@ -296,6 +296,44 @@ def test_what_a_window_longer_than_the_trial_counts_as(beyond: Any, verdict: Ver
     assert only("historically[0,60] d > 1", trial(tenths(10)), beyond=beyond).verdict is verdict
 
 
+@pytest.mark.parametrize("time", ["discrete", "dense"])
+@pytest.mark.parametrize(
+    ("beyond", "verdict"),
+    [("undecided", INCONCLUSIVE), ("weak", SATISFIED), ("strong", VIOLATED), ("cut", SATISFIED)],
+)
+def test_what_a_window_after_the_trial_counts_as(beyond: Any, verdict: Verdict, time: Any) -> None:
+    assert only("always[5,6] d > 1", trial(tenths(10), 0.0), beyond=beyond, time=time).verdict is verdict
+
+
+def test_episodes_too_short_to_count_are_told_of_but_do_not_violate() -> None:
+    log = trial(tenths(6), [5, 0, 5, 5, 0, 0])
+
+    finding = only("always[0,0.3] d > 1", log, t_on_s=0.15)
+
+    assert finding.verdict is SATISFIED
+    assert finding.message == "never broken for 0.15 s; at its worst at 0.100 s by -1 m"
+    assert only("always[0,0.3] d > 1", log, t_on_s=0.1).verdict is VIOLATED
+    assert only("not (d > 1)", log, t_on_s=0.15).verdict is VIOLATED  # judged at one moment
+
+
+def test_a_bridged_pause_is_no_time_in_violation() -> None:
+    log = trial(tenths(6), [5, 0, 5, 0, 5, 5])
+
+    for time in ("discrete", "dense"):
+        finding = only("always d > 1", log, t_off_s=0.2, time=time)
+        assert finding.span == Span(0.1, 0.4)
+        assert finding.quantities["time_in_violation_s"] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("time", ["discrete", "dense"])
+def test_spans_are_told_without_the_tolerance_of_windows(time: Any) -> None:
+    found = findings("always always[0,0.25] d > 1", trial(GAP, 5.0), max_gap_s=0.15, time=time)
+
+    for finding in found:
+        assert finding.span is not None
+        assert all(round(s, 4) == s for s in (finding.span.start_s, finding.span.end_s))
+
+
 def test_a_kept_promise_is_kept_to_the_end_of_the_trial() -> None:
     assert only(STOP, trial(tenths(10), 0.5, 0.0)).verdict is SATISFIED
 
@@ -626,7 +664,7 @@ def test_a_bare_number_may_have_any_unit(formula: str) -> None:
         ({"signals": {"d": DISTANCE, "_x": SPEED}}, "'_x' is not a name"),
         ({"constants": {"d": 1.0}}, "'d' is a signal and a constant"),
         ({"constants": {"c": float("nan")}}, "constants must be finite"),
-        ({"max_gap_s": 0.0}, "max_gap_s is 0 but must be positive"),
+        ({"max_gap_s": 0.0}, "max_gap_s is 0 but must be at least 1e-06"),
         ({"t_off_s": -1.0}, "t_off_s is -1 but cannot be negative"),
         ({"time": "dense", "formula": "always next d > 1"}, "column 8: 'next' is about neighbouring samples"),
         ({"time": "dense", "formula": "rise(d > 1)"}, "'rise' is about neighbouring samples"),
