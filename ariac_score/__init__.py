@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         MissingSignalError,
         NothingToScoreError,
         ScoreError,
+        did_you_mean,
     )
     from ariac_score.expression import Expression, add_up
     from ariac_score.findings import Finding, Limit, Verdict
@@ -69,7 +70,9 @@ _HOME = {
     ),
     "ariac_score.cohort": "Cohort load_cohort",
     "ariac_score.engine": "measure_trial price_trial reprice score_trial",
-    "ariac_score.errors": "FormulaError LogError MissingSignalError NothingToScoreError ScoreError",
+    "ariac_score.errors": (
+        "FormulaError LogError MissingSignalError NothingToScoreError ScoreError did_you_mean"
+    ),
     "ariac_score.expression": "Expression add_up",
     "ariac_score.findings": "Finding Limit Verdict",
     "ariac_score.logmap": "load_log_map",
@@ -142,6 +145,7 @@ __all__ = [
     "align",
     "as_json",
     "check_parameters",
+    "did_you_mean",
     "episodes_where",
     "load_cohort",
     "load_log_map",

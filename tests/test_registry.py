@@ -77,6 +77,7 @@ SHIPPED = {
         "official.trial",
         "proxemics.proximity_comfort",
         "run.record",
+        "stl.formula",
         "team.positive_sensor_cost",
         "team.sensor_cost",
     ],

@@ -1,0 +1,519 @@
+"""`stl.formula`: a formula of signal temporal logic as a monitor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from ariac_score import (
+    Finding,
+    FormulaError,
+    MissingSignalError,
+    Sample,
+    Signal,
+    SignalNeed,
+    Span,
+    Trial,
+    Verdict,
+    align,
+    episodes_where,
+    sample_durations,
+    uncovered_spans,
+)
+from ariac_score_stl.dense import Dense
+from ariac_score_stl.explain import Cause, causes
+from ariac_score_stl.robustness import Beyond, Discrete, margins, truths
+from ariac_score_stl.rows import TOLERANCE_S, BoolArray, Rows
+from ariac_score_stl.signals import Source, Subject, check_name, parse_source, subjects
+from ariac_score_stl.sliding import FloatArray, IntArray
+from ariac_score_stl.syntax import STEPS, Node, StlError, parse
+from ariac_score_stl.units import check_units, unit_of
+
+__all__ = ["StlFormula"]
+
+_NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
+_NO_TEXTS: Mapping[str, str] = MappingProxyType({})
+
+
+SHORTEST_GAP_S = 1e-6
+"""A gap must be long beside the rounding of stamps."""
+
+
+@dataclass(frozen=True)
+class StlFormula:
+    """A formula of signal temporal logic holds.
+
+    `formula` is such as `always (d < d_min -> eventually[0,0.5] v < 0.1)`. It has predicates (an
+    inequality between arithmetic over the names in `signals` and `constants`); `not`, `and`, `or`, `xor`,
+    `->`, `<->`; `always`, `eventually`, `until`, `once`, `historically`, `since` with bounds in s, as in
+    `[0,0.5]`, or without: the rest of the trial, or all of it so far; `next`, `rise` and `fall` from one
+    sample to the next.
+
+    `signals` gives each name its quantity and unit: `d: centre_distance in m` for every robot and
+    human, `v: speed of robot in m/s` for every robot, `speed of human in m/s`, or `speed of agv1 in
+    m/s` for one body.
+
+    Measures:
+        The robustness of the formula at the start of the competition: how far every predicate could
+        be shifted before the verdict changes, in the unit of the predicate that decides. Where a
+        robustness is exactly 0, `<` and `<=` still differ. The formula is judged for every robot,
+        human or pair that its signals speak of. With `time: discrete` a window holds the samples in
+        it; with `dense` a sample stands for the time up to the next one.
+    Violated when:
+        The formula does not hold. One that begins with `always` is judged at every sample of its
+        window: one violation for each episode in which what follows does not hold (pauses shorter than
+        `t_off_s` bridged, episodes shorter than `t_on_s` ignored). The message names the
+        sub-formula that failed and when. What a gap longer than `max_gap_s` may decide is
+        inconclusive, and so is what lies beyond the trial, unless `beyond` says otherwise: `weak` (it
+        would have kept the formula), `strong` (it would have broken it), `cut` (windows end where the
+        trial does).
+    Source:
+        Maler and Nickovic 2004; robustness after Donzé and Maler 2010; `weak` and `strong` after
+        Eisner and others 2003; `cut` is what the rtamt library does.
+    """
+
+    formula: str = ""
+    signals: Mapping[str, str] = field(default_factory=lambda: _NO_TEXTS)
+    constants: Mapping[str, float] = field(default_factory=lambda: _NO_NUMBERS)
+    time: Literal["discrete", "dense"] = "discrete"
+    beyond: Beyond = "undecided"
+    max_gap_s: float = 0.05
+    t_on_s: float = 0.0
+    t_off_s: float = 0.0
+    clause: str = ""
+    critical: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("t_on_s", "t_off_s"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} is {getattr(self, name):g} but cannot be negative")
+        if not SHORTEST_GAP_S <= self.max_gap_s < np.inf:
+            raise ValueError(f"max_gap_s is {self.max_gap_s:g} but must be at least {SHORTEST_GAP_S:g}")
+        both = sorted(self.signals.keys() & self.constants.keys())
+        if both:
+            raise ValueError(f"{both[0]!r} is a signal and a constant; give one another name")
+        if not all(np.isfinite(value) for value in self.constants.values()):
+            raise ValueError("constants must be finite")
+        for name in (*self.signals, *self.constants):
+            check_name(name)
+        _ = self.sources, self.tree
+
+    @cached_property
+    def sources(self) -> Mapping[str, Source]:
+        """Where each name of the formula has its values from."""
+        return {name: parse_source(name, text) for name, text in self.signals.items()}
+
+    @cached_property
+    def tree(self) -> Node:
+        """The formula, read and checked.
+
+        Raises:
+            StlError: It is no formula; or it puts metres beside seconds.
+        """
+        tree = parse(self.formula, self.signals, constants=self.constants)
+        if not tree.names & self.signals.keys():
+            raise StlError("the formula speaks of no signal")
+        unused = sorted(self.signals.keys() - tree.names)
+        if unused:
+            raise StlError(f"the formula does not speak of signal {unused[0]!r}")
+        for node in tree.walk():
+            if self.time == "dense" and node.operator in STEPS:
+                raise StlError(
+                    f"column {node.column}: {node.operator!r} is about neighbouring samples, which dense "
+                    "time has not; use bounds in seconds, or 'time: discrete'"
+                )
+        check_units(tree, self._units)
+        return tree
+
+    @property
+    def _units(self) -> dict[str, str]:
+        return {name: source.unit for name, source in self.sources.items()}
+
+    @cached_property
+    def margin_units(self) -> Mapping[Node, str]:
+        """The unit of every predicate's margin."""
+        predicates = [node for node in self.tree.walk() if node.operator == "predicate"]
+        return {node: unit_of(node, self._units) for node in predicates}
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """The quantities of its signals."""
+        for quantity, unit in sorted({(s.quantity, s.unit) for s in self.sources.values()}):
+            yield SignalNeed(quantity, unit, self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """Findings for everyone the formula speaks of."""
+        judged = list(subjects(trial, self.sources))
+        if not judged:
+            yield self._nobody(trial)
+        for subject in judged:
+            yield from self._about(trial, subject)
+
+    def _nobody(self, trial: Trial) -> Finding:
+        kinds = {kind for source in self.sources.values() for kind in source.kinds}
+        missing = " and no ".join(k for k in ("robot", "human") if k in kinds and not trial.bodies_of(k))
+        if "bodies" in trial.witnessed:
+            message = f"the log records every body, and there is no {missing} among them"
+            return Finding.not_applicable("trial", message, clause=self.clause)
+        message = f"the log shows no {missing}{_looked_for(trial)}"
+        return Finding.inconclusive("trial", message, span=trial.window, clause=self.clause)
+
+    def _about(self, trial: Trial, subject: Subject) -> Iterator[Finding]:
+        names = {name: source.signal(subject) for name, source in self.sources.items()}
+        try:
+            found = [trial.signal(names[n], unit=self.sources[n].unit) for n in names]
+        except MissingSignalError as missing:
+            message = f"{missing}{_looked_for(trial)}"
+            yield Finding.inconclusive(str(subject), message, span=trial.window, clause=self.clause)
+            return
+        for signal in found:
+            if signal.values.ndim != 1:
+                message = (
+                    f"signal {signal.name!r} has {signal.values.shape[1]} components; a formula takes one"
+                )
+                yield Finding.inconclusive(str(subject), message, clause=self.clause)
+                return
+        if (trial.started_s is None) != (trial.ended_s is None):
+            end = "end" if trial.ended_s is None else "start"
+            message = f"the log does not show the {end} of the competition, so part of it may be missing"
+            yield Finding.inconclusive(str(subject), message, span=trial.window, clause=self.clause)
+        yield from self._judge(trial, str(subject), dict(zip(names, found, strict=True)))
+
+    def _judge(self, trial: Trial, subject: str, found: Mapping[str, Signal]) -> Iterator[Finding]:
+        span = trial.window
+        t, values = align(list(found.values()), max_gap_s=self.max_gap_s)
+        if span is not None:
+            inside = slice(*np.searchsorted(t, [span.start_s, np.nextafter(span.end_s, np.inf)]).tolist())
+            t, values = t[inside], [column[inside] for column in values]
+        if span is None or not len(t):
+            message = "there is no sample during the competition"
+            yield Finding.inconclusive(subject, message, span=span, clause=self.clause)
+            return
+        columns = dict(zip(found, values, strict=True))
+        try:
+            judged = Judged(self, subject, t, columns, found, span)
+        except FormulaError as error:
+            message = f"the formula has no value: {error.cause}"
+            yield Finding.inconclusive(subject, message, span=span, clause=self.clause)
+            return
+        yield from judged.findings()
+
+
+def _looked_for(trial: Trial) -> str:
+    return f"; not in the log: {', '.join(trial.unrecorded)}" if trial.unrecorded else ""
+
+
+class Judged:
+    """A formula on the signals of one subject.
+
+    Attributes:
+        body: What is judged at every moment of `stretch`: all of the formula, or what follows its `always`.
+        stretch: When it is judged.
+    """
+
+    def __init__(
+        self,
+        monitor: StlFormula,
+        subject: str,
+        t: FloatArray,
+        columns: Mapping[str, FloatArray],
+        signals: Mapping[str, Signal],
+        span: Span,
+    ) -> None:
+        self.monitor, self.subject, self.span = monitor, subject, span
+        self.t, self.columns, self.signals = t, columns, signals
+        self.gaps = _gaps(t, span, monitor.max_gap_s)
+        self.predicates = margins(monitor.tree, {**columns, **monitor.constants}, len(t))
+        self.evaluated = self.evaluate(self.predicates)
+        tree = monitor.tree
+        self.body = tree.parts[0] if tree.operator == "always" else tree
+        self.stretch, self.overrun, self.late = self._stretch()
+        # Where a margin is exactly 0 it does not tell < from <=.
+        self.decided: Discrete | Dense = self.evaluated
+        self.begin, self.lower, self.upper = begin, lower, upper = self.bounds(self.evaluated)
+        if not (lower.all() and upper.all()):
+            self.decided = self.evaluate(truths(self.predicates))
+            begin, lower, upper = self.bounds(self.decided)
+            if len(begin) != len(self.begin):  # steps of dense time are as long as nothing changes
+                self.begin, both = _on_all_steps(self.begin, begin)
+                self.lower, self.upper = self.lower[both[0]], self.upper[both[0]]
+                lower, upper = lower[both[1]], upper[both[1]]
+        self.violated: BoolArray = upper < 0
+        self.open: BoolArray = (lower < 0) & ~self.violated
+
+    def evaluate(self, predicates: Mapping[Node, FloatArray]) -> Discrete | Dense:
+        monitor = self.monitor
+        if monitor.time == "dense":
+            return Dense(self.t, self.span, predicates, monitor.beyond, monitor.max_gap_s)
+        return Discrete(Rows.of(self.t, self.span, self.gaps), predicates, monitor.beyond)
+
+    def _stretch(self) -> tuple[Span, bool, bool]:
+        """When the body is judged; whether that ends, and whether it begins, after the trial."""
+        tree, start_s, end_s = self.monitor.tree, self.span.start_s, self.span.end_s
+        if tree.operator != "always":
+            return Span(start_s, start_s), False, False
+        if tree.bounds is None:
+            return self.span, False, False
+        first_s, last_s = start_s + tree.bounds.start_s, start_s + tree.bounds.end_s
+        latest_s = end_s + TOLERANCE_S
+        return Span(min(first_s, end_s), min(last_s, end_s)), last_s > latest_s, first_s > latest_s
+
+    def bounds(self, evaluated: Discrete | Dense) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Moments at which the body is judged, and its bounds there."""
+        if isinstance(evaluated, Dense):
+            steps = evaluated.of(self.body)
+            begin, margin = steps.begin, steps.margin
+            first = max(int(np.searchsorted(begin, self.stretch.start_s + TOLERANCE_S, side="right")) - 1, 0)
+        else:
+            begin, margin = evaluated.begin, evaluated.of(self.body)
+            first = int(np.searchsorted(evaluated.rows.end, self.stretch.start_s - TOLERANCE_S))
+        last = int(np.searchsorted(begin, self.stretch.end_s + TOLERANCE_S, side="right"))
+        if self.monitor.tree.operator != "always":
+            first, last = 0, 1
+        rows = slice(0, 0) if self.late else slice(first, last)
+        begin = begin[rows]
+        if isinstance(evaluated, Dense) and len(begin) and begin[0] < self.stretch.start_s:
+            begin = np.concatenate(([self.stretch.start_s], begin[1:]))
+        return begin, margin.lower[rows], margin.upper[rows]
+
+    def findings(self) -> Iterator[Finding]:
+        """Every violation, everything undecided, or that the formula holds."""
+        violations = self.spans(self.violated)
+        for span in violations:
+            yield self._violation(span)
+        undecided = self._undecided()
+        yield from undecided
+        beyond = self._beyond()
+        if beyond is not None:
+            yield beyond
+        if not violations and not undecided and beyond is None:
+            yield self._kept()
+
+    def spans(self, holds: BoolArray) -> list[Span]:
+        """The episodes in which something holds at the moments that are judged."""
+        if not holds.any():
+            return []
+        monitor = self.monitor
+        t_on_s = monitor.t_on_s if monitor.tree.operator == "always" else 0.0
+        if monitor.time == "dense":
+            begin = np.append(self.begin, max(self.stretch.end_s, float(self.begin[-1]) + TOLERANCE_S))
+            found = episodes_where(begin, np.append(holds, False), t_on_s=t_on_s, t_off_s=monitor.t_off_s)
+            return [Span(one.start_s, max(min(one.end_s, self.stretch.end_s), one.start_s)) for one in found]
+        return episodes_where(
+            self.begin, holds, t_on_s=t_on_s, t_off_s=monitor.t_off_s, longest_s=monitor.max_gap_s
+        )
+
+    def _settled(self, span: Span) -> Span:
+        """A span without the tolerances that windows are laid out with."""
+        return Span(*sorted(self._moment(t_s) for t_s in (span.start_s, span.end_s)))
+
+    def _moment(self, t_s: float) -> float:
+        row = int(self.t.searchsorted(t_s))
+        near = (*self.t[max(row - 1, 0) : row + 1].tolist(), self.span.start_s, self.span.end_s)
+        exact = min(near, key=lambda one: abs(one - t_s))
+        return exact if abs(exact - t_s) <= 4 * TOLERANCE_S else round(t_s, 8)
+
+    @cached_property
+    def durations_s(self) -> FloatArray:
+        """How long the moments that are judged stand for, s."""
+        if self.monitor.time == "dense":
+            return np.diff(self.begin, append=max(self.stretch.end_s, float(self.begin[-1])))
+        return sample_durations(self.begin, longest_s=self.monitor.max_gap_s)
+
+    def _violation(self, span: Span) -> Finding:
+        first = int(self.begin.searchsorted(span.start_s))
+        last = int(self.begin.searchsorted(span.end_s, side="right"))
+        worst = first + int(self.upper[first:last].argmin())
+        if self.upper[worst] >= 0:  # broken by < where <= would have been kept
+            worst = first + int(self.violated[first:last].argmax())
+        broken_s = self.durations_s[first:last][self.violated[first:last]]
+        worst_s, robustness = self._moment(float(self.begin[worst])), float(self.upper[worst])
+        span = self._settled(span)
+        evaluated = self.evaluated if robustness < 0 else self.decided
+        chain = causes(evaluated, self.body, worst_s)
+        finite = math.isfinite(robustness)
+        return Finding(
+            self.subject,
+            Verdict.VIOLATED,
+            f"{self._how_long(span, worst_s)}: {self._told(chain)}",
+            span=span,
+            robustness=robustness if finite else None,
+            unit=self._unit(chain, robustness) if finite else "",
+            quantities={
+                "time_in_violation_s": float(broken_s.sum()),
+                "failed_at_s": self._moment(chain[-1].t_s),
+            },
+            labels={"failed": chain[0].node.text, "because_of": chain[-1].node.text},
+            evidence=self._evidence([worst_s, *(cause.t_s for cause in chain)]),
+            clause=self.monitor.clause,
+            critical=self.monitor.critical,
+        )
+
+    def _how_long(self, span: Span, worst_s: float) -> str:
+        if self.monitor.tree.operator != "always":
+            return "does not hold"
+        return f"violated for {span.duration_s:.3f} s, at worst at {worst_s:.3f} s"
+
+    def _told(self, chain: list[Cause]) -> str:
+        words = [
+            f"{cause.node.text!r} {'holds' if cause.holds else 'fails'} at {cause.t_s:.3f} s"
+            for cause in chain
+        ]
+        last = chain[-1]
+        if last.node.operator == "predicate":
+            margin = abs(float(self.predicates[last.node][self._row(last.t_s)]))
+            words[-1] += f" by {margin:.6g} {self.monitor.margin_units[last.node]}".rstrip()
+        return ", for ".join(words)
+
+    def _unit(self, chain: list[Cause], robustness: float) -> str:
+        last = chain[-1]
+        known = self.monitor.margin_units.get(last.node)
+        return self._deciding_unit(robustness, last.t_s) if known is None else known
+
+    def _row(self, t_s: float) -> int:
+        return max(int(self.t.searchsorted(t_s + TOLERANCE_S, side="right")) - 1, 0)
+
+    def _evidence(self, moments: Sequence[float]) -> tuple[Sample, ...]:
+        rows = sorted({self._row(t_s) for t_s in moments})
+        return tuple(
+            Sample(signal.name, float(self.t[row]), float(self.columns[name][row]), signal.unit)
+            for row in rows
+            for name, signal in self.signals.items()
+        )
+
+    def _undecided(self) -> list[Finding]:
+        """One finding for each stretch that a gap, the end of the trial or a short window leaves open."""
+        spans = self._open_spans()
+        return [
+            Finding.inconclusive(
+                self.subject,
+                f"cannot be decided from {span.start_s:.3f} to {span.end_s:.3f} s: {self._why(span)}",
+                span=span,
+                clause=self.monitor.clause,
+            )
+            for span in spans
+        ]
+
+    def _open_spans(self) -> list[Span]:
+        """Undecided moments next to each other, with the gaps among them."""
+        found: list[Span] = []
+        (rows,) = np.nonzero(self.open)
+        if not len(rows):
+            return found
+        ends = np.append(self.begin[1:], self.stretch.end_s)
+        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            start_s, end_s = float(self.begin[run[0]]), float(max(ends[run[-1]], self.begin[run[-1]]))
+            found.append(self._settled(Span(start_s, end_s)))
+        return found
+
+    def _why(self, span: Span) -> str:
+        reasons = [
+            f"no samples for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
+            for gap in self.gaps
+            if gap.end_s > span.start_s - self._reach(back=True) and gap.start_s < span.end_s + self._reach()
+        ]
+        if self.monitor.beyond == "undecided" and span.end_s + self._reach() > self.span.end_s + TOLERANCE_S:
+            reasons.append(f"it looks beyond the end of the trial at {self.span.end_s:.3f} s")
+        if (
+            self.monitor.beyond == "undecided"
+            and span.start_s - self._reach(back=True) < self.span.start_s - TOLERANCE_S
+        ):
+            reasons.append(f"it looks back beyond the start of the trial at {self.span.start_s:.3f} s")
+        return "; ".join(reasons) or "its bounds are shorter than the time between two samples"
+
+    def _reach(self, *, back: bool = False) -> float:
+        """How far the body looks ahead, or back, at most, s."""
+        return _reach(self.body, back=back, step_s=self.monitor.max_gap_s)
+
+    def _beyond(self) -> Finding | None:
+        """What the bounds of the outermost `always` ask for after the end of the trial."""
+        policy = self.monitor.beyond
+        if not self.overrun or policy in ("weak", "cut"):
+            return None
+        message = f"its window does not end before the trial does, at {self.span.end_s:.3f} s"
+        if policy == "undecided":
+            return Finding.inconclusive(self.subject, message, span=self.stretch, clause=self.monitor.clause)
+        return Finding(
+            self.subject,
+            Verdict.VIOLATED,
+            message,
+            span=Span(self.span.end_s, self.span.end_s),
+            clause=self.monitor.clause,
+            critical=self.monitor.critical,
+        )
+
+    def _kept(self) -> Finding:
+        begin, lower = self.begin, self.lower
+        if not len(begin):
+            return self._none_judged()
+        closest = int(np.argmin(lower))
+        robustness = float(lower[closest])
+        at_s = float(begin[closest])
+        finite = math.isfinite(robustness)
+        if self.violated[closest]:
+            message = f"never broken for {self.monitor.t_on_s:g} s; at its worst at {at_s:.3f} s"
+        elif self.monitor.tree.operator == "always":
+            message = f"holds throughout, at its closest at {at_s:.3f} s"
+        else:
+            message = "holds"
+        unit = self._deciding_unit(robustness, at_s) if finite else ""
+        return Finding(
+            self.subject,
+            Verdict.SATISFIED,
+            message + (f" by {robustness:.6g} {unit}".rstrip() if finite else ""),
+            robustness=robustness if finite else None,
+            unit=unit,
+            evidence=self._evidence([at_s]),
+            clause=self.monitor.clause,
+        )
+
+    def _none_judged(self) -> Finding:
+        if self.late:
+            message = f"its window begins after the trial, which ends at {self.span.end_s:.3f} s"
+            return Finding.satisfied(self.subject, message, clause=self.monitor.clause)
+        message = "no sample lies in the window of its outermost 'always'"
+        return Finding.inconclusive(self.subject, message, span=self.stretch, clause=self.monitor.clause)
+
+    def _deciding_unit(self, robustness: float, at_s: float) -> str:
+        """The unit all predicates share; of different ones that of the predicate that is as far."""
+        units = self.monitor.margin_units
+        if len(set(units.values())) == 1:
+            return next(iter(units.values()))
+        row = self._row(at_s)
+        for node, unit in units.items():
+            if abs(float(self.predicates[node][row])) == abs(robustness):
+                return unit
+        near = [u for n, u in units.items() if (np.abs(self.predicates[n]) == abs(robustness)).any()]
+        return near[0] if near else ""
+
+
+def _gaps(t: FloatArray, span: Span, max_gap_s: float) -> list[Span]:
+    """The stretches without samples; most logs have none, which is seen at a glance."""
+    longest_s = max(float(t[0]) - span.start_s, span.end_s - float(t[-1]))
+    if len(t) > 1:
+        longest_s = max(longest_s, float((t[1:] - t[:-1]).max()))
+    return uncovered_spans(t, span, max_gap_s=max_gap_s) if longest_s > max_gap_s else []
+
+
+def _on_all_steps(a: FloatArray, b: FloatArray) -> tuple[FloatArray, tuple[IntArray, IntArray]]:
+    """Steps that fit both, and the row of each in both."""
+    begin = np.unique(np.concatenate((a, b)))
+    return begin, (np.searchsorted(a, begin, side="right") - 1, np.searchsorted(b, begin, side="right") - 1)
+
+
+def _reach(node: Node, *, back: bool, step_s: float) -> float:
+    own = 0.0
+    looks_back = node.operator in ("once", "historically", "since", "rise", "fall")
+    if looks_back is back and node.operator not in ("predicate", "true", "false"):
+        if node.bounds is not None:
+            own = node.bounds.end_s
+        elif node.operator in ("next", "rise", "fall"):
+            own = step_s
+        elif node.operator in ("always", "eventually", "until", "once", "historically", "since"):
+            own = np.inf
+    return own + max((_reach(part, back=back, step_s=step_s) for part in node.parts), default=0.0)
