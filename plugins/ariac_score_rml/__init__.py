@@ -1,0 +1,1 @@
+"""RML, the Runtime Monitoring Language: parser, checker, formatter, interpreter, and the monitor `rml.spec`."""
