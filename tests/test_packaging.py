@@ -60,7 +60,7 @@ def test_the_wheel_holds_every_module_and_data_file(wheel: zipfile.ZipFile) -> N
     }
     wanted |= {f"ariac_score/rules/{p}" for p in _tree("rules", "*.yaml") | {"__init__.py"}}
     wanted |= {f"ariac_score/schemas/{p}" for p in _tree("schemas", "*.json") | {"__init__.py"}}
-    wanted |= _tree("plugins", "*.py") | {"ariac_score_kitting/py.typed", "ariac_score_standards/py.typed"}
+    wanted |= _tree("plugins", "*.py") | _tree("plugins", "py.typed")
 
     assert wanted - names == set()
     assert {n for n in names - wanted if ".dist-info/" not in n} == set()

@@ -41,6 +41,9 @@ __all__ = ["MAX_ALTERNATIVES", "check", "event_types", "names_in", "references",
 MAX_ALTERNATIVES = 4096
 """How many patterns one pattern with `|` may stand for."""
 
+MAX_DERIVATIONS = 50
+"""How long a chain of derived event types may be."""
+
 
 def check(spec: Spec, *, dialect: Dialect = "2024", file: object = None) -> list[Warned]:
     """Refuse what cannot be run; return what can but looks wrong.
@@ -57,6 +60,7 @@ def check(spec: Spec, *, dialect: Dialect = "2024", file: object = None) -> list
                 _check_arguments(kind, dialect)
         for declaration in spec.declarations:
             _check_alternatives(declaration)
+        _check_derivations(spec)
     except RmlError as error:
         raise RmlError(
             error.cause, kind=error.kind, line=error.line, column=error.column, file=file, hint=error.hint
@@ -274,6 +278,35 @@ def _alternatives(pattern: Pattern) -> int:
         for inner in pattern.items:
             product *= _alternatives(inner)
     return product
+
+
+def _check_derivations(spec: Spec) -> None:
+    """No event type may be derived from itself, nor through too many others."""
+    declared: dict[tuple[str, int], list[Declaration]] = {}
+    for declaration in spec.declarations:
+        declared.setdefault((declaration.type.name, len(declaration.type.args)), []).append(declaration)
+    height: dict[tuple[str, int], int] = {}
+    for start in declared:
+        path = [start]
+        while path:
+            key = path[-1]
+            parents = [(p.name, len(p.args)) for d in declared.get(key, ()) for p in d.parents]
+            missing = next((parent for parent in parents if parent not in height), None)
+            if missing is None:
+                height[key] = 1 + max((height[parent] for parent in parents), default=0)
+                path.pop()
+            elif missing in path:
+                raise _refused(
+                    "cyclic_event_type", f"event type {key[0]!r} is derived from itself", declared[key][0].type.place
+                )
+            else:
+                path.append(missing)
+        if height[start] > MAX_DERIVATIONS:
+            raise _refused(
+                "too_deep",
+                f"event type {start[0]!r} is derived through more than {MAX_DERIVATIONS} others",
+                declared[start][0].type.place,
+            )
 
 
 # Warnings --------------------------------------------------------------------------------
