@@ -7,13 +7,11 @@ from difflib import get_close_matches
 
 from ariac_score_rml.faults import RmlError, Warned
 from ariac_score_rml.syntax import (
-    All,
     Anything,
     Arg,
     Chain,
     Data,
     Declaration,
-    Empty,
     Equation,
     Event,
     EventType,
@@ -146,9 +144,13 @@ def _equations(spec: Spec) -> dict[str, Equation]:
 def _reachable(equations: Mapping[str, Equation]) -> list[str]:
     if "Main" not in equations:
         first = next(iter(equations.values()))
-        raise _refused("undefined_identifier", "there is no equation 'Main'", first.place, "monitoring begins there")
+        raise _refused(
+            "undefined_identifier", "there is no equation 'Main'", first.place, "monitoring begins there"
+        )
     if equations["Main"].params:
-        raise _refused("main_is_generic", "'Main' has parameters", equations["Main"].place, "monitoring begins there")
+        raise _refused(
+            "main_is_generic", "'Main' has parameters", equations["Main"].place, "monitoring begins there"
+        )
     found, todo = ["Main"], ["Main"]
     while todo:
         for ref in references(equations[todo.pop()].body):
@@ -241,7 +243,9 @@ def _guards(exp: Exp, empties: Mapping[str, bool]) -> list[tuple[Ref, bool]]:
 def _check_arguments(kind: EventType, dialect: Dialect) -> None:
     for arg in kind.args:
         if isinstance(arg, OrPattern) and dialect == "rosmonitoring":
-            raise _refused("or_pattern_as_argument", f"an argument of {kind.name!r} is a pattern with '|'", kind.place)
+            raise _refused(
+                "or_pattern_as_argument", f"an argument of {kind.name!r} is a pattern with '|'", kind.place
+            )
         if isinstance(arg, _PATTERNS) and dialect == "2024":
             raise _refused(
                 "pattern_argument_in_expression",
@@ -297,7 +301,9 @@ def _check_derivations(spec: Spec) -> None:
                 path.pop()
             elif missing in path:
                 raise _refused(
-                    "cyclic_event_type", f"event type {key[0]!r} is derived from itself", declared[key][0].type.place
+                    "cyclic_event_type",
+                    f"event type {key[0]!r} is derived from itself",
+                    declared[key][0].type.place,
                 )
             else:
                 path.append(missing)
@@ -317,7 +323,8 @@ def _warnings(spec: Spec, equations: Mapping[str, Equation], reachable: Iterable
     for kind in _used_types(spec):
         if (kind.name, len(kind.args)) not in declared:
             yield _warned(
-                kind.place, f"event type {kind.name!r} with {_count(len(kind.args))} is not declared: it never matches"
+                kind.place,
+                f"event type {kind.name!r} with {_count(len(kind.args))} is not declared: it never matches",
             )
     for equation in spec.equations:
         if equation.name not in reachable:
@@ -381,7 +388,9 @@ def _odd_declaration(declaration: Declaration) -> Iterator[Warned]:
     name, place = declaration.type.name, declaration.type.place
     pattern = declaration.pattern
     if isinstance(pattern, OrPattern) and any(isinstance(option, Name) for option in pattern.options):
-        yield _warned(place, f"in the pattern of {name!r} a name beside '|' is a variable that matches everything")
+        yield _warned(
+            place, f"in the pattern of {name!r} a name beside '|' is a variable that matches everything"
+        )
     if declaration.negated and declaration.guard is not None:
         yield _warned(place, f"{name!r} negates its pattern but not its guard")
     if pattern is not None and repeated_key(pattern):
@@ -437,5 +446,3 @@ def _mixed(data: Data) -> Iterator[Warned]:
         yield _warned(
             data.place, f"{tighter!r} binds tighter than {data.op!r}: the right side is taken together first"
         )
-
-

@@ -16,7 +16,17 @@ from ariac_score_rml.faults import RmlRunError
 from ariac_score_rml.syntax import Const, Data, Num, Op, Pattern, Var
 from ariac_score_rml.values import Bound, Json, as_float
 
-__all__ = ["TOLERANCE", "ExprSlot", "PatternSlot", "Scope", "Slot", "Solver", "Unknown", "holds", "slot_of_name"]
+__all__ = [
+    "TOLERANCE",
+    "ExprSlot",
+    "PatternSlot",
+    "Scope",
+    "Slot",
+    "Solver",
+    "Unknown",
+    "holds",
+    "slot_of_name",
+]
 
 TOLERANCE = 1e-10
 """Differences up to this count as equality, as in the reference."""

@@ -131,13 +131,17 @@ class Machine:
                 actions += 1
                 if actions > _MAX_ACTIONS:
                     raise RmlRunError(
-                        f"one event takes more than {_MAX_ACTIONS} steps in equation {state.owner!r}", kind="limit"
+                        f"one event takes more than {_MAX_ACTIONS} steps in equation {state.owner!r}",
+                        kind="limit",
                     )
         except RecursionError:
             raise RmlRunError("the event is nested too deeply", kind="limit") from None
-        if self._found is not None:
-            self.terms.check_size(self._found, self._max_state)
-        return self._found
+        return self._within_limits(self._found)
+
+    def _within_limits(self, state: Term | None) -> Term | None:
+        if state is not None:
+            self.terms.check_size(state, self._max_state)
+        return state
 
     def _succeed(self, state: Term, _bound: _Solution, _retry: _Failure) -> None:
         self._found = state

@@ -6,7 +6,17 @@ from collections.abc import Iterator
 from itertools import product
 
 from ariac_score_rml.checks import repeated_key
-from ariac_score_rml.guards import TOLERANCE, ExprSlot, PatternSlot, Scope, Slot, Solver, Unknown, Values, slot_of_name
+from ariac_score_rml.guards import (
+    TOLERANCE,
+    ExprSlot,
+    PatternSlot,
+    Scope,
+    Slot,
+    Solver,
+    Unknown,
+    Values,
+    slot_of_name,
+)
 from ariac_score_rml.syntax import (
     Anything,
     Arg,
@@ -156,7 +166,9 @@ def _takes(pattern: Pattern, value: Json, scope: Scope, values: Values) -> bool:
         count, least = len(pattern.items), max(1, len(pattern.items))
         if not (len(value) >= least if pattern.rest else len(value) == count):
             return False
-        return all(_takes(inner, part, scope, values) for inner, part in zip(pattern.items, value, strict=False))
+        return all(
+            _takes(inner, part, scope, values) for inner, part in zip(pattern.items, value, strict=False)
+        )
     return isinstance(pattern, Anything)
 
 
@@ -177,4 +189,3 @@ _PREDECLARED = (
     Declaration(EventType("any"), negated=False, parents=(), pattern=RecordPattern(()), guard=None),
     Declaration(EventType("none"), negated=True, parents=(EventType("any"),), pattern=None, guard=None),
 )
-

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Literal, TypeVar
 
 from ariac_score_rml.faults import RmlError
@@ -51,7 +52,9 @@ MAX_DEPTH = 100
 LARGEST_INT = 2**31 - 1
 """The reference compiler refuses larger integers."""
 
-_TIGHTNESS = {op: i for i, op in enumerate("|| && != == >= > <= < - + / *".split())}
+_TIGHTNESS = {
+    op: i for i, op in enumerate(["||", "&&", "!=", "==", ">=", ">", "<=", "<", "-", "+", "/", "*"])
+}
 """Loosest first. `*` binds tighter than `/`, `+` tighter than `-`: not the usual table."""
 
 _POSTFIX: dict[str, Literal["star", "plus", "opt", "closure"]] = {
@@ -206,7 +209,9 @@ class _Parser:
         while self.next.kind == "lower":
             comments = self._comments_before()
             declaration = self.declaration()
-            declarations.append(replace(declaration, comments=(*comments, *self._inside()), note=self._note()))
+            declarations.append(
+                replace(declaration, comments=(*comments, *self._inside()), note=self._note())
+            )
         while self.next.kind == "upper" or not equations:
             comments = self._comments_before()
             equation = self.equation()
@@ -513,7 +518,7 @@ class _Parser:
             tighter = _TIGHTNESS[operator.kind] + 1
             self.at += 1
             if operator.kind == ">" and closing:
-                right = self.attempt(lambda: self._before_closing(tighter))
+                right = self.attempt(partial(self._before_closing, tighter))
                 if right is None:
                     self.at = at
                     break

@@ -118,10 +118,10 @@ class Term:
         self.count, self.data, self.env, self.open, self.owner = count, data, env, open_, owner
         self.halts: bool | RmlRunError | None = None
         self.unfolded: Term | None = None
-        size = 1
+        size: int = 1
         for part in parts:
             size += part.size
-        self.size = size
+        self.size: int = size
 
 
 class Terms:
@@ -193,7 +193,9 @@ class Terms:
         if a is self.empty:
             return b
         if a.kind == "seq":
-            return self.make("seq", (a.parts[0], self.make("seq", (a.parts[1], b), owner=a.owner)), owner=a.owner)
+            return self.make(
+                "seq", (a.parts[0], self.make("seq", (a.parts[1], b), owner=a.owner)), owner=a.owner
+            )
         return self.make("seq", (a, b), owner=a.owner)
 
     def fork(self, a: Term, b: Term) -> Term:
@@ -218,7 +220,9 @@ class Terms:
 
     def _rotated(self, kind: str, a: Term, b: Term) -> Term:
         if a.kind == kind:
-            return self.make(kind, (a.parts[0], self.make(kind, (a.parts[1], b), owner=a.owner)), owner=a.owner)
+            return self.make(
+                kind, (a.parts[0], self.make(kind, (a.parts[1], b), owner=a.owner)), owner=a.owner
+            )
         return self.make(kind, (a, b), owner=a.owner)
 
     def closure(self, a: Term) -> Term:
@@ -315,7 +319,9 @@ class Terms:
             meant = equation.body
         if isinstance(meant, Empty | All):
             return self._term(meant, owner)
-        return self.make("ref" if ref.args is None else "apply", name=ref.name, data=ref.args or (), owner=owner)
+        return self.make(
+            "ref" if ref.args is None else "apply", name=ref.name, data=ref.args or (), owner=owner
+        )
 
     def _chain(self, exp: Chain, owner: str) -> Term:
         kind = "seq" if exp.op == "cat" else exp.op

@@ -18,7 +18,26 @@ FUNCTIONS = {"abs": 1, "sin": 1, "cos": 1, "tan": 1, "min": 2, "max": 2}
 """Functions and how many arguments they take."""
 
 _KEYWORDS = frozenset(
-    "not matches with empty all let var if else true false null abs sin cos tan min max".split()
+    [
+        "not",
+        "matches",
+        "with",
+        "empty",
+        "all",
+        "let",
+        "var",
+        "if",
+        "else",
+        "true",
+        "false",
+        "null",
+        "abs",
+        "sin",
+        "cos",
+        "tan",
+        "min",
+        "max",
+    ]
 )
 _TOKEN = re.compile(
     r"""(?P<space>[ \t\r\n]+)

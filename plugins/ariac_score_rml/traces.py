@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator
 
 from ariac_score import LogError
-
 from ariac_score_rml.values import Json
 
 __all__ = ["read_events"]

@@ -67,7 +67,12 @@ def _exp(exp: Exp) -> list[Any]:
         return body
     if isinstance(exp, If):
         return ["if", _arg(exp.condition), _exp(exp.then), _exp(exp.other)]
-    return ["filter", _type(exp.type), _exp(exp.inside), ["all"] if exp.outside is None else _exp(exp.outside)]
+    return [
+        "filter",
+        _type(exp.type),
+        _exp(exp.inside),
+        ["all"] if exp.outside is None else _exp(exp.outside),
+    ]
 
 
 def _chain(exp: Chain) -> list[Any]:

@@ -55,7 +55,9 @@ def fits(pattern: Json, value: Json) -> bool:
     (True, False, False)
     """
     if isinstance(pattern, dict):
-        return isinstance(value, dict) and all(k in value and fits(pattern[k], value[k]) for k in sorted(pattern))
+        return isinstance(value, dict) and all(
+            k in value and fits(pattern[k], value[k]) for k in sorted(pattern)
+        )
     if isinstance(pattern, list):
         return isinstance(value, list) and len(pattern) == len(value) and all(map(fits, pattern, value))
     if isinstance(pattern, float):

@@ -64,7 +64,9 @@ def folder_of(config: pytest.Config) -> Path:
 
 
 def cases_in(folder: Path) -> list[Case]:
-    found = [Case(file, json.loads(file.read_text(encoding="utf-8"))) for file in sorted(folder.rglob("*.json"))]
+    found = [
+        Case(file, json.loads(file.read_text(encoding="utf-8"))) for file in sorted(folder.rglob("*.json"))
+    ]
     return [case for case in found if "spec" in case.facts]
 
 
