@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     )
     from ariac_score.trial.signals import Sample, Signal, align
     from ariac_score.trial.spans import Span, episodes_where, sample_durations, uncovered_spans
+    from ariac_score.trial.vocabulary import QUANTITIES
 
 _HOME = {
     "ariac_score.contracts": (
@@ -81,10 +82,12 @@ _HOME = {
     ),
     "ariac_score.trial.signals": "Sample Signal align",
     "ariac_score.trial.spans": "Span episodes_where sample_durations uncovered_spans",
+    "ariac_score.trial.vocabulary": "QUANTITIES",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
 __all__ = [
+    "QUANTITIES",
     "Body",
     "Cohort",
     "Decoder",

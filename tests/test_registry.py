@@ -57,6 +57,7 @@ SHIPPED = {
         "ariac.no_event",
         "iso_ts_15066.ssm_separation",
         "official.trial",
+        "rml.spec",
         "run.record",
         "team.positive_sensor_cost",
         "team.sensor_cost",

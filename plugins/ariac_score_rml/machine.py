@@ -7,7 +7,7 @@ asked for and a state may be as deep as it likes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Literal, TypeAlias
 
 from ariac_score_rml.arithmetic import argument, condition
@@ -18,7 +18,7 @@ from ariac_score_rml.syntax import Spec, Var
 from ariac_score_rml.terms import Given, Term, Terms
 from ariac_score_rml.values import Bound, Json, same
 
-__all__ = ["MAX_STATE", "Letter", "Machine"]
+__all__ = ["MAX_STATE", "Letter", "Machine", "match_key", "slots_of"]
 
 Letter = Literal["T", "t", "f", "F", "E"]
 """T: everything may follow; t: the trace may end here; f: it may not; F: rejected; E: cannot be judged."""
@@ -78,7 +78,7 @@ class Machine:
         self.matcher = Matcher(spec, tolerance)
         self._max_state = max_state
         self._event: Json = None
-        self._matches: dict[tuple[object, ...], _Solutions] = {}
+        self._matches: dict[object, _Solutions] = {}
         self._found: Term | None = None
         self._steps: dict[str, Callable[[Term, _Success, _Failure], _Next | None]] = {
             "empty": self._empty,
@@ -115,13 +115,27 @@ class Machine:
             return "T"
         return "t" if self.halts(state) else "f"
 
+    def after_matches(self, state: Term, matches: Mapping[object, bool]) -> Term | None:
+        """The state after an event of which only is known which types it is of.
+
+        Args:
+            state: The state before.
+            matches: By `match_key`, for every type the state may ask about, none with open names.
+        """
+        self._matches = {key: _Solutions(iter(({},) if held else ())) for key, held in matches.items()}
+        return self._run(state)
+
     def after(self, state: Term, event: Json) -> Term | None:
         """The state after an event; `None` when the event is rejected.
 
         Raises:
             RmlRunError: The event cannot be judged, or a limit is reached.
         """
-        self._event, self._matches, self._found = event, {}, None
+        self._event, self._matches = event, {}
+        return self._run(state)
+
+    def _run(self, state: Term) -> Term | None:
+        self._found = None
         action: _Next | None = (self._step, (state, self._succeed, _fail))
         actions = 0
         try:
@@ -154,12 +168,12 @@ class Machine:
 
     def _solve(self, term: Term, event: Json) -> Iterator[_Solution]:
         unknowns: dict[str, Unknown] = {}
-        slots = [_slot(given, unknowns) for given in term.given]
+        slots = slots_of(term.given, unknowns)
         for values in self.matcher.match(term.name, slots, event, {}):
             yield {name: _value(unknown, values) for name, unknown in unknowns.items()}
 
     def _match(self, term: Term) -> _Solutions:
-        key = (term.name, tuple(g.key for g in term.given))
+        key = match_key(term)
         found = self._matches.get(key)
         if found is None:
             found = self._matches[key] = self.solutions(term, self._event)
@@ -263,11 +277,11 @@ class Machine:
         return self._step, (inside, agree, fail)
 
     def _ref(self, term: Term, succeed: _Success, fail: _Failure) -> _Next | None:
-        body = self._unfold(term)
+        body = self.unfold(term)
         return (fail, ()) if body is None else (self._step, (body, succeed, fail))
 
     def _if(self, term: Term, succeed: _Success, fail: _Failure) -> _Next | None:
-        return self._step, (self._branch(term), succeed, fail)
+        return self._step, (self.branch(term), succeed, fail)
 
     def _star(self, term: Term, succeed: _Success, fail: _Failure) -> _Next | None:
         return self._repeated(term, term, succeed, fail)
@@ -300,7 +314,7 @@ class Machine:
 
     # What names and conditions stand for ---------------------------------------------
 
-    def _unfold(self, term: Term) -> Term | None:
+    def unfold(self, term: Term) -> Term | None:
         """The body of an equation as it is used here; `None` with a wrong number of arguments."""
         if term.unfolded is None:
             equation = self.terms.equations[term.name]
@@ -311,7 +325,8 @@ class Machine:
             term.unfolded = self.terms.with_values(self.terms.body(term.name), {**env, **arguments})
         return term.unfolded
 
-    def _branch(self, term: Term) -> Term:
+    def branch(self, term: Term) -> Term:
+        """Which part of an `if` counts."""
         return term.parts[0] if condition(term.data[0], dict(term.env)) else term.parts[1]
 
     # Halting -------------------------------------------------------------------------
@@ -347,10 +362,10 @@ class Machine:
         if kind == "event" or (kind == "times" and term.count == 0):
             return kind == "times"
         if kind in ("ref", "apply"):
-            body = self._unfold(term) or self.terms.body(term.name)
+            body = self.unfold(term) or self.terms.body(term.name)
             return body if body.halts is None else body.halts
         if kind == "if":
-            branch = self._branch(term)
+            branch = self.branch(term)
             return branch if branch.halts is None else branch.halts
         for part in term.parts:
             if part.halts is None:
@@ -360,8 +375,18 @@ class Machine:
         return kind != "or"
 
 
+def match_key(term: Term) -> object:
+    """What tells one event type with its arguments from another."""
+    return term.name, tuple(g.key for g in term.given)
+
+
 def _fail() -> None:
     """There is no step."""
+
+
+def slots_of(given: tuple[Given, ...], unknowns: dict[str, Unknown]) -> list[Slot]:
+    """The arguments of an event type as it sees them; their open names join the unknowns."""
+    return [_slot(one, unknowns) for one in given]
 
 
 def _slot(given: Given, unknowns: dict[str, Unknown]) -> Slot:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 from ariac_score_rml.checks import repeated_key
@@ -36,7 +36,7 @@ from ariac_score_rml.syntax import (
 )
 from ariac_score_rml.values import Bound, Json, fits
 
-__all__ = ["Matcher", "alternatives", "slot_of"]
+__all__ = ["Declared", "Matcher", "alternatives", "scope_of", "slot_of"]
 
 
 def slot_of(arg: Arg, scope: Scope) -> Slot:
@@ -69,7 +69,7 @@ def alternatives(pattern: Pattern) -> Iterator[Pattern]:
         yield pattern
 
 
-class _Declared:
+class Declared:
     """One declaration, its pattern taken apart."""
 
     def __init__(self, declaration: Declaration) -> None:
@@ -89,12 +89,16 @@ class Matcher:
 
     def __init__(self, spec: Spec, tolerance: float = TOLERANCE) -> None:
         self.solver = Solver(tolerance)
-        self._declared: dict[tuple[str, int], list[_Declared]] = {}
+        self._declared: dict[tuple[str, int], list[Declared]] = {}
         for declaration in (*spec.declarations, *_PREDECLARED):
             if declaration.pattern is not None and repeated_key(declaration.pattern):
                 continue  # as in the reference, which loses it; `check` warns
             key = (declaration.type.name, len(declaration.type.args))
-            self._declared.setdefault(key, []).append(_Declared(declaration))
+            self._declared.setdefault(key, []).append(Declared(declaration))
+
+    def declared(self, name: str, count: int) -> Sequence[Declared]:
+        """The declarations of a type with so many parameters, in the order of the text."""
+        return self._declared.get((name, count), ())
 
     def match(self, name: str, slots: list[Slot], event: Json, values: Values) -> Iterator[Values]:
         """Every way an event is of a type, in order.
@@ -108,8 +112,8 @@ class Matcher:
         Raises:
             RmlRunError: A guard cannot be evaluated.
         """
-        for declared in self._declared.get((name, len(slots)), ()):
-            scope, known = _scope(declared.params, slots, values)
+        for declared in self.declared(name, len(slots)):
+            scope, known = scope_of(declared.params, slots, values)
             if known is None:
                 continue
             found = self._alternatives(declared, scope, event, known)
@@ -124,7 +128,7 @@ class Matcher:
                     yield from self.solver.solve(declared.guard, scope, solution)
 
     def _alternatives(
-        self, declared: _Declared, scope: Scope, event: Json, values: Values
+        self, declared: Declared, scope: Scope, event: Json, values: Values
     ) -> Iterator[Values]:
         for pattern in declared.patterns:
             found = dict(values)
@@ -135,7 +139,8 @@ class Matcher:
             yield from self.match(parent.name, slots, event, values)
 
 
-def _scope(params: list[str], slots: list[Slot], values: Values) -> tuple[Scope, Values | None]:
+def scope_of(params: list[str], slots: list[Slot], values: Values) -> tuple[Scope, Values | None]:
+    """What the parameters of a declaration stand for; no values when two of one name differ."""
     scope: Scope = {}
     for param, slot in zip(params, slots, strict=True):
         first = scope.get(param)
