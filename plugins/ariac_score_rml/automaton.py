@@ -15,7 +15,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score_rml.columns import Columns, FloatArray, Match, NotColumnarError, Stream
+from ariac_score_rml.columns import Columns, Match, NotColumnarError, Stream
 from ariac_score_rml.faults import RmlRunError
 from ariac_score_rml.machine import Letter, Machine, match_key
 from ariac_score_rml.terms import Term
@@ -256,14 +256,14 @@ def _next_parts(machine: Machine, term: Term) -> Iterator[Term]:
 # Margins ---------------------------------------------------------------------------------
 
 
-def margins(machine: Machine, stream: Stream, watch: Watch) -> tuple[FloatArray, FloatArray] | None:
+def margins(machine: Machine, stream: Stream, watch: Watch) -> Match | None:
     """How far each event was from being rejected (negative: from being accepted), and from what bound.
 
     Of alternatives the best counts, of joint demands the worst. Infinite where no
     inequality over numbers decides. `None` when that can only be said event by event.
     """
     columns = Columns(machine.matcher, stream)
-    margin, bound = np.full(len(stream), np.inf), np.full(len(stream), np.nan)
+    whole = Match.of(np.ones(len(stream), dtype=bool))
     order = np.argsort(watch.before, kind="stable")
     numbers, starts = np.unique(watch.before[order], return_index=True)
     ends = [*starts[1:].tolist(), len(order)]
@@ -274,10 +274,11 @@ def margins(machine: Machine, stream: Stream, watch: Watch) -> tuple[FloatArray,
             if number >= 0:
                 rows = order[start:end]
                 match = _margin(machine, columns, watch.states[number], rows)
-                margin[rows], bound[rows] = match.margin, match.bound
+                whole.margin[rows], whole.bound[rows] = match.margin, match.bound
+                whole.field[rows] = match.field
     except (NotColumnarError, RmlRunError):
         return None
-    return margin, bound
+    return whole
 
 
 _MAX_DEPTH = 200
@@ -295,16 +296,8 @@ def _margin(machine: Machine, columns: Columns, term: Term, rows: NDArray[np.int
     if kind in ("empty", "all") or (kind == "times" and term.count == 0):
         return Match.of(np.full(len(rows), kind == "all"))
     if kind in ("event", "filter"):
-        whole = columns.match(term.name, term.given)
-        here = Match(whole.holds[rows], whole.margin[rows], whole.bound[rows])
-        if kind == "event":
-            return here
-        inside, outside = of(term.parts[0]), of(term.parts[1])
-        return Match(
-            np.where(here.holds, inside.holds, outside.holds),
-            np.where(here.holds, inside.margin, outside.margin),
-            np.where(here.holds, inside.bound, outside.bound),
-        )
+        here = columns.match(term.name, term.given)[rows]
+        return here if kind == "event" else of(term.parts[0]).where(here.holds, of(term.parts[1]))
     if kind in ("ref", "apply"):
         body = machine.unfold(term)
         return Match.of(np.zeros(len(rows), dtype=bool)) if body is None else of(body)

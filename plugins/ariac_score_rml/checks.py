@@ -334,9 +334,10 @@ def _warnings(spec: Spec, equations: Mapping[str, Equation], reachable: Iterable
             if ref.name in equations and len(ref.args or ()) != len(params):
                 yield _warned(
                     ref.place,
-                    f"{ref.name!r} has {_count(len(params))} but is given {len(ref.args or ())}: it takes no event",
+                    f"{ref.name!r} has {_count(len(params))} but is given {len(ref.args or ())}: "
+                    "it takes no event",
                 )
-    yield from _uncovered(equations, reachable)
+    yield from _uncovered(equations)
     for declaration in spec.declarations:
         yield from _odd_declaration(declaration)
     for data in _all_data(spec):
@@ -358,7 +359,7 @@ def _used_types(spec: Spec) -> Iterator[EventType]:
         yield from event_types(equation.body)
 
 
-def _uncovered(equations: Mapping[str, Equation], reachable: Iterable[str]) -> Iterator[Warned]:
+def _uncovered(equations: Mapping[str, Equation]) -> Iterator[Warned]:
     """Names that no `let` or parameter gives a scope, found from Main on; scopes are dynamic."""
     told: set[str] = set()
     seen: set[tuple[str, frozenset[str]]] = set()

@@ -36,6 +36,7 @@ __all__ = ["Columns", "Match", "NotColumnarError", "Stream", "Topic"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.intp]
 _Value: TypeAlias = "FloatArray | Json"
 _Values: TypeAlias = "Mapping[Unknown, _Value]"
 
@@ -105,16 +106,26 @@ class Match:
         margin: How far it is from not being so; negative: from being so. Infinite where
             no inequality decides.
         bound: What the inequality that decides compares with; NaN where there is none.
+        field: Which field of its topic the inequality limits; -1 where none stands alone on a side.
     """
 
     holds: BoolArray
     margin: FloatArray
     bound: FloatArray
+    field: IntArray
 
     @classmethod
     def of(cls, holds: BoolArray) -> Match:
         """A match that no inequality decides."""
-        return cls(holds, np.where(holds, np.inf, -np.inf), np.full(len(holds), np.nan))
+        margin = np.where(holds, np.inf, -np.inf)
+        return cls(holds, margin, np.full(len(holds), np.nan), np.full(len(holds), -1))
+
+    def __getitem__(self, rows: IntArray) -> Match:
+        return Match(self.holds[rows], self.margin[rows], self.bound[rows], self.field[rows])
+
+    def where(self, chosen: BoolArray, other: Match) -> Match:
+        """This where chosen, the other elsewhere."""
+        return self._chosen(other, np.where(chosen, self.holds, other.holds), chosen)
 
     def __and__(self, other: Match) -> Match:
         return self._chosen(other, self.holds & other.holds, self.margin <= other.margin)
@@ -123,11 +134,14 @@ class Match:
         return self._chosen(other, self.holds | other.holds, self.margin >= other.margin)
 
     def __invert__(self) -> Match:
-        return Match(~self.holds, -self.margin, self.bound)
+        return Match(~self.holds, -self.margin, self.bound, self.field)
 
     def _chosen(self, other: Match, holds: BoolArray, mine: BoolArray) -> Match:
         return Match(
-            holds, np.where(mine, self.margin, other.margin), np.where(mine, self.bound, other.bound)
+            holds,
+            np.where(mine, self.margin, other.margin),
+            np.where(mine, self.bound, other.bound),
+            np.where(mine, self.field, other.field),
         )
 
 
@@ -177,14 +191,15 @@ class Columns:
             rows = self._stream.rows_of(index)
             slots = slots_of(given, {})
             here = _OneTopic(self._matcher, topic, self._tolerance).type(name, slots, {})
-            found.holds[rows], found.margin[rows], found.bound[rows] = here.holds, here.margin, here.bound
+            found.holds[rows], found.margin[rows] = here.holds, here.margin
+            found.bound[rows], found.field[rows] = here.bound, here.field
         return found
 
 
 class _OneTopic:
     def __init__(self, matcher: Matcher, topic: Topic, tolerance: float) -> None:
         self._matcher, self._tolerance = matcher, tolerance
-        self._count, self._event = len(topic.t), topic.record()
+        self._topic, self._count, self._event = topic, len(topic.t), topic.record()
 
     def _all(self, holds: bool) -> BoolArray:
         return np.full(self._count, holds)
@@ -290,9 +305,21 @@ class _OneTopic:
         with np.errstate(all="ignore"):
             left_, right_ = (self._number(arg, scope, values, zero) for arg in guard.args)
             difference = np.broadcast_to(left_ - right_, (self._count,))
-            return self._compared(guard.op, difference, np.broadcast_to(right_, (self._count,)), zero)
+            field = self._field(left_)
+            bound = right_ if field >= 0 else left_
+            if field < 0:
+                field = self._field(right_)
+            bound = bound if field >= 0 else right_
+            return self._compared(guard.op, difference, bound, field, zero)
 
-    def _compared(self, op: str, difference: FloatArray, bound: FloatArray, zero: BoolArray) -> Match:
+    def _field(self, side: FloatArray | float) -> int:
+        """Which field one side of an inequality is; -1: none, or something computed."""
+        columns = [value for key, value in self._topic.fields.items()]
+        return next((i for i, column in enumerate(columns) if column is side), -1)
+
+    def _compared(
+        self, op: str, difference: FloatArray, bound: FloatArray | float, field: int, zero: BoolArray
+    ) -> Match:
         """One comparison; where something was divided by zero it fails."""
         tolerance = self._tolerance
         if op in _SIGN:
@@ -307,7 +334,12 @@ class _OneTopic:
             near = np.abs(difference) <= tolerance
             held = near if op == "==" else ~near
             margin = np.abs(difference) * (-1.0 if op == "==" else 1.0)
-        return Match(held & ~zero, np.where(zero, -np.inf, margin), np.where(zero, np.nan, bound))
+        return Match(
+            held & ~zero,
+            np.where(zero, -np.inf, margin),
+            np.where(zero, np.nan, bound),
+            np.where(zero, -1, field),
+        )
 
     def _number(self, data: Data, scope: Scope, values: _Values, zero: BoolArray) -> FloatArray | float:
         if isinstance(data, Num):

@@ -28,7 +28,7 @@ from ariac_score import (
     uncovered_spans,
 )
 from ariac_score_rml.automaton import AfterViolation, Watch, margins, watch_stream
-from ariac_score_rml.columns import FloatArray, Stream, Topic
+from ariac_score_rml.columns import IntArray, Match, Stream, Topic
 from ariac_score_rml.faults import RmlError
 from ariac_score_rml.guards import TOLERANCE
 from ariac_score_rml.machine import MAX_STATE
@@ -130,7 +130,7 @@ class RmlSpec:
         except MissingSignalError as missing:
             yield Finding.inconclusive(subject, str(missing), span=trial.window)
             return
-        undecided = list(_undecided(trial, subject, recorded, self.max_gap_s))
+        undecided = list(_undecided(trial, subject, recorded))
         yield from undecided
         stream = Stream([item.topic for item in recorded])
         if not len(stream):
@@ -299,9 +299,7 @@ class _Recorded:
         )
 
 
-def _undecided(
-    trial: Trial, subject: str, recorded: Sequence[_Recorded], max_gap_s: float
-) -> Iterator[Finding]:
+def _undecided(trial: Trial, subject: str, recorded: Sequence[_Recorded]) -> Iterator[Finding]:
     if (trial.started_s is None) != (trial.ended_s is None):
         missing = "end" if trial.ended_s is None else "start"
         message = f"the log does not show the {missing} of the competition, so part of it may be missing"
@@ -328,13 +326,13 @@ class _Judged:
         recorded: Sequence[_Recorded],
         stream: Stream,
         watch: Watch,
-        margin_and_bound: tuple[FloatArray, FloatArray] | None,
+        match: Match | None,
     ) -> None:
         self.monitor, self.subject, self.recorded = monitor, subject, recorded
         self.stream, self.watch = stream, watch
-        unknown = np.full(len(stream), np.nan)
-        margin, bound = margin_and_bound or (unknown, unknown)
-        self.margin, self.bound = np.where(np.isfinite(margin), margin, np.nan), bound
+        match = match or Match.of(np.ones(len(stream), dtype=bool))
+        self.margin = np.where(np.isfinite(match.margin), match.margin, np.nan)
+        self.bound, self.field = match.bound, match.field
         self.weights_s = np.zeros(len(stream))
         for index, item in enumerate(recorded):
             durations_s = sample_durations(item.topic.t, longest_s=monitor.max_gap_s)
@@ -401,9 +399,7 @@ class _Judged:
             evidence=self._evidence(worst),
         )
 
-    def _quantities(
-        self, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]], unit: str
-    ) -> dict[str, float]:
+    def _quantities(self, rows: IntArray, unit: str) -> dict[str, float]:
         weights_s = self.weights_s[rows]
         found = {"time_in_violation_s": float(weights_s.sum())}
         if unit != "m" or not np.isfinite(self.margin[rows]).all():
@@ -422,17 +418,8 @@ class _Judged:
 
     def _unit(self, row: int) -> str:
         """The unit of the margin: that of the field which an inequality compares."""
-        item = self.recorded[int(self.stream.topic[row])]
-        value = self.margin[row] + self.bound[row]
-        other = self.bound[row] - self.margin[row]
-        index = int(self.stream.row[row])
-        for key, signal in item.signals.items():
-            here = item.topic.fields[key][index]
-            if np.isclose(here, value, rtol=1e-12, atol=1e-12) or np.isclose(
-                here, other, rtol=1e-12, atol=1e-12
-            ):
-                return signal.unit
-        return ""
+        signals = list(self.recorded[int(self.stream.topic[row])].signals.values())
+        return signals[int(self.field[row])].unit if self.field[row] >= 0 else ""
 
     def _evidence(self, row: int) -> tuple[Sample, ...]:
         item = self.recorded[int(self.stream.topic[row])]
@@ -469,7 +456,8 @@ class _Judged:
         return Finding(
             self.subject,
             Verdict.SATISFIED,
-            f"at its closest {margin:.3f} {unit or 'units'} within its limit, at {self.stream.t[closest]:.3f} s",
+            f"at its closest {margin:.3f}{unit and ' '}{unit} within its limit, "
+            f"at {self.stream.t[closest]:.3f} s",
             robustness=margin,
             unit=unit,
             evidence=self._evidence(closest),
