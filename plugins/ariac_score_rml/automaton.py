@@ -8,7 +8,6 @@ passed over in one look. Where data is bound the interpreter takes each event.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -172,14 +171,14 @@ class _Table:
         if row is None:
             if len(self._rows) >= _MAX_TABLES:
                 self._rows.clear()
-            types = _asked(self._machine, state)
-            if len(types) > _MAX_TYPES:
+            types = self._machine.asked(state)
+            if types is None or len(types) > _MAX_TYPES:
                 raise NotColumnarError
-            keys = tuple(types)
+            keys = tuple(match_key(term) for term in types)
             codes = self._codes.get(keys)
             if codes is None:
                 codes = np.zeros(len(self._stream), dtype=np.int64)
-                for bit, term in enumerate(types.values()):
+                for bit, term in enumerate(types):
                     codes |= self._columns.match(term.name, term.given).holds.astype(np.int64) << bit
                 self._codes[keys] = codes
             row = self._rows[state] = _Row(keys, codes)
@@ -210,47 +209,6 @@ class _Table:
                 return i + int(loud.argmax())
             i, look = i + look, look * 4
         return end
-
-
-def _asked(machine: Machine, state: Term) -> dict[object, Term]:
-    """The event types a step from a state may ask about, in the order of the state.
-
-    Raises:
-        NotColumnarError: One of them has a name whose value an event would give.
-    """
-    found: dict[object, Term] = {}
-    seen: set[int] = set()
-    todo = [state]
-    while todo:
-        term = todo.pop()
-        if id(term) in seen:
-            continue
-        seen.add(id(term))
-        if term.kind in ("event", "filter"):
-            if any(given.names for given in term.given):
-                raise NotColumnarError
-            found.setdefault(match_key(term), term)
-        todo.extend(reversed(list(_next_parts(machine, term))))
-    return found
-
-
-def _next_parts(machine: Machine, term: Term) -> Iterator[Term]:
-    """The parts of a state that an event may reach."""
-    try:
-        if term.kind in ("ref", "apply"):
-            body = machine.unfold(term)
-            if body is not None:
-                yield body
-        elif term.kind == "if":
-            yield machine.branch(term)
-        elif term.kind == "seq":
-            yield term.parts[0]
-            if machine.halts(term.parts[0]):
-                yield term.parts[1]
-        else:
-            yield from term.parts
-    except RmlRunError:
-        return  # a step that gets there raises it again, and no type beyond is asked about
 
 
 # Margins ---------------------------------------------------------------------------------

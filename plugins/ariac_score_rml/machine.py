@@ -29,6 +29,11 @@ MAX_STATE = 100_000
 _MAX_ACTIONS = 20_000_000
 """How many rewriting steps one event may take."""
 
+_MAX_MEMOISED = 8
+"""States that ask about more event types are not worth remembering by what matches."""
+
+_MAX_KNOWN = 100_000
+
 _Solution: TypeAlias = "dict[str, Json | _Valueless]"
 _Next: TypeAlias = "tuple[Callable[..., Any], tuple[Any, ...]]"
 _Failure: TypeAlias = "Callable[[], _Next | None]"
@@ -80,6 +85,7 @@ class Machine:
         self._event: Json = None
         self._matches: dict[object, _Solutions] = {}
         self._found: Term | None = None
+        self._steps_known: dict[tuple[Term, tuple[bool, ...]], Term | None] = {}
         self._steps: dict[str, Callable[[Term, _Success, _Failure], _Next | None]] = {
             "empty": self._empty,
             "all": self._all,
@@ -132,7 +138,18 @@ class Machine:
             RmlRunError: The event cannot be judged, or a limit is reached.
         """
         self._event, self._matches = event, {}
-        return self._run(state)
+        types = self.asked(state)
+        if types is None or len(types) > _MAX_MEMOISED:
+            return self._run(state)
+        try:
+            bits = tuple(self._match(term).get(0) is not None for term in types)
+        except (RmlRunError, RecursionError):
+            return self._run(state)  # whether it counts depends on whether a step asks
+        if len(self._steps_known) > _MAX_KNOWN:
+            self._steps_known.clear()
+        if (state, bits) not in self._steps_known:
+            self._steps_known[state, bits] = self._run(state)
+        return self._steps_known[state, bits]
 
     def _run(self, state: Term) -> Term | None:
         self._found = None
@@ -328,6 +345,52 @@ class Machine:
     def branch(self, term: Term) -> Term:
         """Which part of an `if` counts."""
         return term.parts[0] if condition(term.data[0], dict(term.env)) else term.parts[1]
+
+    # What a step may ask -------------------------------------------------------------
+
+    def asked(self, state: Term) -> tuple[Term, ...] | None:
+        """The event types a step from a state may ask about, in the order of the state.
+
+        `None` when one of them has a name whose value an event would give: then a step
+        depends on more than on which of them match.
+        """
+        if state.asked is None:
+            state.asked = self._types_asked(state)
+        return None if state.asked is False else state.asked
+
+    def _types_asked(self, state: Term) -> tuple[Term, ...] | Literal[False]:
+        found: dict[object, Term] = {}
+        seen: set[int] = set()
+        todo = [state]
+        while todo:
+            term = todo.pop()
+            if id(term) in seen:
+                continue
+            seen.add(id(term))
+            if term.kind in ("event", "filter"):
+                if any(given.names for given in term.given):
+                    return False
+                found.setdefault(match_key(term), term)
+            todo.extend(reversed(list(self._next_parts(term))))
+        return tuple(found.values())
+
+    def _next_parts(self, term: Term) -> Iterator[Term]:
+        """The parts of a state that a step may reach."""
+        try:
+            if term.kind in ("ref", "apply"):
+                body = self.unfold(term)
+                if body is not None:
+                    yield body
+            elif term.kind == "if":
+                yield self.branch(term)
+            elif term.kind == "seq":
+                yield term.parts[0]
+                if self.halts(term.parts[0]):
+                    yield term.parts[1]
+            else:
+                yield from term.parts
+        except RmlRunError:
+            return  # a step that gets there raises it again, and no type beyond is asked about
 
     # Halting -------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from ariac_score_rml.checks import names_in
 from ariac_score_rml.faults import RmlRunError
@@ -85,9 +85,11 @@ class Term:
         owner: The equation it was written in.
         halts: Whether the trace may end here, or why that cannot be said; `None`: not asked yet.
         unfolded: What a reference stands for, once asked.
+        asked: The event types that a step may ask about, once asked; see `Machine.asked`.
     """
 
     __slots__ = (
+        "asked",
         "count",
         "data",
         "env",
@@ -118,6 +120,7 @@ class Term:
         self.count, self.data, self.env, self.open, self.owner = count, data, env, open_, owner
         self.halts: bool | RmlRunError | None = None
         self.unfolded: Term | None = None
+        self.asked: tuple[Term, ...] | Literal[False] | None = None
         size: int = 1
         for part in parts:
             size += part.size
