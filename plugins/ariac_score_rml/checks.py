@@ -302,8 +302,8 @@ def _check_derivations(spec: Spec) -> None:
             elif missing in path:
                 raise _refused(
                     "cyclic_event_type",
-                    f"event type {key[0]!r} is derived from itself",
-                    declared[key][0].type.place,
+                    f"event type {missing[0]!r} is derived from itself",
+                    declared[missing][0].type.place,
                 )
             else:
                 path.append(missing)
