@@ -224,7 +224,7 @@ def margins(machine: Machine, stream: Stream, watch: Watch) -> Match | None:
     whole = Match.of(np.ones(len(stream), dtype=bool))
     order = np.argsort(watch.before, kind="stable")
     numbers, starts = np.unique(watch.before[order], return_index=True)
-    ends = [*starts[1:].tolist(), len(order)]
+    ends = [*starts[1:].tolist(), len(order)][: len(numbers)]
     if len(numbers) > _MAX_TABLES:
         return None
     try:
