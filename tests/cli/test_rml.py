@@ -77,7 +77,9 @@ def test_an_error_names_event_and_cause(spec: Path, capsys: pytest.CaptureFixtur
     assert "error: event 1: 'v' is null where a number is needed" in capsys.readouterr().err
 
 
-def test_a_verdict_that_hangs_on_the_tolerance_is_said(spec: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_verdict_that_hangs_on_the_tolerance_is_said(
+    spec: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = trace(spec.parent, '{"x":2.99999999999} {"x":2}')
 
     assert main(["rml", "run", str(spec), str(path)]) == 0
@@ -100,7 +102,9 @@ def test_every_message_of_a_recording_is_an_event(
     assert capsys.readouterr().out.splitlines()[-1] == "verdict  rejected at event 1887"
 
 
-def test_a_trace_cut_in_a_line_is_refused_at_its_place(spec: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_trace_cut_in_a_line_is_refused_at_its_place(
+    spec: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = trace(spec.parent, '{"x":3}\n{"x":')
 
     assert main(["rml", "run", str(spec), str(path)]) == 6
@@ -145,7 +149,9 @@ def test_check_says_what_is_sound_and_what_is_odd(spec: Path, capsys: pytest.Cap
     assert f"{spec}: line 2, column 1: ';' was expected" in capsys.readouterr().err
 
 
-def test_format_prints_the_one_form_and_can_only_compare(spec: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_format_prints_the_one_form_and_can_only_compare(
+    spec: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["rml", "format", "--check", str(spec)]) == 1
     assert main(["rml", "format", str(spec), "-o", str(spec)]) == 0
     assert spec.read_text() == SPEC.replace("{x:", "{x: ")

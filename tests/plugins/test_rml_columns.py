@@ -26,7 +26,9 @@ pair(k) matches {topic: 's', x: v, y: v} with max(v, 1) >= k || min(v, 0.5) == k
 top matches pair(2) | pair(1);
 """
 
-event_types = st.sampled_from(["s", "low", "high", "odd", "far", "pair(1)", "pair(0 + 1)", "top", "any", "none"])
+event_types = st.sampled_from(
+    ["s", "low", "high", "odd", "far", "pair(1)", "pair(0 + 1)", "top", "any", "none"]
+)
 
 
 def _exps(inner: Any) -> Any:
@@ -38,7 +40,9 @@ def _exps(inner: Any) -> Any:
         | joined("\\/")
         | joined("/\\")
         | joined("|")
-        | st.builds(lambda a, post: f"({a}){post}", inner, st.sampled_from(["*", "+", "?", "!", "{2}", "{0}"]))
+        | st.builds(
+            lambda a, post: f"({a}){post}", inner, st.sampled_from(["*", "+", "?", "!", "{2}", "{0}"])
+        )
         | st.builds(lambda kind, a: f"({kind} >> {a})", event_types, inner)
         | st.builds(lambda kind, a, b: f"({kind} >> {a} : {b})", event_types, inner, inner)
         | st.builds(lambda kind, a: f"(({kind}) ({a} | Main))", event_types, inner)

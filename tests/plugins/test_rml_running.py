@@ -203,7 +203,10 @@ def test_all_in_a_reference_is_seen_at_once() -> None:
     assert run(P + "Main = r X; X = all r;", R).letters == "f"
 
 
-@given(st.lists(st.sampled_from("pqr"), max_size=8), st.sampled_from(["r*", "r+ q(1)?", "(p(1) q(1))*", "(r | q(1))!"]))
+@given(
+    st.lists(st.sampled_from("pqr"), max_size=8),
+    st.sampled_from(["r*", "r+ q(1)?", "(p(1) q(1))*", "(r | q(1))!"]),
+)
 @settings(max_examples=60)
 def test_a_filter_sees_only_what_it_is_about(word: list[str], inside: str) -> None:
     events = [{"p": p(1), "q": q(1), "r": R}[letter] for letter in word]
@@ -247,8 +250,8 @@ def test_the_limit_of_a_state_is_where_it_says() -> None:
     size = state.size
 
     compile_rml(P + "Main = r q(1);").machine(max_state=size).after(machine.start, R)
+    smaller = compile_rml(P + "Main = r q(1);").machine(max_state=size - 1)
     with pytest.raises(RmlRunError, match="grown beyond"):
-        smaller = compile_rml(P + "Main = r q(1);").machine(max_state=size - 1)
         smaller.after(smaller.start, R)
 
 

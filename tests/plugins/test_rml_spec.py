@@ -65,9 +65,7 @@ def watched(
     span = Span(float(t[0]), float(t[-1]))
     events = (Event(span.start_s, COMPETITION_STARTED), Event(span.end_s, COMPETITION_ENDED))
     bodies = (Body("human", "human"), Body("robot", "robot"))
-    return Trial(
-        "t", bodies=bodies, signals=signals, recorded=span, events=events if ended else events[:1]
-    )
+    return Trial("t", bodies=bodies, signals=signals, recorded=span, events=events if ended else events[:1])
 
 
 def near_misses(count: int) -> Trial:
@@ -117,6 +115,12 @@ def test_the_specification_of_the_rule_set_is_the_example() -> None:
 
     assert compile_rml(given_["spec"]).spec == compile_rml(SPEC).spec
     assert given_["events"] == SNAPSHOT
+
+
+def test_the_specification_of_the_page_is_the_example() -> None:
+    page = (ROOT / "docs/rml.md").read_text(encoding="utf-8")
+
+    assert compile_rml(page.split("```rml\n")[1].split("```")[0]).spec == compile_rml(SPEC).spec
 
 
 distances = st.lists(st.sampled_from([2.0, 2.59, 2.6, 2.61, 4.0, 7.5]), min_size=2, max_size=40)
@@ -194,7 +198,9 @@ def test_restart_asks_for_the_beginning_again_and_resume_goes_on() -> None:
 
 def test_a_missing_signal_is_inconclusive() -> None:
     trial = kitting_trial(human=False)
-    without = RmlSpec("ok matches {topic:'arm', v:v} with v < 9; Main = ok*;", {"arm": {"v": "speed/{human}"}})
+    without = RmlSpec(
+        "ok matches {topic:'arm', v:v} with v < 9; Main = ok*;", {"arm": {"v": "speed/{human}"}}
+    )
     missing = RmlSpec(AT_LEAST_2, {"gap": {"d": "centre_distance_2d/{robot}/{human}"}})
 
     assert only(without, trial).verdict is Verdict.INCONCLUSIVE
@@ -220,7 +226,10 @@ def test_without_a_specification_or_events_nothing_passes(monitor: RmlSpec) -> N
 @pytest.mark.parametrize(
     ("spec", "cause"),
     [
-        ("a matches {topic:'gap', d:d} with d ^ 0.5 > 1.5; Main = a*;", "event 1, at 0.000 s: '^' has no value"),
+        (
+            "a matches {topic:'gap', d:d} with d ^ 0.5 > 1.5; Main = a*;",
+            "event 1, at 0.000 s: '^' has no value",
+        ),
         ("a matches {topic:t, d:_} with t > 1; Main = a*;", "event 1, at 0.000 s: 't' is the string 'gap'"),
         ("a(x) matches {topic:'gap', d:x}; Main = {let x; if (x > 1) a(x)* else empty};", "the beginning"),
         ("a(x) matches {topic:'gap', d:x}; Main = ({let x; a(x) Main} | never)?;", "grown beyond"),
@@ -262,7 +271,9 @@ def test_data_can_be_bound_over_the_events_of_a_trial() -> None:
 
 def test_each_robot_is_judged_on_its_own_and_topics_are_told_apart() -> None:
     t = np.array(at_100_hz(1.0))
-    signals = [Signal(f"speed/{name}", "m/s", t, np.full(len(t), v)) for name, v in (("r1", 0.2), ("r2", 0.9))]
+    signals = [
+        Signal(f"speed/{name}", "m/s", t, np.full(len(t), v)) for name, v in (("r1", 0.2), ("r2", 0.9))
+    ]
     trial = Trial(
         "t",
         bodies=(Body("r1", "robot"), Body("r2", "robot")),
@@ -270,7 +281,10 @@ def test_each_robot_is_judged_on_its_own_and_topics_are_told_apart() -> None:
         recorded=Span(0.0, 1.0),
     )
     events = {"arm": {"v": "speed/{robot}"}, "again": {"v": "speed/{robot}"}}
-    monitor = RmlSpec("slow matches {topic:'arm', v:v} with v <= 0.5; arm matches {topic:'arm'}; Main = arm >> slow*;", events)
+    monitor = RmlSpec(
+        "slow matches {topic:'arm', v:v} with v <= 0.5; arm matches {topic:'arm'}; Main = arm >> slow*;",
+        events,
+    )
 
     slow, fast = monitor.watch(trial)
 
@@ -281,7 +295,9 @@ def test_each_robot_is_judged_on_its_own_and_topics_are_told_apart() -> None:
 
 
 def test_a_quantity_that_is_not_well_known_is_given_with_its_unit() -> None:
-    monitor = RmlSpec("ok matches {topic:'g', f:f} with f < 9; Main = ok*;", {"g": {"f": "force/{robot} [N]"}})
+    monitor = RmlSpec(
+        "ok matches {topic:'g', f:f} with f < 9; Main = ok*;", {"g": {"f": "force/{robot} [N]"}}
+    )
 
     assert [(n.quantity, n.unit) for n in monitor.needs()] == [("force", "N")]
     assert [n.quantity for n in SEPARATION.needs()] == ["centre_distance", "speed"]
