@@ -30,6 +30,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="FILE",
         help="worked examples of the monitors to run (default: ../shared/standards/worked_examples.json)",
     )
+    parser.addoption(
+        "--rml-cases",
+        metavar="DIR",
+        help="folder of RML cases to run (default: ../shared/rml/cases/own); it may not be empty",
+    )
 
 
 @pytest.fixture

@@ -76,6 +76,7 @@ SHIPPED = {
         "log.signal_coverage",
         "official.trial",
         "proxemics.proximity_comfort",
+        "rml.spec",
         "run.record",
         "stl.formula",
         "team.positive_sensor_cost",

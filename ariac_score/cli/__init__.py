@@ -30,7 +30,19 @@ EXIT_INTERRUPTED = 2
 EXIT_INTERNAL = 3
 EXIT_USAGE = 4
 
-_COMMANDS = ("score", "info", "explain", "price", "audit", "rank", "sensitivity", "rules", "plugins", "new")
+_COMMANDS = (
+    "score",
+    "info",
+    "explain",
+    "price",
+    "audit",
+    "rank",
+    "sensitivity",
+    "rules",
+    "rml",
+    "plugins",
+    "new",
+)
 
 
 class _Parser(argparse.ArgumentParser):

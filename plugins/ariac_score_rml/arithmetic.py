@@ -1,0 +1,148 @@
+"""Conditions of `if` and arguments of equations: plain arithmetic on values, no tolerance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from ariac_score_rml.faults import RmlRunError
+from ariac_score_rml.syntax import Const, Data, Num, Op, Var
+from ariac_score_rml.values import Bound, Json, shown
+
+__all__ = ["MAX_BITS", "argument", "condition"]
+
+Env = Mapping[str, Bound]
+Number = int | float
+
+MAX_BITS = 10_000
+"""Whole numbers may not grow larger than this many bits."""
+
+_COMPARE: dict[str, Callable[[Number, Number], bool]] = {
+    "<": lambda a, b: a < b,
+    "<=": lambda a, b: a <= b,
+    ">": lambda a, b: a > b,
+    ">=": lambda a, b: a >= b,
+    "==": lambda a, b: a == b,
+    "!=": lambda a, b: a != b,
+}
+_FUNCTIONS: dict[str, Callable[..., Number]] = {
+    "abs": abs,
+    "sin": math.sin,
+    "cos": math.cos,
+    "tan": math.tan,
+    "min": min,
+    "max": max,
+}
+
+
+def condition(data: Data, env: Env) -> bool:
+    """Whether the condition of an `if` holds.
+
+    Raises:
+        RmlRunError: Something in it is not what it must be, or a name has no value.
+    """
+    if isinstance(data, Op):
+        if data.op == "&&":
+            return condition(data.args[0], env) and condition(data.args[1], env)
+        if data.op == "||":
+            return condition(data.args[0], env) or condition(data.args[1], env)
+        if data.op in _COMPARE:
+            return _COMPARE[data.op](_number(data.args[0], env), _number(data.args[1], env))
+        raise RmlRunError(f"a number, of {data.op!r}, stands where a condition is needed", kind="type_error")
+    value = _value(data, env)
+    if isinstance(value, bool):
+        return value
+    raise RmlRunError(f"{_named(data)} is {shown(value)} where a condition is needed", kind="type_error")
+
+
+def argument(data: Data, env: Env) -> Json:
+    """The value of an argument of an equation; a name without a value is false, as in the reference.
+
+    Raises:
+        RmlRunError: Powers and functions have no value there, nor have lists and records.
+    """
+    if isinstance(data, Op):
+        if data.op in ("&&", "||") or data.op in _COMPARE:
+            return condition(data, env)
+        if data.op == "^" or data.op in _FUNCTIONS:
+            raise RmlRunError(
+                f"{data.op!r} is not evaluated in an argument of an equation",
+                kind="unsupported",
+                hint="compute it in an `if` or a guard",
+            )
+        return _number(data, env)
+    if isinstance(data, Var) and data.name not in env:
+        return False
+    value = _value(data, env)
+    if isinstance(value, dict | list):
+        raise RmlRunError(
+            f"{_named(data)} is {shown(value)}, which cannot be an argument of an equation", kind="type_error"
+        )
+    return value
+
+
+def _named(data: Data) -> str:
+    return repr(data.name) if isinstance(data, Var) else "a value"
+
+
+def _value(data: Data, env: Env) -> Json:
+    if isinstance(data, Num | Const):
+        return data.value
+    assert isinstance(data, Var)
+    if data.name not in env:
+        raise RmlRunError(f"the name {data.name!r} has no value yet", kind="unbound")
+    return env[data.name].value
+
+
+def _number(data: Data, env: Env) -> Number:
+    if isinstance(data, Op):
+        return _checked(_computed(data.op, [_number(arg, env) for arg in data.args]))
+    value = _value(data, env)
+    if isinstance(value, str) and len(value) == 1:
+        return ord(value)  # as in the reference
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value
+    raise RmlRunError(f"{_named(data)} is {shown(value)} where a number is needed", kind="type_error")
+
+
+def _checked(value: Number) -> Number:
+    if isinstance(value, int) and value.bit_length() > MAX_BITS:
+        raise RmlRunError("a number grows too large", kind="evaluation_error")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise RmlRunError("a number overflows", kind="evaluation_error")
+    return value
+
+
+def _computed(op: str, args: list[Number]) -> Number:
+    try:
+        if op in _FUNCTIONS:
+            return _FUNCTIONS[op](*args)
+        if len(args) == 1 and op == "-":
+            return -args[0]
+        a, b = args
+        if op == "+":
+            return a + b
+        if op == "-":
+            return a - b
+        if op == "*":
+            return a * b
+        if op == "/":
+            exact = isinstance(a, int) and isinstance(b, int) and b != 0 and a % b == 0
+            return a // b if exact else a / b
+        if op == "^":
+            return _power(a, b)
+    except ZeroDivisionError:
+        raise RmlRunError("division by zero", kind="evaluation_error") from None
+    except (OverflowError, ValueError):
+        raise RmlRunError(f"{op!r} has no value for these numbers", kind="evaluation_error") from None
+    raise RmlRunError(f"a condition, of {op!r}, stands where a number is needed", kind="type_error")
+
+
+def _power(a: Number, b: Number) -> Number:
+    if isinstance(a, int) and isinstance(b, int) and b > 0 and a.bit_length() * b > MAX_BITS:
+        raise OverflowError
+    value = a**b
+    if isinstance(value, complex):
+        raise ValueError("a root of a negative number")
+    assert isinstance(value, int | float)
+    return value

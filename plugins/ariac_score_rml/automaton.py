@@ -1,0 +1,271 @@
+"""Running a specification over columns: a table of states, built as it is needed, that jumps over self-loops.
+
+Which event types an event is of decides what it does to a state, where no data is
+bound. So a state and the pattern of matches of the types it asks about are all that
+a transition depends on, and a stretch of events that leave the state as it is is
+passed over in one look. Where data is bound the interpreter takes each event.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score_rml.columns import Columns, Match, NotColumnarError, Stream
+from ariac_score_rml.faults import RmlRunError
+from ariac_score_rml.machine import Letter, Machine, match_key
+from ariac_score_rml.terms import Term
+
+__all__ = ["AfterViolation", "Watch", "margins", "watch_by_interpreter", "watch_stream"]
+
+AfterViolation: TypeAlias = Literal["resume", "restart", "once"]
+"""resume: the rejected event is passed over; restart: Main begins anew; once: nothing more is judged."""
+
+_MAX_TYPES = 12
+"""A state that asks about more types is left to the interpreter: its table would be too large."""
+
+_MAX_TABLES = 5_000
+_UNKNOWN, _STAYS, _REJECTS, _LEAVES = range(4)
+_FIRST_LOOK = 64
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What a specification said of a stream of events.
+
+    Attributes:
+        states: States met, each once.
+        before: Which of them the stream was in before each event, shape (n,); -1: not judged.
+        rejected: Whether the event was rejected, shape (n,).
+        initial: Letter before any event.
+        end: Letter after the last event judged; `E` when one could not be.
+        fresh: Whether nothing was accepted since the start or the last restart.
+        error: Why an event could not be judged.
+        error_at: Which event that was; -1: none, or before any event.
+    """
+
+    states: tuple[Term, ...]
+    before: NDArray[np.intp]
+    rejected: NDArray[np.bool_]
+    initial: Letter
+    end: Letter
+    fresh: bool
+    error: RmlRunError | None = None
+    error_at: int = -1
+
+
+def watch_stream(machine: Machine, stream: Stream, after: AfterViolation) -> Watch:
+    """Run a specification over a stream, over columns where that can be."""
+    try:
+        return _Table(machine, stream).run(after)
+    except NotColumnarError:
+        return watch_by_interpreter(machine, stream, after)
+
+
+class _Recorder:
+    """Keeps what is found out, in either way of running."""
+
+    def __init__(self, count: int) -> None:
+        self.states: list[Term] = []
+        self._index: dict[Term, int] = {}
+        self.before = np.full(count, -1, dtype=np.intp)
+        self.rejected = np.zeros(count, dtype=bool)
+
+    def number(self, state: Term) -> int:
+        index = self._index.get(state)
+        if index is None:
+            index = self._index[state] = len(self.states)
+            self.states.append(state)
+        return index
+
+    def watch(
+        self, initial: Letter, end: Letter, fresh: bool, error: RmlRunError | None = None, at: int = -1
+    ) -> Watch:
+        return Watch(tuple(self.states), self.before, self.rejected, initial, end, fresh, error, at)
+
+
+def watch_by_interpreter(machine: Machine, stream: Stream, after: AfterViolation) -> Watch:
+    """Run a specification over a stream, event by event."""
+    recorder = _Recorder(len(stream))
+    start = state = machine.start
+    fresh = True
+    try:
+        initial = letter = machine.letter(state)
+    except RmlRunError as error:
+        return recorder.watch("E", "E", True, error)
+    for i in range(len(stream)):
+        recorder.before[i] = recorder.number(state)
+        try:
+            found = machine.after(state, stream.event(i))
+            letter = letter if found is None else machine.letter(found)
+        except RmlRunError as error:
+            return recorder.watch(initial, "E", fresh, error, i)
+        if found is not None:
+            state, fresh = found, False
+            continue
+        recorder.rejected[i] = True
+        if after == "once":
+            return recorder.watch(initial, "F", fresh)
+        if after == "restart":
+            state, letter, fresh = start, initial, True
+    return recorder.watch(initial, letter, fresh)
+
+
+class _Row:
+    """What is known of one state: for each pattern of matches what comes of it."""
+
+    def __init__(self, keys: tuple[object, ...], codes: NDArray[np.int64]) -> None:
+        self.keys, self.codes = keys, codes
+        self.outcome = np.zeros(1 << len(keys), dtype=np.int8)
+        self.next: dict[int, Term] = {}
+
+
+class _Table:
+    def __init__(self, machine: Machine, stream: Stream) -> None:
+        self._machine, self._stream = machine, stream
+        self._columns = Columns(machine.matcher, stream)
+        self._rows: dict[Term, _Row] = {}
+        self._codes: dict[tuple[object, ...], NDArray[np.int64]] = {}
+
+    def run(self, after: AfterViolation) -> Watch:
+        machine, recorder = self._machine, _Recorder(len(self._stream))
+        start = state = machine.start
+        fresh, i = True, 0
+        try:
+            initial = letter = machine.letter(state)
+        except RmlRunError as error:
+            return recorder.watch("E", "E", True, error)
+        while i < len(self._stream):
+            row = self._row(state)
+            j = self._leaves_at(row, i, passes=after == "resume")
+            if j > i:
+                outcomes = row.outcome[row.codes[i:j]]
+                recorder.before[i:j] = recorder.number(state)
+                recorder.rejected[i:j] = outcomes == _REJECTS
+                fresh = fresh and bool((outcomes == _REJECTS).all())
+                i = j
+                continue
+            recorder.before[i] = recorder.number(state)
+            code = int(row.codes[i])
+            try:
+                found = self._after(row, state, code)
+                letter = letter if found is None else machine.letter(found)
+            except RmlRunError as error:
+                return recorder.watch(initial, "E", fresh, error, i)
+            if found is not None:
+                state, fresh = found, False
+            else:
+                recorder.rejected[i] = True
+                if after == "once":
+                    return recorder.watch(initial, "F", fresh)
+                if after == "restart":
+                    state, letter, fresh = start, initial, True
+            i += 1
+        return recorder.watch(initial, letter, fresh)
+
+    def _row(self, state: Term) -> _Row:
+        row = self._rows.get(state)
+        if row is None:
+            if len(self._rows) >= _MAX_TABLES:
+                self._rows.clear()
+            types = self._machine.asked(state)
+            if types is None or len(types) > _MAX_TYPES:
+                raise NotColumnarError
+            keys = tuple(match_key(term) for term in types)
+            codes = self._codes.get(keys)
+            if codes is None:
+                codes = np.zeros(len(self._stream), dtype=np.int64)
+                for bit, term in enumerate(types):
+                    codes |= self._columns.match(term.name, term.given).holds.astype(np.int64) << bit
+                self._codes[keys] = codes
+            row = self._rows[state] = _Row(keys, codes)
+        return row
+
+    def _after(self, row: _Row, state: Term, code: int) -> Term | None:
+        outcome = row.outcome[code]
+        if outcome == _UNKNOWN:
+            matches = {key: bool(code >> bit & 1) for bit, key in enumerate(row.keys)}
+            found = self._machine.after_matches(state, matches)
+            row.outcome[code] = _REJECTS if found is None else _STAYS if found is state else _LEAVES
+            if found is not None:
+                row.next[code] = found
+            return found
+        return row.next.get(code)
+
+    def _leaves_at(self, row: _Row, i: int, *, passes: bool) -> int:
+        """The first event from `i` on that may change the state (or is rejected, unless that passes)."""
+        quiet = row.outcome == _STAYS
+        if passes:
+            quiet |= row.outcome == _REJECTS
+        if not quiet[row.codes[i]]:
+            return i
+        look, end = _FIRST_LOOK, len(row.codes)
+        while i < end:
+            loud = ~quiet[row.codes[i : i + look]]
+            if loud.any():
+                return i + int(loud.argmax())
+            i, look = i + look, look * 4
+        return end
+
+
+# Margins ---------------------------------------------------------------------------------
+
+
+def margins(machine: Machine, stream: Stream, watch: Watch) -> Match | None:
+    """How far each event was from being rejected (negative: from being accepted), and from what bound.
+
+    Of alternatives the best counts, of joint demands the worst. Infinite where no
+    inequality over numbers decides. `None` when that can only be said event by event.
+    """
+    columns = Columns(machine.matcher, stream)
+    whole = Match.of(np.ones(len(stream), dtype=bool))
+    order = np.argsort(watch.before, kind="stable")
+    numbers, starts = np.unique(watch.before[order], return_index=True)
+    ends = [*starts[1:].tolist(), len(order)][: len(numbers)]
+    if len(numbers) > _MAX_TABLES:
+        return None
+    try:
+        for number, start, end in zip(numbers.tolist(), starts.tolist(), ends, strict=True):
+            if number >= 0:
+                rows = order[start:end]
+                match = _margin(machine, columns, watch.states[number], rows)
+                whole.margin[rows], whole.bound[rows] = match.margin, match.bound
+                whole.field[rows] = match.field
+    except (NotColumnarError, RmlRunError):
+        return None
+    return whole
+
+
+_MAX_DEPTH = 200
+
+
+def _margin(machine: Machine, columns: Columns, term: Term, rows: NDArray[np.intp], depth: int = 0) -> Match:
+    """The margin by which a state takes each of some events."""
+    if depth > _MAX_DEPTH:
+        raise NotColumnarError
+    kind = term.kind
+
+    def of(part: Term) -> Match:
+        return _margin(machine, columns, part, rows, depth + 1)
+
+    if kind in ("empty", "all") or (kind == "times" and term.count == 0):
+        return Match.of(np.full(len(rows), kind == "all"))
+    if kind in ("event", "filter"):
+        here = columns.match(term.name, term.given)[rows]
+        return here if kind == "event" else of(term.parts[0]).where(here.holds, of(term.parts[1]))
+    if kind in ("ref", "apply"):
+        body = machine.unfold(term)
+        return Match.of(np.zeros(len(rows), dtype=bool)) if body is None else of(body)
+    if kind == "if":
+        return of(machine.branch(term))
+    if kind in ("or", "shuffle"):
+        return of(term.parts[0]) | of(term.parts[1])
+    if kind == "and":
+        return of(term.parts[0]) & of(term.parts[1])
+    first = of(term.parts[0])
+    if kind == "seq" and machine.halts(term.parts[0]):
+        return first | of(term.parts[1])
+    return first

@@ -1,0 +1,394 @@
+"""Event types over whole columns: one numpy expression for each type instead of one match for each event.
+
+Only what is certain to come out as in the interpreter is done here; anything else
+raises `NotColumnarError`, and the interpreter does it event by event.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score_rml.guards import ExprSlot, PatternSlot, Scope, Slot, Unknown, slot_of_name
+from ariac_score_rml.machine import slots_of
+from ariac_score_rml.matching import Declared, Matcher, alternatives, scope_of, slot_of
+from ariac_score_rml.syntax import (
+    Anything,
+    Const,
+    Data,
+    ListPattern,
+    Literal_,
+    Name,
+    Num,
+    Op,
+    Pattern,
+    RecordPattern,
+)
+from ariac_score_rml.terms import Given
+from ariac_score_rml.values import Bound, Json, fits, is_number
+
+__all__ = ["Columns", "Match", "NotColumnarError", "Stream", "Topic"]
+
+FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.intp]
+_Value: TypeAlias = "FloatArray | Json"
+_Values: TypeAlias = "Mapping[Unknown, _Value]"
+
+
+class NotColumnarError(Exception):
+    """This can only be said event by event."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """Events of one kind: records with the same numeric fields.
+
+    Attributes:
+        name: Value of the field `topic`.
+        t: Times, shape (n,), s; also the field `time`.
+        fields: Values by field, each shape (n,).
+    """
+
+    name: str
+    t: FloatArray
+    fields: Mapping[str, FloatArray]
+
+    def record(self) -> dict[str, FloatArray | str]:
+        """The fields every event of it has."""
+        return {"time": self.t, **self.fields, "topic": self.name}
+
+
+class Stream:
+    """The events of all topics in order of time; at equal times in the order of the topics.
+
+    Attributes:
+        topics: The topics.
+        t: Time of each event, shape (n,), s.
+        topic: Which topic each event is of, shape (n,).
+        row: Which sample of that topic it is, shape (n,).
+    """
+
+    def __init__(self, topics: Sequence[Topic]) -> None:
+        self.topics = tuple(topics)
+        t = np.concatenate([topic.t for topic in topics]) if topics else np.zeros(0)
+        of = np.repeat(np.arange(len(self.topics)), [len(topic.t) for topic in topics])
+        row = np.concatenate([np.arange(len(topic.t)) for topic in topics]) if topics else np.zeros(0, int)
+        order = np.argsort(t, kind="stable")
+        self.t, self.topic, self.row = t[order], of[order], row[order].astype(np.intp)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def event(self, i: int) -> dict[str, Json]:
+        """One event as JSON."""
+        topic = self.topics[int(self.topic[i])]
+        row = int(self.row[i])
+        record = topic.record().items()
+        return {key: value if isinstance(value, str) else float(value[row]) for key, value in record}
+
+    def rows_of(self, topic: int) -> NDArray[np.intp]:
+        """The events of one topic, in the order of its samples."""
+        return np.flatnonzero(self.topic == topic)
+
+
+@dataclass(frozen=True)
+class Match:
+    """What a type says of each event.
+
+    Attributes:
+        holds: Whether the event is of the type, shape (n,).
+        margin: How far it is from not being so; negative: from being so. Infinite where
+            no inequality decides.
+        bound: What the inequality that decides compares with; NaN where there is none.
+        field: Which field of its topic the inequality limits; -1 where none stands alone on a side.
+    """
+
+    holds: BoolArray
+    margin: FloatArray
+    bound: FloatArray
+    field: IntArray
+
+    @classmethod
+    def of(cls, holds: BoolArray) -> Match:
+        """A match that no inequality decides."""
+        margin = np.where(holds, np.inf, -np.inf)
+        return cls(holds, margin, np.full(len(holds), np.nan), np.full(len(holds), -1))
+
+    def __getitem__(self, rows: IntArray) -> Match:
+        return Match(self.holds[rows], self.margin[rows], self.bound[rows], self.field[rows])
+
+    def where(self, chosen: BoolArray, other: Match) -> Match:
+        """This where chosen, the other elsewhere."""
+        return self._chosen(other, np.where(chosen, self.holds, other.holds), chosen)
+
+    def __and__(self, other: Match) -> Match:
+        return self._chosen(other, self.holds & other.holds, self.margin <= other.margin)
+
+    def __or__(self, other: Match) -> Match:
+        return self._chosen(other, self.holds | other.holds, self.margin >= other.margin)
+
+    def __invert__(self) -> Match:
+        return Match(~self.holds, -self.margin, self.bound, self.field)
+
+    def _chosen(self, other: Match, holds: BoolArray, mine: BoolArray) -> Match:
+        return Match(
+            holds,
+            np.where(mine, self.margin, other.margin),
+            np.where(mine, self.bound, other.bound),
+            np.where(mine, self.field, other.field),
+        )
+
+
+_SIGN = {">": 1.0, ">=": 1.0, "<": -1.0, "<=": -1.0}
+_POINTWISE: dict[str, Callable[..., float]] = {
+    "sin": math.sin,
+    "cos": math.cos,
+    "tan": math.tan,
+    "^": math.pow,
+}
+
+
+class Columns:
+    """The event types of a specification over a stream of events.
+
+    Args:
+        matcher: Its event types.
+        stream: The events.
+    """
+
+    def __init__(self, matcher: Matcher, stream: Stream) -> None:
+        self._matcher, self._stream = matcher, stream
+        self._tolerance = matcher.solver.tolerance
+        self._known: dict[object, Match | None] = {}
+
+    def match(self, name: str, given: tuple[Given, ...]) -> Match:
+        """What a type with these arguments says of each event.
+
+        Raises:
+            NotColumnarError: Only the interpreter can say.
+        """
+        key = (name, tuple(g.key for g in given))
+        if key not in self._known:
+            try:
+                self._known[key] = self._match(name, given)
+            except NotColumnarError:
+                self._known[key] = None
+        found = self._known[key]
+        if found is None:
+            raise NotColumnarError(name)
+        return found
+
+    def _match(self, name: str, given: tuple[Given, ...]) -> Match:
+        count = len(self._stream)
+        found = Match.of(np.zeros(count, dtype=bool))
+        for index, topic in enumerate(self._stream.topics):
+            rows = self._stream.rows_of(index)
+            slots = slots_of(given, {})
+            here = _OneTopic(self._matcher, topic, self._tolerance).type(name, slots, {})
+            found.holds[rows], found.margin[rows] = here.holds, here.margin
+            found.bound[rows], found.field[rows] = here.bound, here.field
+        return found
+
+
+class _OneTopic:
+    def __init__(self, matcher: Matcher, topic: Topic, tolerance: float) -> None:
+        self._matcher, self._tolerance = matcher, tolerance
+        self._topic, self._count, self._event = topic, len(topic.t), topic.record()
+
+    def _all(self, holds: bool) -> BoolArray:
+        return np.full(self._count, holds)
+
+    def type(self, name: str, slots: list[Slot], values: _Values) -> Match:
+        """Whether each event is of a type, with every way in which it can be."""
+        found = Match.of(self._all(False))
+        for match, _ in self._ways(name, slots, values):
+            found |= match
+        return found
+
+    def _ways(self, name: str, slots: list[Slot], values: _Values) -> Iterator[tuple[Match, _Values]]:
+        for declared in self._matcher.declared(name, len(slots)):
+            scope, known = scope_of(declared.params, slots, {})
+            if known is None or known:
+                raise NotColumnarError(name)
+            if declared.negated:
+                if declared.guard is not None:
+                    raise NotColumnarError(name)
+                inner = Match.of(self._all(False))
+                for match, _ in self._alternatives(declared, scope, values):
+                    inner |= match
+                yield ~inner, values
+                continue
+            for match, found in self._alternatives(declared, scope, values):
+                if declared.guard is None or not match.holds.any():
+                    yield match, found
+                else:
+                    yield match & self._guard(declared.guard, scope, found), found
+
+    def _alternatives(
+        self, declared: Declared, scope: Scope, values: _Values
+    ) -> Iterator[tuple[Match, _Values]]:
+        for pattern in declared.patterns:
+            found = dict(values)
+            yield Match.of(self._takes(pattern, self._event, scope, found)), found
+        for parent in declared.parents:
+            yield from self._ways(parent.name, [slot_of(arg, scope) for arg in parent.args], values)
+
+    # Patterns ------------------------------------------------------------------------
+
+    def _takes(
+        self, pattern: Pattern, value: object, scope: Scope, values: dict[Unknown, _Value]
+    ) -> BoolArray:
+        if isinstance(pattern, Anything):
+            return self._all(True)
+        if isinstance(pattern, Name):
+            return self._slot_takes(slot_of_name(pattern.name, scope), value, values)
+        if isinstance(pattern, Literal_):
+            return self._fits(pattern.value, value)
+        if isinstance(pattern, RecordPattern) and isinstance(value, dict):
+            taken = self._all(True)
+            for key, inner in pattern.fields:
+                if key not in value:
+                    return self._all(False)
+                taken &= self._takes(inner, value[key], scope, values)
+            return taken
+        if isinstance(pattern, RecordPattern | ListPattern):
+            return self._all(False)
+        raise NotColumnarError
+
+    def _slot_takes(self, slot: Slot, value: object, values: dict[Unknown, _Value]) -> BoolArray:
+        if isinstance(value, dict):
+            raise NotColumnarError  # the whole event as a value
+        assert isinstance(value, np.ndarray | str)
+        if isinstance(slot, Bound):
+            return self._fits(slot.value, value)
+        if isinstance(slot, Unknown):
+            if slot in values:
+                return self._fits(values[slot], value)
+            values[slot] = value
+            return self._all(True)
+        if isinstance(slot, PatternSlot):
+            taken = self._all(False)
+            for option in alternatives(slot.pattern):
+                taken |= self._takes(option, value, slot.scope, dict(values))
+            if taken.any():
+                raise NotColumnarError
+            return taken
+        return self._all(False)
+
+    def _fits(self, pattern: object, value: object) -> BoolArray:
+        if isinstance(pattern, np.ndarray) and not isinstance(value, np.ndarray):
+            return self._all(False)
+        if isinstance(value, np.ndarray):
+            if not isinstance(pattern, float | np.ndarray):
+                return self._all(False)
+            # 0.0 does not match -0.0.
+            alike: BoolArray = (value == pattern) & (np.signbit(value) == np.signbit(pattern))
+            return alike
+        assert isinstance(value, str)
+        return self._all(isinstance(pattern, str) and fits(pattern, value))
+
+    # Guards --------------------------------------------------------------------------
+
+    def _guard(self, guard: Data, scope: Scope, values: _Values) -> Match:
+        if not isinstance(guard, Op):
+            raise NotColumnarError
+        if guard.op in ("&&", "||"):
+            left, right = (self._guard(arg, scope, values) for arg in guard.args)
+            return left & right if guard.op == "&&" else left | right
+        zero = self._all(False)
+        with np.errstate(all="ignore"):
+            left_, right_ = (self._number(arg, scope, values, zero) for arg in guard.args)
+            difference = np.broadcast_to(left_ - right_, (self._count,))
+            field = self._field(left_)
+            bound = right_ if field >= 0 else left_
+            if field < 0:
+                field = self._field(right_)
+            bound = bound if field >= 0 else right_
+            return self._compared(guard.op, difference, bound, field, zero)
+
+    def _field(self, side: FloatArray | float) -> int:
+        """Which field one side of an inequality is; -1: none, or something computed."""
+        columns = [value for key, value in self._topic.fields.items()]
+        return next((i for i, column in enumerate(columns) if column is side), -1)
+
+    def _compared(
+        self, op: str, difference: FloatArray, bound: FloatArray | float, field: int, zero: BoolArray
+    ) -> Match:
+        """One comparison; where something was divided by zero it fails."""
+        tolerance = self._tolerance
+        if op in _SIGN:
+            held = {
+                "<": difference < -tolerance,
+                "<=": difference <= tolerance,
+                ">": difference > tolerance,
+                ">=": difference >= -tolerance,
+            }[op]
+            margin = _SIGN[op] * difference
+        else:
+            near = np.abs(difference) <= tolerance
+            held = near if op == "==" else ~near
+            margin = np.abs(difference) * (-1.0 if op == "==" else 1.0)
+        return Match(
+            held & ~zero,
+            np.where(zero, -np.inf, margin),
+            np.where(zero, np.nan, bound),
+            np.where(zero, -1, field),
+        )
+
+    def _number(self, data: Data, scope: Scope, values: _Values, zero: BoolArray) -> FloatArray | float:
+        if isinstance(data, Num):
+            return float(data.value)
+        if isinstance(data, Const):
+            raise NotColumnarError
+        if not isinstance(data, Op):
+            return self._named(data.name, scope, values, zero)
+        args = [self._number(arg, scope, values, zero) for arg in data.args]
+        if data.op == "-" and len(args) == 1:
+            return -1.0 * args[0]
+        if data.op in ("+", "-", "*"):
+            a, b = args
+            return a + b if data.op == "+" else a - b if data.op == "-" else a * b
+        if data.op == "/":
+            divisor = np.broadcast_to(args[1], (self._count,))
+            zero |= divisor == 0
+            return args[0] / np.where(divisor == 0, 1.0, divisor)
+        return self._function(data.op, args)
+
+    def _function(self, name: str, args: list[FloatArray | float]) -> FloatArray | float:
+        if name == "abs":
+            return np.abs(args[0])
+        if name in ("min", "max"):
+            a, b = np.broadcast_arrays(*args)
+            return np.where(b < a if name == "min" else b > a, b, a)
+        if name not in _POINTWISE:
+            raise NotColumnarError
+        # numpy's own functions may differ from these in the last bit.
+        columns = [np.broadcast_to(arg, (self._count,)).tolist() for arg in args]
+        try:
+            return np.array([_POINTWISE[name](*row) for row in zip(*columns, strict=True)], dtype=np.float64)
+        except (ValueError, OverflowError):
+            raise NotColumnarError from None
+
+    def _named(self, name: str, scope: Scope, values: _Values, zero: BoolArray) -> FloatArray | float:
+        slot = slot_of_name(name, scope)
+        if isinstance(slot, ExprSlot):
+            return self._number(slot.data, slot.scope, values, zero)
+        value: object = None
+        if isinstance(slot, Bound):
+            value = slot.value
+        elif isinstance(slot, Unknown):
+            value = values.get(slot)
+        if isinstance(value, np.ndarray):
+            return value
+        if is_number(value):
+            try:
+                return float(value)  # type: ignore[arg-type]
+            except OverflowError:
+                raise NotColumnarError from None
+        raise NotColumnarError
