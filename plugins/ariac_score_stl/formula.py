@@ -250,7 +250,12 @@ class Judged:
         monitor = self.monitor
         if monitor.time == "dense":
             return Dense(self.t, self.span, predicates, monitor.beyond, monitor.max_gap_s)
-        return Discrete(Rows.of(self.t, self.span, self.gaps), predicates, monitor.beyond)
+        return Discrete(self.rows, predicates, monitor.beyond)
+
+    @cached_property
+    def rows(self) -> Rows:
+        """The time base of discrete time."""
+        return Rows.of(self.t, self.span, self.gaps)
 
     def _stretch(self) -> tuple[Span, bool, bool]:
         """When the body is judged; whether that ends, and whether it begins, after the trial."""
@@ -314,6 +319,8 @@ class Judged:
 
     def _moment(self, t_s: float) -> float:
         row = int(self.t.searchsorted(t_s))
+        if row < len(self.t) and self.t[row] == t_s:
+            return t_s
         near = (*self.t[max(row - 1, 0) : row + 1].tolist(), self.span.start_s, self.span.end_s)
         exact = min(near, key=lambda one: abs(one - t_s))
         return exact if abs(exact - t_s) <= 4 * TOLERANCE_S else round(t_s, 8)

@@ -75,6 +75,9 @@ def lowest_between(values: FloatArray, first: IntArray, last: IntArray) -> Float
     if not len(some):
         return lowest
     start, end = np.maximum(first[some], 0), np.minimum(last[some], n - 1)
+    if int((end - start).max()) < LONGEST_DOUBLED:
+        lowest[some] = _doubled_between(values, start, end)
+        return lowest
     cuts = _cuts(start, end, n)
     before, after = _within(values, cuts)
     piece = np.repeat(np.arange(len(cuts)), np.diff(cuts, prepend=-1))
@@ -84,6 +87,21 @@ def lowest_between(values: FloatArray, first: IntArray, last: IntArray) -> Float
     least[on] = np.minimum(least[on], before[end[on]])
     lowest[some] = least
     return lowest
+
+
+def _doubled_between(values: FloatArray, start: IntArray, end: IntArray) -> FloatArray:
+    """Short windows, each from two of 1, 2, 4, … rows."""
+    width = end - start + 1
+    level = np.frexp(width)[1] - 1
+    table = np.full((int(level.max()) + 1, len(values)), np.inf)
+    table[0] = values
+    for k in range(1, len(table)):
+        half = 1 << (k - 1)
+        table[k, : len(values) - half] = np.minimum(table[k - 1, :-half], table[k - 1, half:])
+    at = level * len(values)
+    flat = table.ravel()
+    least: FloatArray = np.minimum(flat[at + start], flat[at + end + 1 - (1 << level)])
+    return least
 
 
 def _cuts(start: IntArray, end: IntArray, n: int) -> IntArray:
@@ -107,14 +125,19 @@ def _cuts(start: IntArray, end: IntArray, n: int) -> IntArray:
 def _within(values: FloatArray, cuts: IntArray) -> tuple[FloatArray, FloatArray]:
     """The running minimum of each piece from its start, and from its end.
 
-    Pieces of like length are handled together, padded to the longest of them, which
-    at most doubles the work.
+    Long pieces are handled one by one, short ones of like length together, padded to the
+    longest of them, which at most doubles the work.
     """
     starts = np.concatenate(([0], cuts[:-1] + 1))
     lengths = cuts + 1 - starts
     before, after = np.empty_like(values), np.empty_like(values)
-    size = np.frexp(lengths.astype(np.float64))[1]
-    for one in np.unique(size):
+    for first, length in zip(starts.tolist(), lengths.tolist(), strict=True):
+        if length >= LONGEST_DOUBLED:
+            piece = values[first : first + length]
+            np.minimum.accumulate(piece, out=before[first : first + length])
+            np.minimum.accumulate(piece[::-1], out=after[first : first + length][::-1])
+    size = np.where(lengths < LONGEST_DOUBLED, np.frexp(lengths)[1], 0)
+    for one in np.unique(size[size > 0]):
         rows = np.flatnonzero(size == one)
         columns = np.arange(int(lengths[rows].max()))
         index = starts[rows, None] + columns
