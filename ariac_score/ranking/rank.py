@@ -20,6 +20,7 @@ from ariac_score.ranking.competition import Competition, RunKey, Team
 from ariac_score.ranking.spec import Spec
 from ariac_score.result import Result
 from ariac_score.ruleset import RuleSet
+from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import Contributed
 
 __all__ = ["OUTCOMES", "Cell", "Ranking", "RunOutcome", "Standing", "rank_results"]
@@ -160,7 +161,10 @@ def rank_results(
     outcomes += [RunOutcome(*key, "refused", reason) for key, reason in competition.refused.items()]
     kept = _kept(outcomes, spec)
     cohort = _cohort(competition, rule_set, kept) if rule_set.sheet.needs_cohort else None
-    outcomes = [_priced(run, kept, rule_set, cohort) for run in sorted(outcomes, key=lambda run: run.key)]
+    pools = _pools(outcomes, rule_set)
+    outcomes = [
+        _priced(run, kept, rule_set, cohort, pools) for run in sorted(outcomes, key=lambda run: run.key)
+    ]
     cells = {
         (team.id, trial.id): _cell(
             [run for run in outcomes if (run.team, run.trial) == (team.id, trial.id)], spec, rule_set.digits
@@ -272,18 +276,53 @@ def _brought(run: RunOutcome, rule_set: RuleSet) -> Contributed:
         return Contributed((), dict.fromkeys(rule_set.sheet.cohort, error.cause))
 
 
+_Pool = Mapping[str, Mapping[str, float]] | str
+"""Terms summed over all runs of a team and trial; or why one of them is not known."""
+
+
+def _pools(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[tuple[str, str], _Pool]:
+    """For each team and trial the terms that the rules take from all of its runs (`runs.…`)."""
+    names = rule_set.sheet.pooled
+    pools: dict[tuple[str, str], _Pool] = {}
+    for key in {(run.team, run.trial) for run in outcomes} if names else ():
+        runs = sorted((r for r in outcomes if (r.team, r.trial) == key), key=lambda run: run.number)
+        pools[key] = _pool(runs, names, rule_set)
+    return pools
+
+
+def _pool(runs: Sequence[RunOutcome], names: Sequence[str], rule_set: RuleSet) -> _Pool:
+    """Unknown as soon as one run is: what cannot be seen must not be better than what can."""
+    totals: dict[str, list[float]] = {name: [] for name in names}
+    for run in runs:
+        if run.result is None or run.outcome not in ("scored", "aborted"):
+            return f"run {run.number} is {run.outcome}, and the rules count what all runs did"
+        try:
+            for name in names:
+                totals[name].append(_term(name, run.result, rule_set))
+        except FormulaError as error:
+            return f"run {run.number}: {error.cause}, and the rules count what all runs did"
+    return {f"runs.{name}": {"": float(add_up(values))} for name, values in totals.items()}
+
+
 def _priced(
     run: RunOutcome,
     kept: Mapping[tuple[str, str], tuple[RunOutcome, ...]],
     rule_set: RuleSet,
     cohort: Cohort | None,
+    pools: Mapping[tuple[str, str], _Pool],
 ) -> RunOutcome:
-    """A run with its score, where the rules compare teams, and whether it is kept."""
+    """A run with its score, where the rules compare teams or runs, and whether it is kept."""
     counts = any(run.key == best.key for best in kept.get((run.team, run.trial), ()))
-    if cohort is None or run.result is None or run.outcome in (*_AS_ZERO, "undecided", "no_value"):
+    pool = pools.get((run.team, run.trial))
+    if run.result is None or run.outcome in (*_AS_ZERO, "undecided", "no_value"):
         return replace(run, kept=counts)
+    if isinstance(pool, str):
+        return replace(run, outcome="undecided", reason=pool, score=None, kept=False)
+    if cohort is None and pool is None:
+        return replace(run, kept=counts)
+    values = cohort.of_trial(run.trial) if cohort is not None else CohortValues()
     try:
-        result = reprice(run.result, rule_set, cohort.of_trial(run.trial))
+        result = reprice(run.result, rule_set, replace(values, values={**values.values, **(pool or {})}))
     except FormulaError as error:
         return replace(run, outcome="no_value", reason=_told(error), kept=False)
     if result.score is None:

@@ -17,7 +17,7 @@ from ariac_score.scoring.scope import LEVELS, Scope
 
 __all__ = ["CHECK_FUNCTIONS", "FACTS", "VIOLATION_FUNCTIONS", "ScoreSheet"]
 
-_COHORT = "cohort"
+_COHORT, _RUNS = "cohort", "runs"
 _NO_COHORT = CohortValues()
 
 FACTS: Mapping[str, Mapping[str, str]] = {
@@ -123,6 +123,20 @@ class ScoreSheet:
     def needs_cohort(self) -> bool:
         """Whether the score asks for values across teams."""
         return any(level == _COHORT for level, _ in self._reached(self.score, "trial"))
+
+    @property
+    def pooled(self) -> tuple[str, ...]:
+        """The terms of the trial that the score takes from all runs of a team together (`runs.…`)."""
+        formulas = [
+            self.score,
+            *(
+                self.terms[level][name]
+                for level, name in self._reached(self.score, "trial")
+                if level != _COHORT
+            ),
+        ]
+        asked = [name for formula in formulas for name in _names(formula, self.checks)]
+        return tuple(dict.fromkeys(n.removeprefix(f"{_RUNS}.") for n in asked if n.startswith(f"{_RUNS}.")))
 
     def asked(self, formula: Expression, level: str = "trial") -> frozenset[str]:
         """The checks a formula asks about, itself or through the terms it names."""
@@ -233,7 +247,7 @@ class ScoreSheet:
             inner, at = open_.pop()
             for dotted in _names(inner, self.checks):
                 prefix, _, name = dotted.rpartition(".")
-                key = (prefix or at, name)
+                key = ("trial" if prefix == _RUNS else prefix or at, name)
                 if key in reached or not (prefix == _COHORT or name in self.terms.get(key[0], {})):
                     continue
                 reached[key] = None
@@ -318,7 +332,9 @@ class ScoreSheet:
 
     def _validate_name(self, formula: Expression, dotted: str, level: str, known: Sequence[str]) -> None:
         prefix, _, name = dotted.rpartition(".")
-        if prefix == _COHORT:
+        if prefix == _RUNS and level == "trial":
+            names = [*known]
+        elif prefix == _COHORT:
             names = [n for n, t in self.cohort.items() if LEVELS.index(t.level) >= LEVELS.index(level)]
         elif not prefix:
             names = [*known, *self.parameters]
@@ -404,6 +420,8 @@ class _Environment:
             return Traced(name, sheet.parameters[name], "parameter")
         if prefix == _COHORT:
             return self._across_teams(name, dotted)
+        if prefix == _RUNS:
+            return self._across_runs(name, dotted)
         scope = self._scope(prefix or self.scope.level, dotted)
         if name in scope.facts:
             return Traced(dotted, scope.facts[name], "fact", subject=scope.path)
@@ -415,6 +433,14 @@ class _Environment:
                 hint="add the trial configuration, which states it",
             )
         raise FormulaError(f"{dotted!r} has no value in {scope.path or 'the trial'}")
+
+    def _across_runs(self, name: str, dotted: str) -> Traced:
+        """A term summed over all runs of the team; of a run on its own, its own."""
+        values = self.pricing.cohort.values.get(dotted, {})
+        if "" in values:
+            return Traced(dotted, values[""], "fact")
+        own = self.pricing.term(self.pricing.trial, name, ())
+        return Traced(dotted, own.value, "term", children=(own,))
 
     def _across_teams(self, name: str, dotted: str) -> Traced:
         scope = self._scope(self.pricing.sheet.cohort[name].level, dotted)

@@ -1,0 +1,107 @@
+"""Penalties that count what a team did in all of its runs, whichever run is kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from ariac_score import Signal, Trial, load_rule_set
+from ariac_score.errors import FormulaError
+from ariac_score.expression import Expression
+from ariac_score.ranking.competition import load_competition
+from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.runs import score_runs
+from ariac_score.ranking.spec import ranking_spec
+from ariac_score.result_json import as_json, load_result
+from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+
+RULES = (
+    "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\nscore: task\n"
+    "include: [penalty.gated_hyperbolic]\n"
+    "safety:\n  separation: {class: separation}\n  human_contact: {class: contact}\n"
+)
+NEAR_MISS = 0.4 * (1 + 2.4 / 5)  # one breach of 2.4 s of the class separation
+TASK = 28
+
+
+def calm() -> Trial:
+    """The made trial, with the human 5 m further away at every moment."""
+    trial = kitting_trial()
+    name = "centre_distance/robot/human"
+    far = Signal(name, "m", trial.signals[name].t, trial.signals[name].values + 5.0)
+    return replace(trial, signals={**trial.signals, name: far})
+
+
+def ranking(root: Path, **runs: list[Trial | str]) -> Ranking:
+    for team, trials in runs.items():
+        for number, trial in enumerate(trials, start=1):
+            path = root / team / f"kit_{number}.jsonl"
+            path.parent.mkdir(exist_ok=True)
+            if isinstance(trial, str):
+                path.write_text(trial, encoding="utf-8")
+            else:
+                write_trial_log(path, trial, signals=SNAPSHOT_SIGNALS)
+    (root / "mine.yaml").write_text(RULES, encoding="utf-8")
+    (root / "competition.yaml").write_text(
+        "id: test\nrules: ./mine.yaml\nruns: '{team}/{trial}_{run}.jsonl'\n", encoding="utf-8"
+    )
+    competition = load_competition(root)
+    rules = load_rule_set(competition.rules)
+    spec = ranking_spec(rules, competition.ranking, file="competition.yaml")
+    return rank_results(competition, spec, rules, score_runs(competition, rules))
+
+
+def scores(found: Ranking) -> dict[str, float]:
+    return {standing.team: float(standing.execution) for standing in found.standings}
+
+
+def test_a_calm_run_does_not_make_the_near_miss_of_another_one_undone(tmp_path: Path) -> None:
+    found = ranking(tmp_path, once=[kitting_trial()], calm=[calm()], lucky=[kitting_trial(), calm()])
+
+    assert scores(found) == {
+        "calm": TASK,
+        "once": pytest.approx(TASK / (1 + NEAR_MISS), abs=1e-6),
+        "lucky": pytest.approx(TASK / (1 + NEAR_MISS), abs=1e-6),
+    }
+    assert [run.number for run in found.runs if run.team == "lucky" and run.kept] == [2]
+
+
+def test_trying_again_adds_what_happens_then(tmp_path: Path) -> None:
+    found = ranking(tmp_path, twice=[kitting_trial(), kitting_trial()])
+
+    assert scores(found) == {"twice": pytest.approx(TASK / (1 + 2 * NEAR_MISS), abs=1e-6)}
+
+
+def test_a_run_that_nobody_can_see_is_not_taken_for_calm(tmp_path: Path) -> None:
+    found = ranking(tmp_path, hidden=[calm(), "not a log\n"], open=[calm()])
+
+    assert scores(found) == {"hidden": 0, "open": TASK}
+    (run,) = [run for run in found.runs if run.team == "hidden" and run.number == 1]
+    assert (run.outcome, run.reason) == (
+        "undecided",
+        "run 2 is unreadable, and the rules count what all runs did",
+    )
+
+
+def test_the_result_of_a_ranked_run_can_be_read_and_adds_up(tmp_path: Path) -> None:
+    found = ranking(tmp_path, lucky=[kitting_trial(), calm()])
+    (kept,) = [run.result for run in found.runs if run.kept]
+    assert kept is not None
+    (tmp_path / "result.json").write_text(as_json(kept), encoding="utf-8")
+
+    assert load_result(tmp_path / "result.json").score == kept.score
+    assert kept.cohort.values["runs.safety_demerits"][""] == pytest.approx(NEAR_MISS)
+
+
+@pytest.mark.parametrize(
+    ("formula", "cause"),
+    [("runs.demerit", "unknown name 'runs.demerit'"), ("runs.score", "unknown name 'runs.score'")],
+)
+def test_only_terms_of_the_trial_are_summed_over_runs(formula: str, cause: str) -> None:
+    terms = {"trial": {"demerits": Expression.parse("1", where="$.terms.trial.demerits")}}
+    with pytest.raises(FormulaError) as caught:
+        ScoreSheet(terms, Expression.parse(formula, where="$.score"), frozenset())
+    assert caught.value.cause == cause
