@@ -13,6 +13,7 @@ from ariac_score.contracts import GROUPS
 from ariac_score.errors import PluginError, ScoreError, did_you_mean
 from ariac_score.registry import Plugin, Registry, brought_by, package_sha256
 from ariac_score.testing.contract import built_by_name, undocumented
+from ariac_score.testing.pages import example_parameters
 
 __all__ = ["Ailment", "ailments"]
 
@@ -101,7 +102,7 @@ def _of_class(plugin: Plugin, kind: Any) -> Iterator[tuple[str, str]]:
     yield from other
     if not (unnamed or other or _required(kind)):
         try:
-            plugin.build({})
+            plugin.build(example_parameters(plugin))
         except ScoreError as error:
             yield error.cause.removeprefix(f"plugin {plugin.origin} "), error.hint
     try:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -77,6 +77,12 @@ class StlFormula:
         Maler and Nickovic 2004; robustness after Donzé and Maler 2010; `weak` and `strong` after
         Eisner and others 2003; `cut` is what the rtamt library does.
     """
+
+    example: ClassVar[Mapping[str, object]] = {
+        "formula": "always (d < near -> eventually[0,0.5] v < slow)",
+        "signals": {"d": "centre_distance in m", "v": "speed of robot in m/s"},
+        "constants": {"near": 1.0, "slow": 0.1},
+    }
 
     formula: str = ""
     signals: Mapping[str, str] = field(default_factory=lambda: _NO_TEXTS)
