@@ -1,6 +1,7 @@
 """For authors of plugins and tests: trials made to order, and their record in every log format."""
 
 from ariac_score.testing.bags import Recorded, write_bag
+from ariac_score.testing.rosmonitoring import monitored_events, write_event_log
 from ariac_score.testing.trials import (
     NEAR_MISS,
     SNAPSHOT_SIGNALS,
@@ -16,7 +17,9 @@ __all__ = [
     "NearMiss",
     "Recorded",
     "kitting_trial",
+    "monitored_events",
     "recorded_messages",
     "write_bag",
+    "write_event_log",
     "write_trial_log",
 ]
