@@ -17,11 +17,16 @@ if TYPE_CHECKING:
     from ariac_score.cohort import Cohort, load_cohort
     from ariac_score.contracts import (
         Decoder,
+        EventMonitor,
+        EventWatch,
         LogDescription,
         Monitor,
+        OnlineMonitor,
+        OnlineWatch,
         Reader,
         Rule,
         SignalNeed,
+        Standing,
         TopicDescription,
         Wanted,
     )
@@ -65,7 +70,8 @@ if TYPE_CHECKING:
 
 _HOME = {
     "ariac_score.contracts": (
-        "Decoder LogDescription Monitor Reader Rule SignalNeed TopicDescription Wanted"
+        "Decoder EventMonitor EventWatch LogDescription Monitor OnlineMonitor OnlineWatch Reader Rule "
+        "SignalNeed Standing TopicDescription Wanted"
     ),
     "ariac_score.cohort": "Cohort load_cohort",
     "ariac_score.engine": "measure_trial price_trial reprice score_trial",
@@ -97,6 +103,8 @@ __all__ = [
     "Cohort",
     "Decoder",
     "Event",
+    "EventMonitor",
+    "EventWatch",
     "Expression",
     "Finding",
     "FormulaError",
@@ -112,6 +120,8 @@ __all__ = [
     "NothingToScoreError",
     "OfficialOrder",
     "OfficialResult",
+    "OnlineMonitor",
+    "OnlineWatch",
     "Order",
     "ParameterFacts",
     "Pose",
@@ -127,6 +137,7 @@ __all__ = [
     "Signal",
     "SignalNeed",
     "Span",
+    "Standing",
     "Status",
     "Submission",
     "Task",
