@@ -60,6 +60,21 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "audit_json": {"audit", "comparison", "expression", "result"},
     "logs": {"backports", "contracts", "datafiles", "errors", "lz4", "numpy", "rosbags", "trial"},
+    "oracle": {
+        "contracts",
+        "engine",
+        "errors",
+        "findings",
+        "guard",
+        "logmap",
+        "logs",
+        "registry",
+        "result",
+        "result_json",
+        "ruleset",
+        "trial",
+        "websockets",
+    },
     "ranking": {
         "cohort",
         "contracts",
@@ -79,7 +94,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "testing": {"logs", "numpy", "rosbags", "trial", "yaml"},
 }
 ANYTHING = {"cli", "__init__"}
-SLOW = {"rosbags", "jsonschema", "rich", "jinja2"}
+SLOW = {"rosbags", "jsonschema", "rich", "jinja2", "websockets"}
 
 
 def _part(path: Path) -> str:

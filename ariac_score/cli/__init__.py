@@ -30,7 +30,7 @@ EXIT_INTERRUPTED = 2
 EXIT_INTERNAL = 3
 EXIT_USAGE = 4
 
-_COMMANDS = ("score", "info", "explain", "price", "audit", "rank", "rules", "plugins")
+_COMMANDS = ("score", "info", "explain", "price", "audit", "rank", "oracle", "rules", "plugins")
 
 
 class _Parser(argparse.ArgumentParser):
