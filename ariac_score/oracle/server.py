@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 __all__ = ["Limits", "Oracle"]
 
 _TOO_BIG, _GOING_AWAY = 1009, 1001
+_LAST_PORT = 65_535
+_OPENING_S = 5.0
+"""How long one who has connected may take to say that it speaks the protocol, s."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ class Oracle:
         self._bench, self._limits = bench, limits or Limits()
         self._folder = _empty_folder(folder)
         self._open: dict[ServerConnection, Conversation] = {}
+        self._forced: set[ServerConnection] = set()
         self._changed = threading.Condition()
         self._stopping = threading.Event()
         self._server = self._listening(host, port)
@@ -125,19 +129,23 @@ class Oracle:
     def stop(self) -> None:
         """Take no more connections, end those that are open, and complete their logs."""
         self._stopping.set()
-        self._server.shutdown()
+        # Where it waits for those who are connected, and some versions do, nobody else has to.
+        closing = [threading.Thread(target=self._server.shutdown, daemon=True)]
         with self._changed:
             still_open = list(self._open)
-        goodbyes = [threading.Thread(target=_say_goodbye, args=(ws,), daemon=True) for ws in still_open]
-        for goodbye in goodbyes:
-            goodbye.start()
-        for goodbye in goodbyes:
-            goodbye.join(self._limits.closing_s)
-        for ws in still_open:  # a client that does not read keeps the goodbye from being sent
+        closing += [threading.Thread(target=_say_goodbye, args=(ws,), daemon=True) for ws in still_open]
+        for thread in closing:
+            thread.start()
+        with self._changed:
+            self._changed.wait_for(lambda: not self._open, timeout=self._limits.closing_s)
+            self._forced |= self._open.keys()
+        for ws in self._forced:  # a client that does not read keeps the goodbye from being sent
             with contextlib.suppress(OSError):
                 ws.socket.shutdown(socket.SHUT_RDWR)
         with self._changed:
             self._changed.wait_for(lambda: not self._open, timeout=self._limits.closing_s)
+        for thread in closing:
+            thread.join(self._limits.closing_s)
 
     def _listening(self, host: str, port: int) -> Server:
         try:
@@ -146,25 +154,18 @@ class Oracle:
             raise UsageError(
                 "the library `websockets` is not installed", hint="pip install 'ariac-score[live]'"
             ) from cause
-        try:
-            return serve(
-                self._converse,
-                host,
-                port,
-                compression=None,
-                max_size=self._limits.frame_bytes,
-                process_request=self._admit,
-                server_header=None,
-                # A monitor reads only while it waits for a reply: it would answer no ping in between.
-                ping_interval=None,
-                close_timeout=self._limits.closing_s,
-            )
-        except (OSError, OverflowError) as cause:
-            reason = getattr(cause, "strerror", None) or str(cause)
-            raise UsageError(
-                f"cannot listen on {host}:{port}: {reason}",
-                hint="choose another --port, or stop what uses it",
-            ) from cause
+        return serve(
+            self._converse,
+            sock=_bound(host, port),
+            compression=None,
+            max_size=self._limits.frame_bytes,
+            process_request=self._admit,
+            server_header=None,
+            # A monitor reads only while it waits for a reply: it would answer no ping in between.
+            ping_interval=None,
+            open_timeout=_OPENING_S,
+            close_timeout=self._limits.closing_s,
+        )
 
     def _admit(self, ws: ServerConnection, _request: Request) -> Response | None:
         with self._changed:
@@ -196,7 +197,7 @@ class Oracle:
         return conversation
 
     def _answer_all(self, ws: ServerConnection, conversation: Conversation) -> str:
-        from websockets.exceptions import ConnectionClosed, ConnectionClosedOK  # noqa: PLC0415  # as above
+        from websockets.exceptions import ConnectionClosed  # noqa: PLC0415  # as above
 
         pace = Pace(self._limits.events_per_s, self._stopping.wait)
         try:
@@ -205,12 +206,30 @@ class Oracle:
                 frame = ws.recv(decode=False)
                 pace.step()
                 ws.send(conversation.answer(frame))
-        except ConnectionClosedOK:
-            return "stopped by the oracle" if self._stopping.is_set() else "closed by the client"
         except ConnectionClosed as closed:
+            if closed.rcvd_then_sent:
+                return "closed by the client"
             if closed.sent is not None and closed.sent.code == _TOO_BIG:
                 return f"a frame was longer than {self._limits.frame_bytes:,} bytes"
-            return "stopped by the oracle" if self._stopping.is_set() else "lost"
+            return "stopped by the oracle" if closed.sent is not None or ws in self._forced else "lost"
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    """A socket that listens.
+
+    Raises:
+        UsageError: The address cannot be had.
+    """
+    try:
+        if not 0 <= port <= _LAST_PORT:  # some systems would take another one
+            raise ValueError("ports are 0 to 65535")
+        (family, *_, address), *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        return socket.create_server(address[:2], family=family)
+    except (OSError, OverflowError, ValueError) as cause:
+        reason = getattr(cause, "strerror", None) or str(cause)
+        raise UsageError(
+            f"cannot listen on {host}:{port}: {reason}", hint="choose another --port, or stop what uses it"
+        ) from cause
 
 
 def _say_goodbye(ws: ServerConnection) -> None:
