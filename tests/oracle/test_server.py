@@ -317,6 +317,7 @@ def test_a_client_that_says_nothing_any_more_does_not_keep_the_oracle_from_endin
 
     assert [c.ended for c in oracle.conversations] == ["stopped by the oracle"]
     assert stalled.recv_data()[0] == websocket.ABNF.OPCODE_CLOSE
+    stalled.shutdown()
 
 
 def test_a_client_that_sends_and_never_reads_does_not_keep_it_either(running: Running) -> None:
@@ -336,6 +337,8 @@ def test_a_client_that_sends_and_never_reads_does_not_keep_it_either(running: Ru
     flooding.start()
     oracle.stop()
     flooding.join(TIMEOUT_S)
+
+    client.shutdown()
 
     assert not flooding.is_alive()
     (conversation,) = oracle.conversations
@@ -422,6 +425,7 @@ def test_the_command_serves_until_interrupted_and_writes_its_results(tmp_path: P
         assert exchange(client, [snapshot(1.0, 1.0)])[0]["verdict"] == "currently_false"
         os.kill(process.pid, goodbye)
         printed, _ = process.communicate(timeout=TIMEOUT_S)
+        client.shutdown()
 
     assert process.returncode == 0
     assert printed.split() == [str(out / name) for name in ("connection_001.findings.json", "oracle.json")]
