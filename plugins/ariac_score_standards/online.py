@@ -7,6 +7,7 @@ stepped is kept, so that the findings at the end are those of the whole log.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -36,8 +37,18 @@ class _Pair:
 
     subject: str
     names: Mapping[str, str]
+    units: Mapping[str, str]
     tracks: list[_Track]
     at: list[int]
+
+    def next_s(self) -> float | None:
+        """The first instant that is not judged yet, once every signal has reached it."""
+        first_s = math.inf
+        for at, track in zip(self.at, self.tracks, strict=True):
+            if at == len(track.t):
+                return None
+            first_s = min(first_s, track.t[at])
+        return first_s
 
 
 class PairsOnline:
@@ -107,18 +118,21 @@ class PairsOnline:
         names = {template: template.format(robot=robot, human=human) for template in self._wanted}
         units = dict(zip(names.values(), self._wanted.values(), strict=True))
         tracks = [self._tracks.setdefault(name, _Track(unit)) for name, unit in units.items()]
-        pair = _Pair(f"{robot}/{human}", names, tracks, [0] * len(tracks))
+        pair = _Pair(f"{robot}/{human}", names, units, tracks, [0] * len(tracks))
         self._pairs[pair.subject] = pair
         for name in units:
             self._by_signal.setdefault(name, []).append(pair)
 
     def _judged(self, pair: _Pair) -> Iterator[Standing]:
-        while all(at < len(track.t) for at, track in zip(pair.at, pair.tracks, strict=True)):
-            t_s = min(track.t[at] for at, track in zip(pair.at, pair.tracks, strict=True))
-            values = [self._value(track, at, t_s) for at, track in zip(pair.at, pair.tracks, strict=True)]
-            pair.at = [at + (track.t[at] == t_s) for at, track in zip(pair.at, pair.tracks, strict=True)]
-            if all(value is not None for value in values):
-                yield self._judge(pair.subject, self._instant(pair, t_s, values))
+        while (t_s := pair.next_s()) is not None:
+            values = []
+            for i, track in enumerate(pair.tracks):
+                values.append(self._value(track, pair.at[i], t_s))
+                pair.at[i] += track.t[pair.at[i]] == t_s
+            columns = {n: v for n, v in zip(pair.units, values, strict=True) if v is not None}
+            if len(columns) == len(values):
+                now = Watched(np.array([t_s]), columns, [], self._max_gap_s, pair.units, pair.names)
+                yield self._judge(pair.subject, now)
 
     def _value(self, track: _Track, at: int, t_s: float) -> FloatArray | None:
         """The value at an instant that a signal has reached, as one row; `None` in a gap."""
@@ -128,9 +142,3 @@ class PairsOnline:
             return None
         around = slice(at - 1, at + 1)
         return Signal("", "", np.array(track.t[around]), np.array(track.values[around])).at(np.array([t_s]))
-
-    def _instant(self, pair: _Pair, t_s: float, values: Sequence[FloatArray | None]) -> Watched:
-        names = list(pair.names.values())
-        columns = {name: value for name, value in zip(names, values, strict=True) if value is not None}
-        units = dict(zip(names, self._wanted.values(), strict=True))
-        return Watched(np.array([t_s]), columns, [], self._max_gap_s, units, pair.names)
