@@ -107,9 +107,8 @@ def main() -> None:
     print(f"{arguments.events} events to one client on loopback, median of {arguments.rounds} rounds")
     print(f"oracle, with verdicts and log  {oracle:8.0f} events/s, {share:.2f} of the bare echo")
     print(f"bare echo                      {echo:8.0f} events/s")
-    print(
-        f"wanted                         {WANTED_PER_S:8} events/s: {'met' if oracle >= WANTED_PER_S else 'missed'}"
-    )
+    met = "met" if oracle >= WANTED_PER_S else "missed; where the bare echo is slow too, the machine is busy"
+    print(f"wanted                         {WANTED_PER_S:8} events/s: {met}")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from ariac_score.contracts import EventMonitor, EventWatch, Monitor, OnlineMonitor, OnlineWatch, Standing
 from ariac_score.engine import check_needs
-from ariac_score.errors import PluginNotFoundError, RuleSetError
+from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
 from ariac_score.findings import Verdict
 from ariac_score.guard import broken
 from ariac_score.logmap import load_log_map
@@ -261,7 +261,7 @@ def _holds(standing: Standing, t_s: float | None, max_gap_s: float) -> bool:
 # Specifications --------------------------------------------------------------------------
 
 SPEC_MONITOR = "rml.spec"
-"""The monitor that judges events by a specification file; its parameter `file` names the file."""
+"""The monitor that judges events by a specification file; its parameter `spec` names the file."""
 
 
 class SpecBench:
@@ -278,6 +278,8 @@ class SpecBench:
     def __init__(self, file: Path, registry: Registry) -> None:
         self.live: tuple[str, ...] = (file.name,)
         self.later: Mapping[str, str] = {}
+        if not file.is_file():
+            raise UsageError("no such specification", file=file, hint="check the path")
         try:
             self._plugin = registry.find("ariac_score.monitors", SPEC_MONITOR)
         except PluginNotFoundError as error:
@@ -286,7 +288,7 @@ class SpecBench:
                 file=file,
                 hint=f"install the distribution that brings {SPEC_MONITOR!r}, or judge by --rules",
             ) from error
-        monitor = self._plugin.build({"file": str(file)})
+        monitor = self._plugin.build({"spec": str(file)})
         if not isinstance(monitor, EventMonitor):
             raise RuleSetError(
                 f"{self._plugin.origin} cannot judge event by event",

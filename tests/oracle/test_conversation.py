@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from ariac_score import Finding, OnlineWatch, Sample, SignalNeed, Standing, Trial, Verdict, load_rule_set
 from ariac_score.contracts import OnlineMonitor
-from ariac_score.errors import PluginNotFoundError, RuleSetError
+from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
 from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import Judge, Opinion, RulesBench, SpecBench
 from ariac_score.registry import Registry
@@ -332,7 +332,9 @@ def registry_with(monitor: object) -> Any:
 
 
 def test_a_specification_judges_events_as_they_are(tmp_path: Path) -> None:
-    bench = SpecBench(Path("some.rml"), registry_with(Spec()))
+    file = tmp_path / "some.rml"
+    file.touch()
+    bench = SpecBench(file, registry_with(Spec()))
     talk = Conversation(bench.judge(), tmp_path / "log.jsonl")
 
     assert verdict(talk, {"topic": "x", "data": "good", "verdict": "old"}) == "currently_true"
@@ -342,11 +344,16 @@ def test_a_specification_judges_events_as_they_are(tmp_path: Path) -> None:
     talk.close("tested")
 
 
-def test_a_specification_without_a_plugin_for_it_is_refused_in_words() -> None:
+def test_a_specification_that_cannot_be_judged_is_refused_in_words(tmp_path: Path) -> None:
+    file = tmp_path / "some.rml"
+    file.touch()
+
     def find(_group: str, name: str) -> None:
         raise PluginNotFoundError(f"no installed distribution provides {name!r}")
 
     with pytest.raises(PluginNotFoundError, match="judges specifications"):
-        SpecBench(Path("some.rml"), SimpleNamespace(find=find))  # type: ignore[arg-type]
+        SpecBench(file, SimpleNamespace(find=find))  # type: ignore[arg-type]
     with pytest.raises(RuleSetError, match="cannot judge event by event"):
-        SpecBench(Path("some.rml"), registry_with(object()))
+        SpecBench(file, registry_with(object()))
+    with pytest.raises(UsageError, match="no such specification"):
+        SpecBench(tmp_path / "other.rml", registry_with(Spec()))
