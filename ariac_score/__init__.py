@@ -17,11 +17,16 @@ if TYPE_CHECKING:
     from ariac_score.cohort import Cohort, load_cohort
     from ariac_score.contracts import (
         Decoder,
+        EventMonitor,
+        EventWatch,
         LogDescription,
         Monitor,
+        OnlineMonitor,
+        OnlineWatch,
         Reader,
         Rule,
         SignalNeed,
+        Standing,
         TopicDescription,
         Wanted,
     )
@@ -66,7 +71,8 @@ if TYPE_CHECKING:
 
 _HOME = {
     "ariac_score.contracts": (
-        "Decoder LogDescription Monitor Reader Rule SignalNeed TopicDescription Wanted"
+        "Decoder EventMonitor EventWatch LogDescription Monitor OnlineMonitor OnlineWatch Reader Rule "
+        "SignalNeed Standing TopicDescription Wanted"
     ),
     "ariac_score.cohort": "Cohort load_cohort",
     "ariac_score.engine": "measure_trial price_trial reprice score_trial",
@@ -100,6 +106,8 @@ __all__ = [
     "Cohort",
     "Decoder",
     "Event",
+    "EventMonitor",
+    "EventWatch",
     "Expression",
     "Finding",
     "FormulaError",
@@ -115,6 +123,8 @@ __all__ = [
     "NothingToScoreError",
     "OfficialOrder",
     "OfficialResult",
+    "OnlineMonitor",
+    "OnlineWatch",
     "Order",
     "ParameterFacts",
     "Pose",
@@ -130,6 +140,7 @@ __all__ = [
     "Signal",
     "SignalNeed",
     "Span",
+    "Standing",
     "Status",
     "Submission",
     "Task",

@@ -7,26 +7,32 @@ without arguments. Calls are pure: same trial, same answer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from ariac_score.findings import Finding
+from ariac_score.findings import Finding, Verdict
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.events import Event
 from ariac_score.trial.kits import Kit
 from ariac_score.trial.model import LogDefect, Order, Submission, Trial
+from ariac_score.trial.signals import Sample
 
 __all__ = [
     "GROUPS",
     "Decoder",
+    "EventMonitor",
+    "EventWatch",
     "Incremental",
     "LogDescription",
     "Monitor",
+    "OnlineMonitor",
+    "OnlineWatch",
     "Reader",
     "Rule",
     "SignalNeed",
+    "Standing",
     "TopicDescription",
     "Wanted",
     "Watcher",
@@ -99,6 +105,91 @@ class Incremental(Protocol):
 
     def begin(self) -> Watcher:
         """A watcher for one trial."""
+        ...
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What a monitor can say of one instant, as soon as it can be said.
+
+    Attributes:
+        subject: As in its findings.
+        t_s: The instant it speaks of, s of trial time; earlier than the newest sample
+            where a monitor has to wait for what comes.
+        verdict: What holds there.
+        message: One sentence for people, without full stop.
+        robustness: Signed margin in `unit`, negative when violated; `None` without one.
+        unit: Unit of the robustness.
+        final: Whether nothing that may come changes it.
+    """
+
+    subject: str
+    t_s: float
+    verdict: Verdict
+    message: str
+    robustness: float | None = None
+    unit: str = ""
+    final: bool = False
+
+
+class OnlineWatch(Protocol):
+    """One trial, watched while it goes on; made by an `OnlineMonitor`, used once."""
+
+    def step(self, samples: Sequence[Sample]) -> Iterable[Standing]:
+        """Take the samples that have just come, and say what can be said now.
+
+        The cost of a step does not grow with what came before. Every instant is spoken
+        of once, in order of time for each subject.
+
+        Args:
+            samples: Of the signals the monitor needs; the times of each signal increase.
+        """
+        ...
+
+    def end(self, trial: Trial) -> Iterable[Finding]:
+        """The findings: those `watch` gives for the same samples, to the bit.
+
+        Args:
+            trial: What was not stepped: bodies, events, the recording's ends; no signals.
+        """
+        ...
+
+
+@runtime_checkable
+class OnlineMonitor(Protocol):
+    """A monitor that can also watch a trial while it goes on."""
+
+    def needs(self) -> Iterable[SignalNeed]:
+        """As of a `Monitor`; these are the samples it is stepped with."""
+        ...
+
+    def watch(self, trial: Trial) -> Iterable[Finding]:
+        """As of a `Monitor`."""
+        ...
+
+    def begin(self) -> OnlineWatch:
+        """A watch for one trial; the monitor itself stays as it is."""
+        ...
+
+
+class EventWatch(Protocol):
+    """One trace, judged event by event; made by an `EventMonitor`, used once."""
+
+    def take(self, event: Mapping[str, object]) -> Standing:
+        """Judge the trace up to and including an event, which is as its recorder wrote it.
+
+        Raises:
+            ValueError: The event cannot be judged; the trace stands as before.
+        """
+        ...
+
+
+@runtime_checkable
+class EventMonitor(Protocol):
+    """A monitor that judges recorded events as they are, without a log map."""
+
+    def begin_events(self) -> EventWatch:
+        """A watch for one trace."""
         ...
 
 

@@ -35,7 +35,7 @@ from ariac_score.trial.model import LogDefect, OfficialOrder, OfficialResult
 from ariac_score.trial.signals import Sample
 from ariac_score.trial.spans import Span
 
-__all__ = ["as_json", "load_result"]
+__all__ = ["as_json", "findings_json", "load_result"]
 
 SCHEMA = "ariac-score/result/1"
 
@@ -48,7 +48,16 @@ def as_json(result: Result) -> str:
     """
     if result.ledger is not None and result.score is not None:
         reconcile(result.ledger, result.score, digits=result.digits)
-    text = json.dumps(_result_data(result), sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
+    return _canonical_text(_result_data(result))
+
+
+def findings_json(measured: Measured) -> str:
+    """What was measured alone, by finding: the text of `measured.findings` of a result."""
+    return _canonical_text({key: _finding_data(f) for key, f in measured.findings.items()})
+
+
+def _canonical_text(data: Any) -> str:
+    text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
     # Half a surrogate pair, which a log may hold in a name, has no place in UTF-8 but has one in JSON.
     return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
 

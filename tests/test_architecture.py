@@ -64,6 +64,21 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "audit_json": {"audit", "comparison", "expression", "result"},
     "logs": {"backports", "contracts", "datafiles", "errors", "lz4", "numpy", "rosbags", "trial"},
+    "oracle": {
+        "contracts",
+        "engine",
+        "errors",
+        "findings",
+        "guard",
+        "logmap",
+        "logs",
+        "registry",
+        "result",
+        "result_json",
+        "ruleset",
+        "trial",
+        "websockets",
+    },
     "ranking": {
         "cohort",
         "contracts",
@@ -134,7 +149,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
 }
 ANYTHING = {"cli", "__init__"}
-SLOW = {"rosbags", "jsonschema", "rich", "jinja2"}
+SLOW = {"rosbags", "jsonschema", "rich", "jinja2", "websockets"}
 
 
 def _part(path: Path) -> str:

@@ -90,6 +90,7 @@ SHIPPED = {
         "gazebo",
         "gazebo_text",
         "jsonl",
+        "ros_monitoring",
         "rosbag",
         "sensor_cost",
         "trial_log",

@@ -42,6 +42,7 @@ _COMMANDS = (
     "rml",
     "plugins",
     "new",
+    "oracle",
 )
 
 

@@ -41,10 +41,13 @@ def run(arguments: argparse.Namespace) -> int:
     from ariac_score.audit import audit  # noqa: PLC0415
     from ariac_score.audit_json import audit_json  # noqa: PLC0415
     from ariac_score.cli.output import progress_bar, refuse_inputs, write  # noqa: PLC0415
+    from ariac_score.logs.rosmonitoring import RosMonitoringReader  # noqa: PLC0415
     from ariac_score.report.audit_text import audit_text  # noqa: PLC0415
     from ariac_score.report.style import Style, style_for  # noqa: PLC0415
 
     refuse_inputs(arguments.output, arguments.path)
+    if RosMonitoringReader().can_read(arguments.path):
+        return _verdicts(arguments)
     with progress_bar(arguments.path) as progress:
         audited = audit(arguments.path, arguments.rules, against=arguments.against, progress=progress)
     if arguments.output_format == "json":
@@ -53,3 +56,25 @@ def run(arguments: argparse.Namespace) -> int:
         style = Style() if arguments.output else style_for(sys.stdout)
         write(audit_text(audited, style), arguments.output)
     return EXIT_DIFFERS if audited.differs else 0
+
+
+def _verdicts(arguments: argparse.Namespace) -> int:
+    """Hold the verdicts in a log of ROSMonitoring against ours."""
+    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.errors import UsageError  # noqa: PLC0415
+    from ariac_score.oracle.judges import RulesBench  # noqa: PLC0415
+    from ariac_score.oracle.replay import replay, replay_text  # noqa: PLC0415
+    from ariac_score.registry import Registry  # noqa: PLC0415
+    from ariac_score.report.style import plain  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+
+    if not arguments.rules or arguments.against or arguments.output_format != "text":
+        raise UsageError(
+            "the verdicts of monitors are compared as text, under one rule set",
+            file=arguments.path,
+            hint="give --rules NAME; --against and JSON are for official texts",
+        )
+    found = replay(arguments.path, RulesBench(load_rule_set(arguments.rules), Registry()))
+    text = replay_text(found)
+    write(text if arguments.output else "\n".join(map(plain, text.splitlines())) + "\n", arguments.output)
+    return EXIT_DIFFERS if found.differences else 0

@@ -3,6 +3,7 @@
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.testing.contract import ContractCheck, ContractError, contract_checks
 from ariac_score.testing.made import made_trial
+from ariac_score.testing.rosmonitoring import monitored_events, write_event_log
 from ariac_score.testing.trials import (
     NEAR_MISS,
     SNAPSHOT_SIGNALS,
@@ -22,7 +23,9 @@ __all__ = [
     "contract_checks",
     "kitting_trial",
     "made_trial",
+    "monitored_events",
     "recorded_messages",
     "write_bag",
+    "write_event_log",
     "write_trial_log",
 ]

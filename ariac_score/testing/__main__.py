@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from ariac_score.testing.bags import Storage, write_bag
+from ariac_score.testing.rosmonitoring import write_event_log
 from ariac_score.testing.trials import SNAPSHOT_SIGNALS, kitting_trial, recorded_messages, write_trial_log
 
 _STORAGE: dict[str, Storage] = {".bag": "ros1", ".mcap": "mcap", ".db3": "sqlite3"}
@@ -19,9 +20,15 @@ def main() -> None:
         "--storage", choices=("mcap", "sqlite3"), help="write a rosbag2 folder of this storage"
     )
     parser.add_argument("--motion", choices=("snapshot", "human_state", "frames"), default="snapshot")
+    parser.add_argument(
+        "--events", action="store_true", help="with x.jsonl: an event log of ROSMonitoring, not a trial log"
+    )
     parser.add_argument("--seed", type=int, default=2020)
     arguments = parser.parse_args()
     path, trial = arguments.path, kitting_trial(seed=arguments.seed)
+    if path.suffix == ".jsonl" and arguments.events:
+        write_event_log(path, recorded_messages(trial, motion=arguments.motion))
+        return
     if path.suffix == ".jsonl":
         write_trial_log(path, trial, signals=SNAPSHOT_SIGNALS)
         return

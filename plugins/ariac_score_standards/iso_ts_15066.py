@@ -8,7 +8,19 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ariac_score import Finding, Sample, SignalNeed, Span, Trial, Verdict, check_parameters, parameter
+from ariac_score import (
+    Finding,
+    OnlineWatch,
+    Sample,
+    SignalNeed,
+    Span,
+    Standing,
+    Trial,
+    Verdict,
+    check_parameters,
+    parameter,
+)
+from ariac_score_standards.online import PairsOnline
 from ariac_score_standards.severity import (
     EXPOSURE_DISTANCE_M,
     STANDSTILL_SPEED_M_S,
@@ -413,6 +425,30 @@ class SsmSeparation(SsmFormula):
             clause=_CLAUSE,
             judge=self._judge,
             optional=self._optional,
+        )
+
+    def begin(self) -> OnlineWatch:
+        """A watch that says of every instant whether the distance is enough there."""
+        return PairsOnline(
+            self._wanted,
+            max_gap_s=self.max_gap_s,
+            judge=self._stand,
+            watch=self.watch,
+        )
+
+    def _stand(self, subject: str, watched: Watched) -> Standing:
+        """What holds at one instant, whatever comes: episodes are for the findings."""
+        now = self._moments(watched)
+        margin_m = float((now.distance_m - now.required_m)[0])
+        words = f"{abs(margin_m):.3f} m {'nearer' if margin_m < 0 else 'more'} than the required"
+        applies = bool(self._applies(now)[0])
+        return Standing(
+            subject,
+            float(watched.t[0]),
+            Verdict.of(margin_m) if applies else Verdict.NOT_APPLICABLE,
+            f"{words} {float(now.required_m[0]):.3f} m" if applies else "the robot does not move",
+            margin_m if applies else None,
+            "m" if applies else "",
         )
 
     def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:

@@ -1,0 +1,123 @@
+"""`ariac-score oracle --rules NAME`: a WebSocket oracle for the monitors of ROSMonitoring."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    from ariac_score.oracle.judges import Bench
+    from ariac_score.oracle.server import Limits, Oracle
+    from ariac_score.ruleset import RuleSet
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "oracle",
+        help="answer running monitors of ROSMonitoring, event by event",
+        description="A WebSocket oracle: every event is answered with the verdict of its trace so far. "
+        "Interrupt it (Ctrl-C) to end it; it then writes the findings of every connection's events.",
+    )
+    by = parser.add_mutually_exclusive_group(required=True)
+    by.add_argument("--rules", metavar="NAME", help="rule set: a name ('rules list') or a .yaml file")
+    by.add_argument("--spec", type=Path, metavar="FILE", help="specification of events, such as RML")
+    parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
+    )
+    parser.add_argument("--port", type=int, default=8080, help="port; 0: any free one (default: 8080)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("oracle_results"),
+        metavar="DIR",
+        help="new folder for event logs and results (default: oracle_results)",
+    )
+    parser.add_argument("--max-connections", type=int, default=16, metavar="N", help="default: 16")
+    parser.add_argument(
+        "--max-frame-bytes", type=int, default=1_000_000, metavar="N", help="default: 1000000"
+    )
+    parser.add_argument(
+        "--max-rate", type=float, default=50_000.0, metavar="N", help="events/s of a connection; 0: any"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until interrupted, then write what was found."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.oracle.results import write_results  # noqa: PLC0415
+    from ariac_score.oracle.server import Oracle  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+
+    rule_set = load_rule_set(arguments.rules) if arguments.rules else None
+    bench = _bench(arguments, rule_set)
+    oracle = Oracle(
+        bench, arguments.output, host=arguments.host, port=arguments.port, limits=_limits(arguments)
+    )
+    _introduce(oracle, bench)
+    _serve(oracle)
+    written = write_results(
+        arguments.output,
+        oracle.conversations,
+        judged_by=rule_set.id if rule_set else arguments.spec.name,
+        rule_set=rule_set,
+        log_map=arguments.log_map,
+        refused=oracle.refused,
+    )
+    for file in written:
+        print(file)
+    return 0
+
+
+def _bench(arguments: argparse.Namespace, rule_set: RuleSet | None) -> Bench:
+    from ariac_score.oracle.judges import RulesBench, SpecBench  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.registry import Registry  # noqa: PLC0415
+
+    if rule_set is None:
+        return SpecBench(arguments.spec, Registry())
+    return RulesBench(rule_set, Registry(), log_map=arguments.log_map)
+
+
+def _limits(arguments: argparse.Namespace) -> Limits:
+    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.oracle.server import Limits  # noqa: PLC0415
+
+    try:
+        return Limits(arguments.max_frame_bytes, arguments.max_connections, arguments.max_rate)
+    except ValueError as cause:
+        raise UsageError(str(cause), hint="see 'ariac-score oracle --help'") from cause
+
+
+def _introduce(oracle: Oracle, bench: Bench) -> None:
+    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+
+    print(f"listening on {oracle.url}", file=sys.stderr)
+    if bench.live:
+        print(f"judged event by event: {plain(', '.join(bench.live))}", file=sys.stderr)
+    else:
+        print("no check can be judged event by event: every verdict will be 'unknown'", file=sys.stderr)
+    for name, reason in bench.later.items():
+        print(f"judged at the end: {plain(name)} ({plain(reason)})", file=sys.stderr)
+    sys.stderr.flush()
+
+
+def _serve(oracle: Oracle) -> None:
+    """Until an interrupt or a request to terminate comes; both are a proper end here."""
+
+    def interrupt(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        oracle.serve()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        oracle.stop()

@@ -1,0 +1,561 @@
+"""Logs of ROSMonitoring: one JSON object for each event its monitors saw, of every generation.
+
+Events carry no message type: a topic has the type that the log map gives it. A service
+named `x` is read as the topics `/x/request` and `/x/response`.
+
+Source: ROSMonitoring 3.0.0 and its older branches, event and status logs as their nodes write them.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from keyword import iskeyword
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ariac_score.contracts import LogDescription, TopicDescription, Wanted
+from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.gathering import Gathering
+from ariac_score.logs.salvage import Connection, Message, normalised_type
+from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.channels import Channel, LogMap
+from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED
+from ariac_score.trial.model import LogDefect, Trial
+from ariac_score.trial.spans import Span
+
+__all__ = [
+    "MAX_LINE_BYTES",
+    "SIMULATED",
+    "WALL_CLOCK",
+    "RosMonitoringReader",
+    "Row",
+    "channel_of",
+    "clock_of",
+    "fields_of",
+    "parse_object",
+    "rows",
+    "stamp_s",
+]
+
+MAX_LINE_BYTES = 10_000_000
+MAX_DEPTH = 50
+"""Messages are not nested deeper; what is, is left as it is and fits no field."""
+LATEST_S = 9.0e9
+"""Stamps beyond the year 2255 are none."""
+FIRST_UNIX_S = 1e9
+"""Stamps from here on (September 2001) are seconds of 1970; no simulation runs for thirty years."""
+
+SIMULATED, WALL_CLOCK, UNTIMED = "simulated time", "wall-clock time", "no time"
+
+_CUT = "record the trial again, or cut the log after its last whole line knowingly"
+_PEEK_BYTES = 1 << 16
+_PROGRESS_EVERY = 4096
+
+
+# What stands in a line -------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Row:
+    """One event of a log.
+
+    Attributes:
+        line: Where it stands, from 1.
+        event: The event as recorded.
+        verdict: What the oracle of that run said; `None` where the log does not tell.
+    """
+
+    line: int
+    event: dict[str, Any]
+    verdict: object = None
+
+
+def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"key {next(n for n in names if names.count(n) > 1)!r} is given twice")
+    return found
+
+
+# NaN and Infinity, which are no JSON, are read: the monitors write them.
+_DECODER = json.JSONDecoder(object_pairs_hook=_no_duplicates)
+
+
+def parse_object(text: str) -> dict[str, Any]:
+    """The one JSON object of a text, with `NaN` and `Infinity` as the monitors write them.
+
+    Raises:
+        ValueError: It is not JSON, is nested too deeply, names a key twice, or is no object.
+    """
+    try:
+        found = _DECODER.decode(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    if not isinstance(found, dict):
+        raise ValueError(f"a {type(found).__name__}, not an object")
+    return found
+
+
+def rows(path: Path) -> Iterator[Row]:
+    """The events of an event log, a status log or an oracle's log, in recorded order.
+
+    Raises:
+        LogError: A line is no JSON, holds something other than objects, is longer than
+            `MAX_LINE_BYTES`, or is cut off; two monitors of a status log saw the same interface.
+        NothingToScoreError: The file is empty.
+    """
+    monitors: dict[str, str] = {}
+    for line, found in _objects(path):
+        if _is_reply(found):
+            yield Row(line, found["event"], found["verdict"])
+        elif not _is_status(found):
+            yield Row(line, found, found.get("verdict"))
+        elif found["status"] == "event" and isinstance(found.get("event"), dict):
+            interface, monitor = str(found.get("interface")), str(found["monitor"])
+            if monitors.setdefault(interface, monitor) != monitor:
+                raise _fault(
+                    path,
+                    line,
+                    f"two monitors ({monitors[interface]!r} and {monitor!r}) saw {interface}",
+                    "read the event log of one of them; in this status log each message stands twice",
+                )
+            yield Row(line, found["event"], found.get("verdict_raw", found.get("verdict")))
+
+
+def _is_status(found: Mapping[str, Any]) -> bool:
+    """Whether an object is a row of a status log."""
+    return "status" in found and "monitor" in found and not channel_of(found)
+
+
+def _is_reply(found: Mapping[str, Any]) -> bool:
+    """Whether an object is a row of an oracle's own log: the event, and what it answered."""
+    return found.keys() == {"event", "verdict"} and isinstance(found["event"], dict)
+
+
+def _objects(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Every object with its line; several may stand in one."""
+    number = 0
+    try:
+        with path.open("rb") as stream:
+            while line := stream.readline(MAX_LINE_BYTES + 1):
+                number += 1
+                if len(line) > MAX_LINE_BYTES:
+                    cause = f"the line is longer than {MAX_LINE_BYTES:,} bytes"
+                    raise _fault(path, number, cause, "one event on each line")
+                for found in _in_line(path, number, line):
+                    yield number, found
+    except OSError as cause:
+        raise LogError(
+            f"cannot be read: {cause.strerror}", file=path, hint="check the permissions"
+        ) from cause
+    if not number:
+        raise NothingToScoreError("the file is empty", file=path, hint="was the monitor running?")
+
+
+def _in_line(path: Path, number: int, line: bytes) -> Iterator[dict[str, Any]]:
+    # Undecodable bytes are what the monitors themselves replace.
+    text = line.decode("utf-8", errors="replace").strip().removeprefix("\ufeff")
+    at = 0
+    while at < len(text):
+        try:
+            found, at = _DECODER.raw_decode(text, at)
+        except (ValueError, RecursionError) as cause:
+            whole = line.endswith(b"\n")
+            what = "not JSON" if whole else "the log is cut off"
+            raise _fault(path, number, f"{what}: {cause}", _CUT) from None
+        if not isinstance(found, dict):
+            raise _fault(path, number, f"a {type(found).__name__}, not an event", "events are JSON objects")
+        yield found
+        while at < len(text) and text[at] in " \t\r,":
+            at += 1
+
+
+def _fault(path: Path, number: int, cause: str, hint: str) -> LogError:
+    return LogError(cause, file=path, place=f"line {number}", hint=hint)
+
+
+def channel_of(event: Mapping[str, Any]) -> str:
+    """The topic of an event, with leading slash; of a service with `/request` or `/response`; else empty.
+
+    >>> channel_of({"topic": "chatter"}), channel_of({"service": "/add", "request": {}})
+    ('/chatter', '/add/request')
+    """
+    topic, service = event.get("topic"), event.get("service")
+    if isinstance(topic, str) and topic.strip("/"):
+        return "/" + topic.strip("/")
+    if isinstance(service, str) and service.strip("/"):
+        for direction in ("request", "response"):
+            if direction in event:
+                return f"/{service.strip('/')}/{direction}"
+    return ""
+
+
+def stamp_s(event: Mapping[str, Any]) -> float | None:
+    """The time of an event as recorded, s; `None` where it has none that can be one."""
+    time = event.get("time")
+    if isinstance(time, bool) or not isinstance(time, int | float) or not 0 <= time < LATEST_S:
+        return None
+    return float(time)
+
+
+def clock_of(time_s: float | None) -> str:
+    """Which clock a stamp is from: messages with a header have simulation seconds, others those of 1970."""
+    if time_s is None:
+        return UNTIMED
+    return WALL_CLOCK if time_s >= FIRST_UNIX_S else SIMULATED
+
+
+# Messages --------------------------------------------------------------------------------
+
+_ARRAY = re.compile(r"array\('([bBhHiIlLqQfd])'(?:, \[(.*)\])?\)", re.DOTALL)
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)")
+_WORDS: Mapping[str, bool] = {"True": True, "False": False}
+
+
+def fields_of(event: Mapping[str, Any]) -> Any:
+    """The message of an event, with its fields as attributes as a bag gives them.
+
+    Arrays that were written as text are lists again; an abbreviated one (`...`) stays text.
+    """
+    channel = channel_of(event)
+    body: Any = event
+    for direction in ("request", "response"):
+        if "topic" not in event and channel.endswith(f"/{direction}"):
+            body = event[direction]
+    return _as_message(body)
+
+
+def _as_message(value: Any, deepest: int = MAX_DEPTH) -> Any:
+    if isinstance(value, dict) and deepest:
+        named = {f"{k}_" if iskeyword(k) else k: _as_message(v, deepest - 1) for k, v in value.items()}
+        return SimpleNamespace(**named)
+    if isinstance(value, list) and deepest:
+        return [_as_message(item, deepest - 1) for item in value]
+    if isinstance(value, str) and value[:1] in ("[", "a"):
+        return _list_in(value)
+    return value
+
+
+def _list_in(text: str) -> Any:
+    """A list that was written as text; anything else as it is.
+
+    >>> _list_in("array('d', [1.0, 2.0])"), _list_in("[1.5 2. ]"), _list_in("[0. ... 9.]")
+    ([1.0, 2.0], [1.5, 2.0], '[0. ... 9.]')
+    """
+    typed = _ARRAY.fullmatch(text)
+    if typed:
+        words = [word.strip() for word in typed[2].split(",")] if typed[2] else []
+        whole = typed[1] not in "fd"
+    elif text.startswith("[") and text.endswith("]"):
+        words = text[1:-1].split()
+        whole = bool(words) and all(re.fullmatch(r"[-+]?\d+", word) for word in words)
+    else:
+        return text
+    if all(word in _WORDS for word in words):
+        return [_WORDS[word] for word in words]
+    if not all(len(word) < 400 and _NUMBER.fullmatch(word) for word in words):
+        return text
+    try:
+        return [int(word) if whole else float(word) for word in words]
+    except ValueError:
+        return text
+
+
+# The reader ------------------------------------------------------------------------------
+
+
+class RosMonitoringReader:
+    """Reads event logs and status logs of ROSMonitoring (`.jsonl`), of every generation.
+
+    Reads:
+        Any order of keys, blank lines, several events on a line, `NaN` and `Infinity`, arrays
+        written as text, events without time, and the `verdict` and `spec` of older logs.
+        Stamps below 1e9 s are simulation time, which is kept; others are wall-clock time,
+        counted from the first. Where both occur, the one that records the motion counts, and
+        what is stamped with the other keeps what needs no time.
+    Refuses:
+        What is no JSON object, a line that is cut off, and a status log in which two monitors
+        saw the same interface.
+    Source:
+        ROSMonitoring 3.0.0 and its branches `ros1_legacy`, `ros2`, `with_verdict`, `ros_services_1and2`.
+    """
+
+    def can_read(self, path: Path) -> bool:
+        """Whether its first object is an event or a row of a status log; cheap, and never an error."""
+        try:
+            if not path.is_file():
+                return False
+            with path.open("rb") as stream:
+                head = stream.read(_PEEK_BYTES)
+        except OSError:
+            return False
+        text = head.decode("utf-8", errors="replace").removeprefix("\ufeff").lstrip()
+        if not text.startswith("{"):
+            return False
+        try:
+            found, _ = _DECODER.raw_decode(text)
+        except (ValueError, RecursionError):
+            # Cut off, or longer than what was looked at: `read` then says what is wrong.
+            return path.suffix == ".jsonl" and '"record"' not in text and _names_a_channel(text)
+        return isinstance(found, dict) and (
+            bool(channel_of(found))
+            or _is_status(found)
+            or (_is_reply(found) and bool(channel_of(found["event"])))
+        )
+
+    def describe(self, path: Path) -> LogDescription:
+        """Topics with counts, clocks and recorded verdicts; of a damaged log what comes before the damage."""
+        topics = _Topics()
+        damage = ""
+        try:
+            for row in rows(path):
+                topics.count(row)
+        except LogError as error:
+            damage = str(error)
+        return topics.described(damage)
+
+    def read(self, path: Path, wanted: Wanted) -> Trial:
+        """The part of a trial that the events show.
+
+        Raises:
+            LogError: A line is damaged, or a signal contradicts itself.
+            NothingToScoreError: The log holds no event.
+        """
+        intake = _Intake(path, wanted)
+        size = max(path.stat().st_size, 1) if path.exists() else 1
+        for done, row in enumerate(rows(path)):
+            intake.take(row.event)
+            if done % _PROGRESS_EVERY == 0:
+                wanted.progress(min(0.95, done * 120 / size))
+        wanted.progress(1.0)
+        if not intake.clocks:
+            raise NothingToScoreError(
+                "the log holds no event", file=path, hint="was the monitor connected to its topics?"
+            )
+        return intake.trial()
+
+
+def _names_a_channel(text: str) -> bool:
+    return any(f'"{name}"' in text for name in ("topic", "service", "time", "monitor"))
+
+
+class _EventGathering(Gathering):
+    """Takes events, whose messages are there already and need no decoding."""
+
+    def _connect(self, connection: Connection) -> None:
+        intakes = [intake for intake in self._intakes if intake.accepts(connection)]
+        if intakes:
+            self._routes[connection] = _as_it_is, intakes
+
+
+def _as_it_is(payload: Any) -> Any:
+    return payload
+
+
+@dataclass
+class _Clock:
+    """What was stamped by one clock."""
+
+    gathering: _EventGathering
+    connections: dict[str, Connection] = field(default_factory=dict)
+    first_ns: int | None = None
+    last_ns: int = 0
+    motion: int = 0
+    events: int = 0
+
+
+class _Intake:
+    """Takes the events of one log and makes a trial of them."""
+
+    def __init__(self, path: Path, wanted: Wanted) -> None:
+        self.clocks: dict[str, _Clock] = {}
+        self._path, self._wanted = path, wanted
+        self._types = _types(wanted.log_map)
+        self._motion = frozenset(
+            channel.topic
+            for channel in wanted.log_map.channels_for(wanted.quantities)
+            if channel.signals or channel.poses
+        )
+        self._nameless = 0
+
+    def take(self, event: Mapping[str, Any]) -> None:
+        """Take one event."""
+        topic = channel_of(event)
+        if not topic:
+            self._nameless += 1
+        time_s = stamp_s(event)
+        name = clock_of(time_s)
+        clock = self.clocks.get(name)
+        if clock is None:
+            clock = self.clocks[name] = _Clock(_EventGathering(self._wanted, self._path))
+        clock.events += 1
+        stamp_ns = 0 if time_s is None else round(time_s * 1e9)
+        if time_s is not None:
+            clock.first_ns = stamp_ns if clock.first_ns is None else min(clock.first_ns, stamp_ns)
+            clock.last_ns = max(clock.last_ns, stamp_ns)
+        if topic not in self._types:
+            return
+        clock.motion += topic in self._motion
+        connection = clock.connections.get(topic)
+        if connection is None:
+            connection = Connection(topic, self._types[topic], "ros_monitoring")
+            clock.connections[topic] = connection
+            clock.gathering.take(connection)
+        clock.gathering.take(Message(connection, stamp_ns, fields_of(event)))
+
+    def trial(self) -> Trial:
+        """What the events show, on the clock of the motion."""
+        main = max(self.clocks, key=lambda name: (self._tells(name), name))
+        chosen = self.clocks[main]
+        origin_ns = chosen.first_ns if main == WALL_CLOCK and chosen.first_ns is not None else 0
+        words = f"{main}, origin {origin_ns} ns" if origin_ns else main
+        builder = TrialBuilder(self._path.stem, file=self._path, clock=words)
+        chosen.gathering.settle(builder, origin_ns)
+        if chosen.first_ns is not None:
+            builder.recorded = Span((chosen.first_ns - origin_ns) / 1e9, (chosen.last_ns - origin_ns) / 1e9)
+        for name in sorted(self.clocks.keys() - {main}):
+            self._without_times(builder, name, main)
+        builder.defect("no_channel", "events", self._nameless, "events name no topic or service")
+        trial = builder.build()
+        return trial if main != UNTIMED else _timeless(trial)
+
+    def _tells(self, name: str) -> tuple[bool, int, int]:
+        """How much hangs on a clock: motion first; events without time have none."""
+        clock = self.clocks[name]
+        return name != UNTIMED, clock.motion, clock.events
+
+    def _without_times(self, builder: TrialBuilder, name: str, main: str) -> None:
+        """Keep what events on another clock tell without their times.
+
+        Start, end and announcements say nothing without their time; collisions and drops
+        are put at the end. Motion without its time says nothing at all.
+        """
+        clock = self.clocks[name]
+        other = TrialBuilder(self._path.stem, file=self._path, clock=name)
+        clock.gathering.settle(other, 0)
+        end_s = 0.0 if builder.recorded is None else builder.recorded.end_s
+        told = other.build()
+        for order in told.orders:
+            builder.add(replace(order, announced_s=None))
+        for submission in told.submissions:
+            builder.add(replace(submission, submitted_s=end_s))
+        for event in told.events:
+            if event.kind not in _TIMED:
+                builder.add(replace(event, t_s=end_s))
+        builder.witnessed |= told.witnessed
+        for body in told.bodies:
+            builder.add_body(body)
+        for defect in told.log_defects:
+            builder.defect(defect.kind, defect.where, defect.count, defect.message)
+        # What either clock recorded is recorded, except motion, of which this one has lost the times.
+        builder.unrecorded = sorted({*builder.unrecorded} & {*told.unrecorded})
+        builder.unrecorded += [f"signal {s}: stamped in {name}, the motion in {main}" for s in told.signals]
+        builder.defect("other_clock", name, clock.events, _other_clock(name, main))
+
+
+_TIMED = frozenset({COMPETITION_STARTED, COMPETITION_ENDED, ORDER_ANNOUNCED})
+
+
+def _other_clock(name: str, main: str) -> str:
+    stamped = "events have no time" if name == UNTIMED else f"events are stamped in {name}"
+    return f"{stamped}, the others in {main}; what needs a time was not taken from them"
+
+
+def _timeless(trial: Trial) -> Trial:
+    """A log without any time: what was ordered and handed in, but no course of events."""
+    return replace(
+        trial,
+        orders=tuple(replace(order, announced_s=None) for order in trial.orders),
+        events=tuple(event for event in trial.events if event.kind not in _TIMED),
+        signals={},
+        recorded=None,
+        unrecorded=(*trial.unrecorded, *(f"signal {name}: it has no times" for name in trial.signals)),
+        clock="",
+    )
+
+
+def _types(log_map: LogMap) -> dict[str, str]:
+    """The message type of each topic of a log map: the first that it names, for events carry none."""
+    found: dict[str, str] = {}
+    for channel in log_map.channels:
+        known = found.get(channel.topic)
+        if not known:
+            found[channel.topic] = normalised_type(channel.type) or _POSE_TYPES.get(_poses(channel), "")
+    return found
+
+
+def _poses(channel: Channel) -> str:
+    return "links" if channel.poses == "models" and channel.topic.endswith("link_states") else channel.poses
+
+
+_POSE_TYPES: Mapping[str, str] = {
+    "frames": "tf2_msgs/msg/TFMessage",
+    "models": "gazebo_msgs/msg/ModelStates",
+    "links": "gazebo_msgs/msg/LinkStates",
+}
+
+
+# Describing ------------------------------------------------------------------------------
+
+
+class _Topics:
+    """What a log holds, counted."""
+
+    def __init__(self) -> None:
+        self._stamps: dict[str, list[float]] = defaultdict(list)
+        self._counts: Counter[str] = Counter()
+        self._clocks: Counter[str] = Counter()
+        self._verdicts: Counter[str] = Counter()
+
+    def count(self, row: Row) -> None:
+        """Count one event."""
+        topic, time_s = channel_of(row.event), stamp_s(row.event)
+        self._counts[topic] += 1
+        self._clocks[clock_of(time_s)] += 1
+        if time_s is not None:
+            self._stamps[topic].append(time_s)
+        if row.verdict is not None:
+            self._verdicts[str(row.verdict).lower()] += 1
+
+    def described(self, damage: str) -> LogDescription:
+        """The description; times are as recorded."""
+        steps = [(t, sum(b < a for a, b in pairwise(s))) for t, s in sorted(self._stamps.items())]
+        spans = [
+            max(own) - min(own)
+            for clock in (SIMULATED, WALL_CLOCK)
+            if (own := [t for s in self._stamps.values() for t in s if clock_of(t) == clock])
+        ]
+        return LogDescription(
+            format="ROSMonitoring log",
+            topics=tuple(self._topic(name) for name in sorted(self._counts)),
+            clock=" and ".join(sorted(self._clocks)),
+            facts={
+                "events": sum(self._counts.values()),
+                **{f"verdict {name}": self._verdicts[name] for name in sorted(self._verdicts)},
+            },
+            defects=tuple(
+                LogDefect("disordered_stamps", topic, count, "stamps run backwards")
+                for topic, count in steps
+                if count
+            ),
+            damage=damage,
+            duration_s=max(spans, default=0.0),
+        )
+
+    def _topic(self, name: str) -> TopicDescription:
+        stamps = np.sort(np.array(self._stamps.get(name, []), dtype=np.float64))
+        if not len(stamps):
+            return TopicDescription(name or "(no topic)", "event", self._counts[name])
+        gap_s = float(np.diff(stamps).max()) if len(stamps) > 1 else None
+        return TopicDescription(
+            name or "(no topic)", "event", self._counts[name], float(stamps[0]), float(stamps[-1]), gap_s
+        )

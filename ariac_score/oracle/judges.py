@@ -1,0 +1,339 @@
+"""What an oracle thinks of a trace: the standing of every check after each event.
+
+The verdict of an event is that of the trace up to and including it. A standing counts
+for as long as its monitor accepts a gap; after that nothing is known, and nothing is
+claimed. A check whose monitor cannot watch online, or whose signals the log map does
+not give as they are, has its say when the trace is over.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from ariac_score.contracts import EventMonitor, EventWatch, Monitor, OnlineMonitor, OnlineWatch, Standing
+from ariac_score.engine import check_needs
+from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
+from ariac_score.findings import Verdict
+from ariac_score.guard import broken
+from ariac_score.logmap import load_log_map
+from ariac_score.logs.rosmonitoring import channel_of, clock_of, stamp_s
+from ariac_score.registry import Plugin, Registry
+from ariac_score.ruleset import RuleSet
+from ariac_score.trial.channels import FieldMap, LogMap
+from ariac_score.trial.signals import LARGEST_VALUE, Sample
+from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
+
+__all__ = ["CURRENTLY_FALSE", "CURRENTLY_TRUE", "UNKNOWN", "Judge", "Opinion", "RulesBench", "SpecBench"]
+
+TRUE, FALSE = "true", "false"
+CURRENTLY_TRUE, CURRENTLY_FALSE, UNKNOWN = "currently_true", "currently_false", "unknown"
+
+Event = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Opinion:
+    """What to answer.
+
+    Attributes:
+        verdict: One of the words of the protocol, in lower case.
+        spec: What is violated and by how much; empty unless the verdict is negative.
+    """
+
+    verdict: str
+    spec: str = ""
+
+
+class Judge(Protocol):
+    """The state of one trace."""
+
+    def take(self, event: Event) -> Opinion:
+        """Judge the trace up to and including an event.
+
+        Raises:
+            ValueError: The event cannot be judged; the trace stands as before.
+        """
+        ...
+
+
+class Bench(Protocol):
+    """Makes a judge for every trace.
+
+    Attributes:
+        live: The checks that are judged event by event.
+        later: Why the others are not, by check.
+    """
+
+    live: tuple[str, ...]
+    later: Mapping[str, str]
+
+    def judge(self) -> Judge:
+        """A judge who knows nothing yet."""
+        ...
+
+
+# Rule sets -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Live:
+    """A check that is judged event by event."""
+
+    name: str
+    plugin: Plugin
+    monitor: OnlineMonitor
+    signals: frozenset[str]
+    max_gap_s: float
+
+
+class RulesBench:
+    """Judges by the monitors of a rule set.
+
+    Args:
+        rule_set: Whose monitors.
+        registry: The installed plugins.
+        log_map: Log map to use instead of the rule set's own.
+
+    Raises:
+        ScoreError: The rule set or the log map cannot be used.
+    """
+
+    def __init__(self, rule_set: RuleSet, registry: Registry, *, log_map: str = "") -> None:
+        self.rule_set = rule_set
+        self._map = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
+        checks = rule_set.build(registry)
+        check_needs(rule_set, checks, self._map)
+        self._lives: list[_Live] = []
+        later: dict[str, str] = {}
+        for name, check in checks.items():
+            used = rule_set.checks[name]
+            why_not = _why_later(check, self._map)
+            if why_not:
+                later[name] = why_not
+                continue
+            gap_s = min((need.max_gap_s for need in check.needs()), default=0.0)
+            plugin = registry.find(used.group, used.use)
+            self._lives.append(_Live(name, plugin, check, _signals_for(check, self._map), gap_s))
+        self.live = tuple(live.name for live in self._lives)
+        self.later: Mapping[str, str] = later
+
+    def judge(self) -> Judge:
+        """A judge who knows nothing yet."""
+        wanted = frozenset(signal for live in self._lives for signal in live.signals)
+        return _RulesJudge(self._lives, _sources(self._map, wanted))
+
+
+def _why_later(check: object, log_map: LogMap) -> str:
+    """Why a check cannot be judged event by event; empty where it can."""
+    if not isinstance(check, Monitor):
+        return "rules judge whole orders"
+    if not isinstance(check, OnlineMonitor):
+        return "its monitor watches whole trials only"
+    needs = {need.quantity for need in check.needs()}
+    lacking = sorted(needs - {quantity_of(f.signal) for c in log_map.channels for f in c.signals})
+    return f"no topic gives its {' and '.join(lacking)} as they are" if lacking else ""
+
+
+def _signals_for(check: OnlineMonitor, log_map: LogMap) -> frozenset[str]:
+    needs = {need.quantity for need in check.needs()}
+    return frozenset(
+        f.signal for channel in log_map.channels for f in channel.signals if quantity_of(f.signal) in needs
+    )
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Where the value of one signal stands in the events of one topic."""
+
+    signal: str
+    unit: str
+    paths: tuple[tuple[str, ...], ...]
+    at_least: float
+
+    def sample(self, event: Event, t_s: float) -> Sample:
+        """The sample an event holds.
+
+        Raises:
+            ValueError: It holds none that can be one.
+        """
+        numbers = tuple(self._number(event, path) for path in self.paths)
+        return Sample(self.signal, t_s, numbers[0] if len(numbers) == 1 else numbers, self.unit)
+
+    def _number(self, event: Event, path: tuple[str, ...]) -> float:
+        value: Any = event
+        for name in path:
+            if not isinstance(value, Mapping) or name not in value:
+                raise ValueError(f"field {'.'.join(path)!r} is missing")
+            value = value[name]
+        if not isinstance(value, int | float):
+            raise ValueError(f"field {'.'.join(path)!r} is no number")
+        if not (-LARGEST_VALUE <= value <= LARGEST_VALUE and value >= self.at_least):  # NaN keeps neither
+            raise ValueError(f"field {'.'.join(path)!r} is {value!r}, which {self.signal} cannot be")
+        return float(value)
+
+
+def _sources(log_map: LogMap, wanted: frozenset[str]) -> dict[str, tuple[_Source, ...]]:
+    found: dict[str, tuple[_Source, ...]] = {}
+    for channel in log_map.channels:
+        own = tuple(_source(f) for f in channel.signals if f.signal in wanted)
+        if own:
+            topic = "/" + channel.topic.strip("/")
+            found[topic] = (*found.get(topic, ()), *own)
+    return found
+
+
+def _source(field_map: FieldMap) -> _Source:
+    known = QUANTITIES.get(quantity_of(field_map.signal))
+    paths = tuple(tuple(path.split(".")) for path in field_map.fields)
+    return _Source(field_map.signal, field_map.unit, paths, known.at_least if known else -math.inf)
+
+
+class _RulesJudge:
+    """The state of one trace under the monitors of a rule set."""
+
+    def __init__(self, lives: Sequence[_Live], sources: Mapping[str, tuple[_Source, ...]]) -> None:
+        self._sources = sources
+        self._watches: list[tuple[_Live, OnlineWatch]] = [(live, _begun(live)) for live in lives]
+        self._standings: dict[str, dict[str, Standing]] = {live.name: {} for live in lives}
+        self._latest: dict[str, float] = {}
+
+    def take(self, event: Event) -> Opinion:
+        """Judge the trace up to and including an event."""
+        sources = self._sources.get(channel_of(event), ())
+        t_s = stamp_s(event)
+        if sources:
+            if t_s is None:
+                raise ValueError("the event has no time")
+            self._step([source.sample(event, t_s) for source in sources], t_s)
+        return self._opinion(t_s)
+
+    def _step(self, samples: Sequence[Sample], t_s: float) -> None:
+        for sample in samples:
+            if not t_s > self._latest.get(sample.signal, -math.inf):
+                raise ValueError(f"{sample.signal} was at {self._latest[sample.signal]} s and is at {t_s} s")
+        self._latest.update((sample.signal, t_s) for sample in samples)
+        for live, watch in self._watches:
+            own = [sample for sample in samples if sample.signal in live.signals]
+            if not own:
+                continue
+            standings = self._standings[live.name]
+            try:
+                for standing in watch.step(own):
+                    standings[standing.subject] = standing
+            except Exception as cause:
+                raise broken(live.plugin, f"raised {type(cause).__name__}: {cause}", of=live.name) from cause
+
+    def _opinion(self, t_s: float | None) -> Opinion:
+        known = [
+            (live.name, standing)
+            for live, _ in self._watches
+            for standing in self._standings[live.name].values()
+            if standing.final or _holds(standing, t_s, live.max_gap_s)
+        ]
+        violated = [(name, s) for name, s in known if s.verdict is Verdict.VIOLATED]
+        if violated:
+            words = "; ".join(f"{name}: {s.subject}: {s.message}" for name, s in violated)
+            return Opinion(FALSE if any(s.final for _, s in violated) else CURRENTLY_FALSE, words)
+        silent = {live.name for live, _ in self._watches} - {name for name, _ in known}
+        if silent or not known or any(s.verdict is Verdict.INCONCLUSIVE for _, s in known):
+            return Opinion(UNKNOWN)
+        return Opinion(TRUE if all(s.final for _, s in known) else CURRENTLY_TRUE)
+
+
+def _begun(live: _Live) -> OnlineWatch:
+    try:
+        return live.monitor.begin()
+    except Exception as cause:
+        raise broken(live.plugin, f"raised {type(cause).__name__}: {cause}", of=live.name) from cause
+
+
+def _holds(standing: Standing, t_s: float | None, max_gap_s: float) -> bool:
+    """Whether a standing still says something at the time of an event, as far as that has one."""
+    if t_s is None or clock_of(t_s) != clock_of(standing.t_s):
+        return True
+    return t_s - standing.t_s <= max_gap_s + 1e-9
+
+
+# Specifications --------------------------------------------------------------------------
+
+SPEC_MONITOR = "rml.spec"
+"""The monitor that judges events by a specification file; its parameter `spec` names the file."""
+
+
+class SpecBench:
+    """Judges by a specification, which speaks of events as they are.
+
+    Args:
+        file: The specification.
+        registry: The installed plugins.
+
+    Raises:
+        ScoreError: No installed plugin reads specifications, or this one cannot be used.
+    """
+
+    def __init__(self, file: Path, registry: Registry) -> None:
+        self.live: tuple[str, ...] = (file.name,)
+        self.later: Mapping[str, str] = {}
+        if not file.is_file():
+            raise UsageError("no such specification", file=file, hint="check the path")
+        try:
+            self._plugin = registry.find("ariac_score.monitors", SPEC_MONITOR)
+        except PluginNotFoundError as error:
+            raise PluginNotFoundError(
+                f"no installed plugin judges specifications: {error.cause}",
+                file=file,
+                hint=f"install the distribution that brings {SPEC_MONITOR!r}, or judge by --rules",
+            ) from error
+        monitor = self._plugin.build({"spec": str(file)})
+        if not isinstance(monitor, EventMonitor):
+            raise RuleSetError(
+                f"{self._plugin.origin} cannot judge event by event",
+                file=file,
+                hint="update it, or judge the event log afterwards",
+            )
+        self._monitor: EventMonitor = monitor
+
+    def judge(self) -> Judge:
+        """A judge who knows nothing yet."""
+        return _SpecJudge(self._guarded(self._monitor.begin_events), self._guarded)
+
+    def _guarded(self, call: Callable[..., Any], *arguments: object) -> Any:
+        try:
+            return call(*arguments)
+        except ValueError:
+            raise
+        except Exception as cause:
+            raise broken(self._plugin, f"raised {type(cause).__name__}: {cause}") from cause
+
+
+class _SpecJudge:
+    """The state of one trace under a specification."""
+
+    def __init__(self, watch: EventWatch, guarded: Callable[..., Any]) -> None:
+        self._watch, self._guarded = watch, guarded
+
+    def take(self, event: Event) -> Opinion:
+        """Judge the trace up to and including an event."""
+        standing: Standing = self._guarded(self._watch.take, _bare(event))
+        return Opinion(_word(standing), standing.message if standing.verdict is Verdict.VIOLATED else "")
+
+
+def _bare(event: Event) -> dict[str, Any]:
+    """The event without what an earlier oracle added to it."""
+    return dict(_members(event))
+
+
+def _members(event: Event) -> Iterator[tuple[str, Any]]:
+    return ((name, value) for name, value in event.items() if name not in ("verdict", "spec"))
+
+
+def _word(standing: Standing) -> str:
+    if standing.verdict is Verdict.VIOLATED:
+        return FALSE if standing.final else CURRENTLY_FALSE
+    if standing.verdict is Verdict.INCONCLUSIVE:
+        return UNKNOWN
+    return TRUE if standing.final else CURRENTLY_TRUE

@@ -1,0 +1,115 @@
+"""How many events a second does the oracle answer to one client on loopback?
+
+The client is the library that the generated monitors use, with one event outstanding, as
+they have it; the oracle judges separation and keeps its log. Beside it a bare echo by the
+same WebSocket library, which judges nothing and keeps nothing: what no oracle here can
+exceed. Servers have a process of their own, the rounds alternate, the median counts.
+
+    python benchmarks/oracle.py [--events 20000] [--rounds 5]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import platform
+import statistics
+import tempfile
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import websocket
+from websockets.sync.server import ServerConnection, serve
+
+from ariac_score import load_rule_set
+from ariac_score.oracle.judges import RulesBench
+from ariac_score.oracle.server import Limits, Oracle
+from ariac_score.registry import Registry
+
+WANTED_PER_S = 5000
+
+
+def events(count: int) -> list[str]:
+    """Snapshots at 100 Hz of a robot that a human comes near now and then."""
+    return [
+        json.dumps(
+            {
+                "topic": "snapshot",
+                "human_operator_speed": 0.5,
+                "robot_speed": 0.25,
+                "distance_robot_human_operator": 3.0 + (i % 400) / 100,
+                "time": i / 100,
+            }
+        )
+        for i in range(count)
+    ]
+
+
+def judging(told: Connection) -> None:
+    """The oracle, as `ariac-score oracle --rules paper2020` makes it."""
+    with tempfile.TemporaryDirectory() as folder:
+        bench = RulesBench(load_rule_set("paper2020"), Registry())
+        oracle = Oracle(bench, Path(folder) / "results", limits=Limits(events_per_s=0))
+        told.send(oracle.url)
+        oracle.serve()
+
+
+def echoing(told: Connection) -> None:
+    """A server that gives back what it gets."""
+
+    def echo(ws: ServerConnection) -> None:
+        for frame in ws:
+            ws.send(frame)
+
+    server = serve(echo, "127.0.0.1", 0, compression=None, ping_interval=None)
+    told.send(f"ws://127.0.0.1:{server.socket.getsockname()[1]}")
+    server.serve_forever()
+
+
+def answers_per_s(url: str, frames: list[str]) -> float:
+    """One client, one event outstanding."""
+    client = websocket.create_connection(url, timeout=10)
+    started = time.perf_counter()
+    for frame in frames:
+        client.send(frame)
+        client.recv()
+    per_s = len(frames) / (time.perf_counter() - started)
+    client.close()
+    return per_s
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--events", type=int, default=20_000)
+    parser.add_argument("--rounds", type=int, default=5)
+    arguments = parser.parse_args()
+    frames, urls, servers = events(arguments.events), [], []
+    spawn = multiprocessing.get_context("spawn")
+    for target in (judging, echoing):
+        ours, theirs = spawn.Pipe()
+        server = spawn.Process(target=target, args=(theirs,), daemon=True)
+        server.start()
+        servers.append(server)
+        urls.append(ours.recv())
+    rates: tuple[list[float], list[float]] = ([], [])
+    for _ in range(arguments.rounds):
+        for url, found in zip(urls, rates, strict=True):
+            found.append(answers_per_s(url, frames))
+    for server in servers:
+        server.terminate()
+    oracle, echo = map(statistics.median, rates)
+    share = statistics.median(a / b for a, b in zip(*rates, strict=True))
+    print(f"{platform.python_implementation()} {platform.python_version()}, {platform.machine()}")
+    print(f"{arguments.events} events to one client on loopback, median of {arguments.rounds} rounds")
+    print(f"oracle, with verdicts and log  {oracle:8.0f} events/s, {share:.2f} of the bare echo")
+    print(f"bare echo                      {echo:8.0f} events/s")
+    met = "met" if oracle >= WANTED_PER_S else "missed; where the bare echo is slow too, the machine is busy"
+    print(f"wanted                         {WANTED_PER_S:8} events/s: {met}")
+
+
+if __name__ == "__main__":
+    main()

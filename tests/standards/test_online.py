@@ -1,0 +1,182 @@
+"""Watching while a trial goes on: what is said at once is what the whole log says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ariac_score import Body, OnlineMonitor, Sample, Signal, Span, Standing, Trial, Verdict, align
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial
+from ariac_score_standards import SsmSeparation
+
+MAX_GAP_S = 0.05
+MONITOR = SsmSeparation(max_gap_s=MAX_GAP_S)
+DISTANCE, HUMAN, ROBOT = "centre_distance/robot/human", "speed/human", "speed/robot"
+UNITS = {DISTANCE: "m", HUMAN: "m/s", ROBOT: "m/s"}
+
+Rows = Sequence[tuple[float, str, float]]
+
+
+def seed_d_min_m(human: float, robot: float) -> float:
+    """The paper's formula with its values, written out."""
+    return human * (1.0 + 1.5) + robot * 1.0 + 0.0 + 2.6
+
+
+def trial_of(rows: Rows) -> Trial:
+    signals = {}
+    for name, unit in UNITS.items():
+        own = [(t, value) for t, n, value in rows if n == name]
+        if own:
+            signals[name] = Signal(name, unit, np.array([t for t, _ in own]), np.array([v for _, v in own]))
+    times = [t for t, _, _ in rows]
+    bodies = (Body("human", "human"), Body("robot", "robot"))
+    return Trial("online", bodies=bodies, signals=signals, recorded=Span(min(times), max(times)))
+
+
+def rows_of(trial: Trial) -> list[tuple[float, str, float]]:
+    names = [name for name in UNITS if name in trial.signals]
+    found = [
+        (t, name, value)
+        for name in names
+        for t, value in zip(trial.signals[name].t.tolist(), trial.signals[name].values.tolist(), strict=True)
+    ]
+    return sorted(found)
+
+
+def stepped(monitor: SsmSeparation, rows: Rows) -> tuple[list[Standing], object]:
+    watch = monitor.begin()
+    said = [s for t, name, v in rows for s in watch.step([Sample(name, t, v, UNITS[name])])]
+    return said, watch
+
+
+def snapshot(t_s: float, distance_m: float, human: float = 0.0, robot: float = 0.0) -> list[Sample]:
+    values = {DISTANCE: distance_m, HUMAN: human, ROBOT: robot}
+    return [Sample(name, t_s, values[name], unit) for name, unit in UNITS.items()]
+
+
+@st.composite
+def recordings(draw: st.DrawFn) -> list[tuple[float, str, float]]:
+    """Three signals, each at times of its own on a raster of 10 ms, with gaps."""
+    rows = []
+    for name in UNITS:
+        ticks = draw(st.lists(st.integers(0, 40), min_size=1, max_size=25, unique=True))
+        high = 6.0 if name == DISTANCE else 2.0
+        values = st.floats(0, high, allow_nan=False)
+        rows += [(tick / 100, name, draw(values)) for tick in ticks]
+    return sorted(rows)
+
+
+@given(rows=recordings())
+@settings(max_examples=80)
+def test_every_covered_instant_is_judged_once_and_as_the_whole_log_judges_it(rows: Rows) -> None:
+    trial = trial_of(rows)
+
+    said, _ = stepped(MONITOR, rows)
+
+    t, (distance, human, robot) = align([trial.signals[name] for name in UNITS], max_gap_s=MAX_GAP_S)
+    margins = [d - seed_d_min_m(h, r) for d, h, r in zip(distance, human, robot, strict=True)]
+    assert [s.t_s for s in said] == t.tolist()
+    assert [s.robustness for s in said] == margins
+    assert [s.verdict is Verdict.VIOLATED for s in said] == [margin < 0 for margin in margins]
+
+
+@given(rows=recordings(), profile=st.sampled_from(["seed", "ariac2023"]), t_on_s=st.sampled_from([0.0, 0.03]))
+@settings(max_examples=60)
+def test_the_findings_at_the_end_are_those_of_the_whole_log(rows: Rows, profile: str, t_on_s: float) -> None:
+    monitor = SsmSeparation(profile=profile, distance="centre_distance", t_on_s=t_on_s)  # type: ignore[arg-type]
+    trial = trial_of(rows)
+    watch = monitor.begin()
+    for t, name, value in rows:
+        list(watch.step([Sample(name, t, value, UNITS[name])]))
+
+    assert list(watch.end(replace(trial, signals={}))) == list(monitor.watch(trial))
+
+
+def test_the_example_is_violated_online_exactly_where_the_log_says() -> None:
+    trial = kitting_trial()
+    assert set(SNAPSHOT_SIGNALS) == set(UNITS)
+    said, _ = stepped(SsmSeparation(), rows_of(trial))
+
+    (violation,) = SsmSeparation().watch(trial)
+    negative = [s for s in said if s.verdict is Verdict.VIOLATED]
+    assert violation.span is not None
+    assert negative[0].t_s == violation.span.start_s
+    assert min(s.robustness or 0.0 for s in negative) == violation.robustness
+    assert all(violation.span.start_s <= s.t_s <= violation.span.end_s for s in negative)
+
+
+def test_equal_distance_is_enough_and_the_next_number_below_is_not() -> None:
+    required_m = seed_d_min_m(0.4, 0.3)
+    watch = MONITOR.begin()
+
+    (kept,) = watch.step(snapshot(1.0, required_m, 0.4, 0.3))
+    (broken,) = watch.step(snapshot(1.01, float(np.nextafter(required_m, 0)), 0.4, 0.3))
+
+    assert (kept.verdict, kept.robustness) == (Verdict.SATISFIED, 0.0)
+    assert broken.verdict is Verdict.VIOLATED
+    assert broken.message.endswith(f"nearer than the required {required_m:.3f} m")
+
+
+def test_nothing_is_said_before_all_signals_are_there() -> None:
+    watch = MONITOR.begin()
+    distance, human, robot = snapshot(1.0, 1.0)
+
+    assert list(watch.step([distance])) == []
+    assert list(watch.step([human])) == []
+    assert [s.t_s for s in watch.step([robot])] == [1.0]
+
+
+def test_nothing_is_said_in_a_gap() -> None:
+    watch = MONITOR.begin()
+    list(watch.step(snapshot(0.0, 9.0)))
+    list(watch.step([Sample(DISTANCE, 0.03, 1.0, "m"), Sample(DISTANCE, 0.06, 1.0, "m")]))
+
+    said = list(watch.step([Sample(HUMAN, 0.06, 0.0, "m/s"), Sample(ROBOT, 0.06, 0.0, "m/s")]))
+
+    assert [s.t_s for s in said] == [0.06]  # 0.03 lies in the speeds' gap of 0.06 s
+
+
+def test_a_time_that_does_not_increase_is_refused() -> None:
+    watch = MONITOR.begin()
+    list(watch.step(snapshot(1.0, 9.0)))
+
+    for t_s in (1.0, 0.5, float("nan")):
+        with pytest.raises(ValueError, match="was at 1"):
+            list(watch.step(snapshot(t_s, 9.0)))
+
+
+def test_a_robot_at_rest_violates_nothing_where_the_profile_says_so() -> None:
+    monitor = SsmSeparation(robot_must_move="yes")
+
+    (standing,) = monitor.begin().step(snapshot(1.0, 0.1))
+
+    assert (standing.verdict, standing.robustness) == (Verdict.NOT_APPLICABLE, None)
+
+
+def test_two_watches_of_one_monitor_know_nothing_of_each_other() -> None:
+    first, second = MONITOR.begin(), MONITOR.begin()
+    list(first.step(snapshot(5.0, 1.0)))
+
+    assert [s.verdict for s in second.step(snapshot(1.0, 9.0))] == [Verdict.SATISFIED]
+
+
+def test_several_humans_are_watched_each_with_the_robot() -> None:
+    watch = MONITOR.begin()
+    samples = [
+        Sample(f"centre_distance/robot/{human}", 1.0, d, "m") for human, d in (("h_1", 9.0), ("h_2", 1.0))
+    ]
+    samples += [Sample(f"speed/{body}", 1.0, 0.0, "m/s") for body in ("h_1", "h_2", "robot")]
+
+    said = {s.subject: s.verdict for s in watch.step(samples)}
+
+    assert said == {"robot/h_1": Verdict.SATISFIED, "robot/h_2": Verdict.VIOLATED}
+
+
+def test_the_contract_is_kept_by_structure() -> None:
+    assert isinstance(MONITOR, OnlineMonitor)
+    assert not isinstance(object(), OnlineMonitor)
