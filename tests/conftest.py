@@ -23,6 +23,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="DIR",
         help="folder of official cases to run (default: ../shared/ariac/cases); it may not be empty",
     )
+    parser.addoption(
+        "--bag-cases",
+        metavar="DIR",
+        help="folder of recordings with expectations to run (default: ../shared/bags); it may not be empty",
+    )
 
 
 @pytest.fixture

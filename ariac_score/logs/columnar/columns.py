@@ -56,12 +56,14 @@ class Column:
             first: element i of that level holds elements `offsets[i]` to `offsets[i + 1]`
             of the next. Empty when each message has one value.
         texts: The distinct texts; `None` for numbers.
+        levels: The path of the array or sequence that each of `offsets` is about.
     """
 
     path: str
     values: NDArray[Any]
     offsets: tuple[IntArray, ...] = ()
     texts: tuple[str, ...] | None = None
+    levels: tuple[str, ...] = ()
 
     def per_message(self) -> IntArray:
         """How many values each message has, shape (m,)."""

@@ -326,6 +326,7 @@ class ColumnDecoder:
                         merged[stream.number],
                         tuple(offsets[level] for level in stream.levels),
                         texts if stream.kind == "string" else None,
+                        tuple(self._plan.streams[level].path for level in stream.levels),
                     ),
                 )
 
