@@ -77,10 +77,14 @@ class RosbagReader:
         """
         scan = _open(path)
         survey, gathering = Survey(), Gathering(wanted, path)
-        for item in _surveyed(scan, survey, path):
-            gathering.take(item)
-            if isinstance(item, Message) and survey.messages % _PROGRESS_EVERY == 0:
-                wanted.progress(scan.share)
+        try:
+            for item in _surveyed(scan, survey, path):
+                gathering.take(item)
+                if isinstance(item, Message) and survey.messages % _PROGRESS_EVERY == 0:
+                    wanted.progress(scan.share)
+        except LogError:
+            gathering.flush()  # what is wrong with the messages before the damage is told first
+            raise
         wanted.progress(1.0)
         origin_ns = survey.first_ns
         if origin_ns is None:

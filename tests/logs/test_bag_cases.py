@@ -110,4 +110,3 @@ def assert_fields(fields: dict[str, Any], messages: list[Message], topic: str) -
             assert (len(joined), digest) == (facts["n"], facts["sha256_of_joined_nul"]), f"{topic} {name}"
         else:
             raise AssertionError(f"{topic} {name}: nothing is expected of it: {facts}")
-

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import groupby
 from keyword import iskeyword
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -13,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.logs.columnar.columns import Bytes, Column, Columns, Defect, IntArray, Payloads, ranges
-from ariac_score.logs.columnar.plan import Field, Plan, PlanError, Stream, compile_plan
-from ariac_score.logs.columnar.walk_many import Interned, typed, walk
+from ariac_score.logs.columnar.plan import Field, Plan, Stream, compile_plan
+from ariac_score.logs.columnar.walk_many import Interned, walk
 from ariac_score.logs.columnar.walk_one import Layout, MisfitError, lay_out
 
 if TYPE_CHECKING:
@@ -76,9 +75,12 @@ class _Known:
 
     def copy(self, block: Bytes, into: dict[int, NDArray[Any]], first: int) -> None:
         """Copy the numbers of a block of messages."""
-        order = ">" if self.big else "<"
         for stream in self._streams:
-            raw = np.dtype(np.uint8) if stream.kind == "bool" else stream.dtype.newbyteorder(order)
+            raw = (
+                np.dtype(np.uint8)
+                if stream.kind == "bool"
+                else stream.dtype.newbyteorder(">" if self.big else "<")
+            )
             out = into[stream.number][first : first + len(block)]
             for column, start, step, count in self._runs[stream.number]:
                 view: NDArray[Any] = np.ndarray(
@@ -141,6 +143,14 @@ class ColumnDecoder:
         """The fields it gives, in the order of the definition."""
         return tuple(s.path for s in self._plan.streams if s.kind != "length")
 
+    def shape(self, path: str) -> tuple[str, tuple[str, ...]] | None:
+        """The base type of a field and the arrays and sequences around it; `None` when there is none."""
+        streams = self._plan.streams
+        for stream in streams:
+            if stream.path == path and stream.kind != "length":
+                return stream.kind, tuple(streams[level].path for level in stream.levels)
+        return None
+
     def decode(self, payloads: Payloads) -> Columns:
         """The wanted fields of some messages; those that do not fit are named.
 
@@ -200,9 +210,7 @@ class ColumnDecoder:
         self._layouts.setdefault(layout.size, []).append(layout)
         self._remembered += 1
 
-    def _copied(
-        self, layout: _Known, payloads: Payloads, rows: IntArray
-    ) -> tuple[_Part | None, IntArray]:
+    def _copied(self, layout: _Known, payloads: Payloads, rows: IntArray) -> tuple[_Part | None, IntArray]:
         """The messages that have a layout, and the indices of those that have not."""
         size = layout.size
         if not size:

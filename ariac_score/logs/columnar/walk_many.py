@@ -72,8 +72,8 @@ def typed(raw: NDArray[Any], dtype: np.dtype[Any], *, big: bool) -> NDArray[Any]
     if dtype == np.bool_:
         truths: NDArray[Any] = raw.view(np.uint8) != 0
         return truths
-    order = ">" if big else "<"
-    return raw.view(dtype.newbyteorder(order)).astype(dtype.newbyteorder("="), copy=False)
+    stored = dtype.newbyteorder(">" if big else "<")
+    return raw.view(stored).astype(dtype.newbyteorder("="), copy=False)
 
 
 def walk(plan: Plan, payloads: Payloads, interned: Interned, *, big: bool) -> Walked:
@@ -198,7 +198,7 @@ class _Walker:
         return rows
 
     def _codes(self, starts: IntArray, ends: IntArray, interned: Interned) -> IntArray:
-        raw = memoryview(self._buffer)
+        raw = self._buffer.data
         found = [interned[bytes(raw[a:b])] for a, b in zip(starts.tolist(), ends.tolist(), strict=True)]
         return np.array(found, dtype=np.int64)
 

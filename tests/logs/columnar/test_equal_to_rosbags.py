@@ -47,7 +47,9 @@ class Definitions:
         return {f"f{i}": self._field(number) for i in range(self.dice.choice([1, 1, 2, 3, 5, 8]))}
 
     def _field(self, number: int) -> tuple[str, str, str, int]:
-        bases = [*NUMBERS, "string", "string"] + [f"test_msgs/T{n}" for n in range(number + 1, self.count)] * 4
+        bases = [*NUMBERS, "string", "string"] + [
+            f"test_msgs/T{n}" for n in range(number + 1, self.count)
+        ] * 4
         base, kind = self.dice.choice(bases), self.dice.choice(["", "", "", "array", "sequence", "bounded"])
         length = self.dice.randint(1, 4)
         suffix = {"": "", "array": f"[{length}]", "sequence": "[]", "bounded": f"[<={length}]"}[kind]
@@ -66,11 +68,15 @@ class Definitions:
 
     def _value(self, base: str) -> Any:
         if base == "string":
-            return self.dice.choice(["", "a", "base_link", "Gerät", "wörld/ünï☃", "x" * self.dice.randint(0, 9)])
+            return self.dice.choice(
+                ["", "a", "base_link", "Gerät", "wörld/ünï☃", "x" * self.dice.randint(0, 9)]
+            )
         if base == "bool":
             return self.dice.random() < 0.5
         if base in NUMBERS:
-            raw = self.dice.choice([self.dice.randbytes(8), b"\0" * 8, b"\xff" * 8, b"\0\0\xc0\x7f\0\0\xf8\x7f"])
+            raw = self.dice.choice(
+                [self.dice.randbytes(8), b"\0" * 8, b"\xff" * 8, b"\0\0\xc0\x7f\0\0\xf8\x7f"]
+            )
             return struct.unpack_from("<" + CODES[base], raw)[0]
         return self.message(int(base[-1]))
 
@@ -151,7 +157,7 @@ def a_folder_of_messages(dice: random.Random, definitions: Definitions) -> list[
 @settings(max_examples=150)
 @given(st.integers(0, 2**32), st.sampled_from(["cdr", "big", "ros1"]))
 def test_every_field_of_random_messages_of_random_definitions(seed: int, packing: str) -> None:
-    dice = random.Random(seed)
+    dice = random.Random(seed)  # noqa: S311  # dice, not secrets
     definitions = Definitions(dice)
     payloads = [serialised(definitions, m, packing) for m in a_folder_of_messages(dice, definitions)]
 
@@ -181,7 +187,7 @@ def damaged(dice: random.Random, payload: bytes) -> bytes:
 @settings(max_examples=150)
 @given(st.integers(0, 2**32), st.sampled_from(["cdr", "big", "ros1"]))
 def test_damaged_messages_are_named_and_the_others_are_right(seed: int, packing: str) -> None:
-    dice = random.Random(seed)
+    dice = random.Random(seed)  # noqa: S311  # dice, not secrets
     definitions = Definitions(dice)
     whole = [serialised(definitions, m, packing) for m in a_folder_of_messages(dice, definitions)]
     payloads = [damaged(dice, payload) for payload in whole]
@@ -200,7 +206,7 @@ def test_damaged_messages_are_named_and_the_others_are_right(seed: int, packing:
 @settings(max_examples=60)
 @given(st.integers(0, 2**32), st.sampled_from(["cdr", "big", "ros1"]))
 def test_fields_that_are_not_wanted_change_nothing_in_those_that_are(seed: int, packing: str) -> None:
-    dice = random.Random(seed)
+    dice = random.Random(seed)  # noqa: S311  # dice, not secrets
     definitions = Definitions(dice)
     payloads = [serialised(definitions, m, packing) for m in a_folder_of_messages(dice, definitions)]
     everything = ColumnDecoder(definitions.store, TYPE, cdr=packing != "ros1")
@@ -224,7 +230,7 @@ def test_fields_that_are_not_wanted_change_nothing_in_those_that_are(seed: int, 
 @settings(max_examples=60)
 @given(st.integers(0, 2**32), st.sampled_from(["cdr", "big", "ros1"]))
 def test_slabs_and_gaps_between_messages_change_nothing(seed: int, packing: str) -> None:
-    dice = random.Random(seed)
+    dice = random.Random(seed)  # noqa: S311  # dice, not secrets
     definitions = Definitions(dice)
     payloads = [serialised(definitions, m, packing) for m in a_folder_of_messages(dice, definitions)]
     buffer, starts = b"", []
@@ -251,7 +257,7 @@ def test_slabs_and_gaps_between_messages_change_nothing(seed: int, packing: str)
 
 @pytest.mark.parametrize("packing", ["cdr", "ros1"])
 def test_no_message_at_all(packing: str) -> None:
-    definitions = Definitions(random.Random(1))
+    definitions = Definitions(random.Random(1))  # noqa: S311  # dice, not secrets
     decoder = ColumnDecoder(definitions.store, TYPE, cdr=packing != "ros1")
 
     columns = decoder.decode(Payloads.joined([]))
