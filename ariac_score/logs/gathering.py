@@ -24,7 +24,7 @@ from ariac_score.logs.gathering_columns import (
 )
 from ariac_score.logs.kit_from_poses import ModelFrames
 from ariac_score.logs.pending import Pending, Waiting
-from ariac_score.logs.salvage import Connection, Message, normalised_type
+from ariac_score.logs.salvage import Batch, Connection, Message, normalised_type
 from ariac_score.logs.transforms import ModelPoses, TransformTree, times_s
 from ariac_score.logs.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.trial.build import TrialBuilder
@@ -68,7 +68,7 @@ class Gathering:
         self._pending = Pending()
         self._number = 0
 
-    def take(self, item: Connection | Message) -> None:
+    def take(self, item: Connection | Message | Batch) -> None:
         """Take one item of a scan, in recorded order.
 
         Raises:
@@ -77,9 +77,22 @@ class Gathering:
         if isinstance(item, Connection):
             self._connect(item)
             return
+        if isinstance(item, Batch):
+            self._take_many(item)
+            return
         self._number += 1
         if item.connection in self._routes:
             self._pending.add(item, self._number)
+            if self._pending.full:
+                self.flush()
+
+    def _take_many(self, batch: Batch) -> None:
+        wanted = np.array([connection in self._routes for connection in batch.connections], dtype=bool)
+        kept = np.flatnonzero(wanted[batch.sources])
+        numbers = self._number + 1 + kept
+        self._number += len(batch)
+        for some in self._pending.portions(batch, kept):
+            self._pending.add_many(batch, kept[some], numbers[some])
             if self._pending.full:
                 self.flush()
 

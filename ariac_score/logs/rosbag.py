@@ -10,14 +10,15 @@ from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs import mcap, ros1bag, sqlite_bag
 from ariac_score.logs.folder import METADATA, METADATA_KEY, FolderScan
 from ariac_score.logs.gathering import Gathering
-from ariac_score.logs.salvage import Connection, Message, Scan, Survey
+from ariac_score.logs.salvage import Batch, Connection, Message, Scan, Survey
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.model import LogDefect, Trial
 from ariac_score.trial.spans import Span
 
-__all__ = ["RosbagReader"]
+__all__ = ["RosbagReader", "open_scan"]
 
 _PROGRESS_EVERY = 4096
+_CONTRADICTING = "chunks whose index contradicts their records were read without it"
 _SUFFIXES = (".bag", ".db3", ".mcap")
 
 
@@ -43,7 +44,7 @@ class RosbagReader:
             NothingToScoreError: The file is empty, or not a recording at all.
         """
         try:
-            scan = _open(path)
+            scan = open_scan(path)
         except NothingToScoreError:
             raise
         except LogError as error:
@@ -75,12 +76,13 @@ class RosbagReader:
                 says contradicts itself.
             NothingToScoreError: It holds no message.
         """
-        scan = _open(path)
-        survey, gathering = Survey(), Gathering(wanted, path)
+        scan = open_scan(path)
+        survey, gathering, progress_at = Survey(), Gathering(wanted, path), _PROGRESS_EVERY
         try:
             for item in _surveyed(scan, survey, path):
                 gathering.take(item)
-                if isinstance(item, Message) and survey.messages % _PROGRESS_EVERY == 0:
+                if survey.messages >= progress_at:
+                    progress_at = survey.messages + _PROGRESS_EVERY
                     wanted.progress(scan.share)
         except LogError:
             gathering.flush()  # what is wrong with the messages before the damage is told first
@@ -96,6 +98,7 @@ class RosbagReader:
         builder = TrialBuilder(_trial_id(path), file=path, clock=_clock(survey))
         builder.recorded = Span(0.0, survey.duration_s)
         gathering.settle(builder, origin_ns)
+        builder.defect("contradicting_index", path.name, scan.index_contradictions, _CONTRADICTING)
         return builder.build()
 
 
@@ -119,7 +122,7 @@ def _looks_like_recording(path: Path) -> bool:
     return start.startswith((mcap.MAGIC, ros1bag.MAGIC[:8]))
 
 
-def _open(path: Path) -> Scan:
+def open_scan(path: Path) -> Scan:
     """The scan for what lies at a path, chosen by its first bytes, else by its suffix."""
     try:
         if path.is_dir():
@@ -150,11 +153,13 @@ def _cannot_be_read(error: OSError | MemoryError, path: Path) -> LogError:
     return LogError(f"it cannot be read: {cause}", file=path, hint="check that it is there and may be read")
 
 
-def _surveyed(scan: Scan, survey: Survey, path: Path) -> Iterator[Connection | Message]:
+def _surveyed(scan: Scan, survey: Survey, path: Path) -> Iterator[Connection | Message | Batch]:
     """The items of a scan, counted; where it breaks off, the error says what was readable."""
     try:
         for item in scan:
-            if isinstance(item, Message):
+            if isinstance(item, Batch):
+                survey.count_many(item)
+            elif isinstance(item, Message):
                 survey.count(item)
             else:
                 survey.declare(item)

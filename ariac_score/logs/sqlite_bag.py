@@ -39,6 +39,11 @@ class SqliteScan:
         return self._readable
 
     @property
+    def index_contradictions(self) -> int:
+        """None: the order of rows needs no index."""
+        return 0
+
+    @property
     def share(self) -> float:
         """The share read, 0 to 1."""
         return min(max(self._row / self._rows, 0.0), 1.0) if self._rows else 0.0

@@ -106,7 +106,7 @@ class TransformTree:
             moving: Whether it holds at its time only, shape (n,); otherwise it is static.
         """
         pair = parents * len(names) + children
-        usable: NDArray[np.bool_] = np.isfinite(rows).all(axis=1)
+        usable: NDArray[np.bool_] = np.asarray(np.isfinite(rows).all(axis=1))
         usable[usable] = _are_units(rows[usable, 3:])
         for key in np.unique(pair).tolist():
             parent, child = _frame(names[key // len(names)]), _frame(names[key % len(names)])

@@ -1,0 +1,157 @@
+"""The wanted fields of the wanted topics of a recording, each as one array."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.logs.columnar import Column, ColumnDecoder
+from ariac_score.logs.columnar.columns import IntArray
+from ariac_score.logs.columnar.plan import PlanError
+from ariac_score.logs.pending import Pending, Waiting
+from ariac_score.logs.rosbag import open_scan
+from ariac_score.logs.salvage import Batch, Connection
+from ariac_score.logs.types import UnknownTypeError, column_decoder_for
+
+__all__ = ["Table", "read_tables"]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """What one connection recorded.
+
+    Attributes:
+        topic: Its name.
+        type: `package/msg/Name`.
+        stamps_ns: Log times of its sound messages, shape (n,).
+        columns: Its wanted fields by path.
+        defects: Messages that do not fit their definition, in all.
+        unreadable: Why none of its messages can be decoded; empty when they can.
+    """
+
+    topic: str
+    type: str
+    stamps_ns: IntArray
+    columns: Mapping[str, Column] = field(default_factory=dict)
+    defects: int = 0
+    unreadable: str = ""
+
+
+class _Grown:
+    """An array that grows at its end, in place where the system can."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self._values = np.empty(0, dtype=dtype)
+        self._used = 0
+
+    def add(self, values: NDArray[Any]) -> None:
+        start, self._used = self._used, self._used + len(values)
+        if self._used > len(self._values):
+            self._values.resize(max(self._used, len(self._values) * 5 // 4), refcheck=False)
+        self._values[start : self._used] = values
+
+    def finished(self) -> NDArray[Any]:
+        self._values.resize(self._used, refcheck=False)
+        return self._values
+
+
+class _GrownColumn:
+    """One field, slab after slab."""
+
+    def __init__(self, first: Column) -> None:
+        self._last = first
+        self._values = _Grown(first.values.dtype)
+        self._lengths = [_Grown(np.dtype(np.int64)) for _ in first.offsets]
+
+    def add(self, column: Column) -> None:
+        self._last = column  # one decoder gave them all, so its texts include those before
+        self._values.add(column.values)
+        for lengths, offsets in zip(self._lengths, column.offsets, strict=True):
+            lengths.add(np.diff(offsets))
+
+    def finished(self) -> Column:
+        offsets = [np.concatenate(([0], np.cumsum(lengths.finished()))) for lengths in self._lengths]
+        last = self._last
+        return Column(last.path, self._values.finished(), tuple(offsets), last.texts, last.levels)
+
+
+class _Growing:
+    """A table while it is read."""
+
+    def __init__(self, decoder: ColumnDecoder | None, unreadable: str = "") -> None:
+        self.decoder = decoder
+        self._unreadable, self._defects = unreadable, 0
+        self._stamps_ns = _Grown(np.dtype(np.int64))
+        self._columns: dict[str, _GrownColumn] = {}
+
+    def take(self, waiting: Waiting) -> None:
+        assert self.decoder is not None
+        found = self.decoder.decode(waiting.payloads)
+        self._stamps_ns.add(waiting.stamps_ns[found.rows])
+        self._defects += len(found.defects)
+        for path, column in found.columns.items():
+            if path not in self._columns:
+                self._columns[path] = _GrownColumn(column)
+            self._columns[path].add(column)
+
+    def table(self, connection: Connection) -> Table:
+        columns = {path: column.finished() for path, column in self._columns.items()}
+        stamps_ns = self._stamps_ns.finished()
+        return Table(connection.topic, connection.type, stamps_ns, columns, self._defects, self._unreadable)
+
+
+def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None]) -> list[Table]:
+    """Read some fields of some topics.
+
+    Args:
+        path: The recording.
+        wanted: Dotted paths by topic; `None` for all fields of a topic.
+
+    Returns:
+        A table for each connection on a wanted topic, in the order they were declared.
+
+    Raises:
+        LogError: The recording is damaged.
+    """
+    pending, growing = Pending(), dict[Connection, _Growing]()
+    for item in open_scan(path):
+        if isinstance(item, Connection):
+            if item.topic in wanted:
+                growing[item] = _growing(item, wanted[item.topic])
+        elif isinstance(item, Batch):
+            good = np.array([_is_decoded(growing, c) for c in item.connections], dtype=bool)
+            kept = np.flatnonzero(good[item.sources])
+            for some in pending.portions(item, kept):
+                pending.add_many(item, kept[some], kept[some])
+                _empty_when_full(pending, growing)
+        elif _is_decoded(growing, item.connection):
+            pending.add(item, 0)
+            _empty_when_full(pending, growing)
+    _empty(pending, growing)
+    return [found.table(connection) for connection, found in growing.items()]
+
+
+def _growing(connection: Connection, fields: Iterable[str] | None) -> _Growing:
+    try:
+        return _Growing(column_decoder_for(connection, fields))
+    except (UnknownTypeError, PlanError) as error:
+        return _Growing(None, str(error))
+
+
+def _is_decoded(growing: Mapping[Connection, _Growing], connection: Connection) -> bool:
+    return connection in growing and growing[connection].decoder is not None
+
+
+def _empty_when_full(pending: Pending, growing: Mapping[Connection, _Growing]) -> None:
+    if pending.full:
+        _empty(pending, growing)
+
+
+def _empty(pending: Pending, growing: Mapping[Connection, _Growing]) -> None:
+    for connection, waiting in pending.empty().items():
+        growing[connection].take(waiting)
