@@ -109,6 +109,7 @@ class McapScan(FileScan):
         self._announced: int | None = None
         # The specification leaves open whether the data section starts at the magic or behind the header.
         self._crc_of_file = self._crc_behind_header = self._crc_of_summary = 0
+        self._data_crc_wanted, self._in_summary = True, False
 
     def __iter__(self) -> Iterator[_Item]:
         """Every declared connection and message, in recorded order.
@@ -121,6 +122,7 @@ class McapScan(FileScan):
             magic = source.take(min(len(MAGIC), source.size), "magic")
             if magic != MAGIC:
                 raise source.damaged("the file does not start as an MCAP file does (wrong magic)", at=0)
+            self._data_crc_wanted = _announces_data_crc(source)
             self._crc_of_file = crc32(magic)
             yield from self._records(source)
             if source.take(len(MAGIC), "closing magic") != MAGIC:
@@ -196,19 +198,24 @@ class McapScan(FileScan):
             self._readable = f"byte {chunk.start}" if held else f"byte {source.offset}"
 
     def _add_to_crcs(self, op: int, *parts: bytes) -> None:
-        for part in parts:
-            self._crc_of_file = crc32(part, self._crc_of_file)
-            if op != _HEADER:
-                self._crc_behind_header = crc32(part, self._crc_behind_header)
-            if op not in (_FOOTER, _DATA_END):
-                self._crc_of_summary = crc32(part, self._crc_of_summary)
         if op == _DATA_END:
-            self._crc_of_summary = 0
+            self._crc_of_summary, self._in_summary = 0, True
+        for part in parts:
+            if self._data_crc_wanted:
+                self._crc_of_file = crc32(part, self._crc_of_file)
+                if op != _HEADER:
+                    self._crc_behind_header = crc32(part, self._crc_behind_header)
+            if self._in_summary and op not in (_FOOTER, _DATA_END):
+                self._crc_of_summary = crc32(part, self._crc_of_summary)
 
     def _check_data_end(self, source: Source, body: bytes, start: int) -> None:
         if len(body) < 4:
             raise source.damaged("the record is too short", what="data end", at=start)
         announced = int.from_bytes(body[:4], "little")
+        if announced and not self._data_crc_wanted:
+            raise source.damaged(
+                "the end of the data is not where the footer says", what="data end", at=start
+            )
         if announced not in (0, self._crc_of_file, self._crc_behind_header):
             raise source.damaged(
                 f"the CRC of the data section is {self._crc_of_file:08x}, the file says {announced:08x}",
@@ -337,6 +344,21 @@ _WHAT = {
     _CHANNEL: "channel",
     _STATISTICS: "statistics",
 }
+
+
+def _announces_data_crc(source: Source) -> bool:
+    """Whether the end of the data has a checksum, looked up from the end of the file.
+
+    Recorders leave it out, and computing it takes longer than reading. What is found here is
+    held against the end of the data once it is reached.
+    """
+    tail = source.at(source.size - len(MAGIC) - _FOOTER_BODY.size - _RECORD.size, _RECORD.size + 8)
+    if len(tail) != _RECORD.size + 8 or tail[0] != _FOOTER:
+        return True
+    summary = int.from_bytes(tail[_RECORD.size :], "little")
+    behind = summary or source.size - len(MAGIC) - _FOOTER_BODY.size - _RECORD.size
+    end = source.at(behind - _RECORD.size - 4, _RECORD.size + 4)
+    return end[:1] != bytes((_DATA_END,)) or end[-4:] != b"\0\0\0\0"
 
 
 def _inflated(chunk: bytes) -> _Body:

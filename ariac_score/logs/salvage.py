@@ -210,6 +210,15 @@ class Source:
         self._file.seek(self.offset)
         return taken
 
+    def at(self, offset: int, count: int) -> bytes:
+        """Bytes from elsewhere, as far as they are there, without moving on."""
+        if not 0 <= offset < self.size:
+            return b""
+        self._file.seek(offset)
+        found = self._file.read(min(count, MAX_PEEK_BYTES))
+        self._file.seek(self.offset)
+        return found
+
     def blocks(self, count: int, what: str) -> Iterator[bytes]:
         """The next bytes, in blocks, for what is passed over."""
         self._reserve(count, what)

@@ -60,26 +60,6 @@ class _Grown:
         return self._values
 
 
-class _GrownColumn:
-    """One field, slab after slab."""
-
-    def __init__(self, first: Column) -> None:
-        self._last = first
-        self._values = _Grown(first.values.dtype)
-        self._lengths = [_Grown(np.dtype(np.int64)) for _ in first.offsets]
-
-    def add(self, column: Column) -> None:
-        self._last = column  # one decoder gave them all, so its texts include those before
-        self._values.add(column.values)
-        for lengths, offsets in zip(self._lengths, column.offsets, strict=True):
-            lengths.add(np.diff(offsets))
-
-    def finished(self) -> Column:
-        offsets = [np.concatenate(([0], np.cumsum(lengths.finished()))) for lengths in self._lengths]
-        last = self._last
-        return Column(last.path, self._values.finished(), tuple(offsets), last.texts, last.levels)
-
-
 class _Growing:
     """A table while it is read."""
 
@@ -87,20 +67,35 @@ class _Growing:
         self.decoder = decoder
         self._unreadable, self._defects = unreadable, 0
         self._stamps_ns = _Grown(np.dtype(np.int64))
-        self._columns: dict[str, _GrownColumn] = {}
+        self._values: dict[str, _Grown] = {}
+        self._lengths: dict[str, _Grown] = {}
+        self._last: dict[str, Column] = {}  # one decoder gave them all, so its texts include those before
 
     def take(self, waiting: Waiting) -> None:
         assert self.decoder is not None
         found = self.decoder.decode(waiting.payloads)
         self._stamps_ns.add(waiting.stamps_ns[found.rows])
         self._defects += len(found.defects)
+        self._last = found.columns
+        offsets: dict[str, IntArray] = {}
         for path, column in found.columns.items():
-            if path not in self._columns:
-                self._columns[path] = _GrownColumn(column)
-            self._columns[path].add(column)
+            self._values.setdefault(path, _Grown(column.values.dtype)).add(column.values)
+            offsets |= dict(zip(column.levels, column.offsets, strict=True))
+        for path, bounds in offsets.items():
+            self._lengths.setdefault(path, _Grown(np.dtype(np.int64))).add(np.diff(bounds))
 
     def table(self, connection: Connection) -> Table:
-        columns = {path: column.finished() for path, column in self._columns.items()}
+        offsets = {p: np.concatenate(([0], np.cumsum(g.finished()))) for p, g in self._lengths.items()}
+        columns = {
+            path: Column(
+                path,
+                self._values[path].finished(),
+                tuple(offsets[level] for level in last.levels),
+                last.texts,
+                last.levels,
+            )
+            for path, last in self._last.items()
+        }
         stamps_ns = self._stamps_ns.finished()
         return Table(connection.topic, connection.type, stamps_ns, columns, self._defects, self._unreadable)
 

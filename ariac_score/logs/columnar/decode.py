@@ -56,7 +56,7 @@ class _Known:
         self._per_message = {n: len(places) for n, places in layout.offsets.items()}
         self._constant = dict(layout.counts)
         for number, texts in layout.texts.items():
-            self._constant[number] = np.array([interned[t.encode()] for t in texts], dtype=np.int64)
+            self._constant[number] = np.array([interned[t.encode()] for t in texts], dtype=np.int32)
 
     def fits(self, block: Bytes) -> NDArray[np.bool_] | None:
         """Which messages of a block have this layout; `None` when all have."""

@@ -72,7 +72,7 @@ class Stream:
     def dtype(self) -> np.dtype[Any]:
         """What its values are stored as."""
         if self.kind in ("string", "length"):
-            return np.dtype(np.int64)
+            return np.dtype(np.int32 if self.kind == "string" else np.int64)
         return np.dtype(np.bool_) if self.kind == "bool" else np.dtype(_NUMBERS[self.kind])
 
     @property
