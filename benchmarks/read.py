@@ -1,5 +1,9 @@
 """How fast recordings are read, against others: medians of ratios of alternated runs in fresh processes.
 
+Prints for each way the seconds it took, the seconds of processor time (of all threads), what the
+latter are as a multiple of ours, and the peak of memory. Imports count. On a machine that others
+use, only processor time can be compared.
+
     python benchmarks/read.py [--rounds 5] [--seconds 600] [--folder DIR] [--only PART]
 
 Writes the recordings it needs (seeded), once. `ours` brings the wanted fields of five topics
@@ -118,31 +122,29 @@ WAYS: dict[str, Callable[[Path], int]] = {
 def one(way: str, path: Path) -> None:
     start = time.perf_counter()
     count = WAYS[way](path)
-    print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, count)
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(time.perf_counter() - start, time.process_time(), peak_mb, count)
 
 
-def measured(way: str, path: Path) -> tuple[float, float, int]:
-    """Seconds, peak memory in MB, and messages, of a fresh process; imports are counted in."""
+def measured(way: str, path: Path) -> tuple[float, float, float, int]:
+    """Seconds, processor seconds, peak memory in MB, and messages, of a fresh process."""
     command = [sys.executable, __file__, "--one", way, str(path)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
-    seconds, memory, count = done.stdout.split()
-    return float(seconds), float(memory), int(count)
+    seconds, processor, memory, count = done.stdout.split()
+    return float(seconds), float(processor), float(memory), int(count)
 
 
 def compared(path: Path, ways: list[str], rounds: int) -> None:
-    times: dict[str, list[float]] = {way: [] for way in ways}
-    memory: dict[str, float] = dict.fromkeys(ways, 0.0)
-    counts: dict[str, int] = {}
+    runs: dict[str, list[tuple[float, float, float, int]]] = {way: [] for way in ways}
     for _ in range(rounds):
         for way in ways:
-            seconds, peak, counts[way] = measured(way, path)
-            times[way].append(seconds)
-            memory[way] = max(memory[way], peak)
+            runs[way].append(measured(way, path))
     for way in ways:
-        ratio = median(t / o for t, o in zip(times[way], times["ours"], strict=True))
+        seconds, processor, memory, counts = zip(*runs[way], strict=True)
+        ratio = median(r[1] / o[1] for r, o in zip(runs[way], runs["ours"], strict=True))
         print(
-            f"{path.name:24} {way:10} {median(times[way]):8.3f} s {ratio:7.2f} x ours"
-            f" {memory[way]:7.0f} MB {counts[way]:>10}",
+            f"{path.name:24} {way:10} {median(seconds):8.2f} s {median(processor):8.2f} s cpu"
+            f" {ratio:7.2f} x ours {max(memory):7.0f} MB {counts[0]:>10}",
             flush=True,
         )
 

@@ -20,7 +20,7 @@ import pytest
 from ariac_score.logs.columnar import Payloads
 from ariac_score.logs.mcap import McapScan
 from ariac_score.logs.ros1bag import Ros1Scan
-from ariac_score.logs.salvage import Connection, Message
+from ariac_score.logs.salvage import Batch, Connection, Message
 from ariac_score.logs.sqlite_bag import SqliteScan
 from ariac_score.logs.types import column_decoder_for
 
@@ -53,8 +53,9 @@ def recorded(path: Path) -> dict[str, list[Message]]:
     for item in SCANS[path.suffix](path):
         if isinstance(item, Connection):
             found[item.topic] = found[item.topic]
-        else:
-            found[item.connection.topic].append(item)
+            continue
+        for message in item.messages() if isinstance(item, Batch) else (item,):
+            found[message.connection.topic].append(message)
     return found
 
 
