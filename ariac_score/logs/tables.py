@@ -21,6 +21,9 @@ from ariac_score.logs.types import UnknownTypeError, column_decoder_for
 __all__ = ["Table", "read_tables"]
 
 
+_LARGEST_GUESS = 1 << 26
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """What one connection recorded.
@@ -43,21 +46,27 @@ class Table:
 
 
 class _Grown:
-    """An array that grows at its end, in place where the system can."""
+    """An array that grows at its end.
+
+    Its size is guessed from the share of the recording that was read: memory that nothing
+    is written to costs nothing, and moving what was written does.
+    """
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self._values = np.empty(0, dtype=dtype)
         self._used = 0
 
-    def add(self, values: NDArray[Any]) -> None:
+    def add(self, values: NDArray[Any], share: float) -> None:
         start, self._used = self._used, self._used + len(values)
         if self._used > len(self._values):
-            self._values.resize(max(self._used, len(self._values) * 5 // 4), refcheck=False)
+            guess = min(int(self._used / max(share, 1e-3) * 1.1), _LARGEST_GUESS)
+            larger = np.empty(max(guess, self._used * 5 // 4), dtype=values.dtype)
+            larger[:start] = self._values[:start]
+            self._values = larger
         self._values[start : self._used] = values
 
     def finished(self) -> NDArray[Any]:
-        self._values.resize(self._used, refcheck=False)
-        return self._values
+        return self._values[: self._used]
 
 
 class _Growing:
@@ -71,18 +80,18 @@ class _Growing:
         self._lengths: dict[str, _Grown] = {}
         self._last: dict[str, Column] = {}  # one decoder gave them all, so its texts include those before
 
-    def take(self, waiting: Waiting) -> None:
+    def take(self, waiting: Waiting, share: float) -> None:
         assert self.decoder is not None
         found = self.decoder.decode(waiting.payloads)
-        self._stamps_ns.add(waiting.stamps_ns[found.rows])
+        self._stamps_ns.add(waiting.stamps_ns[found.rows], share)
         self._defects += len(found.defects)
         self._last = found.columns
         offsets: dict[str, IntArray] = {}
         for path, column in found.columns.items():
-            self._values.setdefault(path, _Grown(column.values.dtype)).add(column.values)
+            self._values.setdefault(path, _Grown(column.values.dtype)).add(column.values, share)
             offsets |= dict(zip(column.levels, column.offsets, strict=True))
         for path, bounds in offsets.items():
-            self._lengths.setdefault(path, _Grown(np.dtype(np.int64))).add(np.diff(bounds))
+            self._lengths.setdefault(path, _Grown(np.dtype(np.int64))).add(np.diff(bounds), share)
 
     def table(self, connection: Connection) -> Table:
         offsets = {p: np.concatenate(([0], np.cumsum(g.finished()))) for p, g in self._lengths.items()}
@@ -114,7 +123,8 @@ def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None]) -> list[
         LogError: The recording is damaged.
     """
     pending, growing = Pending(), dict[Connection, _Growing]()
-    for item in open_scan(path):
+    scan = open_scan(path)
+    for item in scan:
         if isinstance(item, Connection):
             if item.topic in wanted:
                 growing[item] = _growing(item, wanted[item.topic])
@@ -123,11 +133,13 @@ def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None]) -> list[
             kept = np.flatnonzero(good[item.sources])
             for some in pending.portions(item, kept):
                 pending.add_many(item, kept[some], kept[some])
-                _empty_when_full(pending, growing)
+                if pending.full:
+                    _empty(pending, growing, scan.share)
         elif _is_decoded(growing, item.connection):
             pending.add(item, 0)
-            _empty_when_full(pending, growing)
-    _empty(pending, growing)
+            if pending.full:
+                _empty(pending, growing, scan.share)
+    _empty(pending, growing, 1.0)
     return [found.table(connection) for connection, found in growing.items()]
 
 
@@ -142,11 +154,6 @@ def _is_decoded(growing: Mapping[Connection, _Growing], connection: Connection) 
     return connection in growing and growing[connection].decoder is not None
 
 
-def _empty_when_full(pending: Pending, growing: Mapping[Connection, _Growing]) -> None:
-    if pending.full:
-        _empty(pending, growing)
-
-
-def _empty(pending: Pending, growing: Mapping[Connection, _Growing]) -> None:
+def _empty(pending: Pending, growing: Mapping[Connection, _Growing], share: float) -> None:
     for connection, waiting in pending.empty().items():
-        growing[connection].take(waiting)
+        growing[connection].take(waiting, share)
