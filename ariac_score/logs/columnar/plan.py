@@ -179,8 +179,7 @@ def compile_plan(store: Typestore, type_: str, *, cdr: bool, wanted: Iterable[st
             are kept; `None` keeps everything. Paths that do not exist are passed over.
 
     Raises:
-        PlanError: The definition cannot be expressed.
-        KeyError: The store lacks a type.
+        PlanError: The definition cannot be expressed, or the store lacks a type.
     """
     compiler = _Compiler(store, cdr=cdr, wanted=None if wanted is None else frozenset(wanted))
     steps, fields = compiler.message(type_, (), (), keep=wanted is None)
@@ -235,6 +234,8 @@ class _Compiler:
         return list(_joined(steps)), tuple(kept)
 
     def _members(self, type_: str) -> list[tuple[str, Any]]:
+        if type_ not in self._store.fielddefs:
+            raise PlanError(f"type {type_!r} is not known")
         members = self._store.fielddefs[type_][1]
         return [(n, d) for n, d in members if self._cdr or n != _DUMMY]
 
