@@ -61,7 +61,23 @@ class _Held:
 
     start: int
     records: Future[_Body]
+    large: bool
     index: list[bytes] = field(default_factory=list)
+
+    def has_room_for(self, length: int) -> bool:
+        """Whether so many bytes of index are still looked at."""
+        return sum(map(len, self.index)) + length <= _LARGEST_INDEX_BYTES
+
+
+def _goes_with(held: Sequence[_Held], length: int, source: Source) -> bool:
+    """Whether a chunk may be read while others are on their way."""
+    few = len(held) <= _AHEAD and not any(chunk.large for chunk in held)
+    return few and length <= min(_LARGE_BYTES, source.left)
+
+
+def _is_large(chunk: bytes) -> bool:
+    """Whether it announces more than may be inflated beside others."""
+    return int.from_bytes(chunk[16:24], "little") > _LARGE_BYTES
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +126,7 @@ class McapScan(FileScan):
         # The specification leaves open whether the data section starts at the magic or behind the header.
         self._crc_of_file = self._crc_behind_header = self._crc_of_summary = 0
         self._data_crc_wanted, self._in_summary = True, False
+        self._behind = 0
 
     def __iter__(self) -> Iterator[_Item]:
         """Every declared connection and message, in recorded order.
@@ -156,11 +173,10 @@ class McapScan(FileScan):
                 raise source.damaged(f"record type 0x{op:02x} cannot stand here", at=start)
             expected = None
             what = f"record 0x{op:02x}"
-            index_of_held = op == _MESSAGE_INDEX and bool(held) and length <= _LARGEST_INDEX_BYTES
-            if not index_of_held and (op != _CHUNK or len(held) > _AHEAD or length > _LARGE_BYTES):
+            index_of_held = op == _MESSAGE_INDEX and bool(held) and held[-1].has_room_for(length)
+            if not index_of_held and not (op == _CHUNK and _goes_with(held, length, source)):
                 yield from self._settled(source, held)
             if op == _CHUNK and length > source.left:
-                yield from self._settled(source, held)
                 yield from self._cut_chunk(source, start)
             body = source.take(length, what) if op in _READ or index_of_held else b""
             if op == _DATA_END:
@@ -175,13 +191,16 @@ class McapScan(FileScan):
             if index_of_held:
                 held[-1].index.append(body)
             elif op == _CHUNK:
-                held.append(_Held(start, pool.submit(_inflated, body)))
+                if _is_large(body):
+                    yield from self._settled(source, held)
+                held.append(_Held(start, pool.submit(_inflated, body), _is_large(body)))
             else:
                 try:
                     yield from self._items(op, body, start)
                 except (struct.error, ValueError) as error:
                     raise source.damaged(str(error), what=_WHAT.get(op, what), at=start) from error
                 self._readable = f"byte {source.offset}"
+            self._behind = source.offset
 
     def _settled(self, source: Source, held: deque[_Held]) -> Iterator[_Item]:
         """The records of the chunks that are held."""
@@ -195,7 +214,7 @@ class McapScan(FileScan):
             except (struct.error, ValueError) as error:
                 held.clear()
                 raise source.damaged(str(error), what="chunk", at=chunk.start) from error
-            self._readable = f"byte {chunk.start}" if held else f"byte {source.offset}"
+            self._readable = f"byte {held[0].start if held else self._behind}"
 
     def _add_to_crcs(self, op: int, *parts: bytes) -> None:
         if op == _DATA_END:

@@ -30,12 +30,12 @@ __all__ = ["MAGIC", "Ros1Scan"]
 
 MAGIC = b"#ROSBAG V2.0\n"
 
-_MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
+_MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _READ = frozenset({_MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION})
 _WHAT = {
     _MESSAGE: "message",
     _BAG: "bag header",
-    4: "index",
+    _INDEX: "index",
     _CHUNK: "chunk",
     _CHUNK_INFO: "chunk info",
     _CONNECTION: "connection",
@@ -48,7 +48,6 @@ _Item = Connection | Message | Batch
 
 _LARGEST_INDEX_HEADER = 4096
 _LARGEST_INDEX_BYTES = 64 << 20
-_OP_INDEX = b"op=\x04"
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,16 +217,19 @@ class Ros1Scan(FileScan):
     def _index(self, source: Source) -> Sequence[bytes]:
         """The index records behind a chunk, looked at without moving on: they may be cut off or wrong."""
         found: list[bytes] = []
-        at = source.offset
+        at, room = source.offset, _LARGEST_INDEX_BYTES
         while True:
-            head = source.at(at, 4)
-            size = int.from_bytes(head, "little")
-            raw = source.at(at + 4, size) if len(head) == 4 and size <= _LARGEST_INDEX_HEADER else b""
-            if len(raw) != size or _OP_INDEX not in raw:
+            size = int.from_bytes(source.at(at, 4), "little")
+            head = source.at(at + 4, size) if size <= _LARGEST_INDEX_HEADER else b""
+            try:
+                if len(head) != size or _byte(_header(head), b"op") != _INDEX:
+                    return found
+            except ValueError:
                 return found
             length = int.from_bytes(source.at(at + 4 + size, 4), "little")
-            body = source.at(at + 8 + size, length) if length <= _LARGEST_INDEX_BYTES else b""
-            if len(body) != length or not length:
+            room -= length
+            body = source.at(at + 8 + size, length) if room >= 0 else b""
+            if not length or len(body) != length:
                 return found
             found.append(body)
             at += 8 + size + length

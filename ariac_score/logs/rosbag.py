@@ -60,10 +60,7 @@ class RosbagReader:
             topics=survey.topics(),
             clock=_clock(survey),
             facts={"messages": survey.messages},
-            defects=tuple(
-                LogDefect("disordered_stamps", topic, count, "stamps run backwards")
-                for topic, count in survey.steps_back()
-            ),
+            defects=(*_contradicting(scan, path), *_disordered(survey)),
             damage=damage,
             duration_s=survey.duration_s,
         )
@@ -98,7 +95,8 @@ class RosbagReader:
         builder = TrialBuilder(_trial_id(path), file=path, clock=_clock(survey))
         builder.recorded = Span(0.0, survey.duration_s)
         gathering.settle(builder, origin_ns)
-        builder.defect("contradicting_index", path.name, scan.index_contradictions, _CONTRADICTING)
+        for defect in _contradicting(scan, path):
+            builder.defect(defect.kind, defect.where, defect.count, defect.message)
         return builder.build()
 
 
@@ -173,6 +171,16 @@ def _surveyed(scan: Scan, survey: Survey, path: Path) -> Iterator[Connection | M
         ) from error
     except (OSError, MemoryError) as error:
         raise _cannot_be_read(error, path) from error
+
+
+def _contradicting(scan: Scan, path: Path) -> Iterator[LogDefect]:
+    if scan.index_contradictions:
+        yield LogDefect("contradicting_index", path.name, scan.index_contradictions, _CONTRADICTING)
+
+
+def _disordered(survey: Survey) -> Iterator[LogDefect]:
+    for topic, count in survey.steps_back():
+        yield LogDefect("disordered_stamps", topic, count, "stamps run backwards")
 
 
 def _clock(survey: Survey) -> str:

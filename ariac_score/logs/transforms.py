@@ -47,7 +47,7 @@ class _Edge:
     """How a frame lies in its parent: rows of x, y, z (m) and the quaternion x, y, z, w."""
 
     parent: str
-    stamps_ns: list[int] = field(default_factory=list)
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
     rows: array[float] = field(default_factory=lambda: array("d"))
     static: _Row | None = None
 
@@ -123,7 +123,7 @@ class TransformTree:
                 x, y, z, *turn = static[-1].tolist()
                 edge.static = (x, y, z, *turn)
             found &= moving
-            edge.stamps_ns.extend(stamps_ns[found].tolist())
+            edge.stamps_ns.frombytes(stamps_ns[found].tobytes())
             edge.rows.frombytes(rows[found].tobytes())
 
     def settle(self, builder: TrialBuilder, origin_ns: int, matches: Sequence[BodyMatch]) -> None:
@@ -307,7 +307,7 @@ class _Track:
     """Samples of one model or link: x, y, z in m, then its velocity in m/s."""
 
     body: Body
-    stamps_ns: list[int] = field(default_factory=list)
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
     rows: array[float] = field(default_factory=lambda: array("d"))
 
 
@@ -367,7 +367,7 @@ class ModelPoses:
             track = self._track(names[code], links=bool(links[first]))
             if track is not None:
                 own = found == code
-                track.stamps_ns.extend(stamps_ns[own].tolist())
+                track.stamps_ns.frombytes(stamps_ns[own].tobytes())
                 track.rows.frombytes(rows[own].tobytes())
 
     def _track(self, name: str, *, links: bool) -> _Track | None:

@@ -118,6 +118,7 @@ def test_an_index_that_contradicts_the_records_is_passed_over_and_counted(
     assert figures(trial) == expected
     (defect,) = trial.log_defects
     assert (defect.kind, defect.count) == ("contradicting_index", 1)
+    assert defect in RosbagReader().describe(path).defects
 
 
 @every_format
