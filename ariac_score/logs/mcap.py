@@ -195,12 +195,16 @@ class McapScan(FileScan):
                     yield from self._settled(source, held)
                 held.append(_Held(start, pool.submit(_inflated, body), _is_large(body)))
             else:
-                try:
-                    yield from self._items(op, body, start)
-                except (struct.error, ValueError) as error:
-                    raise source.damaged(str(error), what=_WHAT.get(op, what), at=start) from error
-                self._readable = f"byte {source.offset}"
+                yield from self._outside_chunks(source, op, body, start)
             self._behind = source.offset
+
+    def _outside_chunks(self, source: Source, op: int, body: _Body, start: int) -> Iterator[_Item]:
+        try:
+            yield from self._items(op, body, start)
+        except (struct.error, ValueError) as error:
+            what = _WHAT.get(op, f"record 0x{op:02x}")
+            raise source.damaged(str(error), what=what, at=start) from error
+        self._readable = f"byte {source.offset}"
 
     def _settled(self, source: Source, held: deque[_Held]) -> Iterator[_Item]:
         """The records of the chunks that are held."""
