@@ -35,6 +35,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="DIR",
         help="folder of RML cases to run (default: ../shared/rml/cases/own); it may not be empty",
     )
+    parser.addoption(
+        "--bag-cases",
+        metavar="DIR",
+        help="folder of recordings with expectations to run (default: ../shared/bags); it may not be empty",
+    )
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from pathlib import Path, PurePath
 from ariac_score.datafiles import load_yaml
 from ariac_score.errors import DataFileError, LogError
 from ariac_score.logs.mcap import McapScan
-from ariac_score.logs.salvage import Connection, Message, Scan, inflate
+from ariac_score.logs.salvage import Batch, Connection, Message, Scan, inflate
 from ariac_score.logs.sqlite_bag import SqliteScan
 
 __all__ = ["METADATA", "METADATA_KEY", "FolderScan"]
@@ -50,11 +50,16 @@ class FolderScan:
         return f"{self._metadata.files[self._current].name}, {self._scans[self._current].readable}"
 
     @property
+    def index_contradictions(self) -> int:
+        """How often an index said something else than the records."""
+        return sum(scan.index_contradictions for scan in self._scans)
+
+    @property
     def share(self) -> float:
         """The share read, 0 to 1, every file counting the same."""
         return (self._current + self._scans[self._current].share) / len(self._scans) if self._scans else 0.0
 
-    def __iter__(self) -> Iterator[Connection | Message]:
+    def __iter__(self) -> Iterator[Connection | Message | Batch]:
         """Every declared connection and message, file by file, in recorded order.
 
         Raises:
@@ -64,9 +69,12 @@ class FolderScan:
         for number, scan in enumerate(self._scans):
             self._current = number
             for item in scan:
-                if isinstance(item, Message):
-                    found += 1
-                    yield self._unpacked(item) if self._metadata.packed_messages else item
+                if isinstance(item, Connection):
+                    yield item
+                    continue
+                found += len(item) if isinstance(item, Batch) else 1
+                if self._metadata.packed_messages:
+                    yield from map(self._unpacked, item.messages() if isinstance(item, Batch) else (item,))
                 else:
                     yield item
         if self._metadata.messages not in (None, found):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
 from keyword import iskeyword
 from operator import attrgetter
 from pathlib import Path
@@ -12,9 +12,19 @@ from pathlib import Path
 import numpy as np
 
 from ariac_score.contracts import Wanted
-from ariac_score.errors import LogError
+from ariac_score.logs.columnar import ColumnDecoder
+from ariac_score.logs.columnar.columns import IntArray
+from ariac_score.logs.gathering_columns import (
+    LARGEST_CLOCK_DIFFERENCE_S,
+    Decoded,
+    MixedClocksError,
+    Needs,
+    Together,
+    columns_for,
+)
 from ariac_score.logs.kit_from_poses import ModelFrames
-from ariac_score.logs.salvage import Connection, Message, normalised_type
+from ariac_score.logs.pending import Pending, Waiting
+from ariac_score.logs.salvage import Batch, Connection, Message, normalised_type
 from ariac_score.logs.transforms import ModelPoses, TransformTree, times_s
 from ariac_score.logs.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.trial.build import TrialBuilder
@@ -24,9 +34,6 @@ from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
 __all__ = ["LARGEST_CLOCK_DIFFERENCE_S", "Gathering"]
-
-LARGEST_CLOCK_DIFFERENCE_S = 60.0
-"""Header and log stamps further apart than this come from two clocks."""
 
 _STATES = frozenset({COMPETITION_STARTED, COMPETITION_ENDED})
 """Simulators publish the state ten times a second; an event is its first message in a row."""
@@ -39,6 +46,10 @@ _POSE_TYPES = {
 
 class Gathering:
     """Takes the items of a scan and keeps what is wanted of them.
+
+    Messages wait until there are many, and are then decoded together. What comes of them
+    is the same as if each was decoded when it came: of several topics that tell of one
+    thing, the recorded order is restored, and of several errors the first is raised.
 
     Args:
         wanted: What the log map and the checks ask for.
@@ -53,9 +64,11 @@ class Gathering:
         # Links first: they are recorded as exactly, and trays that are nested are links alone.
         self._kits = {True: ModelFrames(log_map.kits), False: ModelFrames(log_map.kits)}
         self._intakes = [_Intake(channel, wanted) for channel in log_map.channels_for(wanted.quantities)]
-        self._routes: dict[Connection, tuple[Decode, list[_Intake]]] = {}
+        self._routes: dict[Connection, _Route] = {}
+        self._pending = Pending()
+        self._number = 0
 
-    def take(self, item: Connection | Message) -> None:
+    def take(self, item: Connection | Message | Batch) -> None:
         """Take one item of a scan, in recorded order.
 
         Raises:
@@ -63,68 +76,143 @@ class Gathering:
         """
         if isinstance(item, Connection):
             self._connect(item)
-        elif item.connection in self._routes:
-            decode, intakes = self._routes[item.connection]
-            self._decode(item, decode, intakes)
+            return
+        if isinstance(item, Batch):
+            self._take_many(item)
+            return
+        self._number += 1
+        if item.connection in self._routes:
+            self._pending.add(item, self._number)
+            if self._pending.full:
+                self.flush()
+
+    def _take_many(self, batch: Batch) -> None:
+        wanted = np.array([connection in self._routes for connection in batch.connections], dtype=bool)
+        kept = np.flatnonzero(wanted[batch.sources])
+        numbers = self._number + 1 + kept
+        self._number += len(batch)
+        for some in self._pending.portions(batch, kept):
+            self._pending.add_many(batch, kept[some], numbers[some])
+            if self._pending.full:
+                self.flush()
 
     def _connect(self, connection: Connection) -> None:
         intakes = [intake for intake in self._intakes if intake.accepts(connection)]
         if not intakes:
             return
         try:
-            self._routes[connection] = decoder_for(connection), intakes
+            decode = decoder_for(connection)
         except UnknownTypeError as error:
             for intake in intakes:
                 intake.unknown[connection.type] = str(error)
-
-    def _decode(self, item: Message, decode: Decode, intakes: list[_Intake]) -> None:
-        try:
-            message = decode(item.payload)
-        except UnknownTypeError as error:
-            for intake in intakes:
-                intake.undecodable.append(str(error))
             return
-        for intake in intakes:
+        self._routes[connection] = _Route(
+            intakes, decode, columns_for(connection, [i.needs for i in intakes])
+        )
+
+    def flush(self) -> None:
+        """Decode what waits.
+
+        Raises:
+            LogError: Header and log stamps come from two clocks.
+        """
+        waiting = self._pending.empty()
+        alone = self._one_by_one(waiting)
+        errors: list[MixedClocksError] = []
+        together = Together()
+        for connection, messages in waiting.items():
+            if connection not in alone:
+                try:
+                    self._decode_columns(connection, messages, together)
+                except MixedClocksError as error:
+                    errors.append(error)
+        try:
+            self._decode_each({connection: waiting[connection] for connection in alone})
+        except MixedClocksError as error:
+            errors.append(error)
+        if errors:
+            raise min(errors, key=lambda error: error.number).told(self._file)
+        for intake in self._intakes:
+            intake.settle_columns()
+        together.hand_over(self._tree, self._models, self._kits if self._wanted.log_map.kits.trays else {})
+
+    def _one_by_one(self, waiting: Iterable[Connection]) -> list[Connection]:
+        """The connections whose messages must be decoded one by one.
+
+        With one of them go all that tell of the same thing, so that it is told in order.
+        """
+        alone = {c for c in waiting if self._routes[c].columns is None}
+        kept: set[object] = set()
+        before = -1
+        while len(alone) != before:
+            before = len(alone)
+            kept.update(thing for c in alone for thing in self._routes[c].things())
+            alone |= {c for c in waiting if not kept.isdisjoint(self._routes[c].things())}
+        return [c for c in waiting if c in alone]
+
+    def _decode_columns(self, connection: Connection, messages: Waiting, together: Together) -> None:
+        route = self._routes[connection]
+        assert route.columns is not None
+        decoded = Decoded.of(route.columns, messages)
+        for intake in route.intakes:
+            poses = intake.channel.poses
+            stamps_ns = decoded.stamps_ns(intake.channel)
+            refused: dict[int, str] = {}
+            if poses == "frames":
+                together.add_frames(decoded, stamps_ns, static=intake.channel.topic.endswith("tf_static"))
+            elif poses == "models":
+                refused = together.add_models(
+                    decoded, stamps_ns, links=connection.type.endswith("LinkStates")
+                )
+            else:
+                intake.take_columns(decoded, stamps_ns)
+            intake.received += len(decoded.numbers) - len(refused)
+            intake.refused |= decoded.refused | refused
+
+    def _decode_each(self, waiting: Mapping[Connection, Waiting]) -> None:
+        rows = sorted(
+            (number, i, place)
+            for place, messages in enumerate(waiting.values())
+            for i, number in enumerate(messages.numbers.tolist())
+        )
+        connections = list(waiting)
+        for number, i, place in rows:
+            connection = connections[place]
+            messages, route = waiting[connection], self._routes[connection]
+            message = Message(connection, int(messages.stamps_ns[i]), messages.payloads.one(i))
+            self._decode(message, number, route)
+
+    def _decode(self, item: Message, number: int, route: _Route) -> None:
+        try:
+            message = route.decode(item.payload)
+        except UnknownTypeError as error:
+            for intake in route.intakes:
+                intake.refused[number] = str(error)
+            return
+        for intake in route.intakes:
             try:
-                self._hand_over(item, message, intake)
+                self._hand_over(item, number, message, intake)
                 intake.received += 1
             except (AttributeError, TypeError) as error:
                 # A type of the right name whose fields are others.
-                intake.undecodable.append(str(error))
+                intake.refused[number] = str(error)
 
-    def _hand_over(self, item: Message, message: object, intake: _Intake) -> None:
+    def _hand_over(self, item: Message, number: int, message: object, intake: _Intake) -> None:
         channel = intake.channel
         if channel.poses == "frames":
             static = channel.topic.endswith("tf_static")
             for transform in message.transforms:  # type: ignore[attr-defined]  # rosbags makes the class
-                stamp_ns = item.stamp_ns if static else self._stamp_ns(item, transform, channel)
+                stamp_ns = item.stamp_ns if static else _stamp_ns(item, number, transform, channel)
                 self._tree.add(transform, None if static else stamp_ns)
             return
+        stamp_ns = _stamp_ns(item, number, message, channel)
         if channel.poses == "models":
             links = item.connection.type.endswith("LinkStates")
-            stamp_ns = self._stamp_ns(item, message, channel)
             self._models.add(message, stamp_ns, links=links)
             if self._wanted.log_map.kits.trays:
                 self._kits[links].add(message, stamp_ns)
             return
-        intake.take(message, item.connection.type, self._stamp_ns(item, message, channel))
-
-    def _stamp_ns(self, item: Message, message: object, channel: Channel) -> int:
-        """The stamp the channel asks for: that of the recorder, or the message's own."""
-        if channel.stamp != "header":
-            return item.stamp_ns
-        stamp = message.header.stamp  # type: ignore[attr-defined]  # rosbags makes the class
-        stamp_ns = int(stamp.sec) * 10**9 + int(stamp.nanosec)
-        apart_s = (stamp_ns - item.stamp_ns) / 1e9
-        if abs(apart_s) > LARGEST_CLOCK_DIFFERENCE_S:
-            raise LogError(
-                f"two clocks are mixed: on topic {channel.topic} the header says {stamp_ns} ns, "
-                f"the recorder {item.stamp_ns} ns, {apart_s:.3f} s apart",
-                file=self._file,
-                hint="record with simulation time (`rosbag record` with /use_sim_time, `ros2 bag record "
-                "--use-sim-time`), or let the log map stamp this topic with `stamp: log`",
-            )
-        return stamp_ns
+        intake.take(message, item.connection.type, stamp_ns)
 
     def settle(self, builder: TrialBuilder, origin_ns: int) -> None:
         """Hand everything to the builder, in trial time.
@@ -132,6 +220,7 @@ class Gathering:
         Raises:
             LogError: A signal comes twice or its time runs backwards; frames contradict each other.
         """
+        self.flush()
         bodies: set[str] = set()
         for intake in self._intakes:
             intake.settle(builder, origin_ns, self._wanted)
@@ -151,14 +240,52 @@ class Gathering:
         builder.kit_records.extend(record for record in records if record is not None)
 
 
-@dataclass
+def _stamp_ns(item: Message, number: int, message: object, channel: Channel) -> int:
+    """The stamp the channel asks for: that of the recorder, or the message's own."""
+    if channel.stamp != "header":
+        return item.stamp_ns
+    stamp = message.header.stamp  # type: ignore[attr-defined]  # rosbags makes the class
+    stamp_ns = int(stamp.sec) * 10**9 + int(stamp.nanosec)
+    apart_s = (stamp_ns - item.stamp_ns) / 1e9
+    if abs(apart_s) > LARGEST_CLOCK_DIFFERENCE_S or stamp_ns >= 2**63:
+        raise MixedClocksError(number, channel.topic, stamp_ns, item.stamp_ns)
+    return stamp_ns
+
+
+@dataclass(frozen=True)
+class _Route:
+    """Where the messages of a connection go, and how they are decoded."""
+
+    intakes: Sequence[_Intake]
+    decode: Decode
+    columns: ColumnDecoder | None
+
+    def things(self) -> set[object]:
+        """What they tell of: intakes by identity; all poses are one thing."""
+        return {"poses" if intake.channel.poses else intake for intake in self.intakes}
+
+
+@dataclass(eq=False)
 class _Column:
     """The values of one signal as they come in."""
 
     field_map: FieldMap
     getters: tuple[Callable[[object], object], ...]
-    stamps_ns: list[int]
-    values: array[float]
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
+    values: array[float] = field(default_factory=lambda: array("d"))
+    waiting: list[tuple[IntArray, IntArray, FloatArray]] = field(default_factory=list)
+
+    def settle(self) -> None:
+        """Take what waits, in recorded order whichever connection it came by."""
+        if not self.waiting:
+            return
+        numbers, stamps_ns, rows = (np.concatenate(parts) for parts in zip(*self.waiting, strict=True))
+        if len(self.waiting) > 1:
+            order = np.argsort(numbers, kind="stable")
+            stamps_ns, rows = stamps_ns[order], rows[order]
+        self.stamps_ns.frombytes(stamps_ns.tobytes())
+        self.values.frombytes(rows.tobytes())
+        self.waiting.clear()
 
 
 class _Intake:
@@ -169,12 +296,13 @@ class _Intake:
         self.received = 0
         self.unknown: dict[str, str] = {}
         self.undecodable: list[str] = []
+        self.refused: dict[int, str] = {}
         self._type = normalised_type(channel.type)
         self._other_types: set[str] = set()
         self._types: set[str] = set()
         self._lacking: dict[str, str] = {}
         self._columns = [
-            _Column(f, tuple(_getter(path) for path in f.fields), [], array("d"))
+            _Column(f, tuple(_getter(path) for path in f.fields))
             for f in channel.signals
             if quantity_of(f.signal) in wanted.quantities
         ]
@@ -191,6 +319,25 @@ class _Intake:
             return False
         self._types.add(connection.type)
         return True
+
+    @property
+    def needs(self) -> Needs:
+        """What it needs of a message."""
+        paths = tuple(path for column in self._columns for path in column.field_map.fields)
+        return Needs(self.channel, paths)
+
+    def take_columns(self, decoded: Decoded, stamps_ns: IntArray) -> None:
+        """Keep the wanted fields of many messages."""
+        for column in self._columns:
+            rows = decoded.numbers_of(column.field_map.fields)
+            column.waiting.append((decoded.numbers, stamps_ns, rows))
+
+    def settle_columns(self) -> None:
+        """Take what waits, in recorded order."""
+        for column in self._columns:
+            column.settle()
+        self.undecodable += [self.refused[number] for number in sorted(self.refused)]
+        self.refused.clear()
 
     def take(self, message: object, type_: str, stamp_ns: int) -> None:
         """Keep the wanted fields of a message, and the message itself for a decoder."""
@@ -249,7 +396,7 @@ class _Intake:
 
     def _settle_signals(self, builder: TrialBuilder, origin_ns: int) -> None:
         for column in self._columns:
-            if column.stamps_ns:
+            if len(column.stamps_ns):
                 values: FloatArray = np.frombuffer(column.values, dtype=np.float64)
                 if len(column.getters) > 1:
                     values = values.reshape(-1, len(column.getters))

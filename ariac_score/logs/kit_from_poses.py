@@ -327,6 +327,38 @@ class ModelFrames:
                 column.numbers.extend((at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z))
         self._stamps_ns.append(stamp_ns)
 
+    def add_many(
+        self, names: Sequence[str], found: IntArray, rows: FloatArray, counts: IntArray, stamps_ns: IntArray
+    ) -> None:
+        """Take many messages, in recorded order.
+
+        Args:
+            names: Names of models or links.
+            found: Which name each state has, message after message, shape (n,).
+            rows: Its position x, y, z and quaternion w, x, y, z, shape (n, 7).
+            counts: How many states each message has, shape (m,).
+            stamps_ns: The time of each message, ns, shape (m,).
+        """
+        kept, first = [], len(self._stamps_ns)
+        for number, stamp_ns in enumerate(stamps_ns.tolist()):
+            if not self._stamps_ns or not 0 <= stamp_ns - self._stamps_ns[-1] < KEPT_EVERY_S * 1e9:
+                kept.append(number)
+                self._stamps_ns.append(stamp_ns)
+        frames = np.full(len(counts), -1, dtype=np.int64)
+        frames[kept] = np.arange(first, first + len(kept))
+        frame = np.repeat(frames, counts)
+        there = frame >= 0
+        frame, found, rows = frame[there], found[there], rows[there]
+        for code in np.unique(found).tolist():
+            name = names[code]
+            if name not in self._columns:
+                self._columns[name] = _Column() if is_followed(name, self._kits) else None
+            column = self._columns[name]
+            if column is not None:
+                own = found == code
+                column.frames.frombytes(frame[own].tobytes())
+                column.numbers.frombytes(rows[own].tobytes())
+
     def record(self, origin_ns: int) -> KitPoses | None:
         """What the messages show of kits; `None` when there was none."""
         if not self._stamps_ns:

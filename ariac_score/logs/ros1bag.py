@@ -7,10 +7,15 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from ariac_score.logs.columnar.columns import Bytes, IntArray, Payloads
 from ariac_score.logs.salvage import (
+    Batch,
     Connection,
     FileScan,
     Message,
@@ -19,17 +24,18 @@ from ariac_score.logs.salvage import (
     inflate,
     normalised_type,
 )
+from ariac_score.logs.tiling import gaps_between, words_at
 
 __all__ = ["MAGIC", "Ros1Scan"]
 
 MAGIC = b"#ROSBAG V2.0\n"
 
-_MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
+_MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _READ = frozenset({_MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION})
 _WHAT = {
     _MESSAGE: "message",
     _BAG: "bag header",
-    4: "index",
+    _INDEX: "index",
     _CHUNK: "chunk",
     _CHUNK_INFO: "chunk info",
     _CONNECTION: "connection",
@@ -38,7 +44,102 @@ _WHAT = {
 _U32 = struct.Struct("<I")
 _TIME = struct.Struct("<II")
 _Header = Mapping[bytes, bytes]
-_Item = Connection | Message
+_Item = Connection | Message | Batch
+
+_LARGEST_INDEX_HEADER = 4096
+_LARGEST_INDEX_BYTES = 64 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """The messages of a chunk, and in `runs` what lies between them (see `gaps_between`)."""
+
+    buffer: Bytes
+    connections: IntArray
+    stamps_ns: IntArray
+    starts: IntArray
+    ends: IntArray
+    runs: Sequence[tuple[int, int, int, int]]
+
+    @classmethod
+    def of(cls, records: memoryview, offsets: IntArray) -> _Places:
+        """Read where the messages at some offsets lie, whose headers must all be built alike.
+
+        Raises:
+            ValueError: There are other things than whole messages, or messages besides them.
+        """
+        buffer = np.frombuffer(records, dtype=np.uint8)
+        nothing = np.zeros(0, dtype=np.int64)
+        connections = stamps_ns = starts = ends = nothing
+        if len(offsets):
+            head, _ = _sized(records, int(offsets[0]))
+            connection_at, time_at = _built(bytes(head))
+            heads = _heads(buffer, offsets, 4 + len(head))
+            same = np.ones(4 + len(head), dtype=bool)
+            same[4 + connection_at : 8 + connection_at] = same[4 + time_at : 12 + time_at] = False
+            if (heads[:, same] != heads[0, same]).any():
+                raise ValueError("the headers of its messages differ")
+            connections = words_at(buffer, offsets + 4 + connection_at, "u4")
+            seconds, nanoseconds = (words_at(buffer, offsets + 4 + time_at + i, "u4") for i in (0, 4))
+            stamps_ns = seconds * 10**9 + nanoseconds
+            starts = offsets + 8 + len(head)
+            ends = starts + words_at(buffer, starts - 4, "u4")
+        runs = tuple(gaps_between(offsets, ends, len(buffer)))
+        for gap, behind, _, _ in runs:
+            if len(_walked(records[gap:behind])):
+                raise ValueError("there are other messages")
+        return cls(buffer, connections, stamps_ns, starts, ends, runs)
+
+
+def _built(head: bytes) -> tuple[int, int]:
+    """Where connection and time stand in the header of a message, which has nothing besides."""
+    header = _header(head)
+    if _byte(header, b"op") != _MESSAGE or set(header) != {b"op", b"conn", b"time"}:
+        raise ValueError("there is no plain message where one should be")
+    _field(header, b"conn", 4)
+    _field(header, b"time", 8)
+    at, found = 0, dict[bytes, int]()
+    while at < len(head):
+        length = int.from_bytes(head[at : at + 4], "little")
+        name = head[at + 4 : at + 4 + length].partition(b"=")[0]
+        if name in found:
+            raise ValueError("a field stands twice in the header of a message")
+        found[name] = at + 4 + len(name) + 1
+        at += 4 + length
+    return found[b"conn"], found[b"time"]
+
+
+def _heads(buffer: Bytes, offsets: IntArray, size: int) -> Bytes:
+    if int(offsets.min()) < 0 or int(offsets.max()) + size > len(buffer):
+        raise ValueError("a message lies outside")
+    windows = np.ndarray((len(buffer) - size + 1,), f"V{size}", buffer.data, strides=(1,))
+    return windows[offsets].view(np.uint8).reshape(-1, size)
+
+
+def _walked(records: memoryview) -> IntArray:
+    """Where the messages of a chunk are, by walking it."""
+    at, found = 0, []
+    while at < len(records):
+        head, behind = _sized(records, at)
+        if _byte(_header(head), b"op") == _MESSAGE:
+            found.append(at)
+        _, at = _sized(records, behind)
+    return np.array(found, dtype=np.int64)
+
+
+def _indexed(records: memoryview, index: Sequence[bytes]) -> _Places:
+    """Where the messages of a chunk are, by its index.
+
+    Raises:
+        ValueError: The index contradicts the chunk.
+    """
+    entries = np.concatenate([np.frombuffer(body, dtype="<u4").reshape(-1, 3) for body in index])
+    seconds, nanoseconds, offsets = entries.astype(np.int64).T
+    order = np.argsort(offsets, kind="stable")
+    places = _Places.of(records, offsets[order])
+    if (places.stamps_ns != (seconds * 10**9 + nanoseconds)[order]).any():
+        raise ValueError("the index tells other times")
+    return places
 
 
 class Ros1Scan(FileScan):
@@ -103,19 +204,81 @@ class Ros1Scan(FileScan):
         if op == _CHUNK and length > source.left:
             yield from self._cut_chunk(source, header, start)
         try:
-            yield from self._items(op, header, memoryview(source.take(length, what)), start)
+            body = memoryview(source.take(length, what))
+            if op == _CHUNK:
+                self._chunks += 1
+                records = inflate(body, _text(header, b"compression"), size=_number(header, b"size"))
+                yield from self._chunk(memoryview(records), self._index(source), start)
+            else:
+                yield from self._items(op, header, body, start)
         except (struct.error, ValueError) as error:
             raise source.damaged(str(error), what=what, at=start) from error
+
+    def _index(self, source: Source) -> Sequence[bytes]:
+        """The index records behind a chunk, looked at without moving on: they may be cut off or wrong."""
+        found: list[bytes] = []
+        at, room = source.offset, _LARGEST_INDEX_BYTES
+        while True:
+            size = int.from_bytes(source.at(at, 4), "little")
+            head = source.at(at + 4, size) if size <= _LARGEST_INDEX_HEADER else b""
+            try:
+                if len(head) != size or _byte(_header(head), b"op") != _INDEX:
+                    return found
+            except ValueError:
+                return found
+            length = int.from_bytes(source.at(at + 4 + size, 4), "little")
+            room -= length
+            body = source.at(at + 8 + size, length) if room >= 0 else b""
+            if not length or len(body) != length:
+                return found
+            found.append(body)
+            at += 8 + size + length
+
+    def _chunk(self, records: memoryview, index: Sequence[bytes], start: int) -> Iterator[_Item]:
+        """The records of a chunk: by its index, else by walking them, else one by one."""
+        places = None
+        if index:
+            try:
+                places = _indexed(records, index)
+            except (struct.error, ValueError):
+                self._contradictions += 1
+        if places is None:
+            try:
+                places = _Places.of(records, _walked(records))
+            except (struct.error, ValueError):
+                yield from self._records_in_chunk(records, start)
+                return
+        for gap, behind, first, last in places.runs:
+            yield from self._records_in_chunk(records[gap:behind], start)
+            yield from self._batch(places, first, last)
+
+    def _batch(self, places: _Places, first: int, last: int) -> Iterator[_Item]:
+        """Messages that follow each other, up to the first whose connection is not declared."""
+        numbers = places.connections[first:last]
+        known = np.unique(numbers)
+        missing = [key for key in known.tolist() if key not in self._connections]
+        if missing:
+            last = first + int(np.argmax(np.isin(numbers, missing)))
+            numbers = places.connections[first:last]
+            known = np.unique(numbers)
+        if last > first:
+            sources = np.searchsorted(known, numbers).astype(np.int64)
+            counts = np.bincount(sources, minlength=len(known)).tolist()
+            self._found.update(dict(zip(known.tolist(), counts, strict=True)))
+            payloads = Payloads(places.buffer, places.starts[first:last], places.ends[first:last])
+            senders = tuple(self._connections[key] for key in known.tolist())
+            yield Batch(senders, sources, places.stamps_ns[first:last], payloads)
+        if missing:
+            raise ValueError(
+                f"a message belongs to connection {int(places.connections[last])}, "
+                "which is not declared before it"
+            )
 
     def _items(self, op: int, header: _Header, body: memoryview, start: int) -> Iterator[_Item]:
         if op == _MESSAGE:
             yield self._message(header, body, start)
         elif op == _CONNECTION:
             yield from self._declare(header, body)
-        elif op == _CHUNK:
-            self._chunks += 1
-            records = inflate(body, _text(header, b"compression"), size=_number(header, b"size"))
-            yield from self._records_in_chunk(memoryview(records), start)
         elif op == _CHUNK_INFO:
             self._chunk_infos += 1
             for at in range(0, 8 * _number(header, b"count"), 8):

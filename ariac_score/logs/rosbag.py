@@ -10,14 +10,15 @@ from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs import mcap, ros1bag, sqlite_bag
 from ariac_score.logs.folder import METADATA, METADATA_KEY, FolderScan
 from ariac_score.logs.gathering import Gathering
-from ariac_score.logs.salvage import Connection, Message, Scan, Survey
+from ariac_score.logs.salvage import Batch, Connection, Message, Scan, Survey
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.model import LogDefect, Trial
 from ariac_score.trial.spans import Span
 
-__all__ = ["RosbagReader"]
+__all__ = ["RosbagReader", "open_scan"]
 
 _PROGRESS_EVERY = 4096
+_CONTRADICTING = "chunks whose index contradicts their records were read without it"
 _SUFFIXES = (".bag", ".db3", ".mcap")
 
 
@@ -51,7 +52,7 @@ class RosbagReader:
             NothingToScoreError: The file is empty, or not a recording at all.
         """
         try:
-            scan = _open(path)
+            scan = open_scan(path)
         except NothingToScoreError:
             raise
         except LogError as error:
@@ -67,10 +68,7 @@ class RosbagReader:
             topics=survey.topics(),
             clock=_clock(survey),
             facts={"messages": survey.messages},
-            defects=tuple(
-                LogDefect("disordered_stamps", topic, count, "stamps run backwards")
-                for topic, count in survey.steps_back()
-            ),
+            defects=(*_contradicting(scan, path), *_disordered(survey)),
             damage=damage,
             duration_s=survey.duration_s,
         )
@@ -83,12 +81,17 @@ class RosbagReader:
                 says contradicts itself.
             NothingToScoreError: It holds no message.
         """
-        scan = _open(path)
-        survey, gathering = Survey(), Gathering(wanted, path)
-        for item in _surveyed(scan, survey, path):
-            gathering.take(item)
-            if isinstance(item, Message) and survey.messages % _PROGRESS_EVERY == 0:
-                wanted.progress(scan.share)
+        scan = open_scan(path)
+        survey, gathering, progress_at = Survey(), Gathering(wanted, path), _PROGRESS_EVERY
+        try:
+            for item in _surveyed(scan, survey, path):
+                gathering.take(item)
+                if survey.messages >= progress_at:
+                    progress_at = survey.messages + _PROGRESS_EVERY
+                    wanted.progress(scan.share)
+        except LogError:
+            gathering.flush()  # what is wrong with the messages before the damage is told first
+            raise
         wanted.progress(1.0)
         origin_ns = survey.first_ns
         if origin_ns is None:
@@ -100,6 +103,8 @@ class RosbagReader:
         builder = TrialBuilder(_trial_id(path), file=path, clock=_clock(survey))
         builder.recorded = Span(0.0, survey.duration_s)
         gathering.settle(builder, origin_ns)
+        for defect in _contradicting(scan, path):
+            builder.defect(defect.kind, defect.where, defect.count, defect.message)
         return builder.build()
 
 
@@ -123,7 +128,7 @@ def _looks_like_recording(path: Path) -> bool:
     return start.startswith((mcap.MAGIC, ros1bag.MAGIC[:8]))
 
 
-def _open(path: Path) -> Scan:
+def open_scan(path: Path) -> Scan:
     """The scan for what lies at a path, chosen by its first bytes, else by its suffix."""
     try:
         if path.is_dir():
@@ -154,11 +159,13 @@ def _cannot_be_read(error: OSError | MemoryError, path: Path) -> LogError:
     return LogError(f"it cannot be read: {cause}", file=path, hint="check that it is there and may be read")
 
 
-def _surveyed(scan: Scan, survey: Survey, path: Path) -> Iterator[Connection | Message]:
+def _surveyed(scan: Scan, survey: Survey, path: Path) -> Iterator[Connection | Message | Batch]:
     """The items of a scan, counted; where it breaks off, the error says what was readable."""
     try:
         for item in scan:
-            if isinstance(item, Message):
+            if isinstance(item, Batch):
+                survey.count_many(item)
+            elif isinstance(item, Message):
                 survey.count(item)
             else:
                 survey.declare(item)
@@ -172,6 +179,16 @@ def _surveyed(scan: Scan, survey: Survey, path: Path) -> Iterator[Connection | M
         ) from error
     except (OSError, MemoryError) as error:
         raise _cannot_be_read(error, path) from error
+
+
+def _contradicting(scan: Scan, path: Path) -> Iterator[LogDefect]:
+    if scan.index_contradictions:
+        yield LogDefect("contradicting_index", path.name, scan.index_contradictions, _CONTRADICTING)
+
+
+def _disordered(survey: Survey) -> Iterator[LogDefect]:
+    for topic, count in survey.steps_back():
+        yield LogDefect("disordered_stamps", topic, count, "stamps run backwards")
 
 
 def _clock(survey: Survey) -> str:

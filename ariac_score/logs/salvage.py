@@ -21,9 +21,11 @@ import numpy as np
 
 from ariac_score.contracts import TopicDescription
 from ariac_score.errors import LogError
+from ariac_score.logs.columnar.columns import IntArray, Payloads
 
 __all__ = [
     "LARGEST_INFLATED_BYTES",
+    "Batch",
     "Connection",
     "FileScan",
     "Message",
@@ -71,11 +73,40 @@ class Message(NamedTuple):
     payload: bytes | memoryview
 
 
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Many recorded messages, in recorded order.
+
+    Attributes:
+        connections: Who sent some of them.
+        sources: Of each message its sender's place among these, shape (n,).
+        stamps_ns: Their log times in ns, each checked to be one, shape (n,).
+        payloads: Their bytes.
+    """
+
+    connections: tuple[Connection, ...]
+    sources: IntArray
+    stamps_ns: IntArray
+    payloads: Payloads
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def messages(self) -> Iterator[Message]:
+        """One by one."""
+        raw = memoryview(self.payloads.buffer)  # type: ignore[arg-type]  # an array is a buffer
+        places = zip(self.payloads.starts.tolist(), self.payloads.ends.tolist(), strict=True)
+        for source, stamp_ns, (start, end) in zip(
+            self.sources.tolist(), self.stamps_ns.tolist(), places, strict=True
+        ):
+            yield Message(self.connections[source], stamp_ns, raw[start:end])
+
+
 class Scan(Protocol):
     """One recording, read once from start to end.
 
     Iterating yields every declared connection before its first message, and the
-    messages in recorded order. It raises `LogError` where the recording stops
+    messages in recorded order, singly or in batches. It raises `LogError` where the recording stops
     being readable, and at the end when it turns out not to be whole.
 
     Attributes:
@@ -94,7 +125,12 @@ class Scan(Protocol):
         """The share read, 0 to 1."""
         ...
 
-    def __iter__(self) -> Iterator[Connection | Message]:
+    @property
+    def index_contradictions(self) -> int:
+        """How often its index said something else than its records, which then counted."""
+        ...
+
+    def __iter__(self) -> Iterator[Connection | Message | Batch]:
         """Every declared connection and message."""
         ...
 
@@ -174,6 +210,15 @@ class Source:
         self._file.seek(self.offset)
         return taken
 
+    def at(self, offset: int, count: int) -> bytes:
+        """Bytes from elsewhere, as far as they are there, without moving on."""
+        if not 0 <= offset < self.size:
+            return b""
+        self._file.seek(offset)
+        found = self._file.read(min(count, MAX_PEEK_BYTES))
+        self._file.seek(self.offset)
+        return found
+
     def blocks(self, count: int, what: str) -> Iterator[bytes]:
         """The next bytes, in blocks, for what is passed over."""
         self._reserve(count, what)
@@ -201,6 +246,12 @@ class FileScan:
         self.path = path
         self._readable = "byte 0"
         self._source: Source | None = None
+        self._contradictions = 0
+
+    @property
+    def index_contradictions(self) -> int:
+        """How often the index said something else than the records."""
+        return self._contradictions
 
     @property
     def readable(self) -> str:
@@ -295,15 +346,28 @@ class Survey:
         self.messages += 1
         self._topics[message.connection.topic].stamps_ns.append(message.stamp_ns)
 
+    def count_many(self, batch: Batch) -> None:
+        """Take note of many messages of declared connections."""
+        self.messages += len(batch)
+        for place, connection in enumerate(batch.connections):
+            stamps_ns = batch.stamps_ns[batch.sources == place]
+            self._topics[connection.topic].stamps_ns.frombytes(stamps_ns.tobytes())
+
     @property
     def first_ns(self) -> int | None:
         """The earliest stamp of all, ns; `None` without messages."""
-        return min((min(t.stamps_ns) for t in self._topics.values() if t.stamps_ns), default=None)
+        return min((int(s.min()) for s in self._stamps_ns()), default=None)
 
     @property
     def last_ns(self) -> int | None:
         """The latest stamp of all, ns; `None` without messages."""
-        return max((max(t.stamps_ns) for t in self._topics.values() if t.stamps_ns), default=None)
+        return max((int(s.max()) for s in self._stamps_ns()), default=None)
+
+    def _stamps_ns(self) -> Iterator[IntArray]:
+        """The stamps of every topic that has some."""
+        for topic in self._topics.values():
+            if topic.stamps_ns:
+                yield np.frombuffer(topic.stamps_ns, dtype=np.int64)
 
     @property
     def duration_s(self) -> float:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ariac_score.errors import LogError
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
@@ -26,13 +27,19 @@ MAX_GAP_S = 0.5
 LARGEST_NORM_ERROR = 0.01
 """How far the norm of a rotation may be from 1. Source: tf2, QUATERNION_NORMALIZATION_TOLERANCE."""
 
+IntArray = NDArray[np.int64]
+
 _Row = tuple[float, float, float, float, float, float, float]
 
 
-def times_s(stamps_ns: Sequence[int], origin_ns: int) -> FloatArray:
+def times_s(stamps_ns: Sequence[int] | IntArray, origin_ns: int) -> FloatArray:
     """Stamps as trial time, s."""
-    # In Python's integers: their difference is exact whatever the stamps, and its division rounds once.
-    return np.array([(stamp_ns - origin_ns) / 1e9 for stamp_ns in stamps_ns], dtype=np.float64)
+    stamps = np.asarray(stamps_ns, dtype=np.int64)
+    if len(stamps) and stamps.min() < 0:
+        # In Python's integers, whose difference is exact whatever the stamps.
+        return np.array([(stamp_ns - origin_ns) / 1e9 for stamp_ns in stamps.tolist()], dtype=np.float64)
+    seconds: FloatArray = (stamps - origin_ns) / 1e9  # the difference is exact, its division rounds once
+    return seconds
 
 
 @dataclass
@@ -40,8 +47,8 @@ class _Edge:
     """How a frame lies in its parent: rows of x, y, z (m) and the quaternion x, y, z, w."""
 
     parent: str
-    stamps_ns: list[int] = field(default_factory=list)
-    rows: list[_Row] = field(default_factory=list)
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
+    rows: array[float] = field(default_factory=lambda: array("d"))
     static: _Row | None = None
 
 
@@ -77,7 +84,47 @@ class TransformTree:
             edge.static = row
         else:
             edge.stamps_ns.append(stamp_ns)
-            edge.rows.append(row)
+            edge.rows.extend(row)
+
+    def add_many(
+        self,
+        names: Sequence[str],
+        parents: IntArray,
+        children: IntArray,
+        rows: FloatArray,
+        stamps_ns: IntArray,
+        moving: NDArray[np.bool_],
+    ) -> None:
+        """Take many transforms, in recorded order.
+
+        Args:
+            names: Names of frames.
+            parents: Of each transform, which name its parent has, shape (n,).
+            children: Which name its child has, shape (n,).
+            rows: x, y, z in m and the quaternion x, y, z, w, shape (n, 7).
+            stamps_ns: Its time, ns, shape (n,).
+            moving: Whether it holds at its time only, shape (n,); otherwise it is static.
+        """
+        pair = parents * len(names) + children
+        usable: NDArray[np.bool_] = np.asarray(np.isfinite(rows).all(axis=1))
+        usable[usable] = _are_units(rows[usable, 3:])
+        for key in np.unique(pair).tolist():
+            parent, child = _frame(names[key // len(names)]), _frame(names[key % len(names)])
+            found = pair == key
+            lost = int((found & ~usable).sum())
+            if lost:
+                self._unusable[child] = self._unusable.get(child, 0) + lost
+            found &= usable
+            if not found.any():
+                continue
+            edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge(parent))
+            static = rows[found & ~moving]
+            if len(static):
+                x, y, z, *turn = static[-1].tolist()
+                edge.static = (x, y, z, *turn)
+            found &= moving
+            edge.stamps_ns.frombytes(stamps_ns[found].tobytes())
+            edge.rows.frombytes(rows[found].tobytes())
 
     def settle(self, builder: TrialBuilder, origin_ns: int, matches: Sequence[BodyMatch]) -> None:
         """Hand the positions of all matching frames to the builder, with their bodies.
@@ -184,7 +231,7 @@ class TransformTree:
     def _moving(self, builder: TrialBuilder, origin_ns: int, frame: str, edge: _Edge) -> Signal:
         """The samples of a moving transform, settled, its quaternions fit for interpolation."""
         if frame not in self._settled:
-            rows = np.array(edge.rows, dtype=np.float64)
+            rows = np.array(edge.rows, dtype=np.float64).reshape(-1, 7)
             settled = settle(times_s(edge.stamps_ns, origin_ns), rows)
             if settled.largest_step_back_s > LARGEST_STEP_BACK_S:
                 raise LogError(
@@ -227,6 +274,17 @@ def _is_unit(quaternion: Sequence[float]) -> bool:
     return abs(math.hypot(*quaternion) - 1.0) <= LARGEST_NORM_ERROR
 
 
+def _are_units(quaternions: FloatArray) -> NDArray[np.bool_]:
+    """As `_is_unit`, which decides where the limit is so near that rounding could."""
+    with np.errstate(over="ignore", under="ignore"):
+        error = np.abs(np.sqrt((quaternions * quaternions).sum(axis=1)) - 1.0)
+    units = np.zeros(len(quaternions), dtype=np.bool_)
+    units |= error <= LARGEST_NORM_ERROR
+    for i in np.flatnonzero(np.abs(error - LARGEST_NORM_ERROR) < 1e-9).tolist():
+        units[i] = _is_unit(quaternions[i].tolist())
+    return units
+
+
 def _continuous(quaternions: FloatArray) -> FloatArray:
     """The same rotations as unit quaternions, each in the hemisphere of the one before."""
     unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
@@ -249,7 +307,7 @@ class _Track:
     """Samples of one model or link: x, y, z in m, then its velocity in m/s."""
 
     body: Body
-    stamps_ns: list[int] = field(default_factory=list)
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
     rows: array[float] = field(default_factory=lambda: array("d"))
 
 
@@ -286,6 +344,31 @@ class ModelPoses:
                 at, speed = pose.position, twist.linear
                 track.stamps_ns.append(stamp_ns)
                 track.rows.extend((at.x, at.y, at.z, speed.x, speed.y, speed.z))
+
+    def add_many(
+        self,
+        names: Sequence[str],
+        found: IntArray,
+        rows: FloatArray,
+        stamps_ns: IntArray,
+        links: NDArray[np.bool_],
+    ) -> None:
+        """Take many states, in recorded order.
+
+        Args:
+            names: Names of models or links.
+            found: Of each state, which name it has, shape (n,).
+            rows: Position x, y, z in m and velocity x, y, z in m/s, shape (n, 6).
+            stamps_ns: Its time, ns, shape (n,).
+            links: Whether its name is `model::link`, shape (n,).
+        """
+        self._received = True
+        for code, first in zip(*(a.tolist() for a in np.unique(found, return_index=True)), strict=True):
+            track = self._track(names[code], links=bool(links[first]))
+            if track is not None:
+                own = found == code
+                track.stamps_ns.frombytes(stamps_ns[own].tobytes())
+                track.rows.frombytes(rows[own].tobytes())
 
     def _track(self, name: str, *, links: bool) -> _Track | None:
         if name not in self._tracks:

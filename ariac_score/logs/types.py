@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Literal
@@ -19,7 +19,16 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
     from rosbags.typesys.store import Typestore
 
-__all__ = ["UNDECODABLE", "Decode", "UnknownTypeError", "bundled_typestore", "decoder_for"]
+    from ariac_score.logs.columnar import ColumnDecoder
+
+__all__ = [
+    "UNDECODABLE",
+    "Decode",
+    "UnknownTypeError",
+    "bundled_typestore",
+    "column_decoder_for",
+    "decoder_for",
+]
 
 Decode = Callable[["bytes | memoryview"], object]
 
@@ -90,10 +99,7 @@ def decoder_for(connection: Connection) -> Decode:
     """
     from rosbags.serde import SerdeError  # noqa: PLC0415  # see bundled_typestore
 
-    if connection.encoding not in ("cdr", "ros1"):
-        raise UnknownTypeError(f"its messages are {connection.encoding or 'not'} encoded, not as ROS does")
-    name = connection.type
-    store = _typestore_for(connection.encoding, name, connection.definition_format, connection.definition)
+    store, name = _store_of(connection), connection.type
     deserialise = store.deserialize_ros1 if connection.encoding == "ros1" else store.deserialize_cdr
 
     def decode(payload: bytes | memoryview) -> object:
@@ -105,6 +111,31 @@ def decoder_for(connection: Connection) -> Decode:
     return decode
 
 
+def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = None) -> ColumnDecoder:
+    """A decoder from the payloads of a connection to columns.
+
+    Args:
+        connection: Whose messages they are.
+        wanted: Dotted paths of the wanted fields; `None`: all.
+
+    Raises:
+        UnknownTypeError: As of `decoder_for`.
+        PlanError: Its messages can be decoded one by one only.
+    """
+    from ariac_score.logs.columnar import ColumnDecoder  # noqa: PLC0415  # describing needs none
+
+    store = _store_of(connection)
+    return ColumnDecoder(store, connection.type, cdr=connection.encoding == "cdr", wanted=wanted)
+
+
+def _store_of(connection: Connection) -> Typestore:
+    if connection.encoding not in ("cdr", "ros1"):
+        raise UnknownTypeError(f"its messages are {connection.encoding or 'not'} encoded, not as ROS does")
+    return _typestore_for(
+        connection.encoding, connection.type, connection.definition_format, connection.definition
+    )
+
+
 @lru_cache(maxsize=128)  # compiling a definition takes longer than reading a small recording
 def _typestore_for(encoding: str, name: str, definition_format: str, definition: str) -> Typestore:
     from rosbags.serde import SerdeError  # noqa: PLC0415  # see bundled_typestore
@@ -114,9 +145,11 @@ def _typestore_for(encoding: str, name: str, definition_format: str, definition:
         raise UnknownTypeError(f"{name!r} is not the name of a message type")
     if not definition:
         store = bundled_typestore(1 if encoding == "ros1" else 2)
-        if name not in store.fielddefs:
+        if name in store.fielddefs:
+            return store
+        if not definition_format:
             raise UnknownTypeError("neither the recording nor ariac-score has a definition of this type")
-        return store
+        # A recorder that names the format of an empty text means a message without fields.
     try:
         store = get_typestore(Stores.EMPTY)
         store.max_sequence_length = _LONGEST_SEQUENCE

@@ -1,0 +1,116 @@
+"""What goes into columnar decoding and what comes out: payloads, columns, defects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Bytes", "Column", "Columns", "Defect", "IntArray", "Payloads", "ranges"]
+
+IntArray = NDArray[np.int64]
+Bytes = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Payloads:
+    """The serialised messages of one connection, somewhere in one buffer.
+
+    Attributes:
+        buffer: The bytes; between the messages may be anything.
+        starts: Where each message starts, shape (n,).
+        ends: Where it ends, shape (n,); within the buffer.
+    """
+
+    buffer: Bytes
+    starts: IntArray
+    ends: IntArray
+
+    @classmethod
+    def joined(cls, payloads: Iterable[bytes | memoryview]) -> Payloads:
+        """Separate messages, copied one after the other."""
+        parts = list(payloads)
+        ends = np.cumsum([len(part) for part in parts], dtype=np.int64)
+        starts = np.concatenate(([0], ends[:-1])).astype(np.int64) if parts else ends
+        return cls(np.frombuffer(b"".join(parts), dtype=np.uint8), starts, ends)
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def one(self, index: int) -> bytes:
+        """The bytes of one message."""
+        return self.buffer[self.starts[index] : self.ends[index]].tobytes()
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """The values of one field in all sound messages, in their order.
+
+    Attributes:
+        path: Dotted path of the field.
+        values: Numbers as the definition types them; texts as indices into `texts`.
+        offsets: One array for each array or sequence on the way to the field, outermost
+            first: element i of that level holds elements `offsets[i]` to `offsets[i + 1]`
+            of the next. Empty when each message has one value.
+        texts: The distinct texts; `None` for numbers.
+        levels: The path of the array or sequence that each of `offsets` is about.
+    """
+
+    path: str
+    values: NDArray[Any]
+    offsets: tuple[IntArray, ...] = ()
+    texts: tuple[str, ...] | None = None
+    levels: tuple[str, ...] = ()
+
+    def per_message(self) -> IntArray:
+        """How many values each message has, shape (m,)."""
+        if not self.offsets:
+            return np.ones(len(self.values), dtype=np.int64)
+        bounds = self.offsets[0]
+        for level in self.offsets[1:]:
+            bounds = level[bounds]
+        return np.diff(bounds)
+
+    def text(self) -> list[str]:
+        """The values of a column of texts, written out."""
+        assert self.texts is not None
+        return [self.texts[code] for code in self.values]
+
+
+@dataclass(frozen=True)
+class Defect:
+    """A message that does not fit its definition: which of those handed in, and why."""
+
+    index: int
+    cause: str
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The wanted fields of some messages.
+
+    Attributes:
+        rows: The messages that are sound, as indices into those handed in, increasing.
+        columns: By path; each speaks of the sound messages only.
+        defects: The messages that are not, by index.
+        fallback: Why the messages were decoded one by one; empty when they were not.
+    """
+
+    rows: IntArray
+    columns: dict[str, Column]
+    defects: tuple[Defect, ...] = ()
+    fallback: str = ""
+
+
+def ranges(starts: IntArray, counts: IntArray) -> IntArray:
+    """Counting up from each start, one after the other.
+
+    >>> ranges(np.array([5, 0]), np.array([2, 3])).tolist()
+    [5, 6, 0, 1, 2]
+    """
+    before = np.cumsum(counts) - counts
+    found: IntArray = np.repeat(starts - before, counts) + np.arange(int(counts.sum()), dtype=np.int64)
+    return found

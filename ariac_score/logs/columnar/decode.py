@@ -1,0 +1,420 @@
+"""Decoding the messages of one connection into columns: by layouts, by a common walk, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from keyword import iskeyword
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.logs.columnar.columns import Bytes, Column, Columns, Defect, IntArray, Payloads, ranges
+from ariac_score.logs.columnar.plan import Field, Plan, Stream, compile_plan
+from ariac_score.logs.columnar.walk_many import Interned, walk
+from ariac_score.logs.columnar.walk_one import Layout, MisfitError, lay_out
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+__all__ = ["ColumnDecoder"]
+
+_BLOCK_BYTES = 1 << 19
+"""Messages are gathered in blocks that stay in the processor's cache."""
+
+_MOST_LAYOUTS = 64
+"""Layouts that are remembered."""
+
+_NEW_LAYOUTS = 8
+"""Layouts tried in one call beyond one for every 256 messages; the rest is walked together."""
+
+_FEW = 12
+"""So few messages are cheaper to walk one by one than together."""
+
+_Deserialise = Callable[[bytes], object]
+
+
+@dataclass
+class _Part:
+    """What some of the messages hold: for each stream how many values each has, and these."""
+
+    rows: IntArray
+    counts: dict[int, IntArray | int]
+    values: dict[int, NDArray[Any]]
+
+
+class _Known:
+    """A layout made ready to be compared with many messages and to be copied from."""
+
+    def __init__(self, layout: Layout, message: bytes, plan: Plan, interned: Interned) -> None:
+        self.size, self.big = len(message), layout.big
+        self._deciding = [(a, b, message[a:b]) for a, b in layout.deciding]
+        self._streams = [s for s in plan.streams if s.kind not in ("string", "length")]
+        self._runs = {n: list(_even_runs(places)) for n, places in layout.offsets.items()}
+        self._per_message = {n: len(places) for n, places in layout.offsets.items()}
+        self._constant = dict(layout.counts)
+        for number, texts in layout.texts.items():
+            self._constant[number] = np.array([interned[t.encode()] for t in texts], dtype=np.int32)
+
+    def fits(self, block: Bytes) -> NDArray[np.bool_] | None:
+        """Which messages of a block have this layout; `None` when all have."""
+        agree: NDArray[np.bool_] | None = None
+        for start, end, expected in self._deciding:
+            found = block[:, start:end]
+            # Comparing bytes is many times faster than comparing elements.
+            if found.tobytes() != expected * len(block):
+                same = (found == np.frombuffer(expected, dtype=np.uint8)).all(axis=1)
+                agree = same if agree is None else agree & same
+        return agree
+
+    def empty(self, count: int) -> dict[int, NDArray[Any]]:
+        """Room for the numbers of some messages."""
+        return {s.number: np.empty((count, self._per_message[s.number]), s.dtype) for s in self._streams}
+
+    def copy(self, block: Bytes, into: dict[int, NDArray[Any]], first: int) -> None:
+        """Copy the numbers of a block of messages."""
+        for stream in self._streams:
+            raw = (
+                np.dtype(np.uint8)
+                if stream.kind == "bool"
+                else stream.dtype.newbyteorder(">" if self.big else "<")
+            )
+            out = into[stream.number][first : first + len(block)]
+            for column, start, step, count in self._runs[stream.number]:
+                view: NDArray[Any] = np.ndarray(
+                    (len(block), count), raw, block.data, offset=start, strides=(self.size, step)
+                )
+                out[:, column : column + count] = view != 0 if stream.kind == "bool" else view
+
+    def part(self, rows: IntArray, numbers: dict[int, NDArray[Any]]) -> _Part:
+        """What messages of this layout hold, with their numbers."""
+        counts: dict[int, IntArray | int] = dict(self._per_message)
+        values: dict[int, NDArray[Any]] = {n: found.reshape(-1) for n, found in numbers.items()}
+        for number, constant in self._constant.items():
+            counts[number] = len(constant)
+            values[number] = np.tile(constant, len(rows))
+        return _Part(rows, counts, values)
+
+
+def _even_runs(places: IntArray) -> Iterator[tuple[int, int, int, int]]:
+    """Places taken apart into runs of even steps: index of the first, its place, step, length."""
+    steps, first = np.diff(places).tolist(), 0
+    while first < len(places):
+        step = steps[first] if first < len(steps) else 0
+        last = first
+        while last < len(steps) and steps[last] == step:
+            last += 1
+        yield first, int(places[first]), step, last - first + 1
+        first = last + 1
+
+
+class ColumnDecoder:
+    """Decodes the messages of one type and one way of packing, slab by slab.
+
+    Every value equals, to the bit, what `rosbags` deserialises. Most messages of a topic
+    are laid out alike: one is walked, and all that agree with it in the bytes that decide
+    the layout are copied from at its offsets. Messages that agree with none are walked
+    together, each with its own cursor. What a plan cannot express is deserialised message
+    by message.
+
+    Args:
+        store: Knows the type; `longest_sequence` of it is respected.
+        type_: `package/msg/Name`.
+        cdr: Whether messages are CDR; otherwise as ROS 1 packs them.
+        wanted: Dotted paths of fields, or of messages of which everything is wanted;
+            `None`: everything.
+    """
+
+    def __init__(
+        self, store: Typestore, type_: str, *, cdr: bool, wanted: Iterable[str] | None = None
+    ) -> None:
+        self._store, self._type, self._cdr = store, type_, cdr
+        self._interned = Interned()
+        self._layouts: dict[int, list[_Known]] = {}
+        self._remembered = 0
+        self.fallback = ""
+        paths = None if wanted is None else tuple(wanted)
+        self._plan = compile_plan(store, type_, cdr=cdr, wanted=paths)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The fields it gives, in the order of the definition."""
+        return tuple(s.path for s in self._plan.streams if s.kind != "length")
+
+    def shape(self, path: str) -> tuple[str, tuple[str, ...]] | None:
+        """The base type of a field and the arrays and sequences around it; `None` when there is none."""
+        streams = self._plan.streams
+        for stream in streams:
+            if stream.path == path and stream.kind != "length":
+                return stream.kind, tuple(streams[level].path for level in stream.levels)
+        return None
+
+    def decode(self, payloads: Payloads) -> Columns:
+        """The wanted fields of some messages; those that do not fit are named.
+
+        Args:
+            payloads: At most so many that their columns fit into memory.
+        """
+        parts, suspects = self._parts(payloads)
+        defects, cause = self._named(payloads, suspects)
+        if cause:
+            return self._one_by_one(payloads, cause)
+        return self._columns(parts, len(payloads), defects)
+
+    def _parts(self, payloads: Payloads) -> tuple[list[_Part], list[int]]:
+        """What was decoded, and the messages that do not fit."""
+        suspects: list[int] = []
+        parts: list[_Part] = []
+        left: list[IntArray] = []
+        sizes = payloads.ends - payloads.starts
+        budget = _NEW_LAYOUTS + len(sizes) // 256
+        for size, of_size in _by_size(sizes):
+            rows = of_size
+            for layout in self._layouts.get(size, ()):
+                part, rows = self._copied(layout, payloads, rows)
+                parts += [part] if part else []
+            while len(rows) >= _FEW and budget > 0:
+                budget -= 1
+                found = self._learnt(payloads, rows)
+                if found is None:
+                    suspects.append(int(rows[0]))
+                    rows = rows[1:]
+                    continue
+                part, rows = self._copied(found, payloads, rows)
+                assert part is not None
+                parts.append(part)
+                if len(part.rows) >= _FEW:
+                    self._remember(found)
+            left.append(rows)
+        rest = np.sort(np.concatenate(left)) if left else np.zeros(0, dtype=np.int64)
+        if len(rest):
+            walked, misfits = self._walked(payloads, rest)
+            parts += walked
+            suspects += misfits
+        return parts, sorted(suspects)
+
+    def _learnt(self, payloads: Payloads, rows: IntArray) -> _Known | None:
+        """The layout of the first of some messages; `None` when it does not fit."""
+        message = payloads.one(int(rows[0]))
+        try:
+            return _Known(lay_out(self._plan, message), message, self._plan, self._interned)
+        except MisfitError:
+            return None
+
+    def _remember(self, layout: _Known) -> None:
+        if self._remembered >= _MOST_LAYOUTS:
+            self._layouts.clear()
+            self._remembered = 0
+        self._layouts.setdefault(layout.size, []).append(layout)
+        self._remembered += 1
+
+    def _copied(self, layout: _Known, payloads: Payloads, rows: IntArray) -> tuple[_Part | None, IntArray]:
+        """The messages that have a layout, and the indices of those that have not."""
+        size = layout.size
+        if not size:
+            return layout.part(rows, layout.empty(len(rows))), rows[:0]
+        step = max(1, _BLOCK_BYTES // size)
+        numbers = layout.empty(len(rows))
+        windows = np.ndarray((len(payloads.buffer) - size + 1,), f"V{size}", payloads.buffer, strides=(1,))
+        taken: list[IntArray] = []
+        others: list[IntArray] = []
+        done = 0
+        for first in range(0, len(rows), step):
+            some = rows[first : first + step]
+            block = windows[payloads.starts[some]].view(np.uint8).reshape(len(some), size)
+            fits = layout.fits(block)
+            if fits is not None:
+                others.append(some[~fits])
+                some, block = some[fits], block[fits]
+            if len(some):
+                layout.copy(block, numbers, done)
+                done += len(some)
+                taken.append(some)
+        rest = np.concatenate(others) if others else rows[:0]
+        if not done:
+            return None, rest
+        if done < len(rows):
+            numbers = {number: found[:done] for number, found in numbers.items()}
+        return layout.part(np.concatenate(taken), numbers), rest
+
+    def _walked(self, payloads: Payloads, rows: IntArray) -> tuple[list[_Part], list[int]]:
+        """Messages without a common layout: a few one by one, many together."""
+        if len(rows) < _FEW:
+            return self._alone(payloads, rows)
+        parts: list[_Part] = []
+        suspects: list[int] = []
+        for big, some in self._by_order(payloads, rows, suspects):
+            chosen = Payloads(payloads.buffer, payloads.starts[some], payloads.ends[some])
+            walked = walk(self._plan, chosen, self._interned, big=big)
+            sound = walked.sound
+            counts: dict[int, IntArray | int] = {n: c[sound] for n, c in walked.counts.items()}
+            parts.append(_Part(some[sound], counts, walked.values))
+            alone, misfits = self._alone(payloads, some[walked.lonely])
+            parts += alone
+            suspects += [*misfits, *some[~sound & ~walked.lonely].tolist()]
+        return parts, suspects
+
+    def _by_order(
+        self, payloads: Payloads, rows: IntArray, suspects: list[int]
+    ) -> Iterator[tuple[bool, IntArray]]:
+        """The messages of each byte order; what has none is suspect."""
+        if not self._plan.cdr:
+            yield False, rows
+            return
+        long = payloads.ends[rows] - payloads.starts[rows] >= 4
+        suspects += rows[~long].tolist()
+        rows = rows[long]
+        first, second = (payloads.buffer[payloads.starts[rows] + i] for i in (0, 1))
+        plain = (first == 0) & (second <= 1)
+        suspects += rows[~plain].tolist()
+        for big in (False, True):
+            some = rows[plain & (second == (0 if big else 1))]
+            if len(some):
+                yield big, some
+
+    def _alone(self, payloads: Payloads, rows: IntArray) -> tuple[list[_Part], list[int]]:
+        parts: list[_Part] = []
+        suspects: list[int] = []
+        for row in rows.tolist():
+            message = payloads.one(row)
+            try:
+                layout = lay_out(self._plan, message)
+            except MisfitError:
+                suspects.append(row)
+                continue
+            known = _Known(layout, message, self._plan, self._interned)
+            numbers = known.empty(1)
+            known.copy(np.frombuffer(message, dtype=np.uint8).reshape(1, -1), numbers, 0)
+            parts.append(known.part(np.array([row], dtype=np.int64), numbers))
+        return parts, suspects
+
+    def _deserialise(self) -> _Deserialise:
+        store, type_ = self._store, self._type
+        if self._cdr:
+            return lambda message: store.deserialize_cdr(message, type_)
+        return lambda message: store.deserialize_ros1(message, type_)
+
+    def _named(self, payloads: Payloads, suspects: list[int]) -> tuple[tuple[Defect, ...], str]:
+        """What is wrong with the messages that do not fit, in the words of rosbags.
+
+        Where rosbags accepts one, the second value says so: then rosbags is to decide on all.
+        """
+        defects: list[Defect] = []
+        deserialise = self._deserialise()
+        for index in suspects:
+            try:
+                deserialise(payloads.one(index))
+            except _failures() as error:
+                defects.append(Defect(index, str(error) or type(error).__name__))
+            else:
+                return (), f"message {index} does not fit the plan, and rosbags reads it"
+        return tuple(defects), ""
+
+    def _columns(self, parts: list[_Part], count: int, defects: tuple[Defect, ...]) -> Columns:
+        bad = np.zeros(count, dtype=bool)
+        bad[[defect.index for defect in defects]] = True
+        rows = np.flatnonzero(~bad).astype(np.int64)
+        merged = {s.number: _merged(s, parts, count) for s in self._plan.streams}
+        return Columns(rows, dict(self._finished(merged)), defects)
+
+    def _finished(self, merged: dict[int, NDArray[Any]]) -> Iterator[tuple[str, Column]]:
+        texts = tuple(self._interned.texts)
+        offsets: dict[int, IntArray] = {}
+        for stream in self._plan.streams:
+            if stream.kind == "length":
+                offsets[stream.number] = np.concatenate(([0], np.cumsum(merged[stream.number])))
+        for stream in self._plan.streams:
+            if stream.kind != "length":
+                yield (
+                    stream.path,
+                    Column(
+                        stream.path,
+                        merged[stream.number],
+                        tuple(offsets[level] for level in stream.levels),
+                        texts if stream.kind == "string" else None,
+                        tuple(self._plan.streams[level].path for level in stream.levels),
+                    ),
+                )
+
+    def _one_by_one(self, payloads: Payloads, cause: str) -> Columns:
+        """Everything as rosbags deserialises it."""
+        self.fallback = cause
+        deserialise = self._deserialise()
+        defects: list[Defect] = []
+        rows: list[int] = []
+        found: dict[int, list[Any]] = {s.number: [] for s in self._plan.streams}
+        for index in range(len(payloads)):
+            try:
+                message = deserialise(payloads.one(index))
+            except _failures() as error:
+                defects.append(Defect(index, str(error) or type(error).__name__))
+                continue
+            rows.append(index)
+            for field in self._plan.fields:
+                self._read(message, field, found)
+        merged = {
+            s.number: np.array(
+                [self._interned[t.encode()] for t in found[s.number]]
+                if s.kind == "string"
+                else found[s.number],
+                dtype=s.dtype,
+            )
+            for s in self._plan.streams
+        }
+        columns = dict(self._finished(merged))
+        return Columns(np.array(rows, dtype=np.int64), columns, tuple(defects), cause)
+
+    def _read(self, message: object, field: Field, found: dict[int, list[Any]]) -> None:
+        name = f"{field.name}_" if iskeyword(field.name) else field.name
+        value: Any = attrgetter(name)(message)
+        items = value if field.repeated else (value,)
+        if field.lengths is not None:
+            found[field.lengths].append(len(items))
+        if field.values is not None:
+            found[field.values].extend(items)
+        for item in items if field.inner else ():
+            for inner in field.inner:
+                self._read(item, inner, found)
+
+
+def _failures() -> tuple[type[BaseException], ...]:
+    from rosbags.serde import SerdeError  # noqa: PLC0415  # rosbags is slow to load
+
+    from ariac_score.logs.types import UNDECODABLE  # noqa: PLC0415  # which may itself decode columns
+
+    return (SerdeError, *UNDECODABLE)
+
+
+def _by_size(sizes: IntArray) -> Iterator[tuple[int, IntArray]]:
+    """The messages of each size, in their order."""
+    if not len(sizes):
+        return
+    if (sizes == sizes[0]).all():
+        yield int(sizes[0]), np.arange(len(sizes), dtype=np.int64)
+        return
+    order = np.argsort(sizes, kind="stable")
+    bounds = np.flatnonzero(np.diff(sizes[order])) + 1
+    for rows in np.split(order, bounds):
+        yield int(sizes[rows[0]]), rows
+
+
+def _merged(stream: Stream, parts: list[_Part], count: int) -> NDArray[Any]:
+    """The values of a stream from all parts, in the order of the messages."""
+    number = stream.number
+    if not parts:
+        return np.zeros(0, dtype=stream.dtype)
+    if len(parts) == 1:
+        return parts[0].values[number].astype(stream.dtype, copy=False)
+    totals = np.zeros(count, dtype=np.int64)
+    for part in parts:
+        totals[part.rows] = part.counts[number]
+    starts = np.cumsum(totals) - totals
+    out = np.empty(int(totals.sum()), dtype=stream.dtype)
+    for part in parts:
+        counts = part.counts[number]
+        if isinstance(counts, int):
+            counts = np.full(len(part.rows), counts, dtype=np.int64)
+        out[ranges(starts[part.rows], counts)] = part.values[number]
+    return out

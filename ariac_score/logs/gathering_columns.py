@@ -1,0 +1,272 @@
+"""From columns of many messages to what a log map makes of them: stamps, signals, poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.errors import LogError
+from ariac_score.logs.columnar import Column, ColumnDecoder
+from ariac_score.logs.columnar.columns import IntArray
+from ariac_score.logs.columnar.plan import PlanError
+from ariac_score.logs.kit_from_poses import ModelFrames
+from ariac_score.logs.pending import Waiting
+from ariac_score.logs.salvage import Connection
+from ariac_score.logs.transforms import ModelPoses, TransformTree
+from ariac_score.logs.types import column_decoder_for
+from ariac_score.trial.channels import Channel
+from ariac_score.trial.spans import FloatArray
+
+__all__ = [
+    "LARGEST_CLOCK_DIFFERENCE_S",
+    "Decoded",
+    "MixedClocksError",
+    "Needs",
+    "Together",
+    "columns_for",
+]
+
+LARGEST_CLOCK_DIFFERENCE_S = 60.0
+"""Header and log stamps further apart than this come from two clocks."""
+
+_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+_AT = tuple(f"transforms.transform.translation.{axis}" for axis in "xyz")
+_TURN = tuple(f"transforms.transform.rotation.{axis}" for axis in "xyzw")
+_PARENT, _CHILD = "transforms.header.frame_id", "transforms.child_frame_id"
+_POSITION = tuple(f"pose.position.{axis}" for axis in "xyz")
+_ORIENTATION = tuple(f"pose.orientation.{axis}" for axis in "wxyz")
+_VELOCITY = tuple(f"twist.linear.{axis}" for axis in "xyz")
+
+
+_Wanted = tuple[str, tuple[str, ...]]
+
+
+class MixedClocksError(Exception):
+    """The header of a message and the recorder tell times of two clocks.
+
+    Attributes:
+        number: The message.
+    """
+
+    def __init__(self, number: int, topic: str, stamp_ns: int, log_ns: int) -> None:
+        self.number = number
+        self._topic, self._stamp_ns, self._log_ns = topic, stamp_ns, log_ns
+        super().__init__(number, topic, stamp_ns, log_ns)
+
+    def told(self, file: Path) -> LogError:
+        """The error for the user."""
+        apart_s = (self._stamp_ns - self._log_ns) / 1e9
+        return LogError(
+            f"two clocks are mixed: on topic {self._topic} the header says {self._stamp_ns} ns, "
+            f"the recorder {self._log_ns} ns, {apart_s:.3f} s apart",
+            file=file,
+            hint="record with simulation time (`rosbag record` with /use_sim_time, `ros2 bag record "
+            "--use-sim-time`), or let the log map stamp this topic with `stamp: log`",
+        )
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a channel needs of a message: the fields of its signals, besides what its poses need."""
+
+    channel: Channel
+    signals: tuple[str, ...]
+
+    def fields(self) -> dict[str, _Wanted]:
+        """The paths it needs, each with what must be there and the sequences it must lie in."""
+        poses, found = self.channel.poses, dict[str, _Wanted]()
+        if poses == "frames":
+            inside = ("transforms",)
+            found |= dict.fromkeys((*_AT, *_TURN), ("number", inside))
+            found |= dict.fromkeys((_PARENT, _CHILD), ("text", inside))
+            if self._has_header:
+                found |= {f"transforms.{path}": ("stamp", inside) for path in _STAMP}
+            return found
+        if poses == "models":
+            found |= {"name": ("text", ("name",))}
+            found |= dict.fromkeys(_VELOCITY, ("number", ("twist",)))
+            found |= dict.fromkeys((*_POSITION, *_ORIENTATION), ("number", ("pose",)))
+        else:
+            found |= dict.fromkeys(self.signals, ("number", ()))
+        if self._has_header:
+            found |= dict.fromkeys(_STAMP, ("stamp", ()))
+        return found
+
+    @property
+    def _has_header(self) -> bool:
+        return self.channel.stamp == "header" and not self.channel.topic.endswith("tf_static")
+
+
+def columns_for(connection: Connection, needs: Sequence[Needs]) -> ColumnDecoder | None:
+    """A decoder of what some channels need of a connection; `None` when that takes whole messages.
+
+    Decoders of orders and submissions take whole messages; and where a field is not what
+    the log map says, only a message can tell what it is instead.
+    """
+    if any(need.channel.decoder for need in needs):
+        return None
+    fields = [item for need in needs for item in need.fields().items()]
+    try:
+        decoder = column_decoder_for(connection, dict(fields))
+    except PlanError:
+        return None
+    for path, (what, levels) in fields:
+        shape = decoder.shape(path)
+        if shape is None or shape[1] != levels or not _is(what, shape[0]):
+            return None
+    return decoder
+
+
+def _is(what: str, kind: str) -> bool:
+    if what == "stamp":
+        return kind in ("int32", "uint32")
+    return (kind == "string") == (what == "text")
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """The sound ones of some messages of a connection.
+
+    Attributes:
+        numbers: Their numbers in the recording, shape (n,).
+        log_ns: Their log times, shape (n,).
+        columns: Their fields.
+        refused: Why others are not sound, by number.
+    """
+
+    numbers: IntArray
+    log_ns: IntArray
+    columns: Mapping[str, Column]
+    refused: dict[int, str]
+
+    @classmethod
+    def of(cls, decoder: ColumnDecoder, messages: Waiting) -> Decoded:
+        """Decode some messages."""
+        found = decoder.decode(messages.payloads)
+        refused = {int(messages.numbers[defect.index]): defect.cause for defect in found.defects}
+        return cls(messages.numbers[found.rows], messages.stamps_ns[found.rows], found.columns, refused)
+
+    def numbers_of(self, paths: Sequence[str]) -> FloatArray:
+        """Some fields side by side, shape (n, k), or (n,) of one field."""
+        if len(paths) == 1:
+            return self.columns[paths[0]].values.astype(np.float64)
+        return _side_by_side(self.columns, paths)
+
+    def stamps_ns(self, channel: Channel) -> IntArray:
+        """The stamps that a channel asks for: one for each message, or for each transform.
+
+        Raises:
+            MixedClocksError: A header and the recorder are of two clocks.
+        """
+        frames = channel.poses == "frames"
+        if frames:
+            counts = self.columns[_CHILD].per_message()
+            log_ns, numbers = np.repeat(self.log_ns, counts), np.repeat(self.numbers, counts)
+        else:
+            log_ns, numbers = self.log_ns, self.numbers
+        if channel.stamp != "header" or (frames and channel.topic.endswith("tf_static")):
+            return log_ns
+        prefix = "transforms." if frames else ""
+        sec, nanosec = (self.columns[prefix + path].values.astype(np.int64) for path in _STAMP)
+        stamps_ns: IntArray = sec * 10**9 + nanosec
+        apart = np.abs((stamps_ns - log_ns) / 1e9) > LARGEST_CLOCK_DIFFERENCE_S
+        if apart.any():
+            i = int(np.argmax(apart))
+            raise MixedClocksError(int(numbers[i]), channel.topic, int(stamps_ns[i]), int(log_ns[i]))
+        return stamps_ns
+
+
+def _side_by_side(columns: Mapping[str, Column], paths: Sequence[str]) -> FloatArray:
+    rows: FloatArray = np.empty((len(columns[paths[0]].values), len(paths)))
+    for i, path in enumerate(paths):
+        rows[:, i] = columns[path].values
+    return rows
+
+
+class _Names:
+    """Names of several columns of texts under common numbers."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self._numbers: dict[str, int] = {}
+
+    def numbered(self, column: Column) -> IntArray:
+        assert column.texts is not None
+        used = np.unique(column.values)
+        table = np.zeros(len(column.texts), dtype=np.int64)
+        for code in used.tolist():
+            name = column.texts[code]
+            if name not in self._numbers:
+                self._numbers[name] = len(self.names)
+                self.names.append(name)
+            table[code] = self._numbers[name]
+        numbers: IntArray = table[column.values]
+        return numbers
+
+
+_Part = tuple[NDArray[Any], ...]
+
+
+@dataclass
+class Together:
+    """Poses from several connections, before they are put into recorded order."""
+
+    _names: _Names = field(default_factory=_Names)
+    _frames: list[_Part] = field(default_factory=list)
+    _models: list[_Part] = field(default_factory=list)
+
+    def add_frames(self, decoded: Decoded, stamps_ns: IntArray, *, static: bool) -> None:
+        """Take the transforms of tf messages."""
+        columns = decoded.columns
+        rows = _side_by_side(columns, (*_AT, *_TURN))
+        numbers = np.repeat(decoded.numbers, columns[_CHILD].per_message())
+        parents, children = (self._names.numbered(columns[path]) for path in (_PARENT, _CHILD))
+        moving = np.full(len(rows), not static)
+        self._frames.append((numbers, parents, children, rows, stamps_ns, moving))
+
+    def add_models(self, decoded: Decoded, stamps_ns: IntArray, *, links: bool) -> dict[int, str]:
+        """Take the states of model or link states; returns why some messages are refused, by number."""
+        columns = decoded.columns
+        names, poses, twists = (columns[path] for path in ("name", _POSITION[0], _VELOCITY[0]))
+        counts = names.per_message()
+        fits = (poses.per_message() == counts) & (twists.per_message() == counts)
+        of_name, of_pose, of_twist = (np.repeat(fits, c.per_message()) for c in (names, poses, twists))
+        pose = _side_by_side(columns, (*_POSITION, *_ORIENTATION))[of_pose]
+        velocity = _side_by_side(columns, _VELOCITY)[of_twist]
+        found = self._names.numbered(names)[of_name]
+        numbers, counts = decoded.numbers, counts[fits]
+        of_links = np.full(len(counts), links)
+        self._models.append((numbers[fits], counts, stamps_ns[fits], of_links, found, pose, velocity))
+        return dict.fromkeys(numbers[~fits].tolist(), "name, pose and twist differ in length")
+
+    def hand_over(self, tree: TransformTree, models: ModelPoses, kits: Mapping[bool, ModelFrames]) -> None:
+        """Hand everything over in recorded order."""
+        if self._frames:
+            parts = [np.concatenate(part) for part in zip(*self._frames, strict=True)]
+            if len(self._frames) > 1:
+                order = np.argsort(parts[0], kind="stable")
+                parts = [part[order] for part in parts]
+            _, parents, children, rows, stamps_ns, moving = parts
+            tree.add_many(self._names.names, parents, children, rows, stamps_ns, moving)
+        if self._models:
+            self._hand_over_models(models, kits)
+
+    def _hand_over_models(self, models: ModelPoses, kits: Mapping[bool, ModelFrames]) -> None:
+        parts = [np.concatenate(part) for part in zip(*self._models, strict=True)]
+        if len(self._models) > 1:
+            numbers, counts = parts[:2]
+            order = np.argsort(numbers, kind="stable")
+            states = np.argsort(np.repeat(numbers, counts), kind="stable")
+            parts = [part[order] for part in parts[:4]] + [part[states] for part in parts[4:]]
+        _, counts, stamps_ns, links, found, pose, velocity = parts
+        names, rows = self._names.names, np.concatenate((pose[:, :3], velocity), axis=1)
+        of_links = np.repeat(links, counts)
+        models.add_many(names, found, rows, np.repeat(stamps_ns, counts), of_links)
+        for kind, frames in kits.items():
+            own, states = links == kind, of_links == kind
+            frames.add_many(names, found[states], pose[states], counts[own], stamps_ns[own])

@@ -1,0 +1,121 @@
+"""Messages waiting to be decoded together: one buffer for all topics, emptied whenever it is full."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ariac_score.logs.columnar import Payloads
+from ariac_score.logs.columnar.columns import Bytes, IntArray
+from ariac_score.logs.salvage import Batch, Connection, Message
+
+__all__ = ["SLAB_BYTES", "Pending", "Waiting"]
+
+SLAB_BYTES = 8 << 20
+"""So much waits at most, beyond one message: it bounds the memory that reading needs."""
+
+_SMALLEST_BYTES = 1 << 16
+_SLAB_MESSAGES = 1 << 17
+
+
+@dataclass(frozen=True, eq=False)
+class Waiting:
+    """What waits of one connection.
+
+    Attributes:
+        numbers: Of each message its number in the recording, increasing, shape (n,).
+        stamps_ns: Their log times, shape (n,).
+        payloads: Their bytes.
+    """
+
+    numbers: IntArray
+    stamps_ns: IntArray
+    payloads: Payloads
+
+
+class Pending:
+    """Collects messages until there are enough of them to be worth decoding.
+
+    The buffer is used again and again: memory that is touched for the first time costs more
+    than what is done with it. So what `empty` gives holds until the next message is added.
+    """
+
+    def __init__(self) -> None:
+        self._buffer: Bytes = np.empty(0, dtype=np.uint8)
+        self._used = 0
+        self._rows: dict[Connection, array[int]] = {}
+        self._count = 0
+
+    @property
+    def full(self) -> bool:
+        """Whether it should be emptied."""
+        return self._used >= SLAB_BYTES or self._count >= _SLAB_MESSAGES
+
+    def add(self, message: Message, number: int) -> None:
+        """Take a copy of a message: what it is part of must not be kept from being freed."""
+        start = self._reserve(len(message.payload))
+        self._buffer.data[start : self._used] = message.payload
+        self._of(message.connection).extend((number, message.stamp_ns, start, self._used))
+        self._count += 1
+
+    def _reserve(self, count: int) -> int:
+        """Where the next so many bytes go."""
+        start, self._used = self._used, self._used + count
+        if self._used > len(self._buffer):
+            larger = np.empty(max(self._used, 2 * len(self._buffer), _SMALLEST_BYTES), dtype=np.uint8)
+            larger[:start] = self._buffer[:start]
+            self._buffer = larger
+        return start
+
+    def portions(self, batch: Batch, kept: IntArray) -> Iterator[slice]:
+        """The wanted messages of a batch in portions that fit."""
+        sizes = batch.payloads.ends[kept] - batch.payloads.starts[kept]
+        total = np.cumsum(sizes) // SLAB_BYTES
+        bounds = [0, *(np.flatnonzero(np.diff(total)) + 1).tolist(), len(kept)]
+        for first, last in pairwise(bounds):
+            if last > first:
+                yield slice(first, last)
+
+    def add_many(self, batch: Batch, kept: IntArray, numbers: IntArray) -> None:
+        """Take copies of some messages of a batch."""
+        starts, ends = batch.payloads.starts[kept], batch.payloads.ends[kept]
+        first, last = int(starts[0]), int(ends[-1])
+        buffer, wanted = batch.payloads.buffer, int((ends - starts).sum())
+        if last - first <= 2 * wanted:
+            start = self._reserve(last - first)
+            self._buffer[start : self._used] = buffer[first:last]
+            new_starts, new_ends = starts + (start - first), ends + (start - first)
+        else:
+            # Most of it is something else, such as pictures that nobody wants.
+            start = self._reserve(wanted)
+            new_ends = start + np.cumsum(ends - starts)
+            new_starts = new_ends - (ends - starts)
+            places = (a.tolist() for a in (starts, ends, new_starts, new_ends))
+            for old, old_end, new, new_end in zip(*places, strict=True):
+                self._buffer[new:new_end] = buffer[old:old_end]
+        table = np.stack((numbers, batch.stamps_ns[kept], new_starts, new_ends), axis=1)
+        sources = batch.sources[kept]
+        for place in np.unique(sources).tolist():
+            self._of(batch.connections[place]).frombytes(table[sources == place].tobytes())
+        self._count += len(kept)
+
+    def _of(self, connection: Connection) -> array[int]:
+        """Number, stamp, start and end of each message of a connection."""
+        if connection not in self._rows:
+            self._rows[connection] = array("q")
+        return self._rows[connection]
+
+    def empty(self) -> dict[Connection, Waiting]:
+        """Everything that waits, which then waits no more."""
+        buffer = self._buffer[: self._used]
+        waiting = {}
+        for connection, rows in self._rows.items():
+            table = np.frombuffer(rows, dtype=np.int64).reshape(-1, 4)
+            numbers, stamps_ns, starts, ends = np.ascontiguousarray(table.T)
+            waiting[connection] = Waiting(numbers, stamps_ns, Payloads(buffer, starts, ends))
+        self._used, self._rows, self._count = 0, {}, 0
+        return waiting

@@ -1,0 +1,159 @@
+"""The wanted fields of the wanted topics of a recording, each as one array."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.logs.columnar import Column, ColumnDecoder
+from ariac_score.logs.columnar.columns import IntArray
+from ariac_score.logs.columnar.plan import PlanError
+from ariac_score.logs.pending import Pending, Waiting
+from ariac_score.logs.rosbag import open_scan
+from ariac_score.logs.salvage import Batch, Connection
+from ariac_score.logs.types import UnknownTypeError, column_decoder_for
+
+__all__ = ["Table", "read_tables"]
+
+
+_LARGEST_GUESS = 1 << 26
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """What one connection recorded.
+
+    Attributes:
+        topic: Its name.
+        type: `package/msg/Name`.
+        stamps_ns: Log times of its sound messages, shape (n,).
+        columns: Its wanted fields by path.
+        defects: Messages that do not fit their definition, in all.
+        unreadable: Why none of its messages can be decoded; empty when they can.
+    """
+
+    topic: str
+    type: str
+    stamps_ns: IntArray
+    columns: Mapping[str, Column] = field(default_factory=dict)
+    defects: int = 0
+    unreadable: str = ""
+
+
+class _Grown:
+    """An array that grows at its end.
+
+    Its size is guessed from the share of the recording that was read: memory that nothing
+    is written to costs nothing, and moving what was written does.
+    """
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self._values = np.empty(0, dtype=dtype)
+        self._used = 0
+
+    def add(self, values: NDArray[Any], share: float) -> None:
+        start, self._used = self._used, self._used + len(values)
+        if self._used > len(self._values):
+            guess = min(int(self._used / max(share, 1e-3) * 1.1), _LARGEST_GUESS)
+            larger = np.empty(max(guess, self._used * 5 // 4), dtype=values.dtype)
+            larger[:start] = self._values[:start]
+            self._values = larger
+        self._values[start : self._used] = values
+
+    def finished(self) -> NDArray[Any]:
+        return self._values[: self._used]
+
+
+class _Growing:
+    """A table while it is read."""
+
+    def __init__(self, decoder: ColumnDecoder | None, unreadable: str = "") -> None:
+        self.decoder = decoder
+        self._unreadable, self._defects = unreadable, 0
+        self._stamps_ns = _Grown(np.dtype(np.int64))
+        self._values: dict[str, _Grown] = {}
+        self._lengths: dict[str, _Grown] = {}
+        self._last: dict[str, Column] = {}  # one decoder gave them all, so its texts include those before
+
+    def take(self, waiting: Waiting, share: float) -> None:
+        assert self.decoder is not None
+        found = self.decoder.decode(waiting.payloads)
+        self._stamps_ns.add(waiting.stamps_ns[found.rows], share)
+        self._defects += len(found.defects)
+        self._last = found.columns
+        offsets: dict[str, IntArray] = {}
+        for path, column in found.columns.items():
+            self._values.setdefault(path, _Grown(column.values.dtype)).add(column.values, share)
+            offsets |= dict(zip(column.levels, column.offsets, strict=True))
+        for path, bounds in offsets.items():
+            self._lengths.setdefault(path, _Grown(np.dtype(np.int64))).add(np.diff(bounds), share)
+
+    def table(self, connection: Connection) -> Table:
+        offsets = {p: np.concatenate(([0], np.cumsum(g.finished()))) for p, g in self._lengths.items()}
+        columns = {
+            path: Column(
+                path,
+                self._values[path].finished(),
+                tuple(offsets[level] for level in last.levels),
+                last.texts,
+                last.levels,
+            )
+            for path, last in self._last.items()
+        }
+        stamps_ns = self._stamps_ns.finished()
+        return Table(connection.topic, connection.type, stamps_ns, columns, self._defects, self._unreadable)
+
+
+def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None]) -> list[Table]:
+    """Read some fields of some topics.
+
+    Args:
+        path: The recording.
+        wanted: Dotted paths by topic; `None` for all fields of a topic.
+
+    Returns:
+        A table for each connection on a wanted topic, in the order they were declared.
+
+    Raises:
+        LogError: The recording is damaged.
+    """
+    pending, growing = Pending(), dict[Connection, _Growing]()
+    scan = open_scan(path)
+    for item in scan:
+        if isinstance(item, Connection):
+            if item.topic in wanted:
+                growing[item] = _growing(item, wanted[item.topic])
+        elif isinstance(item, Batch):
+            good = np.array([_is_decoded(growing, c) for c in item.connections], dtype=bool)
+            kept = np.flatnonzero(good[item.sources])
+            for some in pending.portions(item, kept):
+                pending.add_many(item, kept[some], kept[some])
+                if pending.full:
+                    _empty(pending, growing, scan.share)
+        elif _is_decoded(growing, item.connection):
+            pending.add(item, 0)
+            if pending.full:
+                _empty(pending, growing, scan.share)
+    _empty(pending, growing, 1.0)
+    return [found.table(connection) for connection, found in growing.items()]
+
+
+def _growing(connection: Connection, fields: Iterable[str] | None) -> _Growing:
+    try:
+        return _Growing(column_decoder_for(connection, fields))
+    except (UnknownTypeError, PlanError) as error:
+        return _Growing(None, str(error))
+
+
+def _is_decoded(growing: Mapping[Connection, _Growing], connection: Connection) -> bool:
+    return connection in growing and growing[connection].decoder is not None
+
+
+def _empty(pending: Pending, growing: Mapping[Connection, _Growing], share: float) -> None:
+    for connection, waiting in pending.empty().items():
+        growing[connection].take(waiting, share)

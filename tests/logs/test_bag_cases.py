@@ -1,0 +1,113 @@
+"""Real recordings against what two independent readers found in them.
+
+`pytest --bag-cases DIR` runs another folder: each recording `FILE` with `FILE.expected.json`
+beside it, which has of each topic its type, count, first and last stamp, and of each field
+the number of its values with their exact sum, or a digest of its texts.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ariac_score.logs.columnar import Payloads
+from ariac_score.logs.mcap import McapScan
+from ariac_score.logs.ros1bag import Ros1Scan
+from ariac_score.logs.salvage import Batch, Connection, Message
+from ariac_score.logs.sqlite_bag import SqliteScan
+from ariac_score.logs.types import column_decoder_for
+
+SCANS = {".bag": Ros1Scan, ".db3": SqliteScan, ".mcap": McapScan}
+ROOT = Path(__file__).parents[2]
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    given = metafunc.config.getoption("--bag-cases")
+    folder = Path(given) if given else ROOT.parent / "shared" / "bags"
+    cases = sorted(p for suffix in SCANS for p in folder.rglob(f"*{suffix}.expected.json"))
+    if given and not cases:
+        raise pytest.UsageError(f"--bag-cases {folder}: it holds no recording with an .expected.json")
+    if "expected" in metafunc.fixturenames:
+        ids = [str(p.relative_to(folder)).removesuffix(".expected.json") for p in cases]
+        metafunc.parametrize("expected", cases or [None], ids=ids or ["none"])
+
+
+def described(expected: Path | None) -> tuple[Path, dict[str, Any]]:
+    if expected is None:
+        pytest.skip("the folder of recordings (../shared/bags, or --bag-cases DIR) is not here")
+    topics = json.loads(expected.read_text(encoding="utf-8"))["first"].get("topics")
+    if topics is None:
+        pytest.skip("the reader that made the expectations could not read it")
+    return expected.with_name(expected.name.removesuffix(".expected.json")), topics
+
+
+def recorded(path: Path) -> dict[str, list[Message]]:
+    found: dict[str, list[Message]] = defaultdict(list)
+    for item in SCANS[path.suffix](path):
+        if isinstance(item, Connection):
+            found[item.topic] = found[item.topic]
+            continue
+        for message in item.messages() if isinstance(item, Batch) else (item,):
+            found[message.connection.topic].append(message)
+    return found
+
+
+def test_topics_counts_and_times(expected: Path | None) -> None:
+    path, topics = described(expected)
+    messages = recorded(path)
+
+    for topic, facts in topics.items():
+        stamps = [m.stamp_ns for m in messages[topic]]
+        assert len(stamps) == facts["count"], topic
+        if stamps:
+            assert (min(stamps), max(stamps)) == (facts["first_ns"], facts["last_ns"]), topic
+
+
+def test_every_field_of_every_message(expected: Path | None) -> None:
+    path, topics = described(expected)
+    messages = recorded(path)
+
+    for topic, facts in topics.items():
+        if "fields" in facts and "decode_error" not in facts:
+            assert_fields(facts["fields"], messages[topic], topic)
+
+
+def assert_fields(fields: dict[str, Any], messages: list[Message], topic: str) -> None:
+    numbers: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
+    texts: dict[str, dict[int, list[str]]] = defaultdict(dict)
+    lengths: dict[str, dict[int, tuple[int, int]]] = defaultdict(dict)
+    for number, connection in enumerate(dict.fromkeys(m.connection for m in messages)):
+        numbered = [(i, m) for i, m in enumerate(messages) if m.connection is connection]
+        columns = column_decoder_for(connection).decode(Payloads.joined(m.payload for _, m in numbered))
+        assert (columns.defects, columns.fallback) == ((), ""), topic
+        for name, column in columns.columns.items():
+            for level, path in zip(column.offsets, column.levels, strict=True):
+                lengths[path][number] = len(level) - 1, int(level[-1])
+            if column.texts is None:
+                numbers[name].append(column.values)
+            else:
+                each = np.split(np.array(column.text(), dtype=object), np.cumsum(column.per_message())[:-1])
+                for (i, _), some in zip(numbered, each, strict=True):
+                    texts[name][i] = some.tolist()
+    for name, facts in fields.items():
+        if name.endswith("[]"):
+            arrays, elements = (sum(found) for found in zip(*lengths[name[:-2]].values(), strict=True))
+            assert (arrays, elements) == (facts["n"], facts["fsum"]), f"{topic} {name}"
+            continue
+        if "fsum" in facts:
+            values = np.concatenate(numbers[name]).astype(object) if numbers[name] else np.zeros(0)
+            finite = [v for v in values.tolist() if math.isfinite(v)]
+            assert (len(values), math.fsum(finite)) == (facts["n"], facts["fsum"]), f"{topic} {name}"
+        elif "sha256_of_joined_nul" in facts:
+            joined = [text for i in sorted(texts[name]) for text in texts[name][i]]
+            digest = hashlib.sha256("\0".join(joined).encode()).hexdigest()[:16]
+            assert (len(joined), digest) == (facts["n"], facts["sha256_of_joined_nul"]), f"{topic} {name}"
+        else:
+            raise AssertionError(f"{topic} {name}: nothing is expected of it: {facts}")

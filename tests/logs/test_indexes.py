@@ -1,0 +1,151 @@
+"""Indexes of chunks: taken where they agree with the records, otherwise counted and passed over."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ariac_score.contracts import Wanted
+from ariac_score.errors import LogError
+from ariac_score.logs.mcap import McapScan
+from ariac_score.logs.ros1bag import Ros1Scan
+from ariac_score.logs.rosbag import RosbagReader
+from ariac_score.logs.salvage import Batch, Connection
+from ariac_score.testing.bags import Recorded, write_bag
+from ariac_score.trial.channels import Channel, FieldMap, LogMap
+from ariac_score.trial.model import Trial
+
+STRING, VECTOR = "std_msgs/msg/String", "geometry_msgs/msg/Vector3"
+CHANNEL = Channel("/speed", VECTOR, signals=(FieldMap("speed/human", "m/s", ("x",)),))
+WANTED = Wanted(LogMap("test", (CHANNEL,)), frozenset({"speed"}))
+MESSAGES = [
+    Recorded("/speed", VECTOR, 10**18 + i * 10**8, {"x": i / 8})
+    if i % 3
+    else Recorded("/word", STRING, 10**18 + i * 10**8, {"data": "x" * i})
+    for i in range(30)
+]
+FORMATS = [
+    ("mcap", "t.mcap", ""),
+    ("mcap", "t.mcap", "zstd"),
+    ("ros1", "t.bag", ""),
+    ("ros1", "t.bag", "lz4"),
+]
+every_format = pytest.mark.parametrize(("storage", "name", "compression"), FORMATS)
+Change = Callable[[bytearray, int, int], None]
+
+
+def index_records(storage: str, content: bytes) -> Iterator[tuple[int, int]]:
+    """Where the entries of each index record are, in a file that is whole."""
+    at = 8 if storage == "mcap" else 13
+    while at < len(content) - 8:
+        if storage == "mcap":
+            op, length = struct.unpack_from("<BQ", content, at)
+            if op == 7:
+                yield at + 15, at + 9 + length
+            at += 9 + length
+        else:
+            (size,) = struct.unpack_from("<I", content, at)
+            head = content[at + 4 : at + 4 + size]
+            (length,) = struct.unpack_from("<I", content, at + 4 + size)
+            start = at + 8 + size
+            if b"op=\x04" in head:
+                yield start, start + length
+            at = start + length
+
+
+def an_offset_is_wrong(content: bytearray, start: int, end: int) -> None:
+    content[end - 8] ^= 1  # of the last entry; in a ROS 1 bag these are the nanoseconds
+
+
+def a_time_is_wrong(content: bytearray, start: int, end: int) -> None:
+    content[start] ^= 1
+
+
+def it_is_all_ones(content: bytearray, start: int, end: int) -> None:
+    content[start:end] = b"\xff" * (end - start)
+
+
+def an_entry_stands_twice(content: bytearray, start: int, end: int) -> None:
+    size = 16 if (end - start) % 16 == 0 else 12
+    content[start : start + size] = content[start + size : start + 2 * size]
+
+
+CHANGES = [an_offset_is_wrong, a_time_is_wrong, it_is_all_ones, an_entry_stands_twice]
+
+
+def read(path: Path) -> Trial:
+    return RosbagReader().read(path, WANTED)
+
+
+def figures(trial: Trial) -> Any:
+    return {n: (s.t.tolist(), s.values.tolist()) for n, s in trial.signals.items()}, trial.recorded
+
+
+@every_format
+def test_a_sound_index_is_taken_and_says_nothing(
+    tmp_path: Path, storage: Any, name: str, compression: str
+) -> None:
+    path = write_bag(tmp_path / name, MESSAGES, storage=storage, compression=compression)
+    scan = McapScan(path) if storage == "mcap" else Ros1Scan(path)
+    items = list(scan)
+
+    assert [len(i) if isinstance(i, Batch) else 1 for i in items if not isinstance(i, Connection)] != [1] * 30
+    assert sum(len(i) for i in items if isinstance(i, Batch)) == 30
+    assert scan.index_contradictions == 0
+    assert read(path).log_defects == ()
+
+
+@every_format
+@pytest.mark.parametrize(
+    "change", [an_offset_is_wrong, a_time_is_wrong, it_is_all_ones, an_entry_stands_twice]
+)
+def test_an_index_that_contradicts_the_records_is_passed_over_and_counted(
+    tmp_path: Path, storage: Any, name: str, compression: str, change: Change
+) -> None:
+    path = write_bag(tmp_path / name, MESSAGES, storage=storage, compression=compression)
+    expected = figures(read(path))
+    content = bytearray(path.read_bytes())
+    start, end = next(index_records(storage, bytes(content)))
+    change(content, start, end)
+    path.write_bytes(content)
+
+    trial = read(path)
+
+    assert figures(trial) == expected
+    (defect,) = trial.log_defects
+    assert (defect.kind, defect.count) == ("contradicting_index", 1)
+    assert defect in RosbagReader().describe(path).defects
+
+
+@every_format
+def test_cut_at_every_byte_it_is_refused_and_never_half_read(
+    tmp_path: Path, storage: Any, name: str, compression: str
+) -> None:
+    path = write_bag(tmp_path / name, MESSAGES[:2], storage=storage, compression=compression)
+    whole = path.read_bytes()
+    for size in range(len(whole)):
+        path.write_bytes(whole[:size])
+        with pytest.raises(LogError):
+            read(path)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "ros1"])
+def test_any_changed_byte_gives_the_same_numbers_or_an_error_or_a_defect(
+    tmp_path: Path, storage: Any
+) -> None:
+    """Where nothing is compressed and no checksum covers it, a number itself may be another."""
+    path = write_bag(tmp_path / f"t.{'mcap' if storage == 'mcap' else 'bag'}", MESSAGES[:6], storage=storage)
+    whole = path.read_bytes()
+    for at in range(0, len(whole), 5):
+        changed = bytearray(whole)
+        changed[at] ^= 0xFF
+        path.write_bytes(changed)
+        try:
+            trial = read(path)
+        except LogError:
+            continue
+        assert all(len(signal) <= 6 for signal in trial.signals.values())
