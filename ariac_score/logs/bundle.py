@@ -55,7 +55,7 @@ _WORDS = {
 }
 
 FORMATS = (
-    "ROS bags, Gazebo state.log, JSON Lines trial logs, ARIAC performance.log, trial_log.txt, "
+    "ROS bags, Gazebo state.log, JSON Lines trial logs, ROSMonitoring logs, ARIAC performance.log, trial_log.txt, "
     "sensor_cost.txt, the database of 2025, trial and team configurations (YAML)"
 )
 _SHOWN = 5

@@ -33,7 +33,7 @@ from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Eve
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
-__all__ = ["LARGEST_CLOCK_DIFFERENCE_S", "Gathering"]
+__all__ = ["LARGEST_CLOCK_DIFFERENCE_S", "Gathering", "Route"]
 
 _STATES = frozenset({COMPETITION_STARTED, COMPETITION_ENDED})
 """Simulators publish the state ten times a second; an event is its first message in a row."""
@@ -64,7 +64,7 @@ class Gathering:
         # Links first: they are recorded as exactly, and trays that are nested are links alone.
         self._kits = {True: ModelFrames(log_map.kits), False: ModelFrames(log_map.kits)}
         self._intakes = [_Intake(channel, wanted) for channel in log_map.channels_for(wanted.quantities)]
-        self._routes: dict[Connection, _Route] = {}
+        self._routes: dict[Connection, Route] = {}
         self._pending = Pending()
         self._number = 0
 
@@ -106,9 +106,7 @@ class Gathering:
             for intake in intakes:
                 intake.unknown[connection.type] = str(error)
             return
-        self._routes[connection] = _Route(
-            intakes, decode, columns_for(connection, [i.needs for i in intakes])
-        )
+        self._routes[connection] = Route(intakes, decode, columns_for(connection, [i.needs for i in intakes]))
 
     def flush(self) -> None:
         """Decode what waits.
@@ -182,7 +180,7 @@ class Gathering:
             message = Message(connection, int(messages.stamps_ns[i]), messages.payloads.one(i))
             self._decode(message, number, route)
 
-    def _decode(self, item: Message, number: int, route: _Route) -> None:
+    def _decode(self, item: Message, number: int, route: Route) -> None:
         try:
             message = route.decode(item.payload)
         except UnknownTypeError as error:
@@ -253,7 +251,7 @@ def _stamp_ns(item: Message, number: int, message: object, channel: Channel) -> 
 
 
 @dataclass(frozen=True)
-class _Route:
+class Route:
     """Where the messages of a connection go, and how they are decoded."""
 
     intakes: Sequence[_Intake]

@@ -23,8 +23,9 @@ import numpy as np
 
 from ariac_score.contracts import LogDescription, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs.gathering import Gathering
-from ariac_score.logs.salvage import Connection, Message, normalised_type
+from ariac_score.logs.gathering import Gathering, Route
+from ariac_score.logs.gathering_columns import MixedClocksError
+from ariac_score.logs.salvage import Batch, Connection, Message, normalised_type
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, LogMap
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED
@@ -351,10 +352,22 @@ def _names_a_channel(text: str) -> bool:
 class _EventGathering(Gathering):
     """Takes events, whose messages are there already and need no decoding."""
 
+    def take(self, item: Connection | Message | Batch) -> None:
+        """Take one item, in recorded order; there are no bytes that could wait to be decoded together."""
+        if not isinstance(item, Message):
+            super().take(item)
+            return
+        self._number += 1
+        if item.connection in self._routes:
+            try:
+                self._decode(item, self._number, self._routes[item.connection])
+            except MixedClocksError as error:
+                raise error.told(self._file) from None
+
     def _connect(self, connection: Connection) -> None:
         intakes = [intake for intake in self._intakes if intake.accepts(connection)]
         if intakes:
-            self._routes[connection] = _as_it_is, intakes
+            self._routes[connection] = Route(intakes, _as_it_is, None)
 
 
 def _as_it_is(payload: Any) -> Any:
