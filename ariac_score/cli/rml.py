@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ariac_score.logs.salvage import Scan
+    from ariac_score.logs.salvage import Message, Scan
     from ariac_score_rml.running import Program, Run
 
 EXIT_REJECTED = 1
@@ -174,15 +174,12 @@ def _recorded(path: Path, kind: str) -> Iterator[dict[str, Any]]:
         LogError: The recording is damaged, or a message cannot be decoded.
     """
     from ariac_score.errors import LogError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.logs.salvage import Message  # noqa: PLC0415
     from ariac_score.logs.types import UnknownTypeError, decoder_for  # noqa: PLC0415
 
     decoders: dict[str, Any] = {}
     first_ns = None
     try:
-        for item in _scan(path, kind):
-            if not isinstance(item, Message):
-                continue
+        for item in _messages(_scan(path, kind)):
             connection = item.connection
             if connection.topic not in decoders:
                 decoders[connection.topic] = decoder_for(connection)
@@ -198,6 +195,17 @@ def _recorded(path: Path, kind: str) -> Iterator[dict[str, Any]]:
         ) from error
     except OSError as error:
         raise LogError(f"it cannot be read: {error.strerror}", file=path, hint="check the path") from error
+
+
+def _messages(scan: Scan) -> Iterator[Message]:
+    """The messages of a scan one by one, however many of them it gives at a time."""
+    from ariac_score.logs.salvage import Batch, Message  # noqa: PLC0415  # keeps --help quick
+
+    for item in scan:
+        if isinstance(item, Message):
+            yield item
+        elif isinstance(item, Batch):
+            yield from item.messages()
 
 
 def _scan(path: Path, kind: str) -> Scan:

@@ -55,8 +55,8 @@ _WORDS = {
 }
 
 FORMATS = (
-    "ROS bags, Gazebo state.log, JSON Lines trial logs, ROSMonitoring logs, ARIAC performance.log, trial_log.txt, "
-    "sensor_cost.txt, the database of 2025, trial and team configurations (YAML)"
+    "ROS bags, Gazebo state.log, JSON Lines trial logs, ROSMonitoring logs, ARIAC performance.log, "
+    "trial_log.txt, sensor_cost.txt, the database of 2025, trial and team configurations (YAML)"
 )
 _SHOWN = 5
 

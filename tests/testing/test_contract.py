@@ -23,6 +23,8 @@ from ariac_score.testing import (
     contract_checks,
     kitting_trial,
     made_trial,
+    recorded_messages,
+    write_event_log,
     write_trial_log,
 )
 from ariac_score.testing.competitions import write_database_competition
@@ -122,6 +124,10 @@ LOGS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "jsonl": (
         lambda folder: write_trial_log(folder / "t.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS),
         "",
+    ),
+    "ros_monitoring": (
+        lambda folder: write_event_log(folder / "e.jsonl", list(recorded_messages(kitting_trial()))),
+        "ariac2020",
     ),
     "rosbag": (lambda _: ROOT / "examples/kitting_near_miss.mcap", "ariac2020"),
     "sensor_cost": (lambda _: RUN_2024 / "sensor_cost.txt", ""),
