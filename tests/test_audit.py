@@ -29,7 +29,7 @@ from ariac_score.audit_json import audit_json
 from ariac_score.certain import Certain
 from ariac_score.cli import main
 from ariac_score.datafiles import schema_errors
-from ariac_score.errors import FormulaError, NothingToScoreError, RuleSetError, UsageError
+from ariac_score.errors import DataFileError, FormulaError, NothingToScoreError, RuleSetError, UsageError
 from ariac_score.expression import Expression
 from ariac_score.report.audit_text import audit_text
 from ariac_score.result import Measured
@@ -620,3 +620,19 @@ def test_a_rule_set_that_is_its_own_comparison_changes_nothing(tmp_path: Path) -
     assert "nothing that both decide differs" in audit_text(
         audit(tmp_path / "run", against="ariac2020.as_coded")
     )
+
+
+def test_a_configuration_of_another_year_is_refused_here_too(tmp_path: Path) -> None:
+    run = Path(__file__).parents[1] / "examples/competition/2024/logs/cygnus/mixed_tasks_1"
+    (tmp_path / "trial_log.txt").write_bytes((run / "trial_log.txt").read_bytes())
+    (tmp_path / "team.yaml").write_text("gantry_tray_camera: {}\nsensors: {}\n", encoding="utf-8")
+
+    with pytest.raises(DataFileError, match="it looks like a team configuration of 2022"):
+        audit(tmp_path, "ariac2024.release_5")
+
+
+def test_a_run_of_a_database_prints_no_score_to_audit() -> None:
+    run = Path(__file__).parents[1] / "examples/competition/2025/results.db#run=3"
+
+    with pytest.raises(UsageError, match="this record prints no score"):
+        audit(run)

@@ -165,3 +165,8 @@ def test_a_link_out_of_the_folder_is_no_run(tmp_path: Path) -> None:
     (inside / "logs/alpha/kit_2").symlink_to(outside)
 
     assert [run.number for run in load_competition(write(inside)).runs] == [1]
+
+
+def test_an_empty_competition_file_says_what_it_needs(tmp_path: Path) -> None:
+    with pytest.raises(DataFileError, match="the file is empty"):
+        load_competition(write(tmp_path, ""))
