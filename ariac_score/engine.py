@@ -30,7 +30,7 @@ from ariac_score.guard import GuardedDecoder, open_readers
 from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
 from ariac_score.logs.config_forms import looks_like, years_in
-from ariac_score.logs.shipment_orders import unknown_products
+from ariac_score.logs.product_types import unknown_products
 from ariac_score.registry import Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical
 from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
@@ -59,9 +59,6 @@ __all__ = [
 ]
 
 Progress = Callable[[float], None]
-
-LAST_EDITION_OF_SHIPMENTS = 2022
-"""From 2023 on product types come out of closed lists, in configurations and in messages."""
 
 ENDED_WITHOUT_SCORE: Mapping[str, str] = {
     "crashed": "the simulator died during this run, and no score was recorded",
@@ -158,9 +155,10 @@ def _renamed(trial: Trial, trial_id: str, team: str) -> Trial:
 def _with_unknown_products(trial: Trial, rule_set: RuleSet) -> Trial:
     """The trial with the product types nobody knows among its defects, unless its reader has named them."""
     named = any(defect.kind == "unknown_product_type" for defect in trial.log_defects)
-    if named or rule_set.edition is None or rule_set.edition > LAST_EDITION_OF_SHIPMENTS:
+    if named or rule_set.edition is None:
         return trial
-    return replace(trial, log_defects=(*trial.log_defects, *unknown_products(trial.orders)))
+    unknown = unknown_products(trial.orders, rule_set.edition)
+    return replace(trial, log_defects=(*trial.log_defects, *unknown))
 
 
 def check_needs(

@@ -649,6 +649,39 @@ def test_a_product_that_no_edition_has_is_named_with_the_one_that_was_meant(tmp_
     )
 
 
+@pytest.mark.parametrize(
+    ("rules", "kind", "said"),
+    [
+        (
+            "ariac2024.release_5",
+            "pmp_red",
+            ["'pmp_red' is no product type of 2023 and 2024; did you mean 'pump_red'?"],
+        ),
+        ("ariac2024.release_5", "pump_red", []),
+        ("ariac2023.as_coded", "gear_part_red", ["'gear_part_red' is no product type of 2023 and 2024; "]),
+        ("ariac2020.as_coded", "pump_red", ["'pump_red' is no product type of 2017 to 2022; "]),
+        ("ariac2025.as_coded", "pmp_red", []),
+    ],
+)
+def test_a_log_asks_only_for_products_of_the_edition(
+    tmp_path: Path, rules: str, kind: str, said: list[str]
+) -> None:
+    text = write_trial_log(tmp_path / "trial.jsonl", kitting_trial()).read_text(encoding="utf-8")
+    lines = [json.loads(line) for line in text.splitlines()]
+    for line in lines:
+        if line["record"] == "order":
+            for task in line["tasks"]:
+                task["products"] = [{**task["products"][0], "type": kind}]
+    (tmp_path / "trial.jsonl").write_text(
+        "".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8"
+    )
+    defects = score_trial(tmp_path / "trial.jsonl", rules).measured.log_defects
+
+    named = [defect.message for defect in defects if defect.kind == "unknown_product_type"]
+    assert len(named) == 2 * len(said)
+    assert all(message.startswith(said[0]) for message in named)
+
+
 def test_a_record_before_the_trial_and_a_pose_that_is_none_are_named(tmp_path: Path) -> None:
     text = write_trial_log(tmp_path / "trial.jsonl", kitting_trial()).read_text(encoding="utf-8")
     lines = [json.loads(line) for line in text.splitlines()]
