@@ -444,14 +444,14 @@ def _order_2024(path: Path, order_id: str, values: _Values, details: Mapping[str
         max_score=values.number("max_task_score"),
         announced_s=_announced_s(path, order_id, submitted_s, duration_s),
         submitted_s=submitted_s,
-        items=MappingProxyType(detail.values.printed() | _printed_duration(values)),
+        items=MappingProxyType(detail.values.printed() | _printed_times(values)),
     )
 
 
-def _printed_duration(values: _Values) -> dict[str, str]:
-    """The time an order took, as printed: times are rounded, so their difference can be another."""
-    printed = values.text("submission_duration")
-    return {} if printed.upper() == "N/A" else {"submission_duration": printed}
+def _printed_times(values: _Values) -> dict[str, str]:
+    """When an order was handed in and how long it took, as printed: rounded, so differences can be others."""
+    printed = {label: values.text(label) for label in ("submission_time", "submission_duration")}
+    return {label: text for label, text in printed.items() if text.upper() != "N/A"}
 
 
 def _announced_s(
