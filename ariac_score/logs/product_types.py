@@ -23,7 +23,7 @@ _TYPES = {
 
 
 def unknown_products(orders: Iterable[Order], edition: int) -> list[LogDefect]:
-    """The product types of orders, wherever they come from, that an edition and its neighbours do not have."""
+    """The product types of orders, wherever they come from, that no edition of its form has."""
     known = next((types for editions, types in _TYPES.items() if edition in editions), None)
     if known is None:
         return []

@@ -10,6 +10,7 @@ Source: ARIAC notes on log formats, sections 5.1 to 5.3.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -251,9 +252,10 @@ class _Values:
         for label in labels:
             line = self._lines.get(label)
             if line is not None and line.value.upper() != "N/A":
-                if not _NUMBER.fullmatch(line.value):
+                number = float(line.value) if _NUMBER.fullmatch(line.value) else math.nan
+                if not math.isfinite(number):
                     raise self.fault(line, "is not a number")
-                return float(line.value)
+                return number
         return None
 
     def time(self, *labels: str) -> float | None:

@@ -37,8 +37,14 @@ def ranking_text(
 
 def _head(ranking: Ranking, style: Style) -> Iterator[str]:
     yield style(plain(ranking.title), "bold") + f" by {ranking.rule_set[0]}"
-    runs = f"{len(ranking.runs)} runs, {sum(run.kept for run in ranking.runs)} of them count"
-    yield style(f"{len(ranking.standings)} teams, {len(ranking.trials)} trials, {runs}", "dim")
+    teams, trials = _counted(len(ranking.standings), "team"), _counted(len(ranking.trials), "trial")
+    kept = sum(run.kept for run in ranking.runs)
+    runs = f"{_counted(len(ranking.runs), 'run')}, of which {kept} count{'s' if kept == 1 else ''}"
+    yield style(f"{teams}, {trials}, {runs}", "dim")
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _leaderboard(ranking: Ranking, style: Style) -> Iterator[str]:
@@ -115,7 +121,7 @@ def _cohort(ranking: Ranking, style: Style) -> Iterator[str]:
                 where = f"{plain(trial)}{'/' + plain(path) if path else ''}"
                 value = "none" if mean.value is None else f"{mean.value:.10g}"
                 left_out = f", {mean.left_out} left out" if mean.left_out else ""
-                yield f"  {where}: mean {name} {value} ({mean.teams} teams{left_out})"
+                yield f"  {where}: mean {name} {value} ({_counted(mean.teams, 'team')}{left_out})"
 
 
 def _strict(strict: Evaluation, differences: Sequence[Difference], style: Style) -> Iterator[str]:
