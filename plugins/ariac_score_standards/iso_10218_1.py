@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -122,6 +122,8 @@ class SpaceLimit:
     Source:
         ISO 10218-1, soft axis and space limiting. All limits are for the cell to set.
     """
+
+    example: ClassVar[Mapping[str, Any]] = {"link": "tcp", "box_high_m": [2.5, 2.5, 2.5]}
 
     kind: Literal["robot", "agv"] = parameter("robot", source="whose space is limited")
     link: str = parameter("", source="link to follow; empty: the origin, and every link that is followed")

@@ -6,9 +6,9 @@ standing still while a person is in the workspace, hand guiding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -384,6 +384,8 @@ class PflSpeed:
         an arm on a gantry give `robot_mass_kg` (our choice).
     """
 
+    example: ClassVar[Mapping[str, Any]] = {"region": "chest", "when": "near", "near_m": 0.5}
+
     region: str = parameter("", source="body region or area; empty: the face, the weakest of all")
     moving_mass_kg: float = parameter(
         33.5, unit="kg", above=0, at_most=1e5, status="verified", source="UR10e, complete arm"
@@ -490,6 +492,8 @@ class MonitoredStandstill:
         ISO 10218-2, monitored standstill (2011: safety-rated monitored stop; stop
         category 2: drives may stay on). Limits and grace are our choice (catalogue, M7).
     """
+
+    example: ClassVar[Mapping[str, Any]] = {"workspace": [[-1.0, 4.0], [1.0, 4.0], [1.0, 6.0], [-1.0, 6.0]]}
 
     workspace: tuple[tuple[float, ...], ...] = parameter((), unit="m", source="corners [x, y]; required")
     standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **_SPEED)

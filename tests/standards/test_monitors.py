@@ -10,6 +10,7 @@ import dataclasses
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -181,6 +182,38 @@ def test_the_separation_limit(shift: Callable[[float], float], broken: bool) -> 
     monitor = SsmSeparation(profile="standard")
 
     assert violated(monitor, separated(shift(required(0.5)))) is broken
+
+
+@pytest.mark.parametrize(("distance", "human"), [(below(0.5), 2.0), (0.5, 2.0), (above(0.5), 1.6)])
+def test_a_human_who_is_near_may_be_taken_for_faster(distance: float, human: float) -> None:
+    # Catalogue, M1: 1.6 m/s beyond 0.5 m, 2.0 m/s up to it. P1.1 with C + Z = 0: v_h 0.4 + 1.0 * 0.25.
+    monitor = SsmSeparation(profile="standard", human_speed="by_distance", delta_m=0.0)
+    found = only(monitor, separated(distance, robot=1.0))
+
+    assert found.verdict is VIOLATED
+    assert found.robustness == pytest.approx(distance - (0.4 * human + 0.25))
+    fixed = only(replace(monitor, human_speed="fixed"), separated(distance, robot=1.0))
+    assert fixed.robustness == pytest.approx(distance - (0.4 * 1.6 + 0.25))
+
+
+@pytest.mark.parametrize(("speed", "broken"), [(0.0, False), (0.02, True)])
+def test_the_speed_cap_takes_the_near_speed_too(speed: float, broken: bool) -> None:
+    # Up to 0.5 m a robot at rest needs 0.4 * 2.0 = 0.8 m, so that it may not move at all.
+    given: Any = {"profile": "standard", "delta_m": 0.0, "robot_must_move": "no"}
+    trial = separated(0.45, robot=speed)
+
+    assert violated(SsmSpeedCap(human_speed="by_distance", **given), trial) is broken
+    assert not violated(SsmSpeedCap(human_speed="fixed", human_speed_m_s=1.0, **given), trial)
+
+
+def test_the_near_speed_may_be_set_and_is_checked() -> None:
+    near = SsmSeparation(
+        profile="standard", human_speed="by_distance", near_human_speed_m_s=2.5, near_distance_m=1.0
+    )
+
+    assert near.assumed_human_speed_m_s(np.array([0.0, 1.0, 1.1])).tolist() == [2.5, 2.5, 1.6]
+    with pytest.raises(ValueError, match="near_human_speed_m_s is 2000 but must be at most 20 m/s"):
+        SsmSeparation(near_human_speed_m_s=2000.0)
 
 
 @pytest.mark.parametrize(("speed", "broken"), [(2.0, False), (above(2.0), True), (below(2.0), False)])
@@ -1451,3 +1484,37 @@ def test_a_response_that_the_log_does_not_reach_is_undecided() -> None:
     monitor = Within(trigger="v > 0.5", response="v < 0.5", within_s=0.5, signals={"v": "speed/{robot}"})
 
     assert only(monitor, trial_of(columns, t=t)).verdict is INCONCLUSIVE
+
+
+# Attained poses ------------------------------------------------------------------------------------
+
+
+def _attained(subject: str) -> tuple[Event, ...]:
+    return tuple(Event(t_s, "pose_attained", subject) for t_s in (0.2, 0.5))
+
+
+@pytest.mark.parametrize("subject", ["", "r", "r::tcp"])
+def test_a_pose_of_a_link_may_be_attained_by_the_body_or_the_link(subject: str) -> None:
+    columns = {"position/r::tcp": ("m", np.tile([1.0, 2.0, 3.0], (101, 1)))}
+    trial = trial_of(columns, events=_attained(subject))
+    found = only(PoseAttained(link="tcp", commanded_m=(1.1, 2.0, 2.8), max_accuracy_m=1.0), trial)
+
+    assert found.verdict is SATISFIED
+    assert [found.quantities[f"accuracy_{axis}_m"] for axis in "xyz"] == pytest.approx([-0.1, 0.0, 0.2])
+
+
+def test_a_pose_that_another_body_attained_is_not_this_ones() -> None:
+    columns = {"position/r::tcp": ("m", np.zeros((101, 3)))}
+    found = only(PoseAttained(link="tcp", commanded_m=(0.0, 0.0, 0.0)), trial_of(columns, events=_attained("q")))
+
+    assert found.verdict is INCONCLUSIVE
+
+
+def test_a_machine_without_positions_leaves_the_poses_of_the_others_decided() -> None:
+    trial = replace(
+        trial_of({"position/r": ("m", np.zeros((101, 3)))}, events=_attained("")),
+        bodies=(Body("a", "robot"), Body("r", "robot")),
+    )
+    monitor = PoseAttained(commanded_m=(0.0, 0.0, 0.0), max_accuracy_m=0.01)
+
+    assert [(f.subject, f.verdict) for f in monitor.watch(trial)] == [("a", INCONCLUSIVE), ("r", SATISFIED)]
