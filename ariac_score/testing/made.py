@@ -173,4 +173,6 @@ def _official(orders: tuple[Order, ...]) -> OfficialResult:
         for order in orders
     )
     scores = {order.id: order.score or 0.0 for order in summaries}
-    return OfficialResult("made", 20.0, 37.5, scores, summaries=summaries, items={"was_arm_arm_collision": "1"})
+    return OfficialResult(
+        "made", 20.0, 37.5, scores, summaries=summaries, items={"was_arm_arm_collision": "1"}
+    )

@@ -1505,7 +1505,9 @@ def test_a_pose_of_a_link_may_be_attained_by_the_body_or_the_link(subject: str) 
 
 def test_a_pose_that_another_body_attained_is_not_this_ones() -> None:
     columns = {"position/r::tcp": ("m", np.zeros((101, 3)))}
-    found = only(PoseAttained(link="tcp", commanded_m=(0.0, 0.0, 0.0)), trial_of(columns, events=_attained("q")))
+    found = only(
+        PoseAttained(link="tcp", commanded_m=(0.0, 0.0, 0.0)), trial_of(columns, events=_attained("q"))
+    )
 
     assert found.verdict is INCONCLUSIVE
 

@@ -390,7 +390,7 @@ BAD: dict[str, tuple[str, str, str, str]] = {
 
 def stranger(install: Install, source: str, version: str = "6.6") -> Any:
     install("odd-monitors", {"odd.monitor": "Plugin"}, source=source, version=version, group=MONITORS)
-    return Registry().find(MONITORS, "odd.monitor").build({})
+    return Registry().find(MONITORS, "odd.monitor").load()()
 
 
 def checks_of(plugin: Any, **options: Any) -> dict[str, ContractCheck]:
