@@ -268,8 +268,8 @@ title: The paper's rules, ranked
 source: a test
 extends: paper2020
 """
-# The example is 28 points worth and one near miss: 4.50249528 m at its closest, where 2.85849528 m and delta_m
-# are asked for. Without a breach, so below this, it is ahead of 21 points; with one it is not, however shallow.
+# The example is worth 28 points and has one near miss: 4.50249528 m at its closest, where 2.85849528 m
+# and delta_m are asked for. Without a breach it is ahead of 21 points; with one it is not, however shallow.
 BREACHES_AT_M = 4.50249528 - 2.85849528
 
 

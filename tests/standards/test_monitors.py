@@ -28,11 +28,14 @@ from ariac_score import (
     Trial,
     Verdict,
     parameter_facts,
+    score_trial,
 )
 from ariac_score.engine import measure_trial
 from ariac_score.errors import RuleSetError
+from ariac_score.expression import Expression
 from ariac_score.registry import Registry
 from ariac_score.ruleset import load_rule_set
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, recorded_messages, write_bag
 from ariac_score.trial.derive import Derivation, centred_velocity, derive_signals
 from ariac_score_standards import (
     AgvProtectiveField,
@@ -60,6 +63,7 @@ from ariac_score_standards import (
 )
 from ariac_score_standards.ariac_safety import occurrences
 from ariac_score_standards.body_regions import AREAS, REGIONS, body_limits, limits_at
+from ariac_score_standards.formula import judge_columns
 from ariac_score_standards.iec_60204_1 import stop_category
 from ariac_score_standards.iso_9283 import angle_performance, pose_performance
 from ariac_score_standards.iso_10218_2 import permitted_speed_m_s, reduced_mass_kg
@@ -1392,6 +1396,49 @@ def test_d_min_in_four_lines_of_yaml_finds_what_the_seed_profile_finds(seed: int
         )
 
     assert [what(f) for f in formula.watch(trial)] == [what(f) for f in SsmSeparation().watch(trial)]
+
+
+ROOT = Path(__file__).parents[2]
+RECORDED = ROOT / "examples/kitting_near_miss.mcap"
+
+
+@pytest.mark.parametrize("motion", ["recorded", "human_state", "frames"])
+def test_d_min_in_four_lines_of_yaml_is_the_seed_profile_on_every_sample_of_the_example(
+    motion: Any, tmp_path: Path
+) -> None:
+    log = RECORDED
+    if motion != "recorded":
+        log = write_bag(
+            tmp_path / "trial.mcap", recorded_messages(kitting_trial(), motion=motion), storage="mcap"
+        )
+    rules = tmp_path / "seed.yaml"
+    rules.write_text(D_MIN.replace("ariac2020", "ariac2023" if motion == "human_state" else "ariac2020"))
+    measured = score_trial(log, str(rules)).measured
+
+    def said(check: str) -> list[Any]:
+        found = measured.of(check).values()  # in order of their words, which are not the same
+        told = [(f.subject, f.span, f.verdict, f.robustness, dict(f.quantities)) for f in found]
+        return sorted(told, key=lambda each: (each[0], each[1].start_s, each[2].value))
+
+    assert VIOLATED in [verdict for _, _, verdict, *_ in said("formula")]
+    assert said("formula") == said("separation")
+
+
+def test_the_margin_of_d_min_in_yaml_is_that_of_the_seed_profile_bit_for_bit() -> None:
+    trial = kitting_trial()
+    distance, human, robot = (trial.signals[name].values for name in SNAPSHOT_SIGNALS)
+    formula = Expression.parse("distance >= k_H * (t1 + t2) + k_R * t1 + B + delta")
+    numbers = {"t1": 1.0, "t2": 1.5, "B": 0.0, "delta": 2.6}
+    judged = judge_columns(
+        formula, {"distance": distance, "k_H": human, "k_R": robot, **numbers}, len(distance)
+    )
+    required = SsmSeparation().d_min_m(human, robot)
+
+    assert judged.margin.tobytes() == (distance - required).tobytes()
+    assert judged.limit is not None
+    assert judged.limit.tobytes() == required.tobytes()
+    assert judged.true.tolist() == (distance >= required).tolist()
+    assert 0 < (~judged.true).sum() < len(distance)
 
 
 def test_d_min_in_a_rule_set(tmp_path: Path) -> None:
