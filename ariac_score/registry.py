@@ -176,6 +176,8 @@ class Parameter:
 
 
 def _remedy(value: Any, wanted: Parameter) -> str:
+    if value not in get_args(wanted.type) and str(value) in get_args(wanted.type):
+        return f"it is text, not a number: write '{value}' in quotes"
     hint = f"its default is {wanted.default!r}"
     if isinstance(value, str) and _NUMBER.fullmatch(value):
         hint += "; YAML takes a number with an exponent for text unless it has a point and a sign: 3.0e-2"

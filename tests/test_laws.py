@@ -252,7 +252,8 @@ def test_a_shipped_rule_set_breaks_the_laws_it_says_it_breaks_and_no_other(name:
     said = set(rule_set.breaks)
 
     if said:
-        found = check_laws(rule_set, registry=REGISTRY, only=said, smallest=False)
+        # The rarest of them shows itself in one case of five hundred.
+        found = check_laws(rule_set, cases=3000, seed=7, registry=REGISTRY, only=said, smallest=False)
         assert {o.law.name for o in found if o.verdict == "broken"} == said
     # Few cases, for there are many rule sets; `rules check` without a name tries 400.
     others = check_laws(rule_set, cases=25, seed=1, registry=REGISTRY, smallest=False)

@@ -382,6 +382,15 @@ def test_a_number_is_taken_exactly_when_it_is_finite(value: float) -> None:
             pose.build({"max_distance_m": value})
 
 
+def test_a_choice_that_looks_like_a_number_needs_its_quotes_and_is_told_so() -> None:
+    plugin = Registry().find(MONITORS, "iso_13855.safeguard_distance")
+
+    with pytest.raises(RuleSetError, match="2024 is not one of 2010, 2024") as refused:
+        plugin.build({"edition": 2024})
+    assert refused.value.hint == "it is text, not a number: write '2024' in quotes"
+    assert plugin.build({"edition": "2024"}).edition == "2024"
+
+
 def test_an_unknown_parameter_is_refused_with_the_nearest_known_one(fine: Plugin) -> None:
     with pytest.raises(RuleSetError, match=r"fair\.play has no parameter 'limit_mm'") as error:
         fine.build({"limit_mm": 1.0})

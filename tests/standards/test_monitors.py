@@ -45,6 +45,7 @@ from ariac_score_standards import (
     CrushGap,
     EstopRestart,
     HandGuiding,
+    HumanContact,
     MonitoredStandstill,
     Never,
     PflContact,
@@ -67,7 +68,7 @@ from ariac_score_standards.formula import judge_columns
 from ariac_score_standards.iec_60204_1 import stop_category
 from ariac_score_standards.iso_9283 import angle_performance, pose_performance
 from ariac_score_standards.iso_10218_2 import permitted_speed_m_s, reduced_mass_kg
-from ariac_score_standards.iso_13854 import MINIMUM_GAP_M, clamps
+from ariac_score_standards.iso_13854 import MINIMUM_GAP_M, PART_OF_REGION, clamps
 from ariac_score_standards.iso_13855 import minimum_distance
 from ariac_score_standards.iso_ts_15066 import approach_of
 from ariac_score_standards.proxemics import time_to_collision_s, zone_of, zone_shares
@@ -512,6 +513,19 @@ def test_the_border_of_a_zone_to_keep_out_of(x: float, broken: bool) -> None:
     assert violated(SpaceLimit(keep_out=(SQUARE,)), trial) is broken
 
 
+@pytest.mark.parametrize(
+    ("z", "broken"), [(0.5, True), (1.0, False), (above(1.0), False), (0.0, False), (below(1.0), True)]
+)
+def test_a_zone_to_keep_out_of_may_have_heights(z: float, broken: bool) -> None:
+    limit = SpaceLimit(keep_out=(SQUARE,), keep_out_z_m=(0.0, 1.0))
+    trial = trial_of({"position/r": ("m", np.tile([2.0, 2.0, z], (101, 1)))})
+
+    assert violated(limit, trial) is broken
+    assert violated(SpaceLimit(keep_out=(SQUARE,)), trial)
+    if broken:  # the way out is up or down, which is nearer than any side
+        assert only(limit, trial).robustness == pytest.approx(-min(z, 1.0 - z))
+
+
 @pytest.mark.parametrize(("angle", "broken"), [(2.0, False), (above(2.0), True), (below(-1.0), True)])
 def test_the_limits_of_a_joint(angle: float, broken: bool) -> None:
     monitor = SpaceLimit(joint="j", joint_low_rad=-1.0, joint_high_rad=2.0)
@@ -901,6 +915,65 @@ def test_a_clamped_hand_has_the_lower_limit_from_the_beginning() -> None:
     assert violated(PflContact(region="hand"), trial_of({**columns, "clamped/r/h": ("1", 1.0)}, n=20))
 
 
+@pytest.mark.parametrize(
+    ("region", "gap_mm", "clamped"),
+    [
+        ("hand", 90.0, True),  # W15.1, W15.2
+        ("hand", 110.0, False),
+        ("hand", 100.0, False),
+        ("chest", 499.0, True),
+        ("chest", 500.0, False),
+        ("lower_leg", 179.0, True),
+        ("neck", 299.0, True),
+    ],
+)
+def test_a_gap_that_closes_on_a_body_part_clamps_it(region: str, gap_mm: float, clamped: bool) -> None:
+    t = np.arange(20) / 100
+    force = 1.5 * REGIONS[region].force_n  # below the limit of a short contact, above the other
+    columns = {
+        "contact_force/r/h": ("N", np.full(20, force)),
+        "crush_gap/r/h": ("m", gap_mm / 1000 + 1e-6 * (t[-1] - t)),
+    }
+
+    assert violated(PflContact(region=region), trial_of(columns, t=t)) is clamped
+    opens = {**columns, "crush_gap/r/h": ("m", gap_mm / 1000 + 1e-6 * t)}
+    assert not violated(PflContact(region=region), trial_of(opens, t=t))
+
+
+def test_every_region_of_the_body_has_a_least_gap() -> None:
+    assert set(PART_OF_REGION) == set(REGIONS)
+    assert set(PART_OF_REGION.values()) <= set(MINIMUM_GAP_M)
+
+
+@pytest.mark.parametrize(
+    ("speed", "robot", "human", "labels"),
+    [
+        (0.5, 0.5, 0.0, {"robot_moving": "yes", "closing_by": "robot"}),
+        (0.0, 0.0, 1.2, {"robot_moving": "no", "closing_by": "human"}),
+        (above(0.01), 0.3, 0.3, {"robot_moving": "yes", "closing_by": "both"}),
+        (0.01, 0.0, 0.0, {"robot_moving": "no", "closing_by": "neither"}),
+    ],
+)
+def test_a_contact_says_whether_the_robot_moved_and_who_closed_in(
+    speed: float, robot: float, human: float, labels: dict[str, str]
+) -> None:
+    columns = {
+        "contact_force/r/h": ("N", np.where(np.arange(20) < 5, 0.0, 100.0)),
+        "speed/r": ("m/s", speed),
+        "approach_speed_robot/r/h": ("m/s", robot),
+        "approach_speed_human/r/h": ("m/s", human),
+    }
+    found = only(PflContact(region="hand"), trial_of(columns, n=20))
+
+    assert {name: found.labels[name] for name in labels} == labels
+
+
+def test_a_contact_without_speeds_blames_nobody() -> None:
+    found = only(PflContact(region="hand"), trial_of({"contact_force/r/h": ("N", 100.0)}, n=20))
+
+    assert not {"robot_moving", "closing_by"} & set(found.labels)
+
+
 # Verdicts ------------------------------------------------------------------------------------------
 
 
@@ -1015,6 +1088,21 @@ def test_a_robot_that_starts_again_while_somebody_is_inside_is_told_so() -> None
     finding = only(MonitoredStandstill(workspace=SQUARE), trial_of(columns, t=t))
 
     assert finding.labels == {"resumed": "yes"}
+
+
+@pytest.mark.parametrize("kind", ["bumper_contact", "power_interruption"])
+def test_a_truck_may_not_start_again_after_what_else_latches(kind: str) -> None:
+    # W9.2, with another reason: reset at 45.0, start at 46.0, motion at 45.1
+    t = 30.0 + np.arange(1701) / 100
+    events = [Event(30.0, kind), Event(45.0, "emergency_stop_reset"), Event(46.0, "start")]
+    columns = {"speed/a": ("m/s", np.where(t >= 45.1 - 1e-9, 0.3, 0.0))}
+    trial = trial_of(columns, t=t, events=events, bodies=(Body("a", "agv"),))
+    found = only(EstopRestart(kind="agv", after=("emergency_stop", kind)), trial)
+
+    assert (found.verdict, found.critical, found.labels["state"]) == (VIOLATED, True, "READY")
+    assert f"after the {kind.replace('_', ' ')} at 30.000 s" in found.message
+    assert found.quantities["before_start_s"] == pytest.approx(0.9)
+    assert verdicts(EstopRestart(kind="agv"), trial) == [INCONCLUSIVE]  # no emergency stop is recorded
 
 
 @pytest.mark.parametrize("missing", ["emergency_stop_reset", "start"])
@@ -1264,6 +1352,13 @@ def test_a_collision_is_seen_by_geometry_where_no_contact_is_recorded() -> None:
         (lambda: SpaceLimit(joint="j"), "joint 'j' has no limit"),
         (lambda: SpaceLimit(joint_low_rad=1.0), "joint does not say whose"),
         (lambda: SpaceLimit(keep_out=((),)), "keep_out zone 0 is not a polygon: it has no corners"),
+        (
+            lambda: SpaceLimit(keep_out=(SQUARE,), keep_out_z_m=(1.0, 0.0)),
+            r"keep_out_z_m is \[1.0, 0.0\], not",
+        ),
+        (lambda: SpaceLimit(keep_out_z_m=(0.0, 1.0)), "keep_out_z_m is given, but no keep_out zone"),
+        (lambda: EstopRestart(after=()), "after names no event"),
+        (lambda: HumanContact(contact_distance_m=500.0), "contact_distance_m is 500 but must be at most 100"),
         (lambda: AgvSpeedClearance(obstacles=(((0.0, 0.0),),)), "obstacle 0 is not a polygon: it has 1"),
         (lambda: SafeguardDistance(line=((0.0, 0.0),)), "line is .* not two different ends"),
         (
