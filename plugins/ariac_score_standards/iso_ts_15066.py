@@ -75,6 +75,7 @@ _DISTANCES = {
     "standard": "separation",
 }
 
+_ROUNDING = 1e-9
 _PER_PROFILE = "None takes the profile's value"
 
 
@@ -644,7 +645,8 @@ class SsmResponse(SsmFormula):
         stop_s = np.asarray(self.stopping_time_s(np.asarray(speed_at_breach_m_s, dtype=np.float64)))
         into_stop_s = np.maximum(since_breach_s - t1_s, 0.0)
         left = 1.0 - np.divide(into_stop_s, stop_s, out=np.where(into_stop_s > 0, 1.0, 0.0), where=stop_s > 0)
-        allowed: FloatArray = speed_at_breach_m_s * np.clip(left, 0.0, 1.0)
+        # What is left of a stop that is over is 0, whatever the last bits of the times say.
+        allowed: FloatArray = speed_at_breach_m_s * np.where(left < _ROUNDING, 0.0, np.minimum(left, 1.0))
         return allowed
 
     def watch(self, trial: Trial) -> Iterator[Finding]:

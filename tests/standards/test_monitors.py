@@ -37,6 +37,7 @@ from ariac_score.registry import Registry
 from ariac_score.ruleset import load_rule_set
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, recorded_messages, write_bag
 from ariac_score.trial.derive import Derivation, centred_velocity, derive_signals
+from ariac_score.trial.model import LogDefect
 from ariac_score_standards import (
     AgvProtectiveField,
     AgvSpeedClearance,
@@ -1626,6 +1627,70 @@ def test_a_response_that_the_log_does_not_reach_is_undecided() -> None:
     monitor = Within(trigger="v > 0.5", response="v < 0.5", within_s=0.5, signals={"v": "speed/{robot}"})
 
     assert only(monitor, trial_of(columns, t=t)).verdict is INCONCLUSIVE
+
+
+# Coverage of what was exposed ----------------------------------------------------------------------
+
+
+def _watched(distance: float, speed: float, *, seen_s: float = 10.0) -> Trial:
+    """10 s at 100 Hz; the human's position is missing from 4.0 s to 4.2 s."""
+    t = np.arange(1001) / 100
+    held = t[(t <= 4.0) | (t >= 4.2)]
+    seen = t[t <= seen_s]
+    signals = {
+        "position/h": Signal("position/h", "m", held, np.zeros((len(held), 3))),
+        "separation/r/h": Signal("separation/r/h", "m", seen, np.full(len(seen), distance)),
+        "speed/r": Signal("speed/r", "m/s", seen, np.full(len(seen), speed)),
+    }
+    return replace(trial_of({}, t=t), signals=signals)
+
+
+@pytest.mark.parametrize(
+    ("distance", "speed", "exposure_s", "coverage"),
+    [
+        (5.0, 0.5, 10.0, 0.98),  # W19.1
+        (above(5.0), 0.5, 0.0, 1.0),
+        (1.0, 0.01, 0.0, 1.0),
+        (1.0, above(0.01), 10.0, 0.98),
+    ],
+)
+def test_the_share_of_exposure_leaves_out_who_is_far_or_robots_at_rest(
+    distance: float, speed: float, exposure_s: float, coverage: float
+) -> None:
+    found = only(SignalCoverage(share_of="exposure"), _watched(distance, speed))
+
+    assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
+    assert found.quantities["coverage"] == pytest.approx(coverage)
+    assert found.verdict is (SATISFIED if coverage == 1.0 else INCONCLUSIVE)
+    assert only(SignalCoverage(), _watched(distance, speed)).quantities["coverage"] == pytest.approx(0.98)
+
+
+@pytest.mark.parametrize(("seen_s", "exposure_s"), [(10.0, 0.0), (3.0, 7.0), (-1.0, 10.0)])
+def test_who_is_not_seen_may_be_exposed(seen_s: float, exposure_s: float) -> None:
+    found = only(SignalCoverage(share_of="exposure"), _watched(9.0, 0.5, seen_s=seen_s))
+
+    assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
+    assert found.quantities["missing_s"] == pytest.approx(0.2 if exposure_s else 0.0)
+
+
+def test_stamps_that_ran_backwards_are_counted_for_their_signal() -> None:
+    trial = replace(
+        _watched(1.0, 0.5),
+        log_defects=(
+            LogDefect("disordered_stamps", "position/h", 3, "x"),
+            LogDefect("disordered_stamps", "position/r", 5, "x"),
+        ),
+    )
+
+    assert only(SignalCoverage(), trial).quantities["clock_jumps"] == 3.0
+
+
+def test_nobody_is_exposed_without_a_robot_or_a_human() -> None:
+    alone = replace(_watched(1.0, 0.5), bodies=(Body("h", "human"),))
+
+    assert verdicts(SignalCoverage(share_of="exposure"), alone) == [INCONCLUSIVE]
+    recorded = replace(alone, witnessed=frozenset({"bodies"}))
+    assert verdicts(SignalCoverage(share_of="exposure"), recorded) == [NOT_APPLICABLE]
 
 
 # Attained poses ------------------------------------------------------------------------------------
