@@ -75,7 +75,6 @@ _DISTANCES = {
     "standard": "separation",
 }
 
-_ROUNDING = 1e-9
 _PER_PROFILE = "None takes the profile's value"
 
 
@@ -645,8 +644,7 @@ class SsmResponse(SsmFormula):
         stop_s = np.asarray(self.stopping_time_s(np.asarray(speed_at_breach_m_s, dtype=np.float64)))
         into_stop_s = np.maximum(since_breach_s - t1_s, 0.0)
         left = 1.0 - np.divide(into_stop_s, stop_s, out=np.where(into_stop_s > 0, 1.0, 0.0), where=stop_s > 0)
-        # What is left of a stop that is over is 0, whatever the last bits of the times say.
-        allowed: FloatArray = speed_at_breach_m_s * np.where(left < _ROUNDING, 0.0, np.minimum(left, 1.0))
+        allowed: FloatArray = speed_at_breach_m_s * np.clip(left, 0.0, 1.0)
         return allowed
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
@@ -665,7 +663,9 @@ class SsmResponse(SsmFormula):
         breach = now.distance_m < now.required_m
         first = first_of_runs(watched.t, breach, watched.max_gap_s)
         speed = now.robot_scalar_m_s
-        allowed = self.allowed_speed_m_s(watched.t - watched.t[first], speed[first])
+        # To the nanosecond, so that nothing hangs on the last bits of when the clock began.
+        since_s = np.round(watched.t - watched.t[first], 9)
+        allowed = self.allowed_speed_m_s(since_s, speed[first])
         limit = allowed + self.tolerance_m_s
         excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)
         bound = Bound("robot speed after a breach", speed, limit, "m/s", True, breach, "allowed_speed")

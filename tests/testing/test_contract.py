@@ -75,6 +75,10 @@ def test_every_monitor_of_ours_keeps_the_contract(name: str) -> None:
 FURTHER: tuple[tuple[str, dict[str, Any]], ...] = (
     ("iso_ts_15066.ssm_separation", {"profile": "standard", "human_speed": "by_distance"}),
     ("iso_ts_15066.ssm_response", {"profile": "standard", "stop_model": "deceleration"}),
+    (
+        "iso_ts_15066.ssm_response",
+        {"profile": "standard", "stop_model": "deceleration", "human_speed": "measured"},
+    ),
     ("iso_10218_2.pfl_contact", {"region": "hand"}),
     ("iso_10218_2.pfl_speed", {"region": "hand"}),
     ("iso_10218_1.space_limit", {"keep_out": [[[0, 0], [2, 0], [2, 2], [0, 2]]], "keep_out_z_m": [0, 1]}),
