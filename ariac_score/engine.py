@@ -44,7 +44,7 @@ from ariac_score.trial.kits import with_contents
 from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
-from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of
 
 __all__ = [
     "check_needs",
@@ -107,6 +107,7 @@ def score_trial(
     bundle, readers = find_trial(path, registry)
     bundle = with_parts(bundle, also, root or path, readers)
     refuse_other_years(bundle, rule_set)
+    refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
     needs = _needs(checks, rule_set, registry)
     trial = read_trial(
         bundle, readers, mapping, registry, quantities=[need.quantity for need in needs], progress=progress
@@ -164,7 +165,7 @@ def _with_unknown_products(trial: Trial, rule_set: RuleSet) -> Trial:
 def check_needs(
     rule_set: RuleSet, checks: Mapping[str, Any], log_map: LogMap, registry: Registry | None = None
 ) -> None:
-    """Find monitors that ask for quantities nobody has heard of, before a log is read.
+    """Find monitors that ask for quantities nobody has heard of, or in another unit, before a log is read.
 
     Raises:
         RuleSetError: Naming the check and the quantity.
@@ -180,6 +181,30 @@ def check_needs(
                     place=rule_set.checks[name].place.get("use", name),
                     hint=did_you_mean(need.quantity, known, what="known")
                     + "; declare it under 'quantities:' in the log map",
+                )
+    refuse_other_units(rule_set, checks, known, registry)
+
+
+def refuse_other_units(
+    rule_set: RuleSet, checks: Mapping[str, Any], known: Mapping[str, Quantity], registry: Registry
+) -> None:
+    """Refuse a monitor that would read a quantity in another unit than it is measured in.
+
+    Raises:
+        RuleSetError: Naming the check, its plugin and both units.
+    """
+    for name in checks:
+        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        for need in _needs({name: checks[name]}, rule_set, registry):
+            measured = known.get(need.quantity)
+            if measured is not None and measured.unit != need.unit:
+                raise RuleSetError(
+                    f"check {name!r}: plugin {plugin.origin} reads {need.quantity!r} in {need.unit!r}, "
+                    f"but it is measured in {measured.unit!r}",
+                    file=rule_set.file,
+                    place=rule_set.checks[name].place.get("use", name),
+                    hint=f"read it in {measured.unit!r}: in its parameters where they name the unit, "
+                    f"else in the code of {plugin.distribution}",
                 )
 
 
@@ -291,10 +316,12 @@ def measure_trial(
 
     Raises:
         PluginError: A plugin raised, said nothing, or yielded something else.
+        LogError: A signal is recorded in another unit than a check reads it in.
     """
     findings: dict[str, Finding] = {}
     for name, check in checks.items():
         plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        _refuse_recorded_units(trial, name, needs_of(plugin, name, check))
         for number, finding in enumerate(ask(plugin, name, check, trial), start=1):
             findings[f"{name}#{number}"] = finding
     return Measured(
@@ -311,6 +338,19 @@ def measure_trial(
         official=trial.official,
         team=trial.team.name if trial.team else "",
     )
+
+
+def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed]) -> None:
+    """Refuse a log of which a check would take numbers in one unit for numbers in another."""
+    units = {need.quantity: need.unit for need in needs}
+    for signal in trial.signals.values():
+        unit = units.get(quantity_of(signal.name), signal.unit)
+        if unit != signal.unit:
+            raise LogError(
+                f"signal {signal.name!r} is in {signal.unit!r}, but check {name!r} reads it in {unit!r}",
+                file=trial.id,
+                hint="name the unit of the log in the rule set, or record the signal in that of the check",
+            )
 
 
 def _scopes(trial: Trial) -> Scope:

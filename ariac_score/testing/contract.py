@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.asking import ask, needs_of
+from ariac_score.asking import BUDGET_S, ask, budget_of, needs_of
 from ariac_score.contracts import GROUPS, Incremental, Monitor, Reader, Rule
 from ariac_score.errors import PluginError
 from ariac_score.findings import Finding, Verdict
-from ariac_score.registry import Plugin, Registry
+from ariac_score.registry import Plugin, Registry, not_by_name
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.testing.variants import HOLLOW, SIGNAL_VARIANTS, bare, only, reordered, shifted, without
 from ariac_score.trial.derive import Derivation, derive_signals
@@ -40,12 +40,6 @@ __all__ = [
     "snapshot",
     "undocumented",
 ]
-
-BUDGET_S = 30.0
-"""Processor time a plugin may take for a million samples, s. Generous: a vectorised monitor takes 0.1 s."""
-
-SMALLEST_LOG_SAMPLES = 100_000
-"""A shorter log is allowed the time of one of this length, for calls and imports cost time too."""
 
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "ariac_score.rules": ("Measures", "Violated when", "Source"),
@@ -151,13 +145,14 @@ def undocumented(plugin: Plugin, kind: Any) -> list[str]:
 
 def built_by_name(kind: type) -> str:
     """Why a class cannot be built from the `with:` block of a rule set; empty when it can."""
+    problem = not_by_name(kind)
+    if problem:
+        return problem
     try:
         parameters = inspect.signature(kind).parameters.values()
     except (TypeError, ValueError):
         return ""
     for parameter in parameters:
-        if parameter.kind is parameter.POSITIONAL_ONLY:
-            return f"takes {parameter.name!r} by position alone, and a rule set gives parameters by name"
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             return f"takes *{parameter.name}, so that a misspelt parameter would pass"
     return ""
@@ -244,8 +239,7 @@ class _Checked:
 
     def ask(self, trial: Trial, check: Any = None) -> list[Finding]:
         """What it says, under the clock."""
-        samples = sum(len(signal) for signal in trial.signals.values())
-        watch = Stopwatch(self.budget_s * max(samples, SMALLEST_LOG_SAMPLES) / 1e6)
+        watch = Stopwatch(budget_of(trial, self.budget_s))
         try:
             with watch.running():
                 return ask(
@@ -394,12 +388,15 @@ class _Checked:
         if not self.needed():
             return
         blind = self.ask(without(self.trial, self.needed()))
+        inconclusive = any(finding.verdict is Verdict.INCONCLUSIVE for finding in blind)
         for finding in blind:
-            if finding.verdict is Verdict.SATISFIED:
+            # What rests on parameters alone, such as where a line is drawn, needs no signal.
+            drawn = inconclusive and finding.span is None and finding in self.said
+            if finding.verdict is Verdict.SATISFIED and not drawn:
                 raise self.broken(
                     f"is satisfied although every signal it needs is missing: {finding.message!r}"
                 )
-        if _decided(self.said) and not any(f.verdict is Verdict.INCONCLUSIVE for f in blind):
+        if _decided(self.said) and not inconclusive:
             raise self.broken("is never inconclusive although every signal it needs is missing")
         for quantity in self.needed():
             self.ask(without(self.trial, [quantity]))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -70,6 +71,11 @@ class RmlSpec:
         Programming 205, 2021). What follows a violation is our choice: in the
         reference a rejection is final.
     """
+
+    example: ClassVar[Mapping[str, Any]] = {
+        "spec": "apart matches {topic: 'snapshot', distance: d} with d >= 5.0; Main = apart*;",
+        "events": {"snapshot": {"distance": "centre_distance/{robot}/{human}"}},
+    }
 
     spec: str = ""
     events: Mapping[str, Mapping[str, str]] = field(default_factory=lambda: _NO_EVENTS)

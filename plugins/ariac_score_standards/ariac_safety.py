@@ -46,17 +46,17 @@ class HumanContact:
         between centres is our choice.
     """
 
-    distance: Literal["centre_distance", "centre_distance_2d", "separation"] = "separation"
-    contact_distance_m: float = 0.0
-    max_gap_s: float = 0.05
-    t_off_s: float = 1.0
+    distance: Literal["centre_distance", "centre_distance_2d", "separation"] = parameter(
+        "separation", source="what a log has; surface to surface is the one that needs no allowance"
+    )
+    contact_distance_m: float = parameter(
+        0.0, unit="m", at_least=0, at_most=100, source="0 between surfaces; between centres set per log"
+    )
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
+    t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
 
     def __post_init__(self) -> None:
-        for name in ("contact_distance_m", "t_off_s"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} is {getattr(self, name):g} but cannot be negative")
-        if not self.max_gap_s > 0:
-            raise ValueError(f"max_gap_s is {self.max_gap_s:g} but must be positive")
+        check_parameters(self)
 
     def needs(self) -> Iterator[SignalNeed]:
         """The distance between the two."""
@@ -115,8 +115,8 @@ class NoEvent:
         dropped product costs a point.
     """
 
-    kind: str = "arm_collision"
-    critical: bool = False
+    kind: str = parameter("arm_collision", source="which events; ARIAC 2019-2022")
+    critical: bool = parameter(False, source="whether each is a critical event")
 
     def needs(self) -> Iterator[SignalNeed]:
         """No signal: events come with every log."""

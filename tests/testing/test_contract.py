@@ -72,6 +72,29 @@ def test_every_monitor_of_ours_keeps_the_contract(name: str) -> None:
                 check()
 
 
+FURTHER: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("iso_ts_15066.ssm_separation", {"profile": "standard", "human_speed": "by_distance"}),
+    ("iso_ts_15066.ssm_response", {"profile": "standard", "stop_model": "deceleration"}),
+    (
+        "iso_ts_15066.ssm_response",
+        {"profile": "standard", "stop_model": "deceleration", "human_speed": "measured"},
+    ),
+    ("iso_10218_2.pfl_contact", {"region": "hand"}),
+    ("iso_10218_2.pfl_speed", {"region": "hand"}),
+    ("iso_10218_1.space_limit", {"keep_out": [[[0, 0], [2, 0], [2, 2], [0, 2]]], "keep_out_z_m": [0, 1]}),
+    ("iso_10218_1.reduced_speed", {"applies": "manual_mode", "speed": "tcp_speed"}),
+    ("iso_13850.estop_restart", {"after": ["emergency_stop", "protective_stop"]}),
+    ("log.signal_coverage", {"share_of": "exposure", "quantities": ["position", "speed"]}),
+)
+"""Monitors that work in another way with these parameters."""
+
+
+@pytest.mark.parametrize(("name", "parameters"), FURTHER)
+def test_the_contract_is_kept_with_other_parameters_too(name: str, parameters: dict[str, Any]) -> None:
+    for check in contract_checks(REGISTRY.find(MONITORS, name).build(parameters), MADE):
+        check()
+
+
 @pytest.mark.parametrize("name", first_party(RULES))
 def test_every_rule_of_ours_keeps_the_contract(name: str) -> None:
     found = REGISTRY.find(RULES, name)
@@ -390,7 +413,7 @@ BAD: dict[str, tuple[str, str, str, str]] = {
 
 def stranger(install: Install, source: str, version: str = "6.6") -> Any:
     install("odd-monitors", {"odd.monitor": "Plugin"}, source=source, version=version, group=MONITORS)
-    return Registry().find(MONITORS, "odd.monitor").build({})
+    return Registry().find(MONITORS, "odd.monitor").load()()
 
 
 def checks_of(plugin: Any, **options: Any) -> dict[str, ContractCheck]:
