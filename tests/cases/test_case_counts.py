@@ -98,7 +98,7 @@ def sides_of(
         rule_set = replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters))
     trial = WORKED["trial_of"](case)
     measured = measure_trial(trial, built(rules), registry=REGISTRY, rule_set=rule_set)
-    values = valuing(rule_set, measured, WORKED["cohort_of"](case), expected)
+    values = valuing(rule_set, measured, WORKED["cohort_of"](case, rules), expected)
     as_found = values(measured.findings)
     for check in open_:
         decided = set(said_of(check.name, expected))

@@ -256,7 +256,7 @@ def test_2022_cameras_of_the_gantry_have_prices_of_their_own(tmp_path: Path) -> 
 
 
 def test_2022_penalties_are_given_back_by_hand_and_no_more_than_were_taken(tmp_path: Path) -> None:
-    # TC = 7 x 500 + 200 + 300 + 100 = 4100, CF = 2: 2 x 8 + 8 = 24, less 3 as printed; 0, 2 or 5 are given back
+    # TC = 3500 + 200 + 300 + 100 = 4100, CF = 2: 2 x 8 + 8 = 24, less 3 as printed; 0, 2 or 5 given back
     team = sensors(*["logical_camera"] * 7, "depth_camera", "rgbd_camera", "camera")
     text = printed_2021((8, 20, 1, True), dropped=3).replace("[trial_score]", "Final Score: 5")
     rule_set = load_rule_set("ariac2022.official")
