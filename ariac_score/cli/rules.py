@@ -125,7 +125,7 @@ def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
         raise UsageError(
             "no stored result is here",
             file=folder,
-            hint="give the folder of results by 'score --output-format json -o', or the one 'rank --results' wrote",
+            hint="give a folder of results of 'score --output-format json', or what 'rank --results' wrote",
         )
     for file in files:
         try:
