@@ -40,6 +40,7 @@ from ariac_score.scoring.scope import Scope
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
+from ariac_score.trial.events import ORDER_ANNOUNCED
 from ariac_score.trial.kits import with_contents
 from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.signals import Signal
@@ -354,15 +355,15 @@ def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed])
 
 
 def _scopes(trial: Trial) -> Scope:
-    orders = []
-    for index, order in enumerate(trial.orders):
+    orders, index = [], _announced_as(trial)
+    for order in trial.orders:
         tasks = []
         for task in order.tasks:
             path = f"{order.id}/{task.id}"
             parts = tuple(Scope("part", f"{path}/{wanted.slot}") for wanted in task.products)
             tasks.append(Scope("submission", path, {"parts": len(parts)}, parts))
         facts: dict[str, float] = {
-            "index": index,
+            "index": index[order.id],
             "parts": sum(len(task.products) for task in order.tasks),
         }
         if order.priority_said:
@@ -370,6 +371,22 @@ def _scopes(trial: Trial) -> Scope:
         orders.append(Scope("order", order.id, facts, tuple(tasks)))
     whole: dict[str, float] = {"duration_s": canonical(trial.duration_s), "orders": len(orders)}
     return Scope("trial", "", whole, tuple(orders))
+
+
+def _announced_as(trial: Trial) -> dict[str, int]:
+    """Which order came first, by id: 0 for the first one announced, whatever changed it afterwards.
+
+    Those that were never announced come after the others; where no times are known, and
+    among equals, they come as the log or the configuration lists them.
+    """
+    first_s: dict[str, float] = {}
+    for event in trial.events_of(ORDER_ANNOUNCED):
+        first_s.setdefault(event.subject, event.t_s)
+    times = {order.id: first_s.get(order.id, order.announced_s) for order in trial.orders}
+    announced = sorted((time_s, place) for place, time_s in enumerate(times.values()) if time_s is not None)
+    never = [place for place, time_s in enumerate(times.values()) if time_s is None]
+    names = list(times)
+    return {names[place]: i for i, place in enumerate([*(place for _, place in announced), *never])}
 
 
 def _coverage(signal: Signal, window: Span | None) -> Coverage:

@@ -753,3 +753,29 @@ def test_a_record_before_the_trial_and_a_pose_that_is_none_are_named(tmp_path: P
     )
     with pytest.raises(ScoreError, match=r"t_s is -14\.0, before the trial"):
         score_trial(tmp_path / "trial.jsonl", "ariac2020.as_coded")
+
+
+def test_orders_are_numbered_as_they_were_announced_and_those_never_announced_come_last() -> None:
+    orders = (
+        Order("never"),
+        Order("second", announced_s=9.0),
+        Order("first", announced_s=20.0),
+        Order("nor"),
+    )
+    events = (Event(3.0, "order_announced", "first"), Event(20.0, "order_announced", "first_update_0"))
+    trial = Trial("t", orders, events=events)
+    measured = measure_trial(trial, {}, registry=Registry(), rule_set=load_rule_set("paper2020"))
+
+    assert {scope.path: scope.facts["index"] for scope in measured.scopes.inner} == {
+        "first": 0,
+        "second": 1,
+        "never": 2,
+        "nor": 3,
+    }
+
+
+def test_where_no_announcement_is_known_orders_are_numbered_as_listed() -> None:
+    trial = Trial("t", (Order("b"), Order("a")))
+    measured = measure_trial(trial, {}, registry=Registry(), rule_set=load_rule_set("paper2020"))
+
+    assert [scope.facts["index"] for scope in measured.scopes.inner] == [0, 1]
