@@ -24,11 +24,10 @@ from ariac_score import (
     Verdict,
     align,
     episodes_where,
-    sample_durations,
     uncovered_spans,
 )
 from ariac_score_rml.automaton import AfterViolation, Watch, margins, watch_stream
-from ariac_score_rml.columns import IntArray, Match, Stream, Topic
+from ariac_score_rml.columns import Columns, FloatArray, IntArray, Match, Stream, Topic
 from ariac_score_rml.faults import RmlError
 from ariac_score_rml.guards import TOLERANCE
 from ariac_score_rml.machine import MAX_STATE
@@ -136,11 +135,10 @@ class RmlSpec:
         if not len(stream):
             return
         machine = program.machine(tolerance=0.0 if self.exact else TOLERANCE, max_state=self.max_state)
-        watch = watch_stream(machine, stream, self.after_violation)
-        judged = _Judged(self, subject, recorded, stream, watch, margins(machine, stream, watch))
-        label = {"spec_sha256": hashlib.sha256(_text(self.spec).encode()).hexdigest()}
-        for finding in judged.findings(trial, decided=not undecided):
-            yield _labelled(finding, label)
+        columns = Columns(machine.matcher, stream)
+        watch = watch_stream(machine, stream, self.after_violation, columns)
+        judged = _Judged(self, subject, recorded, stream, watch, margins(machine, stream, watch, columns))
+        yield from judged.findings(trial, decided=not undecided)
 
 
 # Parameters ------------------------------------------------------------------------------
@@ -285,7 +283,7 @@ class _Recorded:
         t, columns = align(list(signals.values()), max_gap_s=max_gap_s)
         gaps: list[Span] = []
         if trial.window is not None:
-            inside = (t >= trial.window.start_s) & (t <= trial.window.end_s)
+            inside = slice(t.searchsorted(trial.window.start_s), t.searchsorted(trial.window.end_s, "right"))
             t, columns = t[inside], [column[inside] for column in columns]
             gaps = uncovered_spans(t, trial.window, max_gap_s=max_gap_s)
         return cls(Topic(source.name, t, dict(zip(signals, columns, strict=True))), signals, gaps)
@@ -313,11 +311,6 @@ def _undecided(trial: Trial, subject: str, recorded: Sequence[_Recorded]) -> Ite
 # From verdicts to findings ---------------------------------------------------------------
 
 
-def _labelled(finding: Finding, labels: Mapping[str, str]) -> Finding:
-    values = {name: getattr(finding, name) for name in finding.__dataclass_fields__}
-    return Finding(**{**values, "labels": {**finding.labels, **labels}})
-
-
 class _Judged:
     def __init__(
         self,
@@ -330,13 +323,13 @@ class _Judged:
     ) -> None:
         self.monitor, self.subject, self.recorded = monitor, subject, recorded
         self.stream, self.watch = stream, watch
-        match = match or Match.of(np.ones(len(stream), dtype=bool))
-        self.margin = np.where(np.isfinite(match.margin), match.margin, np.nan)
+        match = match or Match.alike(True, len(stream))
+        finite = np.isfinite(match.margin)
+        self.margin = match.margin if finite.all() else np.where(finite, match.margin, np.nan)
         self.bound, self.field = match.bound, match.field
-        self.weights_s = np.zeros(len(stream))
-        for index, item in enumerate(recorded):
-            durations_s = sample_durations(item.topic.t, longest_s=monitor.max_gap_s)
-            self.weights_s[stream.rows_of(index)] = durations_s
+        self.labels = {"spec_sha256": hashlib.sha256(_text(monitor.spec).encode()).hexdigest()}
+        self.rejected = np.flatnonzero(watch.rejected)
+        self.rejected_t = stream.t[self.rejected]
 
     def findings(self, trial: Trial, *, decided: bool) -> Iterator[Finding]:
         spans = self._episodes()
@@ -373,8 +366,10 @@ class _Judged:
         return joined
 
     def _violation(self, span: Span) -> Finding:
-        inside = (self.stream.t >= span.start_s) & (self.stream.t <= span.end_s)
-        rows = np.flatnonzero(self.watch.rejected & inside)
+        inside = slice(
+            self.rejected_t.searchsorted(span.start_s), self.rejected_t.searchsorted(span.end_s, "right")
+        )
+        rows = self.rejected[inside]
         measured = rows[np.isfinite(self.margin[rows])]
         worst = int(measured[np.argmin(self.margin[measured])]) if len(measured) else int(rows[0])
         event = self.recorded[int(self.stream.topic[worst])]
@@ -396,11 +391,12 @@ class _Judged:
             robustness=margin,
             unit=unit if margin is not None else "",
             quantities=self._quantities(rows, unit if margin is not None else ""),
+            labels=self.labels,
             evidence=self._evidence(worst),
         )
 
     def _quantities(self, rows: IntArray, unit: str) -> dict[str, float]:
-        weights_s = self.weights_s[rows]
+        weights_s = self._weights_s(rows)
         found = {"time_in_violation_s": float(weights_s.sum())}
         if unit != "m" or not np.isfinite(self.margin[rows]).all():
             return found
@@ -415,6 +411,16 @@ class _Judged:
             "relative_depth_max": float(relative.max()),
             "relative_depth_integral_s": float((relative * weights_s).sum()),
         }
+
+    def _weights_s(self, rows: IntArray) -> FloatArray:
+        """How long events stand for, each until the next one of its topic."""
+        weights_s = np.zeros(len(rows))
+        for index, item in enumerate(self.recorded):
+            here = np.flatnonzero(self.stream.topic[rows] == index)
+            row, t = self.stream.row[rows[here]], item.topic.t
+            following = np.minimum(row + 1, len(t) - 1)
+            weights_s[here] = np.minimum(t[following] - t[row], self.monitor.max_gap_s)
+        return weights_s
 
     def _unit(self, row: int) -> str:
         """The unit of the margin: that of the field which an inequality compares."""
@@ -437,7 +443,8 @@ class _Judged:
         span = trial.window
         if span is not None and at >= 0:
             span = Span(min(float(self.stream.t[at]), span.end_s), span.end_s)
-        return Finding.inconclusive(self.subject, f"cannot be judged from {where}: {error}", span=span)
+        message = f"cannot be judged from {where}: {error}"
+        return Finding(self.subject, Verdict.INCONCLUSIVE, message, span=span, labels=self.labels)
 
     def _end(self, trial: Trial) -> list[Finding]:
         """The violation of a trial that ends where the specification may not."""
@@ -446,11 +453,12 @@ class _Judged:
             return []
         end_s = float(self.stream.t[-1])
         message = "the trial ends where the specification still asks for something"
-        return [Finding(self.subject, Verdict.VIOLATED, message, span=Span(end_s, end_s))]
+        return [Finding(self.subject, Verdict.VIOLATED, message, span=Span(end_s, end_s), labels=self.labels)]
 
     def _kept(self) -> Finding:
         if not np.isfinite(self.margin).any():
-            return Finding(self.subject, Verdict.SATISFIED, f"all {len(self.stream)} events are accepted")
+            message = f"all {len(self.stream)} events are accepted"
+            return Finding(self.subject, Verdict.SATISFIED, message, labels=self.labels)
         closest = int(np.nanargmin(self.margin))
         margin, unit = max(float(self.margin[closest]), 0.0), self._unit(closest)
         return Finding(
@@ -460,5 +468,6 @@ class _Judged:
             f"at {self.stream.t[closest]:.3f} s",
             robustness=margin,
             unit=unit,
+            labels=self.labels,
             evidence=self._evidence(closest),
         )
