@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ariac_score.logs.salvage import Message, Scan
+    from ariac_score_rml.machine import Machine
     from ariac_score_rml.running import Program, Run
 
 EXIT_REJECTED = 1
@@ -59,19 +60,32 @@ def register(commands: Any) -> None:
         )
 
 
-def _text(path: Path, kind: str) -> str:
+def _bytes(path: Path, kind: str) -> bytes:
     from ariac_score.errors import LogError, UsageError  # noqa: PLC0415  # keeps --help quick
 
     error = UsageError if kind == "specification" else LogError
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_bytes()
     except OSError as cause:
         reason = cause.strerror or type(cause).__name__
         raise error(f"the {kind} cannot be read: {reason}", file=path, hint="check the path") from cause
+
+
+def _decoded(data: bytes, path: Path, kind: str) -> str:
+    from ariac_score.errors import LogError, UsageError  # noqa: PLC0415  # keeps --help quick
+
+    error = UsageError if kind == "specification" else LogError
+    try:
+        return data.decode("utf-8")
     except UnicodeDecodeError as cause:
         raise error(
             f"the {kind} is not UTF-8 text", file=path, place=f"byte {cause.start}", hint="save it as UTF-8"
         ) from cause
+
+
+def _text(path: Path, kind: str) -> str:
+    # As a file opened as text reads: one kind of line end.
+    return _decoded(_bytes(path, kind), path, kind).replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _compiled(path: Path, dialect: Any) -> Program:
@@ -114,22 +128,31 @@ def run_trace(arguments: argparse.Namespace) -> int:
     """Print the letters of a trace and how it came out."""
     from ariac_score_rml import running  # noqa: PLC0415  # keeps --help quick
     from ariac_score_rml.guards import TOLERANCE  # noqa: PLC0415
-    from ariac_score_rml.traces import read_events  # noqa: PLC0415
 
     program = _compiled(arguments.spec, arguments.dialect)
     kind = arguments.events or _SUFFIXES.get(
         arguments.trace.suffix, "bag" if arguments.trace.is_dir() else "jsonl"
     )
-    if kind == "jsonl":
-        events: Iterator[Any] = read_events(_text(arguments.trace, "trace"), file=arguments.trace)
-    else:
-        events = _recorded(arguments.trace, kind)
     machine = program.machine(tolerance=0.0 if arguments.exact else TOLERANCE)
-    run = running.run_trace(machine, events)
+    if kind == "jsonl":
+        run = _over_text(machine, arguments.trace)
+    else:
+        run = running.run_trace(machine, _recorded(arguments.trace, kind))
     _show(run, arguments.output_format)
     if run.accepted is None:
         return EXIT_UNDECIDED
     return 0 if run.accepted else EXIT_REJECTED
+
+
+def _over_text(machine: Machine, path: Path) -> Run:
+    """Run over a trace of JSON: over columns where its lines allow that."""
+    from ariac_score_rml.lines import run_lines  # noqa: PLC0415  # keeps --help quick
+    from ariac_score_rml.running import run_trace  # noqa: PLC0415
+    from ariac_score_rml.traces import read_events  # noqa: PLC0415
+
+    data = _bytes(path, "trace")
+    run = run_lines(machine, data)
+    return run or run_trace(machine, read_events(_decoded(data, path, "trace"), file=path))
 
 
 def _show(run: Run, output_format: str) -> None:

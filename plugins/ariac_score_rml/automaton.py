@@ -20,7 +20,7 @@ from ariac_score_rml.faults import RmlRunError
 from ariac_score_rml.machine import Letter, Machine, match_key
 from ariac_score_rml.terms import Term
 
-__all__ = ["AfterViolation", "Watch", "margins", "watch_by_interpreter", "watch_stream"]
+__all__ = ["AfterViolation", "Watch", "margins", "watch_by_interpreter", "watch_columns", "watch_stream"]
 
 AfterViolation: TypeAlias = Literal["resume", "restart", "once"]
 """resume: the rejected event is passed over; restart: Main begins anew; once: nothing more is judged."""
@@ -64,9 +64,18 @@ def watch_stream(
 ) -> Watch:
     """Run a specification over a stream, over columns where that can be."""
     try:
-        return _Table(machine, stream, columns or Columns(machine.matcher, stream)).run(after)
+        return watch_columns(machine, stream, after, columns or Columns(machine.matcher, stream))
     except NotColumnarError:
         return watch_by_interpreter(machine, stream, after)
+
+
+def watch_columns(machine: Machine, stream: Stream, after: AfterViolation, columns: Columns) -> Watch:
+    """Run a specification over the columns of a stream.
+
+    Raises:
+        NotColumnarError: Only the interpreter can.
+    """
+    return _Table(machine, stream, columns).run(after)
 
 
 class _Recorder:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +60,8 @@ class Topic:
     t: FloatArray
     fields: Mapping[str, FloatArray]
 
-    def record(self) -> dict[str, FloatArray | str]:
-        """The fields every event of it has."""
+    def record(self) -> dict[str, Any]:
+        """The fields every event of it has: columns, and what is the same in all."""
         return {"time": self.t, **self.fields, "topic": self.name}
 
 
@@ -95,14 +95,23 @@ class Stream:
         """One event as JSON."""
         topic = self.topics[int(self.topic[i])]
         row = int(self.row[i])
-        record = topic.record().items()
-        return {key: value if isinstance(value, str) else float(value[row]) for key, value in record}
+        return {key: _at(value, row) for key, value in topic.record().items()}
 
     def rows_of(self, topic: int) -> Rows:
         """The events of one topic, in the order of its samples."""
         if len(self.topics) == 1:
             return slice(None)
         return np.flatnonzero(self.topic == topic)
+
+
+def _at(value: Any, row: int) -> Json:
+    """What a field is in one event."""
+    if isinstance(value, np.ndarray):
+        number: Json = value[row].item()
+        return number
+    if isinstance(value, dict):
+        return {key: _at(inner, row) for key, inner in value.items()}
+    return [_at(inner, row) for inner in value] if isinstance(value, list) else value
 
 
 @dataclass(frozen=True)
@@ -201,9 +210,13 @@ class Columns:
     Args:
         matcher: Its event types.
         stream: The events.
+
+    Attributes:
+        close: How many comparisons would come out otherwise without the tolerance.
     """
 
     def __init__(self, matcher: Matcher, stream: Stream) -> None:
+        self.close = 0
         self._matcher, self._stream = matcher, stream
         self._tolerance = matcher.solver.tolerance
         self._known: dict[object, Match | None] = {}
@@ -231,10 +244,11 @@ class Columns:
 
     def _match(self, name: str, given: tuple[Given, ...]) -> Match:
         topics = self._stream.topics
-        each = [
-            _OneTopic(self._matcher, topic, self._tolerance).type(name, slots_of(given, {}), {})
-            for topic in topics
-        ]
+        each = []
+        for topic in topics:
+            one = _OneTopic(self._matcher, topic, self._tolerance)
+            each.append(one.type(name, slots_of(given, {}), {}))
+            self.close += one.close
         if len(each) == 1:
             return each[0]
         found = Match.of(np.zeros(len(self._stream), dtype=bool))
@@ -247,7 +261,7 @@ class Columns:
 
 class _OneTopic:
     def __init__(self, matcher: Matcher, topic: Topic, tolerance: float) -> None:
-        self._matcher, self._tolerance = matcher, tolerance
+        self._matcher, self._tolerance, self.close = matcher, tolerance, 0
         self._topic, self._count, self._event = topic, len(topic.t), topic.record()
 
     def _all(self, holds: bool) -> BoolArray:
@@ -310,20 +324,21 @@ class _OneTopic:
                     return self._all(False)
                 taken &= self._takes(inner, value[key], scope, values)
             return taken
+        if isinstance(pattern, ListPattern) and isinstance(value, list):
+            raise NotColumnarError
         if isinstance(pattern, RecordPattern | ListPattern):
             return self._all(False)
         raise NotColumnarError
 
     def _slot_takes(self, slot: Slot, value: object, values: dict[Unknown, _Value]) -> BoolArray:
-        if isinstance(value, dict):
-            raise NotColumnarError  # the whole event as a value
-        assert isinstance(value, np.ndarray | str)
+        if isinstance(value, dict | list):
+            raise NotColumnarError  # a record or a list as a value
         if isinstance(slot, Bound):
             return self._fits(slot.value, value)
         if isinstance(slot, Unknown):
             if slot in values:
                 return self._fits(values[slot], value)
-            values[slot] = value
+            values[slot] = value  # type: ignore[assignment]  # a column or a constant
             return self._all(True)
         if isinstance(slot, PatternSlot):
             taken = self._all(False)
@@ -335,16 +350,18 @@ class _OneTopic:
         return self._all(False)
 
     def _fits(self, pattern: object, value: object) -> BoolArray:
-        if isinstance(pattern, np.ndarray) and not isinstance(value, np.ndarray):
+        if isinstance(value, list | dict) or isinstance(pattern, list | dict):
             return self._all(False)
-        if isinstance(value, np.ndarray):
-            if not isinstance(pattern, float | np.ndarray):
-                return self._all(False)
-            # 0.0 does not match -0.0.
-            alike: BoolArray = (value == pattern) & (np.signbit(value) == np.signbit(pattern))
-            return alike
-        assert isinstance(value, str)
-        return self._all(isinstance(pattern, str) and fits(pattern, value))
+        if not isinstance(value, np.ndarray):
+            return self._all(not isinstance(pattern, np.ndarray) and fits(pattern, value))  # type: ignore[arg-type]
+        if not isinstance(pattern, np.ndarray) and not is_number(pattern):
+            return self._all(False)
+        number = np.asarray(pattern)
+        if number.dtype.kind != value.dtype.kind:
+            return self._all(False)  # 1 is not 1.0
+        alike: BoolArray = value == number
+        # 0.0 does not match -0.0.
+        return alike if value.dtype.kind == "i" else alike & (np.signbit(value) == np.signbit(number))
 
     # Guards --------------------------------------------------------------------------
 
@@ -386,11 +403,14 @@ class _OneTopic:
         if op in _SIGN:
             compare, sign = _COMPARE[op]
             held = compare(difference, sign * tolerance)
+            plainly = compare(difference, 0.0)
             margin = difference if _SIGN[op] > 0 else -difference
         else:
             near = np.abs(difference) <= tolerance
             held = near if op == "==" else ~near
+            plainly = (difference == 0) == (op == "==")
             margin = np.abs(difference) * (-1.0 if op == "==" else 1.0)
+        self.close += int(np.count_nonzero(held != plainly))
         fields = np.broadcast_to(np.intp(field), (self._count,))
         if not zero.any():
             return Match(held, margin, bound, fields)
@@ -445,7 +465,7 @@ class _OneTopic:
         elif isinstance(slot, Unknown):
             value = values.get(slot)
         if isinstance(value, np.ndarray):
-            return value
+            return value if value.dtype.kind == "f" else value.astype(np.float64)
         if is_number(value):
             try:
                 return float(value)  # type: ignore[arg-type]

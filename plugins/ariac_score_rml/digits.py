@@ -1,0 +1,177 @@
+"""Numbers that stand in a text, many at once.
+
+Eight bytes are taken at a time; how many of them are digits, and what number they make,
+comes from arithmetic on the 64 bits. Every value is what `float` makes of the same text,
+to the bit; what that cannot be promised for is called odd and left to `float`.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Numbers", "Text"]
+
+_Words = NDArray[np.uint64]
+_Places = NDArray[np.intp]
+
+_PADDING = 64
+"""Reading on behind the last byte meets zeros."""
+
+_DIGITS_AT_ONCE = 8
+_MAX_WORDS = 3
+"""A fraction with more digits than these words hold is odd."""
+
+_POWERS = np.array([10**k for k in range(_DIGITS_AT_ONCE + 1)], dtype=np.uint64)
+_EXACT_IN_FLOAT = 2**53
+_LARGEST_POWER_IN_FLOAT = 22
+"""10^22 is the largest power of ten that a float64 is exactly."""
+
+_LARGEST = 1.8e19
+"""Below 2^64 even when the estimate is off in its last bits."""
+
+_EXTENDED = np.finfo(np.longdouble).nmant == 63 and sys.byteorder == "little"
+"""Whether there are floats of 64 bits to divide in, of which those of 53 are then rounded."""
+
+
+def _word(byte: int) -> np.uint64:
+    return np.uint64(byte * 0x0101010101010101)
+
+
+class Text:
+    """A block of text of which eight bytes can be had at any place.
+
+    Args:
+        block: The text.
+    """
+
+    def __init__(self, block: bytes) -> None:
+        self.length = len(block)
+        self.padded = block + bytes(_PADDING)
+        self.bytes = np.frombuffer(self.padded, dtype=np.uint8)
+        self.words: _Words = np.ndarray((len(self.padded) - 7,), "<u8", self.padded, strides=(1,))
+
+    def word(self, at: _Places) -> _Words:
+        """Eight bytes from each place, the first of them lowest."""
+        return self.words[np.minimum(at, self.length + _PADDING - 8)]
+
+    def byte(self, at: _Places) -> NDArray[np.uint8]:
+        """The byte at each place."""
+        return self.bytes[np.minimum(at, self.length)]
+
+    def has(self, at: _Places, wanted: bytes) -> NDArray[np.bool_]:
+        """Whether a text stands at each place."""
+        if len(wanted) < _DIGITS_AT_ONCE:
+            mask = np.uint64((1 << 8 * len(wanted)) - 1)
+            found: NDArray[np.bool_] = (self.word(at) & mask) == np.uint64(int.from_bytes(wanted, "little"))
+            return found
+        found = np.ones(len(at), dtype=bool)
+        last = len(wanted) - _DIGITS_AT_ONCE
+        for offset in (*range(0, last, _DIGITS_AT_ONCE), last):
+            part = wanted[offset : offset + _DIGITS_AT_ONCE]
+            found &= self.word(at + offset) == np.uint64(int.from_bytes(part, "little"))
+        return found
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What numbers stand at some places.
+
+    Attributes:
+        values: The numbers, shape (n,).
+        whole: Which have neither point nor exponent, shape (n,).
+        end: Where each ends, shape (n,).
+        odd: For which of them none of that is certain, shape (n,).
+    """
+
+    values: NDArray[np.float64]
+    whole: NDArray[np.bool_]
+    end: _Places
+    odd: NDArray[np.bool_]
+
+    @classmethod
+    def at(cls, text: Text, begin: _Places) -> Numbers:
+        """The numbers of JSON that begin at some places."""
+        negative = text.byte(begin) == ord("-")
+        first = begin + negative
+        word = text.word(first)
+        places, mantissa = _digits(word)
+        point = first + places
+        fractional = text.byte(point) == ord(".")
+        leading_zero = (places > 1) & ((word & np.uint64(0xFF)) == ord("0"))
+        odd = (places == 0) | (places == _DIGITS_AT_ONCE) | leading_zero
+        end, estimate, total = point, mantissa.astype(np.float64), np.zeros(len(begin), dtype=np.intp)
+        more = fractional
+        for _ in range(_MAX_WORDS):
+            if not more.any():
+                break
+            places, digits = _digits(text.word(point + 1 + total))
+            places = np.where(more, places, 0)
+            power = _POWERS[places]
+            mantissa = mantissa * power + np.where(more, digits, np.uint64(0))
+            estimate = estimate * power + digits
+            total = total + places
+            more = places == _DIGITS_AT_ONCE
+        end = point + np.where(fractional, 1 + total, 0)
+        odd |= more | (fractional & (total == 0)) | (estimate > _LARGEST)
+        odd |= (text.byte(end) | 0x20) == ord("e")
+        odd |= negative & ~fractional & (mantissa == 0)  # the whole number -0 is 0
+        values, unsure = _quotients(mantissa, total)
+        return cls(np.where(negative, -values, values), ~fractional, end, odd | unsure)
+
+
+def _digits(word: _Words) -> tuple[_Places, _Words]:
+    """How many of eight bytes are digits until one is not, and the number these make.
+
+    Source:
+        Wojciech Mula 2014 and Johnny Lee, "SIMD within a register" parsing of decimal digits.
+    """
+    digits = word ^ _word(0x30)
+    # A byte is no digit when its high half is not 0, now or after 6 is added.
+    others = ((digits + _word(0x06)) | digits) & _word(0xF0)
+    below = ((others & (~others + np.uint64(1))) - np.uint64(1)) & _word(0x80)
+    count = ((below >> np.uint64(7)) * _word(0x01)) >> np.uint64(56)
+    shift = np.uint64(64) - np.uint64(8) * count
+    value = np.where(count > 0, digits << np.minimum(shift, np.uint64(63)), np.uint64(0))
+    value = (value * np.uint64(2561)) >> np.uint64(8) & np.uint64(0x00FF00FF00FF00FF)
+    value = (value * np.uint64(6553601)) >> np.uint64(16) & np.uint64(0x0000FFFF0000FFFF)
+    value = (value * np.uint64(42949672960001)) >> np.uint64(32)
+    return count.astype(np.intp), value
+
+
+def _quotients(mantissa: _Words, places: _Places) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """mantissa / 10^places, rounded once, and for which of them that is not certain.
+
+    Both sides are floats exactly and division rounds once; or both are so in 64 bits, and
+    rounding the quotient again to 53 errs only where it lies halfway between two floats.
+
+    Source:
+        Clinger, How to read floating point numbers accurately, 1990.
+    """
+    exact = (mantissa < _EXACT_IN_FLOAT) & (places <= _LARGEST_POWER_IN_FLOAT)
+    values = mantissa.astype(np.float64) / _FLOAT_POWERS[np.minimum(places, _LARGEST_POWER_IN_FLOAT)]
+    if exact.all():
+        return values, ~exact
+    if not _EXTENDED:
+        return values, ~exact
+    (rest,) = np.nonzero(~exact)
+    wide = mantissa[rest].astype(np.longdouble) / _LONG_POWERS[places[rest]]
+    values[rest] = wide.astype(np.float64)
+    bits = np.ascontiguousarray(wide).view(np.uint64)[:: wide.itemsize // 8]
+    unsure = np.zeros(len(values), dtype=bool)
+    unsure[rest] = (bits & np.uint64(0x7FF)) == 0x400
+    return values, unsure
+
+
+def _powers(count: int, one: np.floating) -> NDArray[np.floating]:
+    powers = [one]
+    while len(powers) < count:
+        powers.append(powers[-1] * type(one)(10))
+    return np.array(powers, dtype=type(one))
+
+
+_FLOAT_POWERS: NDArray[np.float64] = np.array([float(10**k) for k in range(_LARGEST_POWER_IN_FLOAT + 1)])
+_LONG_POWERS = _powers(_MAX_WORDS * _DIGITS_AT_ONCE + 1, np.longdouble(1))
