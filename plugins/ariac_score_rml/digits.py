@@ -30,6 +30,7 @@ _EXACT_IN_FLOAT = 2**53
 _LARGEST_POWER_IN_FLOAT = 22
 """10^22 is the largest power of ten that a float64 is exactly."""
 
+_SURE_PLACES = 19
 _LARGEST = 1.8e19
 """Below 2^64 even when the estimate is off in its last bits."""
 
@@ -39,6 +40,14 @@ _EXTENDED = np.finfo(np.longdouble).nmant == 63 and sys.byteorder == "little"
 
 def _word(byte: int) -> np.uint64:
     return np.uint64(byte * 0x0101010101010101)
+
+
+_ZEROS, _SIXES, _HIGH_HALVES = _word(0x30), _word(0x06), _word(0xF0)
+_HIGH_BITS, _ONES = _word(0x80), _word(0x01)
+_ONE, _SEVEN, _EIGHT, _SIXTEEN = np.uint64(1), np.uint64(7), np.uint64(8), np.uint64(16)
+_THIRTY_TWO, _FIFTY_SIX, _SIXTY_FOUR = np.uint64(32), np.uint64(56), np.uint64(64)
+_TENS_OF_PAIRS, _HUNDREDS, _TEN_THOUSANDS = np.uint64(2561), np.uint64(6553601), np.uint64(42949672960001)
+_PAIRS, _QUADS = np.uint64(0x00FF00FF00FF00FF), np.uint64(0x0000FFFF0000FFFF)
 
 
 class Text:
@@ -52,28 +61,31 @@ class Text:
         self.length = len(block)
         self.padded = block + bytes(_PADDING)
         self.bytes = np.frombuffer(self.padded, dtype=np.uint8)
-        self.words: _Words = np.ndarray((len(self.padded) - 7,), "<u8", self.padded, strides=(1,))
+        self.words: _Words = np.frombuffer(self.padded[: len(self.padded) // 8 * 8], dtype="<u8")
 
     def word(self, at: _Places) -> _Words:
         """Eight bytes from each place, the first of them lowest."""
-        return self.words[np.minimum(at, self.length + _PADDING - 8)]
+        at = np.minimum(at, self.length)
+        index = at >> 3
+        shift = ((at & 7) << 3).view(np.uint64)
+        # Shifted by all of its 64 bits nothing is left of the second word, which is what is wanted.
+        return (self.words[index] >> shift) | (self.words[index + 1] << (_SIXTY_FOUR - shift))
 
     def byte(self, at: _Places) -> NDArray[np.uint8]:
         """The byte at each place."""
         return self.bytes[np.minimum(at, self.length)]
 
     def has(self, at: _Places, wanted: bytes) -> NDArray[np.bool_]:
-        """Whether a text stands at each place."""
-        if len(wanted) < _DIGITS_AT_ONCE:
-            mask = np.uint64((1 << 8 * len(wanted)) - 1)
-            found: NDArray[np.bool_] = (self.word(at) & mask) == np.uint64(int.from_bytes(wanted, "little"))
-            return found
-        found = np.ones(len(at), dtype=bool)
-        last = len(wanted) - _DIGITS_AT_ONCE
-        for offset in (*range(0, last, _DIGITS_AT_ONCE), last):
-            part = wanted[offset : offset + _DIGITS_AT_ONCE]
-            found &= self.word(at + offset) == np.uint64(int.from_bytes(part, "little"))
-        return found
+        """Whether a text, of which no byte is 0, stands at each place."""
+        size = len(wanted)
+        if not size:
+            return np.ones(len(at), dtype=bool)
+        if size > self.length:
+            return np.zeros(len(at), dtype=bool)
+        places = np.ndarray((self.length - size + 1,), f"S{size}", self.padded, strides=(1,))
+        last = self.length - size
+        found: NDArray[np.bool_] = places[np.minimum(at, last)] == wanted
+        return found & (at <= last)
 
 
 @dataclass(frozen=True)
@@ -103,24 +115,40 @@ class Numbers:
         fractional = text.byte(point) == ord(".")
         leading_zero = (places > 1) & ((word & np.uint64(0xFF)) == ord("0"))
         odd = (places == 0) | (places == _DIGITS_AT_ONCE) | leading_zero
-        end, estimate, total = point, mantissa.astype(np.float64), np.zeros(len(begin), dtype=np.intp)
-        more = fractional
+        parts, after, more = [(places, mantissa)], np.zeros(len(begin), dtype=np.intp), fractional
         for _ in range(_MAX_WORDS):
             if not more.any():
                 break
-            places, digits = _digits(text.word(point + 1 + total))
-            places = np.where(more, places, 0)
-            power = _POWERS[places]
-            mantissa = mantissa * power + np.where(more, digits, np.uint64(0))
-            estimate = estimate * power + digits
-            total = total + places
+            places, digits = _digits(text.word(point + 1 + after))
+            if not more.all():
+                places, digits = places * more, digits * more
+            parts.append((places, digits))
+            mantissa = mantissa * _POWERS[places] + digits
+            after = after + places
             more = places == _DIGITS_AT_ONCE
-        end = point + np.where(fractional, 1 + total, 0)
-        odd |= more | (fractional & (total == 0)) | (estimate > _LARGEST)
+        odd |= more | (fractional & (after == 0)) | _too_large(parts)
+        end = point + after + fractional
         odd |= (text.byte(end) | 0x20) == ord("e")
         odd |= negative & ~fractional & (mantissa == 0)  # the whole number -0 is 0
-        values, unsure = _quotients(mantissa, total)
-        return cls(np.where(negative, -values, values), ~fractional, end, odd | unsure)
+        values, unsure = _quotients(mantissa, after)
+        if negative.any():
+            values = np.where(negative, -values, values)
+        return cls(values, ~fractional, end, odd | unsure)
+
+
+def _too_large(parts: list[tuple[_Places, _Words]]) -> NDArray[np.bool_]:
+    """Where digits taken together make a number that 64 bits may not hold."""
+    count = parts[0][0] + 0
+    for places, _ in parts[1:]:
+        count += places
+    too_large = np.zeros(len(count), dtype=bool)
+    (long,) = np.nonzero(count > _SURE_PLACES)
+    if len(long):
+        estimate = np.zeros(len(long))
+        for places, digits in parts:
+            estimate = estimate * _POWERS[places[long]] + digits[long]
+        too_large[long] = estimate > _LARGEST
+    return too_large
 
 
 def _digits(word: _Words) -> tuple[_Places, _Words]:
@@ -129,17 +157,28 @@ def _digits(word: _Words) -> tuple[_Places, _Words]:
     Source:
         Wojciech Mula 2014 and Johnny Lee, "SIMD within a register" parsing of decimal digits.
     """
-    digits = word ^ _word(0x30)
+    digits = word ^ _ZEROS
     # A byte is no digit when its high half is not 0, now or after 6 is added.
-    others = ((digits + _word(0x06)) | digits) & _word(0xF0)
-    below = ((others & (~others + np.uint64(1))) - np.uint64(1)) & _word(0x80)
-    count = ((below >> np.uint64(7)) * _word(0x01)) >> np.uint64(56)
-    shift = np.uint64(64) - np.uint64(8) * count
-    value = np.where(count > 0, digits << np.minimum(shift, np.uint64(63)), np.uint64(0))
-    value = (value * np.uint64(2561)) >> np.uint64(8) & np.uint64(0x00FF00FF00FF00FF)
-    value = (value * np.uint64(6553601)) >> np.uint64(16) & np.uint64(0x0000FFFF0000FFFF)
-    value = (value * np.uint64(42949672960001)) >> np.uint64(32)
-    return count.astype(np.intp), value
+    others = digits + _SIXES
+    others |= digits
+    others &= _HIGH_HALVES
+    below = others - _ONE
+    below &= ~others
+    below &= _HIGH_BITS
+    below >>= _SEVEN
+    below *= _ONES
+    below >>= _FIFTY_SIX
+    # Without any digit the shift is by all 64 bits, which leaves 0.
+    digits <<= _SIXTY_FOUR - (below << np.uint64(3))
+    digits *= _TENS_OF_PAIRS
+    digits >>= _EIGHT
+    digits &= _PAIRS
+    digits *= _HUNDREDS
+    digits >>= _SIXTEEN
+    digits &= _QUADS
+    digits *= _TEN_THOUSANDS
+    digits >>= _THIRTY_TWO
+    return below.view(np.intp), digits
 
 
 def _quotients(mantissa: _Words, places: _Places) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

@@ -24,7 +24,7 @@ from ariac_score_rml.running import Run
 
 __all__ = ["run_lines"]
 
-_BLOCK_BYTES = 1 << 20
+_BLOCK_BYTES = 1 << 21
 """Intermediate results of a block stay in the cache."""
 
 _MAX_LAYOUTS = 16
