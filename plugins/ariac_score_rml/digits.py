@@ -69,7 +69,9 @@ class Text:
         index = at >> 3
         shift = ((at & 7) << 3).view(np.uint64)
         # Shifted by all of its 64 bits nothing is left of the second word, which is what is wanted.
-        return (self.words[index] >> shift) | (self.words[index + 1] << (_SIXTY_FOUR - shift))
+        word: _Words = self.words[index] >> shift
+        word |= self.words[index + 1] << (_SIXTY_FOUR - shift)
+        return word
 
     def byte(self, at: _Places) -> NDArray[np.uint8]:
         """The byte at each place."""
