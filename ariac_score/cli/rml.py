@@ -60,32 +60,19 @@ def register(commands: Any) -> None:
         )
 
 
-def _bytes(path: Path, kind: str) -> bytes:
+def _text(path: Path, kind: str) -> str:
     from ariac_score.errors import LogError, UsageError  # noqa: PLC0415  # keeps --help quick
 
     error = UsageError if kind == "specification" else LogError
     try:
-        return path.read_bytes()
+        return path.read_text(encoding="utf-8")
     except OSError as cause:
         reason = cause.strerror or type(cause).__name__
         raise error(f"the {kind} cannot be read: {reason}", file=path, hint="check the path") from cause
-
-
-def _decoded(data: bytes, path: Path, kind: str) -> str:
-    from ariac_score.errors import LogError, UsageError  # noqa: PLC0415  # keeps --help quick
-
-    error = UsageError if kind == "specification" else LogError
-    try:
-        return data.decode("utf-8")
     except UnicodeDecodeError as cause:
         raise error(
             f"the {kind} is not UTF-8 text", file=path, place=f"byte {cause.start}", hint="save it as UTF-8"
         ) from cause
-
-
-def _text(path: Path, kind: str) -> str:
-    # As a file opened as text reads: one kind of line end.
-    return _decoded(_bytes(path, kind), path, kind).replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _compiled(path: Path, dialect: Any) -> Program:
@@ -150,9 +137,12 @@ def _over_text(machine: Machine, path: Path) -> Run:
     from ariac_score_rml.running import run_trace  # noqa: PLC0415
     from ariac_score_rml.traces import read_events  # noqa: PLC0415
 
-    data = _bytes(path, "trace")
-    run = run_lines(machine, data)
-    return run or run_trace(machine, read_events(_decoded(data, path, "trace"), file=path))
+    try:
+        with path.open("rb") as file:
+            run = run_lines(machine, file)
+    except OSError:
+        run = None  # the other way says why
+    return run or run_trace(machine, read_events(_text(path, "trace"), file=path))
 
 
 def _show(run: Run, output_format: str) -> None:

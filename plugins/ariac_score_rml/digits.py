@@ -59,9 +59,9 @@ class Text:
 
     def __init__(self, block: bytes) -> None:
         self.length = len(block)
-        self.padded = block + bytes(_PADDING)
+        self.padded = block + bytes(_PADDING - len(block) % 8)
         self.bytes = np.frombuffer(self.padded, dtype=np.uint8)
-        self.words: _Words = np.frombuffer(self.padded[: len(self.padded) // 8 * 8], dtype="<u8")
+        self.words: _Words = np.frombuffer(self.padded, dtype="<u8")
 
     def word(self, at: _Places) -> _Words:
         """Eight bytes from each place, the first of them lowest."""
@@ -111,24 +111,17 @@ class Numbers:
         """The numbers of JSON that begin at some places."""
         negative = text.byte(begin) == ord("-")
         first = begin + negative
-        word = text.word(first)
-        places, mantissa = _digits(word)
-        point = first + places
+        before, parts, more = _run_of_digits(text, first, np.ones(len(begin), dtype=bool))
+        point = first + before
         fractional = text.byte(point) == ord(".")
-        leading_zero = (places > 1) & ((word & np.uint64(0xFF)) == ord("0"))
-        odd = (places == 0) | (places == _DIGITS_AT_ONCE) | leading_zero
-        parts, after, more = [(places, mantissa)], np.zeros(len(begin), dtype=np.intp), fractional
-        for _ in range(_MAX_WORDS):
-            if not more.any():
-                break
-            places, digits = _digits(text.word(point + 1 + after))
-            if not more.all():
-                places, digits = places * more, digits * more
-            parts.append((places, digits))
+        leading_zero = (before > 1) & (text.byte(first) == ord("0"))
+        odd = more | (before == 0) | leading_zero
+        after, fraction, more = _run_of_digits(text, point + 1, fractional)
+        parts += fraction
+        mantissa = parts[0][1] if parts else np.zeros(0, dtype=np.uint64)
+        for places, digits in parts[1:]:
             mantissa = mantissa * _POWERS[places] + digits
-            after = after + places
-            more = places == _DIGITS_AT_ONCE
-        odd |= more | (fractional & (after == 0)) | _too_large(parts)
+        odd |= more | (fractional & (after == 0)) | _too_large(parts, before + after)
         end = point + after + fractional
         odd |= (text.byte(end) | 0x20) == ord("e")
         odd |= negative & ~fractional & (mantissa == 0)  # the whole number -0 is 0
@@ -138,11 +131,28 @@ class Numbers:
         return cls(values, ~fractional, end, odd | unsure)
 
 
-def _too_large(parts: list[tuple[_Places, _Words]]) -> NDArray[np.bool_]:
+_Parts = list[tuple[_Places, _Words]]
+
+
+def _run_of_digits(
+    text: Text, begin: _Places, wanted: NDArray[np.bool_]
+) -> tuple[_Places, _Parts, NDArray[np.bool_]]:
+    """How many digits stand at some places, what they make eight by eight, and where there are too many."""
+    count, parts, more = np.zeros(len(begin), dtype=np.intp), _Parts(), wanted
+    for _ in range(_MAX_WORDS):
+        if not more.any():
+            break
+        places, digits = _digits(text.word(begin + count))
+        if not more.all():
+            places, digits = places * more, digits * more
+        parts.append((places, digits))
+        count = count + places
+        more = places == _DIGITS_AT_ONCE
+    return count, parts, more
+
+
+def _too_large(parts: _Parts, count: _Places) -> NDArray[np.bool_]:
     """Where digits taken together make a number that 64 bits may not hold."""
-    count = parts[0][0] + 0
-    for places, _ in parts[1:]:
-        count += places
     too_large = np.zeros(len(count), dtype=bool)
     (long,) = np.nonzero(count > _SURE_PLACES)
     if len(long):

@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ __all__ = ["run_lines"]
 _BLOCK_BYTES = 1 << 21
 """Intermediate results of a block stay in the cache."""
 
+_LONGEST_LINE_BYTES = 10_000_000
 _MAX_LAYOUTS = 16
 _MAX_WHOLE = 2**53
 """Whole numbers beyond are not all floats."""
@@ -155,17 +156,22 @@ class _Lines(Topic):
         return dict(self.event)
 
 
-def _blocks(data: bytes) -> Iterator[bytes]:
+def _texts(file: BinaryIO) -> Iterator[Text]:
     """Whole lines, about as many bytes at a time as a block may have."""
-    start = 0
-    while start < len(data):
-        end = data.find(b"\n", min(start + _BLOCK_BYTES, len(data)))
-        end = len(data) if end < 0 else end + 1
-        yield data[start:end]
-        start = end
+    begun = b""
+    while block := file.read(_BLOCK_BYTES):
+        cut = block.rfind(b"\n") + 1
+        if not cut and len(begun) > _LONGEST_LINE_BYTES:
+            raise _NotAlikeError
+        if cut:
+            yield Text(begun + block[:cut])
+            begun = b""
+        begun += block[cut:]
+    if begun:
+        yield Text(begun)
 
 
-def _topics(data: bytes) -> list[_Lines]:
+def _topics(file: BinaryIO) -> list[_Lines]:
     """The lines of a trace by their layouts.
 
     Raises:
@@ -174,8 +180,7 @@ def _topics(data: bytes) -> list[_Lines]:
     layouts: list[_Layout] = []
     found: list[list[tuple[_Places, list[NDArray[np.float64]]]]] = []
     count = 0
-    for block in _blocks(data):
-        text = Text(block)
+    for text in _texts(file):
         breaks = np.flatnonzero(text.bytes[: text.length] == ord("\n"))
         starts, ends = np.append(0, breaks + 1), np.append(breaks, text.length)
         filled = ends > starts
@@ -186,7 +191,7 @@ def _topics(data: bytes) -> list[_Lines]:
         while len(rest):
             if len(layouts) == _MAX_LAYOUTS:
                 raise _NotAlikeError
-            layouts.append(_Layout.of(block[starts[rest[0]] : ends[rest[0]]]))
+            layouts.append(_Layout.of(text.padded[starts[rest[0]] : ends[rest[0]]]))
             found.append([])
             left = _take(layouts[-1], found[-1], text, (starts, ends), rest, count)
             if len(left) == len(rest):
@@ -231,18 +236,18 @@ def _joined(layout: _Layout, taken: list[tuple[_Places, list[NDArray[np.float64]
     return _Lines("", t, {}, filled(layout.event))
 
 
-def run_lines(machine: Machine, data: bytes) -> Run | None:
+def run_lines(machine: Machine, file: BinaryIO) -> Run | None:
     """Run a specification over a trace of which each line is an event.
 
     Args:
         machine: The specification.
-        data: The trace.
+        file: The trace, from its beginning.
 
     Returns:
         What `run_trace` finds in it; `None` when that has to be done event by event.
     """
     try:
-        stream = Stream(_topics(data))
+        stream = Stream(_topics(file))
         columns = Columns(machine.matcher, stream)
         watch = watch_columns(machine, stream, "once", columns)
     except (_NotAlikeError, NotColumnarError):
