@@ -45,8 +45,8 @@ _NO_EVENTS: Mapping[str, Mapping[str, str]] = MappingProxyType({})
 class RmlSpec:
     """The events of a trial keep a specification in RML, the Runtime Monitoring Language.
 
-    `spec` is the specification, or the path of an `.rml` file (relative to where the
-    program is started). `events` says of each topic which signal each field of its
+    `spec` is the specification, or the path of an `.rml` file, which is relative to
+    the rule set that names it and becomes part of it. `events` says of each topic which signal each field of its
     events is: `{snapshot: {robot_speed: "speed/{robot}"}}`; with `{robot}` or `{human}`
     every robot, human or pair is judged on its own. Every sample is one event: a record
     of these fields as floats, of `topic`, and of `time` in s of trial time. A quantity
@@ -88,7 +88,9 @@ class RmlSpec:
             raise ValueError(f"max_gap_s is {self.max_gap_s:g} but must be positive")
         if self.max_state < 1:
             raise ValueError(f"max_state is {self.max_state} but must be positive")
-        program = _compiled(self.spec, self.dialect)
+        text = _text(self.spec)
+        object.__setattr__(self, "_spec_sha256", hashlib.sha256(text.encode()).hexdigest())
+        program = _compiled(text, self.dialect)
         object.__setattr__(self, "_program", program)
         if program is not None:
             _check_mapping(program, self.events)
@@ -191,7 +193,7 @@ def _compiled(spec: str, dialect: Dialect) -> Program | None:
     if not spec.strip():
         return None
     try:
-        return compile_rml(_text(spec), dialect=dialect)
+        return compile_rml(spec, dialect=dialect)
     except RmlError as error:
         hint = f" ({error.hint})" if error.hint else ""
         raise ValueError(f"the specification is refused: {error}{hint}") from error
@@ -327,7 +329,7 @@ class _Judged:
         finite = np.isfinite(match.margin)
         self.margin = match.margin if finite.all() else np.where(finite, match.margin, np.nan)
         self.bound, self.field = match.bound, match.field
-        self.labels = {"spec_sha256": hashlib.sha256(_text(monitor.spec).encode()).hexdigest()}
+        self.labels = {"spec_sha256": getattr(monitor, "_spec_sha256", "")}
         self.rejected = np.flatnonzero(watch.rejected)
         self.rejected_t = stream.t[self.rejected]
 
