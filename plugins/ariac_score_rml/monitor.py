@@ -48,8 +48,9 @@ class RmlSpec:
     `spec` is the specification, or the path of an `.rml` file, which is relative to
     the rule set that names it and becomes part of it. `events` says of each topic which
     signal each field of its events is: `{snapshot: {robot_speed: "speed/{robot}"}}`; with
-    `{robot}` or `{human}` every robot, human or pair is judged on its own. Every sample is one event: a record
-    of these fields as floats, of `topic`, and of `time` in s of trial time. A quantity
+    `{robot}` or `{human}` every robot, human or pair is judged on its own. Every sample
+    is one event: a record of these fields as floats, of `topic`, and of `time` in s of
+    trial time. A quantity
     that is not well known is written with its unit: `"force/{robot} [N]"`.
 
     Measures:
