@@ -25,9 +25,6 @@ __all__ = ["AfterViolation", "Watch", "margins", "watch_by_interpreter", "watch_
 AfterViolation: TypeAlias = Literal["resume", "restart", "once"]
 """resume: the rejected event is passed over; restart: Main begins anew; once: nothing more is judged."""
 
-_MAX_TYPES = 12
-"""A state that asks about more types is left to the interpreter: its table would be too large."""
-
 _MAX_TABLES = 5_000
 _Codes: TypeAlias = "NDArray[np.uint16]"
 _UNKNOWN, _STAYS, _REJECTS, _LEAVES = range(4)
@@ -190,7 +187,7 @@ class _Table:
             if len(self._rows) >= _MAX_TABLES:
                 self._rows.clear()
             types = self._machine.asked(state)
-            if types is None or len(types) > _MAX_TYPES:
+            if types is None:
                 raise NotColumnarError
             keys = tuple(match_key(term) for term in types)
             codes = self._codes.get(keys)
