@@ -30,6 +30,9 @@ _LANGUAGE = "formulas have numbers, names, + - * / **, comparisons, and/or/not, 
 MAX_LENGTH = 2000
 MAX_NODES = 300
 MAX_DEPTH = 40
+_BLOCK_ROWS = 16_384
+"""Long columns are evaluated in blocks whose intermediate results stay in the cache."""
+
 LARGEST_INTEGER = 2**53
 """Beyond this an integer would not survive JSON and float64 unchanged."""
 
@@ -215,8 +218,15 @@ class Expression:
                 first row where it happens; or an unknown name.
         """
         shape = np.broadcast_shapes(*(np.shape(column) for column in values.values()))
-        result = _ColumnEvaluator(self, values).visit(self._root)
-        return np.array(np.broadcast_to(result, shape))
+        if len(shape) != 1 or shape[0] <= _BLOCK_ROWS:
+            result = _ColumnEvaluator(self, values).visit(self._root)
+            return np.array(np.broadcast_to(result, shape))
+        found = np.empty(shape)
+        for first in range(0, shape[0], _BLOCK_ROWS):
+            rows = slice(first, first + _BLOCK_ROWS)
+            here = {name: column[rows] if np.ndim(column) else column for name, column in values.items()}  # type: ignore[index]  # what has a dimension is an array
+            found[rows] = _ColumnEvaluator(self, here, first).visit(self._root)
+        return found
 
 
 def text_of(node: ast.AST) -> str:
@@ -409,8 +419,10 @@ class _ColumnEvaluator:
     condition or an `and` leaves a branch out, its rows may hold anything.
     """
 
-    def __init__(self, expression: Expression, values: Mapping[str, NDArray[Any] | Number]) -> None:
-        self.expression, self.values = expression, values
+    def __init__(
+        self, expression: Expression, values: Mapping[str, NDArray[Any] | Number], first: int = 0
+    ) -> None:
+        self.expression, self.values, self.first = expression, values, first
         self.rows: Any = np.True_
 
     def visit(self, node: ast.expr) -> Any:
@@ -432,10 +444,12 @@ class _ColumnEvaluator:
         """Raise for the first row that counts and is bad."""
         rows = np.flatnonzero(bad & self.rows)
         if len(rows):
-            raise self.error(f"{cause} in row {rows[0]}", node)
+            raise self.error(f"{cause} in row {self.first + int(rows[0])}", node)
 
     def finite(self, result: Any, node: ast.expr) -> Any:
-        self.refuse("not finite", ~np.isfinite(result), node)
+        finite = np.isfinite(result)
+        if not finite.all():
+            self.refuse("not finite", ~finite, node)
         return result
 
     def visit_constant(self, node: ast.Constant) -> Any:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from ariac_score.datafiles import YamlDocument, load_yaml, parse_yaml, shipped_rules, validate
+from ariac_score.datafiles import (
+    YamlDocument,
+    load_yaml,
+    parse_yaml,
+    read_text,
+    shipped_rules,
+    validate,
+)
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
 from ariac_score.expression import Expression
 from ariac_score.penalties import PREFIX, with_penalty
@@ -33,6 +40,10 @@ __all__ = [
     "rule_set_names",
 ]
 
+TEXT_FILES = (".rml",)
+"""A parameter that names a file ending so stands for its text."""
+
+MAX_TEXT_BYTES = 1_000_000
 MAX_EXTENDS = 8
 """Rule sets that may extend each other in a row."""
 
@@ -110,7 +121,7 @@ class RuleSet:
         sheet: What findings are worth.
         digits: Decimal digits of the score.
         file: Where it was loaded from.
-        sha256: Hash of the file, and of those it extends or includes.
+        sha256: Hash of the file, of those it extends or includes, and of texts that parameters name.
         expanded: The whole as plain values, after `extends` and `include`.
         ranking: How runs become a ranking, as the file says it; empty when it does not.
         edition: Year of the competition; `None` when the file does not say.
@@ -246,6 +257,7 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
     """A rule set file with what it extends merged in, checked against the schema."""
     document = load_yaml(path, error=RuleSetError)
     validate(document, "ruleset", error=RuleSetError)
+    document = _with_texts(document)
     base_name = document.data.pop("extends", None)
     if base_name is None:
         return document
@@ -266,6 +278,46 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
     base.data["include"] = [_beside(base.file, name) for name in base.data.get("include", [])]
     both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
     return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
+
+
+def _with_texts(document: YamlDocument) -> YamlDocument:
+    """The document with the text of every file that a parameter names, in its place and in the hash.
+
+    So the file counts as part of the rule set: a result holds it, and changes with it.
+    """
+    sha256 = document.sha256
+    for key in ("rules", "monitors"):
+        for name, body in document.data.get(key, {}).items():
+            for parameter, value in body.get("with", {}).items():
+                if isinstance(value, str) and _is_text_file(value):
+                    text = _text_of(document, (key, name, "with", parameter), value.strip())
+                    body["with"][parameter] = text
+                    own = hashlib.sha256(text.encode("utf-8")).hexdigest()
+                    sha256 = hashlib.sha256(f"{sha256} reads {own}".encode()).hexdigest()
+    return replace(document, sha256=sha256)
+
+
+def _is_text_file(value: str) -> bool:
+    return value.strip().endswith(TEXT_FILES) and "\n" not in value.strip() and ";" not in value
+
+
+def _text_of(document: YamlDocument, place: Sequence[str], name: str) -> str:
+    """The text of a file that lies beside the rule set.
+
+    Raises:
+        RuleSetError: It cannot be read, is too large, or is no UTF-8 text.
+    """
+    path = Path(document.file).parent / name
+    try:
+        return read_text(path, error=RuleSetError, max_bytes=MAX_TEXT_BYTES).decode("utf-8-sig")
+    except (RuleSetError, UnicodeDecodeError) as error:
+        cause = error.cause if isinstance(error, RuleSetError) else "not UTF-8 text"
+        raise RuleSetError(
+            f"the file {name!r}, which a parameter names: {cause}",
+            file=document.file,
+            place=document.place(list(place)),
+            hint=f"paths are relative to the folder of the rule set; {str(path)!r} was looked for",
+        ) from error
 
 
 def _beside(file: str, name: str) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ariac_score.logs.salvage import Message, Scan
+    from ariac_score_rml.machine import Machine
     from ariac_score_rml.running import Program, Run
 
 EXIT_REJECTED = 1
@@ -114,22 +115,34 @@ def run_trace(arguments: argparse.Namespace) -> int:
     """Print the letters of a trace and how it came out."""
     from ariac_score_rml import running  # noqa: PLC0415  # keeps --help quick
     from ariac_score_rml.guards import TOLERANCE  # noqa: PLC0415
-    from ariac_score_rml.traces import read_events  # noqa: PLC0415
 
     program = _compiled(arguments.spec, arguments.dialect)
     kind = arguments.events or _SUFFIXES.get(
         arguments.trace.suffix, "bag" if arguments.trace.is_dir() else "jsonl"
     )
-    if kind == "jsonl":
-        events: Iterator[Any] = read_events(_text(arguments.trace, "trace"), file=arguments.trace)
-    else:
-        events = _recorded(arguments.trace, kind)
     machine = program.machine(tolerance=0.0 if arguments.exact else TOLERANCE)
-    run = running.run_trace(machine, events)
+    if kind == "jsonl":
+        run = _over_text(machine, arguments.trace)
+    else:
+        run = running.run_trace(machine, _recorded(arguments.trace, kind))
     _show(run, arguments.output_format)
     if run.accepted is None:
         return EXIT_UNDECIDED
     return 0 if run.accepted else EXIT_REJECTED
+
+
+def _over_text(machine: Machine, path: Path) -> Run:
+    """Run over a trace of JSON: over columns where its lines allow that."""
+    from ariac_score_rml.lines import run_lines  # noqa: PLC0415  # keeps --help quick
+    from ariac_score_rml.running import run_trace  # noqa: PLC0415
+    from ariac_score_rml.traces import read_events  # noqa: PLC0415
+
+    try:
+        with path.open("rb") as file:
+            run = run_lines(machine, file)
+    except OSError:
+        run = None  # the other way says why
+    return run or run_trace(machine, read_events(_text(path, "trace"), file=path))
 
 
 def _show(run: Run, output_format: str) -> None:

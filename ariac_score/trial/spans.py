@@ -111,10 +111,10 @@ def episodes_where(
     >>> episodes_where(t, np.array([True, True, False, True, False]), t_off_s=1.5)
     [Span(start_s=0.0, end_s=4.0)]
     """
-    ends = t + sample_durations(t, longest_s=longest_s)
     episodes: list[Span] = []
     for first, last in _runs(t, holds, longest_s):
-        start, end = float(t[first]), float(ends[last])
+        start, until = float(t[first]), float(t[last])
+        end = until + (min(float(t[last + 1]) - until, longest_s) if last + 1 < len(t) else 0.0)
         if episodes and start - episodes[-1].end_s < t_off_s - _TIME_TOLERANCE_S:
             episodes[-1] = Span(episodes[-1].start_s, end)
         elif end - start >= t_on_s - _TIME_TOLERANCE_S:
@@ -136,9 +136,15 @@ def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Sp
     >>> uncovered_spans(np.array([0.0, 1.0, 4.0]), Span(0.0, 5.0), max_gap_s=1.0)
     [Span(start_s=1.0, end_s=4.0)]
     """
-    inside = t[(t >= window.start_s) & (t <= window.end_s)]
+    inside = t[t.searchsorted(window.start_s) : t.searchsorted(window.end_s, side="right")]
+    longest_s = max_gap_s + _TIME_TOLERANCE_S
+    steps_s = np.diff(inside)
+    if len(inside) and steps_s.max(initial=0.0) <= longest_s:
+        # Most logs have no gap, which is seen without laying out the marks.
+        edges = (window.start_s, float(inside[0])), (float(inside[-1]), window.end_s)
+        return [Span(a, b) for a, b in edges if b - a > longest_s]
     marks = np.concatenate(([window.start_s], inside, [window.end_s]))
-    long = np.flatnonzero(np.diff(marks) > max_gap_s + _TIME_TOLERANCE_S)
+    long = np.flatnonzero(np.diff(marks) > longest_s)
     gaps = [Span(float(marks[i]), float(marks[i + 1])) for i in long]
     if len(inside) or gaps:
         return gaps

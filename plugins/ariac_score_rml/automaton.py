@@ -8,26 +8,25 @@ passed over in one look. Where data is bound the interpreter takes each event.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score_rml.columns import Columns, Match, NotColumnarError, Stream
+from ariac_score_rml.columns import Columns, Match, NotColumnarError, Rows, Stream
 from ariac_score_rml.faults import RmlRunError
 from ariac_score_rml.machine import Letter, Machine, match_key
 from ariac_score_rml.terms import Term
 
-__all__ = ["AfterViolation", "Watch", "margins", "watch_by_interpreter", "watch_stream"]
+__all__ = ["AfterViolation", "Watch", "margins", "watch_by_interpreter", "watch_columns", "watch_stream"]
 
 AfterViolation: TypeAlias = Literal["resume", "restart", "once"]
 """resume: the rejected event is passed over; restart: Main begins anew; once: nothing more is judged."""
 
-_MAX_TYPES = 12
-"""A state that asks about more types is left to the interpreter: its table would be too large."""
-
 _MAX_TABLES = 5_000
+_Codes: TypeAlias = "NDArray[np.uint16]"
 _UNKNOWN, _STAYS, _REJECTS, _LEAVES = range(4)
 _FIRST_LOOK = 64
 
@@ -57,12 +56,23 @@ class Watch:
     error_at: int = -1
 
 
-def watch_stream(machine: Machine, stream: Stream, after: AfterViolation) -> Watch:
+def watch_stream(
+    machine: Machine, stream: Stream, after: AfterViolation, columns: Columns | None = None
+) -> Watch:
     """Run a specification over a stream, over columns where that can be."""
     try:
-        return _Table(machine, stream).run(after)
+        return watch_columns(machine, stream, after, columns or Columns(machine.matcher, stream))
     except NotColumnarError:
         return watch_by_interpreter(machine, stream, after)
+
+
+def watch_columns(machine: Machine, stream: Stream, after: AfterViolation, columns: Columns) -> Watch:
+    """Run a specification over the columns of a stream.
+
+    Raises:
+        NotColumnarError: Only the interpreter can.
+    """
+    return _Table(machine, stream, columns).run(after)
 
 
 class _Recorder:
@@ -114,25 +124,30 @@ def watch_by_interpreter(machine: Machine, stream: Stream, after: AfterViolation
     return recorder.watch(initial, letter, fresh)
 
 
+def _unfolded(machine: Machine, state: Term) -> Term:
+    """The body of `Main`, which is what most specifications come back to; the reference to it is not."""
+    body = machine.unfold(state) if state.kind == "ref" else None
+    return state if body is None else body
+
+
 class _Row:
     """What is known of one state: for each pattern of matches what comes of it."""
 
-    def __init__(self, keys: tuple[object, ...], codes: NDArray[np.int64]) -> None:
+    def __init__(self, keys: tuple[object, ...], codes: _Codes) -> None:
         self.keys, self.codes = keys, codes
         self.outcome = np.zeros(1 << len(keys), dtype=np.int8)
         self.next: dict[int, Term] = {}
 
 
 class _Table:
-    def __init__(self, machine: Machine, stream: Stream) -> None:
-        self._machine, self._stream = machine, stream
-        self._columns = Columns(machine.matcher, stream)
+    def __init__(self, machine: Machine, stream: Stream, columns: Columns) -> None:
+        self._machine, self._stream, self._columns = machine, stream, columns
         self._rows: dict[Term, _Row] = {}
-        self._codes: dict[tuple[object, ...], NDArray[np.int64]] = {}
+        self._codes: dict[tuple[object, ...], _Codes] = {}
 
     def run(self, after: AfterViolation) -> Watch:
         machine, recorder = self._machine, _Recorder(len(self._stream))
-        start = state = machine.start
+        start = state = _unfolded(machine, machine.start)
         fresh, i = True, 0
         try:
             initial = letter = machine.letter(state)
@@ -172,14 +187,14 @@ class _Table:
             if len(self._rows) >= _MAX_TABLES:
                 self._rows.clear()
             types = self._machine.asked(state)
-            if types is None or len(types) > _MAX_TYPES:
+            if types is None:
                 raise NotColumnarError
             keys = tuple(match_key(term) for term in types)
             codes = self._codes.get(keys)
             if codes is None:
-                codes = np.zeros(len(self._stream), dtype=np.int64)
+                codes = np.zeros(len(self._stream), dtype=np.uint16)
                 for bit, term in enumerate(types):
-                    codes |= self._columns.match(term.name, term.given).holds.astype(np.int64) << bit
+                    codes |= self._columns.match(term.name, term.given).holds.astype(np.uint16) << bit
                 self._codes[keys] = codes
             row = self._rows[state] = _Row(keys, codes)
         return row
@@ -214,35 +229,56 @@ class _Table:
 # Margins ---------------------------------------------------------------------------------
 
 
-def margins(machine: Machine, stream: Stream, watch: Watch) -> Match | None:
+def margins(machine: Machine, stream: Stream, watch: Watch, columns: Columns | None = None) -> Match | None:
     """How far each event was from being rejected (negative: from being accepted), and from what bound.
 
     Of alternatives the best counts, of joint demands the worst. Infinite where no
     inequality over numbers decides. `None` when that can only be said event by event.
     """
-    columns = Columns(machine.matcher, stream)
+    columns = columns or Columns(machine.matcher, stream)
+    if not len(stream):
+        return Match.alike(True, 0)
+    if watch.before[0] >= 0 and (watch.before == watch.before[0]).all():
+        try:
+            return _margin(machine, columns, watch.states[watch.before[0]], slice(None))
+        except (NotColumnarError, RmlRunError):
+            return None
     whole = Match.of(np.ones(len(stream), dtype=bool))
-    order = np.argsort(watch.before, kind="stable")
-    numbers, starts = np.unique(watch.before[order], return_index=True)
-    ends = [*starts[1:].tolist(), len(order)][: len(numbers)]
-    if len(numbers) > _MAX_TABLES:
-        return None
     try:
-        for number, start, end in zip(numbers.tolist(), starts.tolist(), ends, strict=True):
-            if number >= 0:
-                rows = order[start:end]
-                match = _margin(machine, columns, watch.states[number], rows)
-                whole.margin[rows], whole.bound[rows] = match.margin, match.bound
-                whole.field[rows] = match.field
+        for state, rows in _stretches(watch):
+            match = _margin(machine, columns, state, rows)
+            whole.margin[rows], whole.bound[rows] = match.margin, match.bound
+            whole.field[rows] = match.field
     except (NotColumnarError, RmlRunError):
         return None
     return whole
 
 
+def _stretches(watch: Watch) -> Iterator[tuple[Term, Rows]]:
+    """For each state the events that found it, those that were not judged left out.
+
+    Raises:
+        NotColumnarError: There are too many states.
+    """
+    before = watch.before
+    (changes,) = np.nonzero(before[1:] != before[:-1])
+    starts, ends = np.append(0, changes + 1), np.append(changes + 1, len(before))
+    states = before[starts]
+    order = np.argsort(states, kind="stable")
+    numbers, first = np.unique(states[order], return_index=True)
+    if len(numbers) > _MAX_TABLES:
+        raise NotColumnarError
+    for number, runs in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
+        if number >= 0:
+            at = [slice(start, end) for start, end in zip(starts[runs], ends[runs], strict=True)]
+            rows: Rows = at[0] if len(at) == 1 else np.concatenate([np.arange(s.start, s.stop) for s in at])
+            yield watch.states[number], rows
+
+
 _MAX_DEPTH = 200
 
 
-def _margin(machine: Machine, columns: Columns, term: Term, rows: NDArray[np.intp], depth: int = 0) -> Match:
+def _margin(machine: Machine, columns: Columns, term: Term, rows: Rows, depth: int = 0) -> Match:
     """The margin by which a state takes each of some events."""
     if depth > _MAX_DEPTH:
         raise NotColumnarError
@@ -252,13 +288,13 @@ def _margin(machine: Machine, columns: Columns, term: Term, rows: NDArray[np.int
         return _margin(machine, columns, part, rows, depth + 1)
 
     if kind in ("empty", "all") or (kind == "times" and term.count == 0):
-        return Match.of(np.full(len(rows), kind == "all"))
+        return Match.alike(kind == "all", columns.count(rows))
     if kind in ("event", "filter"):
         here = columns.match(term.name, term.given)[rows]
-        return here if kind == "event" else of(term.parts[0]).where(here.holds, of(term.parts[1]))
+        return here if kind == "event" else of(term.parts[0]).where(here, of(term.parts[1]))
     if kind in ("ref", "apply"):
         body = machine.unfold(term)
-        return Match.of(np.zeros(len(rows), dtype=bool)) if body is None else of(body)
+        return Match.alike(False, columns.count(rows)) if body is None else of(body)
     if kind == "if":
         return of(machine.branch(term))
     if kind in ("or", "shuffle"):

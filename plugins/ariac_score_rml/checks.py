@@ -151,7 +151,7 @@ def _reachable(equations: Mapping[str, Equation]) -> list[str]:
         raise _refused(
             "main_is_generic", "'Main' has parameters", equations["Main"].place, "monitoring begins there"
         )
-    found, todo = ["Main"], ["Main"]
+    found, todo = {"Main": None}, ["Main"]
     while todo:
         for ref in references(equations[todo.pop()].body):
             if ref.name not in equations:
@@ -163,9 +163,9 @@ def _reachable(equations: Mapping[str, Equation]) -> list[str]:
             if ref.name == "Main" and ref.args is not None:
                 raise _refused("main_is_generic", "'Main' cannot be given arguments", ref.place)
             if ref.name not in found:
-                found.append(ref.name)
+                found[ref.name] = None
                 todo.append(ref.name)
-    return found
+    return list(found)
 
 
 def _contractive(equations: Mapping[str, Equation]) -> None:
@@ -202,12 +202,18 @@ def _contractive(equations: Mapping[str, Equation]) -> None:
 def _empties(equations: Mapping[str, Equation]) -> dict[str, bool]:
     """Which equations can be empty: the least solution."""
     empties = dict.fromkeys(equations, False)
-    changed = True
-    while changed:
-        changed = False
-        for name, equation in equations.items():
-            if not empties[name] and _can_be_empty(equation.body, empties):
-                empties[name] = changed = True
+    users: dict[str, dict[str, None]] = {name: {} for name in equations}
+    for name, equation in equations.items():
+        for ref in references(equation.body):
+            users[ref.name][name] = None
+    todo = dict.fromkeys(reversed(equations))
+    while todo:
+        again: dict[str, None] = {}
+        for name in todo:
+            if not empties[name] and _can_be_empty(equations[name].body, empties):
+                empties[name] = True
+                again.update(users[name])
+        todo = again
     return empties
 
 

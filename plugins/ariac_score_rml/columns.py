@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ __all__ = ["Columns", "Match", "NotColumnarError", "Stream", "Topic"]
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.intp]
+Rows: TypeAlias = "IntArray | slice"
 _Value: TypeAlias = "FloatArray | Json"
 _Values: TypeAlias = "Mapping[Unknown, _Value]"
 
@@ -59,8 +60,8 @@ class Topic:
     t: FloatArray
     fields: Mapping[str, FloatArray]
 
-    def record(self) -> dict[str, FloatArray | str]:
-        """The fields every event of it has."""
+    def record(self) -> dict[str, Any]:
+        """The fields every event of it has: columns, and what is the same in all."""
         return {"time": self.t, **self.fields, "topic": self.name}
 
 
@@ -76,6 +77,11 @@ class Stream:
 
     def __init__(self, topics: Sequence[Topic]) -> None:
         self.topics = tuple(topics)
+        if len(self.topics) == 1:
+            self.t = self.topics[0].t
+            self.topic = np.broadcast_to(np.intp(0), len(self.t))
+            self.row = np.arange(len(self.t))
+            return
         t = np.concatenate([topic.t for topic in topics]) if topics else np.zeros(0)
         of = np.repeat(np.arange(len(self.topics)), [len(topic.t) for topic in topics])
         row = np.concatenate([np.arange(len(topic.t)) for topic in topics]) if topics else np.zeros(0, int)
@@ -89,12 +95,23 @@ class Stream:
         """One event as JSON."""
         topic = self.topics[int(self.topic[i])]
         row = int(self.row[i])
-        record = topic.record().items()
-        return {key: value if isinstance(value, str) else float(value[row]) for key, value in record}
+        return {key: _at(value, row) for key, value in topic.record().items()}
 
-    def rows_of(self, topic: int) -> NDArray[np.intp]:
+    def rows_of(self, topic: int) -> Rows:
         """The events of one topic, in the order of its samples."""
+        if len(self.topics) == 1:
+            return slice(None)
         return np.flatnonzero(self.topic == topic)
+
+
+def _at(value: Any, row: int) -> Json:
+    """What a field is in one event."""
+    if isinstance(value, np.ndarray):
+        number: Json = value[row].item()
+        return number
+    if isinstance(value, dict):
+        return {key: _at(inner, row) for key, inner in value.items()}
+    return [_at(inner, row) for inner in value] if isinstance(value, list) else value
 
 
 @dataclass(frozen=True)
@@ -107,12 +124,14 @@ class Match:
             no inequality decides.
         bound: What the inequality that decides compares with; NaN where there is none.
         field: Which field of its topic the inequality limits; -1 where none stands alone on a side.
+        sure: What it says of every event alike, decided by no inequality.
     """
 
     holds: BoolArray
     margin: FloatArray
     bound: FloatArray
     field: IntArray
+    sure: bool | None = None
 
     @classmethod
     def of(cls, holds: BoolArray) -> Match:
@@ -120,21 +139,43 @@ class Match:
         margin = np.where(holds, np.inf, -np.inf)
         return cls(holds, margin, np.full(len(holds), np.nan), np.full(len(holds), -1))
 
-    def __getitem__(self, rows: IntArray) -> Match:
-        return Match(self.holds[rows], self.margin[rows], self.bound[rows], self.field[rows])
+    @classmethod
+    def alike(cls, holds: bool, count: int) -> Match:
+        """A match that says the same of every event; nobody may write to it."""
+        margin = np.inf if holds else -np.inf
+        return cls(
+            np.broadcast_to(np.bool_(holds), count),
+            np.broadcast_to(np.float64(margin), count),
+            np.broadcast_to(np.float64(np.nan), count),
+            np.broadcast_to(np.intp(-1), count),
+            sure=holds,
+        )
 
-    def where(self, chosen: BoolArray, other: Match) -> Match:
-        """This where chosen, the other elsewhere."""
+    def __getitem__(self, rows: Rows) -> Match:
+        return Match(self.holds[rows], self.margin[rows], self.bound[rows], self.field[rows], self.sure)
+
+    def where(self, condition: Match, other: Match) -> Match:
+        """This where the condition holds, the other elsewhere."""
+        if condition.sure is not None:
+            return self if condition.sure else other
+        chosen = condition.holds
         return self._chosen(other, np.where(chosen, self.holds, other.holds), chosen)
 
     def __and__(self, other: Match) -> Match:
+        for one, another in ((self, other), (other, self)):
+            if one.sure is not None:
+                return another if one.sure else one
         return self._chosen(other, self.holds & other.holds, self.margin <= other.margin)
 
     def __or__(self, other: Match) -> Match:
+        for one, another in ((self, other), (other, self)):
+            if one.sure is not None:
+                return one if one.sure else another
         return self._chosen(other, self.holds | other.holds, self.margin >= other.margin)
 
     def __invert__(self) -> Match:
-        return Match(~self.holds, -self.margin, self.bound, self.field)
+        sure = None if self.sure is None else not self.sure
+        return Match(~self.holds, -self.margin, self.bound, self.field, sure)
 
     def _chosen(self, other: Match, holds: BoolArray, mine: BoolArray) -> Match:
         return Match(
@@ -146,6 +187,15 @@ class Match:
 
 
 _SIGN = {">": 1.0, ">=": 1.0, "<": -1.0, "<=": -1.0}
+_COMPARE: Mapping[str, tuple[Callable[[FloatArray, float], BoolArray], float]] = {
+    "<": (np.less, -1.0),
+    "<=": (np.less_equal, 1.0),
+    ">": (np.greater, 1.0),
+    ">=": (np.greater_equal, -1.0),
+}
+BLOCK_ROWS = 16_384
+"""Guards are evaluated in blocks whose intermediate results stay in the cache."""
+
 _POINTWISE: dict[str, Callable[..., float]] = {
     "sin": math.sin,
     "cos": math.cos,
@@ -160,12 +210,20 @@ class Columns:
     Args:
         matcher: Its event types.
         stream: The events.
+
+    Attributes:
+        close: How many comparisons would come out otherwise without the tolerance.
     """
 
     def __init__(self, matcher: Matcher, stream: Stream) -> None:
+        self.close = 0
         self._matcher, self._stream = matcher, stream
         self._tolerance = matcher.solver.tolerance
         self._known: dict[object, Match | None] = {}
+
+    def count(self, rows: Rows) -> int:
+        """How many events some rows are."""
+        return len(range(len(self._stream))[rows]) if isinstance(rows, slice) else len(rows)
 
     def match(self, name: str, given: tuple[Given, ...]) -> Match:
         """What a type with these arguments says of each event.
@@ -185,12 +243,17 @@ class Columns:
         return found
 
     def _match(self, name: str, given: tuple[Given, ...]) -> Match:
-        count = len(self._stream)
-        found = Match.of(np.zeros(count, dtype=bool))
-        for index, topic in enumerate(self._stream.topics):
+        topics = self._stream.topics
+        each = []
+        for topic in topics:
+            one = _OneTopic(self._matcher, topic, self._tolerance)
+            each.append(one.type(name, slots_of(given, {}), {}))
+            self.close += one.close
+        if len(each) == 1:
+            return each[0]
+        found = Match.of(np.zeros(len(self._stream), dtype=bool))
+        for index, here in enumerate(each):
             rows = self._stream.rows_of(index)
-            slots = slots_of(given, {})
-            here = _OneTopic(self._matcher, topic, self._tolerance).type(name, slots, {})
             found.holds[rows], found.margin[rows] = here.holds, here.margin
             found.bound[rows], found.field[rows] = here.bound, here.field
         return found
@@ -198,15 +261,19 @@ class Columns:
 
 class _OneTopic:
     def __init__(self, matcher: Matcher, topic: Topic, tolerance: float) -> None:
-        self._matcher, self._tolerance = matcher, tolerance
+        self._matcher, self._tolerance, self.close = matcher, tolerance, 0
         self._topic, self._count, self._event = topic, len(topic.t), topic.record()
 
     def _all(self, holds: bool) -> BoolArray:
         return np.full(self._count, holds)
 
+    def _match_of(self, holds: BoolArray) -> Match:
+        sure = bool(holds[0]) if len(holds) else False
+        return Match.alike(sure, self._count) if (holds == sure).all() else Match.of(holds)
+
     def type(self, name: str, slots: list[Slot], values: _Values) -> Match:
         """Whether each event is of a type, with every way in which it can be."""
-        found = Match.of(self._all(False))
+        found = Match.alike(False, self._count)
         for match, _ in self._ways(name, slots, values):
             found |= match
         return found
@@ -219,7 +286,7 @@ class _OneTopic:
             if declared.negated:
                 if declared.guard is not None:
                     raise NotColumnarError(name)
-                inner = Match.of(self._all(False))
+                inner = Match.alike(False, self._count)
                 for match, _ in self._alternatives(declared, scope, values):
                     inner |= match
                 yield ~inner, values
@@ -235,7 +302,7 @@ class _OneTopic:
     ) -> Iterator[tuple[Match, _Values]]:
         for pattern in declared.patterns:
             found = dict(values)
-            yield Match.of(self._takes(pattern, self._event, scope, found)), found
+            yield self._match_of(self._takes(pattern, self._event, scope, found)), found
         for parent in declared.parents:
             yield from self._ways(parent.name, [slot_of(arg, scope) for arg in parent.args], values)
 
@@ -257,20 +324,21 @@ class _OneTopic:
                     return self._all(False)
                 taken &= self._takes(inner, value[key], scope, values)
             return taken
+        if isinstance(pattern, ListPattern) and isinstance(value, list):
+            raise NotColumnarError
         if isinstance(pattern, RecordPattern | ListPattern):
             return self._all(False)
         raise NotColumnarError
 
     def _slot_takes(self, slot: Slot, value: object, values: dict[Unknown, _Value]) -> BoolArray:
-        if isinstance(value, dict):
-            raise NotColumnarError  # the whole event as a value
-        assert isinstance(value, np.ndarray | str)
+        if isinstance(value, dict | list):
+            raise NotColumnarError  # a record or a list as a value
         if isinstance(slot, Bound):
             return self._fits(slot.value, value)
         if isinstance(slot, Unknown):
             if slot in values:
                 return self._fits(values[slot], value)
-            values[slot] = value
+            values[slot] = value  # type: ignore[assignment]  # a column or a constant
             return self._all(True)
         if isinstance(slot, PatternSlot):
             taken = self._all(False)
@@ -282,16 +350,18 @@ class _OneTopic:
         return self._all(False)
 
     def _fits(self, pattern: object, value: object) -> BoolArray:
-        if isinstance(pattern, np.ndarray) and not isinstance(value, np.ndarray):
+        if isinstance(value, list | dict) or isinstance(pattern, list | dict):
             return self._all(False)
-        if isinstance(value, np.ndarray):
-            if not isinstance(pattern, float | np.ndarray):
-                return self._all(False)
-            # 0.0 does not match -0.0.
-            alike: BoolArray = (value == pattern) & (np.signbit(value) == np.signbit(pattern))
-            return alike
-        assert isinstance(value, str)
-        return self._all(isinstance(pattern, str) and fits(pattern, value))
+        if not isinstance(value, np.ndarray):
+            return self._all(not isinstance(pattern, np.ndarray) and fits(pattern, value))  # type: ignore[arg-type]
+        if not isinstance(pattern, np.ndarray) and not is_number(pattern):
+            return self._all(False)
+        number = np.asarray(pattern)
+        if number.dtype.kind != value.dtype.kind:
+            return self._all(False)  # 1 is not 1.0
+        alike: BoolArray = value == number
+        # 0.0 does not match -0.0.
+        return alike if value.dtype.kind == "i" else alike & (np.signbit(value) == np.signbit(number))
 
     # Guards --------------------------------------------------------------------------
 
@@ -302,43 +372,53 @@ class _OneTopic:
             left, right = (self._guard(arg, scope, values) for arg in guard.args)
             return left & right if guard.op == "&&" else left | right
         zero = self._all(False)
+        difference, bound = np.empty(self._count), np.empty(self._count)
+        fields = [self._field(arg, scope, values) for arg in guard.args]
+        limited = 1 if fields[0] < 0 <= fields[1] else 0
+        field = fields[limited]
         with np.errstate(all="ignore"):
-            left_, right_ = (self._number(arg, scope, values, zero) for arg in guard.args)
-            difference = np.broadcast_to(left_ - right_, (self._count,))
-            field = self._field(left_)
-            bound = right_ if field >= 0 else left_
-            if field < 0:
-                field = self._field(right_)
-            bound = bound if field >= 0 else right_
-            return self._compared(guard.op, difference, bound, field, zero)
+            for first in range(0, self._count, BLOCK_ROWS):
+                rows = slice(first, first + BLOCK_ROWS)
+                here = {name: v[rows] if isinstance(v, np.ndarray) else v for name, v in values.items()}
+                sides = [self._number(arg, scope, here, zero[rows]) for arg in guard.args]
+                difference[rows] = sides[0] - sides[1]
+                bound[rows] = sides[1 - limited]
+        return self._compared(guard.op, difference, bound, field, zero)
 
-    def _field(self, side: FloatArray | float) -> int:
+    def _field(self, side: Data, scope: Scope, values: _Values) -> int:
         """Which field one side of an inequality is; -1: none, or something computed."""
-        columns = [value for key, value in self._topic.fields.items()]
-        return next((i for i, column in enumerate(columns) if column is side), -1)
+        if isinstance(side, Num | Const | Op):
+            return -1
+        slot = slot_of_name(side.name, scope)
+        if isinstance(slot, ExprSlot):
+            return self._field(slot.data, slot.scope, values)
+        column = values.get(slot) if isinstance(slot, Unknown) else None
+        return next((i for i, one in enumerate(self._topic.fields.values()) if one is column), -1)
 
     def _compared(
-        self, op: str, difference: FloatArray, bound: FloatArray | float, field: int, zero: BoolArray
+        self, op: str, difference: FloatArray, bound: FloatArray, field: int, zero: BoolArray
     ) -> Match:
         """One comparison; where something was divided by zero it fails."""
         tolerance = self._tolerance
         if op in _SIGN:
-            held = {
-                "<": difference < -tolerance,
-                "<=": difference <= tolerance,
-                ">": difference > tolerance,
-                ">=": difference >= -tolerance,
-            }[op]
-            margin = _SIGN[op] * difference
+            compare, sign = _COMPARE[op]
+            held = compare(difference, sign * tolerance)
+            plainly = compare(difference, 0.0)
+            margin = difference if _SIGN[op] > 0 else -difference
         else:
             near = np.abs(difference) <= tolerance
             held = near if op == "==" else ~near
+            plainly = (difference == 0) == (op == "==")
             margin = np.abs(difference) * (-1.0 if op == "==" else 1.0)
+        self.close += int(np.count_nonzero(held != plainly))
+        fields = np.broadcast_to(np.intp(field), (self._count,))
+        if not zero.any():
+            return Match(held, margin, bound, fields)
         return Match(
             held & ~zero,
             np.where(zero, -np.inf, margin),
             np.where(zero, np.nan, bound),
-            np.where(zero, -1, field),
+            np.where(zero, -1, fields),
         )
 
     def _number(self, data: Data, scope: Scope, values: _Values, zero: BoolArray) -> FloatArray | float:
@@ -355,12 +435,12 @@ class _OneTopic:
             a, b = args
             return a + b if data.op == "+" else a - b if data.op == "-" else a * b
         if data.op == "/":
-            divisor = np.broadcast_to(args[1], (self._count,))
+            divisor = np.broadcast_to(args[1], zero.shape)
             zero |= divisor == 0
             return args[0] / np.where(divisor == 0, 1.0, divisor)
-        return self._function(data.op, args)
+        return self._function(data.op, args, len(zero))
 
-    def _function(self, name: str, args: list[FloatArray | float]) -> FloatArray | float:
+    def _function(self, name: str, args: list[FloatArray | float], count: int) -> FloatArray | float:
         if name == "abs":
             return np.abs(args[0])
         if name in ("min", "max"):
@@ -369,7 +449,7 @@ class _OneTopic:
         if name not in _POINTWISE:
             raise NotColumnarError
         # numpy's own functions may differ from these in the last bit.
-        columns = [np.broadcast_to(arg, (self._count,)).tolist() for arg in args]
+        columns = [np.broadcast_to(arg, (count,)).tolist() for arg in args]
         try:
             return np.array([_POINTWISE[name](*row) for row in zip(*columns, strict=True)], dtype=np.float64)
         except (ValueError, OverflowError):
@@ -385,7 +465,7 @@ class _OneTopic:
         elif isinstance(slot, Unknown):
             value = values.get(slot)
         if isinstance(value, np.ndarray):
-            return value
+            return value if value.dtype.kind == "f" else value.astype(np.float64)
         if is_number(value):
             try:
                 return float(value)  # type: ignore[arg-type]

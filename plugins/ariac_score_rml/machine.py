@@ -18,7 +18,7 @@ from ariac_score_rml.syntax import Spec, Var
 from ariac_score_rml.terms import Given, Term, Terms
 from ariac_score_rml.values import Bound, Json, same
 
-__all__ = ["MAX_STATE", "Letter", "Machine", "match_key", "slots_of"]
+__all__ = ["MAX_ASKED", "MAX_STATE", "Letter", "Machine", "match_key", "slots_of"]
 
 Letter = Literal["T", "t", "f", "F", "E"]
 """T: everything may follow; t: the trace may end here; f: it may not; F: rejected; E: cannot be judged."""
@@ -28,6 +28,9 @@ MAX_STATE = 100_000
 
 _MAX_ACTIONS = 20_000_000
 """How many rewriting steps one event may take."""
+
+MAX_ASKED = 12
+"""States that ask about more event types are not looked at by what matches."""
 
 _MAX_MEMOISED = 8
 """States that ask about more event types are not worth remembering by what matches."""
@@ -352,27 +355,43 @@ class Machine:
         """The event types a step from a state may ask about, in the order of the state.
 
         `None` when one of them has a name whose value an event would give: then a step
-        depends on more than on which of them match.
+        depends on more than on which of them match. Also when there are more than
+        `MAX_ASKED`, which nobody makes use of.
         """
         if state.asked is None:
-            state.asked = self._types_asked(state)
-        return None if state.asked is False else state.asked
+            self._find_asked(state)
+        return None if not isinstance(state.asked, tuple) else state.asked
 
-    def _types_asked(self, state: Term) -> tuple[Term, ...] | Literal[False]:
-        found: dict[object, Term] = {}
-        seen: set[int] = set()
-        todo = [state]
+    def _find_asked(self, root: Term) -> None:
+        """Of every part that a step may reach, the parts first: a state that grows is not gone through anew."""
+        todo: list[tuple[Term, list[Term] | None]] = [(root, None)]
+        path: set[int] = set()
         while todo:
-            term = todo.pop()
-            if id(term) in seen:
-                continue
-            seen.add(id(term))
-            if term.kind in ("event", "filter"):
-                if any(given.names for given in term.given):
-                    return False
-                found.setdefault(match_key(term), term)
-            todo.extend(reversed(list(self._next_parts(term))))
-        return tuple(found.values())
+            term, parts = todo.pop()
+            if parts is not None:
+                path.discard(id(term))
+                term.asked = self._asked_of(term, parts)
+            elif id(term) in path:
+                root.asked = False  # it comes back to itself through a condition, before any event
+                return
+            elif term.asked is None:
+                path.add(id(term))
+                parts = list(self._next_parts(term))
+                todo.append((term, parts))
+                todo.extend((part, None) for part in reversed(parts) if part.asked is None)
+
+    def _asked_of(self, term: Term, parts: list[Term]) -> tuple[Term, ...] | Literal[False]:
+        found: dict[object, Term] = {}
+        if term.kind in ("event", "filter"):
+            if any(given.names for given in term.given):
+                return False
+            found[match_key(term)] = term
+        for part in parts:
+            if not isinstance(part.asked, tuple):
+                return False
+            for one in part.asked:
+                found.setdefault(match_key(one), one)
+        return tuple(found.values()) if len(found) <= MAX_ASKED else False
 
     def _next_parts(self, term: Term) -> Iterator[Term]:
         """The parts of a state that a step may reach."""

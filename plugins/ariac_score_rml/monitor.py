@@ -25,11 +25,10 @@ from ariac_score import (
     Verdict,
     align,
     episodes_where,
-    sample_durations,
     uncovered_spans,
 )
 from ariac_score_rml.automaton import AfterViolation, Watch, margins, watch_stream
-from ariac_score_rml.columns import IntArray, Match, Stream, Topic
+from ariac_score_rml.columns import Columns, FloatArray, IntArray, Match, Stream, Topic
 from ariac_score_rml.faults import RmlError
 from ariac_score_rml.guards import TOLERANCE
 from ariac_score_rml.machine import MAX_STATE
@@ -47,11 +46,12 @@ _NO_EVENTS: Mapping[str, Mapping[str, str]] = MappingProxyType({})
 class RmlSpec:
     """The events of a trial keep a specification in RML, the Runtime Monitoring Language.
 
-    `spec` is the specification, or the path of an `.rml` file (relative to where the
-    program is started). `events` says of each topic which signal each field of its
-    events is: `{snapshot: {robot_speed: "speed/{robot}"}}`; with `{robot}` or `{human}`
-    every robot, human or pair is judged on its own. Every sample is one event: a record
-    of these fields as floats, of `topic`, and of `time` in s of trial time. A quantity
+    `spec` is the specification, or the path of an `.rml` file, which is relative to
+    the rule set that names it and becomes part of it. `events` says of each topic which
+    signal each field of its events is: `{snapshot: {robot_speed: "speed/{robot}"}}`; with
+    `{robot}` or `{human}` every robot, human or pair is judged on its own. Every sample
+    is one event: a record of these fields as floats, of `topic`, and of `time` in s of
+    trial time. A quantity
     that is not well known is written with its unit: `"force/{robot} [N]"`.
 
     Measures:
@@ -95,7 +95,9 @@ class RmlSpec:
             raise ValueError(f"max_gap_s is {self.max_gap_s:g} but must be positive")
         if self.max_state < 1:
             raise ValueError(f"max_state is {self.max_state} but must be positive")
-        program = _compiled(self.spec, self.dialect)
+        text = _text(self.spec)
+        object.__setattr__(self, "_spec_sha256", hashlib.sha256(text.encode()).hexdigest())
+        program = _compiled(text, self.dialect)
         object.__setattr__(self, "_program", program)
         if program is not None:
             _check_mapping(program, self.events)
@@ -142,11 +144,10 @@ class RmlSpec:
         if not len(stream):
             return
         machine = program.machine(tolerance=0.0 if self.exact else TOLERANCE, max_state=self.max_state)
-        watch = watch_stream(machine, stream, self.after_violation)
-        judged = _Judged(self, subject, recorded, stream, watch, margins(machine, stream, watch))
-        label = {"spec_sha256": hashlib.sha256(_text(self.spec).encode()).hexdigest()}
-        for finding in judged.findings(trial, decided=not undecided):
-            yield _labelled(finding, label)
+        columns = Columns(machine.matcher, stream)
+        watch = watch_stream(machine, stream, self.after_violation, columns)
+        judged = _Judged(self, subject, recorded, stream, watch, margins(machine, stream, watch, columns))
+        yield from judged.findings(trial, decided=not undecided)
 
 
 # Parameters ------------------------------------------------------------------------------
@@ -199,7 +200,7 @@ def _compiled(spec: str, dialect: Dialect) -> Program | None:
     if not spec.strip():
         return None
     try:
-        return compile_rml(_text(spec), dialect=dialect)
+        return compile_rml(spec, dialect=dialect)
     except RmlError as error:
         hint = f" ({error.hint})" if error.hint else ""
         raise ValueError(f"the specification is refused: {error}{hint}") from error
@@ -291,7 +292,7 @@ class _Recorded:
         t, columns = align(list(signals.values()), max_gap_s=max_gap_s)
         gaps: list[Span] = []
         if trial.window is not None:
-            inside = (t >= trial.window.start_s) & (t <= trial.window.end_s)
+            inside = slice(t.searchsorted(trial.window.start_s), t.searchsorted(trial.window.end_s, "right"))
             t, columns = t[inside], [column[inside] for column in columns]
             gaps = uncovered_spans(t, trial.window, max_gap_s=max_gap_s)
         return cls(Topic(source.name, t, dict(zip(signals, columns, strict=True))), signals, gaps)
@@ -319,11 +320,6 @@ def _undecided(trial: Trial, subject: str, recorded: Sequence[_Recorded]) -> Ite
 # From verdicts to findings ---------------------------------------------------------------
 
 
-def _labelled(finding: Finding, labels: Mapping[str, str]) -> Finding:
-    values = {name: getattr(finding, name) for name in finding.__dataclass_fields__}
-    return Finding(**{**values, "labels": {**finding.labels, **labels}})
-
-
 class _Judged:
     def __init__(
         self,
@@ -336,13 +332,13 @@ class _Judged:
     ) -> None:
         self.monitor, self.subject, self.recorded = monitor, subject, recorded
         self.stream, self.watch = stream, watch
-        match = match or Match.of(np.ones(len(stream), dtype=bool))
-        self.margin = np.where(np.isfinite(match.margin), match.margin, np.nan)
+        match = match or Match.alike(True, len(stream))
+        finite = np.isfinite(match.margin)
+        self.margin = match.margin if finite.all() else np.where(finite, match.margin, np.nan)
         self.bound, self.field = match.bound, match.field
-        self.weights_s = np.zeros(len(stream))
-        for index, item in enumerate(recorded):
-            durations_s = sample_durations(item.topic.t, longest_s=monitor.max_gap_s)
-            self.weights_s[stream.rows_of(index)] = durations_s
+        self.labels = {"spec_sha256": getattr(monitor, "_spec_sha256", "")}
+        self.rejected = np.flatnonzero(watch.rejected)
+        self.rejected_t = stream.t[self.rejected]
 
     def findings(self, trial: Trial, *, decided: bool) -> Iterator[Finding]:
         spans = self._episodes()
@@ -379,8 +375,10 @@ class _Judged:
         return joined
 
     def _violation(self, span: Span) -> Finding:
-        inside = (self.stream.t >= span.start_s) & (self.stream.t <= span.end_s)
-        rows = np.flatnonzero(self.watch.rejected & inside)
+        inside = slice(
+            self.rejected_t.searchsorted(span.start_s), self.rejected_t.searchsorted(span.end_s, "right")
+        )
+        rows = self.rejected[inside]
         measured = rows[np.isfinite(self.margin[rows])]
         worst = int(measured[np.argmin(self.margin[measured])]) if len(measured) else int(rows[0])
         event = self.recorded[int(self.stream.topic[worst])]
@@ -402,11 +400,12 @@ class _Judged:
             robustness=margin,
             unit=unit if margin is not None else "",
             quantities=self._quantities(rows, unit if margin is not None else ""),
+            labels=self.labels,
             evidence=self._evidence(worst),
         )
 
     def _quantities(self, rows: IntArray, unit: str) -> dict[str, float]:
-        weights_s = self.weights_s[rows]
+        weights_s = self._weights_s(rows)
         found = {"time_in_violation_s": float(weights_s.sum())}
         if unit != "m" or not np.isfinite(self.margin[rows]).all():
             return found
@@ -421,6 +420,16 @@ class _Judged:
             "relative_depth_max": float(relative.max()),
             "relative_depth_integral_s": float((relative * weights_s).sum()),
         }
+
+    def _weights_s(self, rows: IntArray) -> FloatArray:
+        """How long events stand for, each until the next one of its topic."""
+        weights_s = np.zeros(len(rows))
+        for index, item in enumerate(self.recorded):
+            here = np.flatnonzero(self.stream.topic[rows] == index)
+            row, t = self.stream.row[rows[here]], item.topic.t
+            following = np.minimum(row + 1, len(t) - 1)
+            weights_s[here] = np.minimum(t[following] - t[row], self.monitor.max_gap_s)
+        return weights_s
 
     def _unit(self, row: int) -> str:
         """The unit of the margin: that of the field which an inequality compares."""
@@ -443,7 +452,8 @@ class _Judged:
         span = trial.window
         if span is not None and at >= 0:
             span = Span(min(float(self.stream.t[at]), span.end_s), span.end_s)
-        return Finding.inconclusive(self.subject, f"cannot be judged from {where}: {error}", span=span)
+        message = f"cannot be judged from {where}: {error}"
+        return Finding(self.subject, Verdict.INCONCLUSIVE, message, span=span, labels=self.labels)
 
     def _end(self, trial: Trial) -> list[Finding]:
         """The violation of a trial that ends where the specification may not."""
@@ -452,11 +462,12 @@ class _Judged:
             return []
         end_s = float(self.stream.t[-1])
         message = "the trial ends where the specification still asks for something"
-        return [Finding(self.subject, Verdict.VIOLATED, message, span=Span(end_s, end_s))]
+        return [Finding(self.subject, Verdict.VIOLATED, message, span=Span(end_s, end_s), labels=self.labels)]
 
     def _kept(self) -> Finding:
         if not np.isfinite(self.margin).any():
-            return Finding(self.subject, Verdict.SATISFIED, f"all {len(self.stream)} events are accepted")
+            message = f"all {len(self.stream)} events are accepted"
+            return Finding(self.subject, Verdict.SATISFIED, message, labels=self.labels)
         closest = int(np.nanargmin(self.margin))
         margin, unit = max(float(self.margin[closest]), 0.0), self._unit(closest)
         return Finding(
@@ -466,5 +477,6 @@ class _Judged:
             f"at {self.stream.t[closest]:.3f} s",
             robustness=margin,
             unit=unit,
+            labels=self.labels,
             evidence=self._evidence(closest),
         )

@@ -104,12 +104,13 @@ def episodes_of(
     """
     depth_name, integral_name = _DEPTH_NAMES.get(unit, ("depth_max", "depth_integral"))
     weights_s = sample_durations(watched.t, longest_s=watched.max_gap_s)
-    depth = np.maximum(-margin, 0.0)
-    relative = np.clip(np.divide(depth, limit, out=np.ones_like(depth), where=limit > 0), 0.0, 1.0)
+    broken = np.flatnonzero(holds)
+    broken_t = watched.t[broken]
     found = []
     for span in episodes_where(watched.t, holds, t_on_s=t_on_s, t_off_s=t_off_s, longest_s=watched.max_gap_s):
-        rows = np.flatnonzero(holds & (watched.t >= span.start_s) & (watched.t <= span.end_s))
-        weight_s = weights_s[rows]
+        rows = broken[broken_t.searchsorted(span.start_s) : broken_t.searchsorted(span.end_s, side="right")]
+        weight_s, depth, bound = weights_s[rows], np.maximum(-margin[rows], 0.0), limit[rows]
+        relative = np.clip(np.divide(depth, bound, out=np.ones_like(depth), where=bound > 0), 0.0, 1.0)
         found.append(
             Episode(
                 span,
@@ -117,10 +118,10 @@ def episodes_of(
                 int(rows[np.argmin(margin[rows])]),
                 {
                     "time_in_violation_s": float(weight_s.sum()),
-                    depth_name: float(depth[rows].max()),
-                    integral_name: float((depth[rows] * weight_s).sum()),
-                    "relative_depth_max": float(relative[rows].max()),
-                    "relative_depth_integral_s": float((relative[rows] * weight_s).sum()),
+                    depth_name: float(depth.max()),
+                    integral_name: float((depth * weight_s).sum()),
+                    "relative_depth_max": float(relative.max()),
+                    "relative_depth_integral_s": float((relative * weight_s).sum()),
                 },
             )
         )

@@ -219,3 +219,18 @@ def test_a_margin_that_only_the_interpreter_could_say_is_not_guessed() -> None:
     assert margins(machine, stream, watch_stream(machine, stream, "resume")) is None
     with pytest.raises(NotColumnarError):
         Columns(machine.matcher, stream).match("a", ())
+
+
+def test_columns_longer_than_a_block_match_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    x, y = np.array([0.0, 1.0, 2.0, 4.0, 0.0, 3.0, 0.5]), np.array([1.0, 0.0, 2.0, 1.0, 0.0, 9.0, 0.25])
+    text = "k matches {topic: 's', x: v, y: w} with sin(v) < w / v && v <= 3; Main = k*;"
+    stream = Stream([Topic("s", np.arange(7.0), {"x": x, "y": y})])
+
+    def matched() -> list[list[float]]:
+        found = Columns(compile_rml(text).machine().matcher, stream).match("k", ())
+        return [np.nan_to_num(c).tolist() for c in (found.holds, found.margin, found.bound, found.field)]
+
+    whole = matched()
+    monkeypatch.setattr("ariac_score_rml.columns.BLOCK_ROWS", 3)
+
+    assert matched() == whole

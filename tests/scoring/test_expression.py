@@ -478,3 +478,14 @@ def test_any_and_all_of_several_values_are_1_or_0_on_scalars_and_on_columns() ->
 
     assert Expression.parse("any(a, b)").columns({"a": a, "b": b}).tolist() == [0.0, 1.0, 1.0]
     assert Expression.parse("all(a, b)").columns({"a": a, "b": b}).tolist() == [0.0, 0.0, 1.0]
+
+
+def test_a_column_longer_than_a_block_has_the_same_values_and_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    a = np.array([4.0, 2.0, 1.0, 0.0, 5.0, 0.0])
+    formula = Expression.parse("2 / a if a > 0 else k")
+    whole = formula.columns({"a": a, "k": 7}).tolist()
+    monkeypatch.setattr("ariac_score.expression._BLOCK_ROWS", 2)
+
+    assert formula.columns({"a": a, "k": 7}).tolist() == whole == [0.5, 1.0, 2.0, 7.0, 0.4, 7.0]
+    with pytest.raises(FormulaError, match="division by zero in row 3"):
+        Expression.parse("2 / a").columns({"a": a})
