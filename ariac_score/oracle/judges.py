@@ -24,6 +24,7 @@ from ariac_score.logs.rosmonitoring import channel_of, clock_of, stamp_s
 from ariac_score.registry import Plugin, Registry
 from ariac_score.ruleset import RuleSet
 from ariac_score.trial.channels import FieldMap, LogMap
+from ariac_score.trial.model import Body
 from ariac_score.trial.signals import LARGEST_VALUE, Sample
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 
@@ -124,7 +125,7 @@ class RulesBench:
     def judge(self) -> Judge:
         """A judge who knows nothing yet."""
         wanted = frozenset(signal for live in self._lives for signal in live.signals)
-        return _RulesJudge(self._lives, _sources(self._map, wanted))
+        return _RulesJudge(self._lives, _sources(self._map, wanted), self._map.bodies)
 
 
 def _why_later(check: object, log_map: LogMap) -> str:
@@ -195,9 +196,11 @@ def _source(field_map: FieldMap) -> _Source:
 class _RulesJudge:
     """The state of one trace under the monitors of a rule set."""
 
-    def __init__(self, lives: Sequence[_Live], sources: Mapping[str, tuple[_Source, ...]]) -> None:
+    def __init__(
+        self, lives: Sequence[_Live], sources: Mapping[str, tuple[_Source, ...]], bodies: Sequence[Body]
+    ) -> None:
         self._sources = sources
-        self._watches: list[tuple[_Live, OnlineWatch]] = [(live, _begun(live)) for live in lives]
+        self._watches: list[tuple[_Live, OnlineWatch]] = [(live, _begun(live, bodies)) for live in lives]
         self._standings: dict[str, dict[str, Standing]] = {live.name: {} for live in lives}
         self._latest: dict[str, float] = {}
 
@@ -244,9 +247,9 @@ class _RulesJudge:
         return Opinion(TRUE if all(s.final for _, s in known) else CURRENTLY_TRUE)
 
 
-def _begun(live: _Live) -> OnlineWatch:
+def _begun(live: _Live, bodies: Sequence[Body]) -> OnlineWatch:
     try:
-        return live.monitor.begin()
+        return live.monitor.begin(bodies)
     except Exception as cause:
         raise broken(live.plugin, f"raised {type(cause).__name__}: {cause}", of=live.name) from cause
 

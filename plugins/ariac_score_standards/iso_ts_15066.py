@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from ariac_score import (
+    Body,
     Finding,
     OnlineWatch,
     Sample,
@@ -427,10 +428,11 @@ class SsmSeparation(SsmFormula):
             optional=self._optional,
         )
 
-    def begin(self) -> OnlineWatch:
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the distance is enough there."""
         return PairsOnline(
             self._wanted,
+            bodies,
             max_gap_s=self.max_gap_s,
             judge=self._stand,
             watch=self.watch,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +13,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Finding, OnlineWatch, Sample, SignalNeed, Standing, Trial, Verdict, load_rule_set
+from ariac_score import (
+    Body,
+    Event,
+    Finding,
+    OnlineWatch,
+    Sample,
+    SignalNeed,
+    Standing,
+    Trial,
+    Verdict,
+    load_rule_set,
+)
 from ariac_score.contracts import OnlineMonitor
 from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
 from ariac_score.oracle.conversation import Conversation
@@ -238,10 +249,10 @@ class Scripted:
     def watch(self, _trial: Trial) -> Iterator[Finding]:
         yield Finding.satisfied("trial", "fine")
 
-    def begin(self) -> OnlineWatch:
+    def begin(self, _bodies: Sequence[Body] = ()) -> OnlineWatch:
         left = list(self.said)
 
-        def step(_samples: list[Sample]) -> Iterator[Standing]:
+        def step(_samples: list[Sample], _events: Sequence[Event] = ()) -> Iterator[Standing]:
             said = left.pop(0)
             if isinstance(said, Exception):
                 raise said
