@@ -104,7 +104,11 @@ class Standing:
 
 
 class OnlineWatch(Protocol):
-    """One trial, watched while it goes on; made by an `OnlineMonitor`, used once."""
+    """One trial, watched while it goes on; made by an `OnlineMonitor`, used once.
+
+    A watch of which it is known at once that it says nothing before the end says why,
+    in an attribute `undecided`; absent or empty, it speaks.
+    """
 
     def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterable[Standing]:
         """Take what has just come, and say what can be said now.
