@@ -394,7 +394,7 @@ def test_results_are_never_written_over(tmp_path: Path) -> None:
 
 
 def test_without_its_library_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "websockets.sync.server", None)
+    monkeypatch.setitem(sys.modules, "websockets.server", None)
 
     with pytest.raises(UsageError, match="not installed") as refused:
         Oracle(BENCH, tmp_path / "results")
