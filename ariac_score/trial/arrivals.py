@@ -100,6 +100,7 @@ class Alignment:
     def __init__(self, tracks: Sequence[_Track], max_gap_s: float) -> None:
         self._tracks, self._longest_s = tuple(tracks), max_gap_s + _TOLERANCE_S
         self._at = [0] * len(tracks)
+        self._together = True
 
     @property
     def reached_s(self) -> float:
@@ -108,10 +109,29 @@ class Alignment:
 
     def rows(self) -> Iterator[tuple[float, tuple[Value, ...]]]:
         """The instants that all signals have reached since this was last asked, with their values."""
+        if self._together:
+            yield from self._rows_together()
         while (t_s := self._next_s()) is not None:
             values = tuple(self._value(i, t_s) for i in range(len(self._tracks)))
             if None not in values:
                 yield t_s, values  # type: ignore[misc]  # there is no None among them
+
+    def _rows_together(self) -> Iterator[tuple[float, tuple[Value, ...]]]:
+        """Rows for as long as all signals have had samples at the same times, as those of one message."""
+        tracks, first, at = self._tracks, self._tracks[0].t, self._at
+        k = at[0]
+        while True:
+            for track in tracks:
+                if len(track.t) <= k:
+                    return
+            t_s = first[k]
+            for track in tracks:
+                if track.t[k] != t_s:
+                    self._together = False
+                    return
+            k += 1
+            at[:] = [k] * len(tracks)
+            yield t_s, tuple([track.values[k - 1] for track in tracks])
 
     def _next_s(self) -> float | None:
         first_s = math.inf

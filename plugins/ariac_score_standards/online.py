@@ -11,10 +11,10 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ariac_score import Alignment, Arrivals, Body, Event, Finding, Sample, Standing, Trial
-from ariac_score_standards.watching import Watched
+
+Judge = Callable[[str, float, tuple[float, ...]], Standing]
+"""What holds at one instant, given a subject, the time and its values in the order of the templates."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,6 @@ class _Pair:
     """Whose signals are judged together."""
 
     subject: str
-    names: Mapping[str, str]
-    units: Mapping[str, str]
     alignment: Alignment
 
 
@@ -34,7 +32,7 @@ class PairsOnline:
         wanted: Unit by signal template; the first names both `{robot}` and `{human}`.
         bodies: Those known beforehand; who is not among them is what its signal says.
         max_gap_s: Longest stretch between two samples that is bridged, s.
-        judge: What holds at one instant, given a subject and its signals there.
+        judge: What holds at one instant.
         watch: What the monitor finds in a whole trial.
     """
 
@@ -44,7 +42,7 @@ class PairsOnline:
         bodies: Sequence[Body],
         *,
         max_gap_s: float,
-        judge: Callable[[str, Watched], Standing],
+        judge: Judge,
         watch: Callable[[Trial], Iterable[Finding]],
     ) -> None:
         self._wanted, self._max_gap_s, self._judge, self._watch = wanted, max_gap_s, judge, watch
@@ -54,7 +52,6 @@ class PairsOnline:
         )
         self._of_pair = re.compile(first)
         self._arrivals = Arrivals()
-        self._seen: set[str] = set()
         self._by_signal: dict[str, list[_Pair]] = {}
 
     def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
@@ -63,34 +60,30 @@ class PairsOnline:
         self._arrivals.take(samples)
         touched: dict[str, _Pair] = {}
         for sample in samples:
-            if sample.signal not in self._seen:
-                self._begin(sample.signal)
-            for pair in self._by_signal.get(sample.signal, ()):
+            pairs = self._by_signal.get(sample.signal)
+            if pairs is None:
+                pairs = self._begun(sample.signal)
+            for pair in pairs:
                 touched[pair.subject] = pair
-        for subject in sorted(touched):
-            yield from self._judged(touched[subject])
+        for subject in sorted(touched) if len(touched) > 1 else touched:
+            for t_s, values in touched[subject].alignment.rows():
+                yield self._judge(subject, t_s, values)  # type: ignore[arg-type]  # they have one component
 
     def end(self, trial: Trial) -> Iterable[Finding]:
         """What the monitor finds in the trial with the samples that were stepped."""
         return self._watch(self._arrivals.complete(trial))
 
-    def _begin(self, signal: str) -> None:
-        self._seen.add(signal)
+    def _begun(self, signal: str) -> list[_Pair]:
+        """The pairs that a signal, which is new, speaks of."""
+        own = self._by_signal.setdefault(signal, [])
         named = self._of_pair.fullmatch(signal)
         if named is None:
-            return
+            return own
         robot, human = named.groups()
-        if self._kinds.get(robot, "robot") != "robot" or self._kinds.get(human, "human") != "human":
-            return
-        names = {template: template.format(robot=robot, human=human) for template in self._wanted}
-        units = dict(zip(names.values(), self._wanted.values(), strict=True))
-        aligned = self._arrivals.aligned(list(units), max_gap_s=self._max_gap_s)
-        pair = _Pair(f"{robot}/{human}", names, units, aligned)
-        for name in units:
-            self._by_signal.setdefault(name, []).append(pair)
-
-    def _judged(self, pair: _Pair) -> Iterator[Standing]:
-        for t_s, values in pair.alignment.rows():
-            columns = {name: np.array([value]) for name, value in zip(pair.units, values, strict=True)}
-            now = Watched(np.array([t_s]), columns, [], self._max_gap_s, pair.units, pair.names)
-            yield self._judge(pair.subject, now)
+        if self._kinds.get(robot, "robot") == "robot" and self._kinds.get(human, "human") == "human":
+            names = [template.format(robot=robot, human=human) for template in self._wanted]
+            aligned = self._arrivals.aligned(names, max_gap_s=self._max_gap_s)
+            pair = _Pair(f"{robot}/{human}", aligned)
+            for name in names:
+                self._by_signal.setdefault(name, []).append(pair)
+        return own
