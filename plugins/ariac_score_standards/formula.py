@@ -21,7 +21,7 @@ from __future__ import annotations
 import ast
 import keyword
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from string import Formatter
@@ -31,18 +31,22 @@ import numpy as np
 
 from ariac_score import (
     QUANTITIES,
+    Body,
     Expression,
     Finding,
     FormulaError,
+    OnlineWatch,
     Sample,
     SignalNeed,
     Span,
+    Standing,
     Trial,
     Verdict,
     check_parameters,
     episodes_where,
     parameter,
 )
+from ariac_score_standards.online import SubjectsOnline
 from ariac_score_standards.severity import Episode, episodes_of
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, watch_subjects
 
@@ -318,8 +322,39 @@ class Always(Formula):
         """For every subject where it did not hold, or its closest moment."""
         return self._watch(trial)
 
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that says of every instant whether the formula holds; for the bodies known beforehand."""
+        templates = [source.template for source in self._sources.values()]
+        known, _ = self._subjects(Trial("", bodies=tuple(bodies)))
+        return SubjectsOnline(
+            {subject.name: [subject.fill(template) for template in templates] for subject in known}
+            if all(self._texts)
+            else {},
+            max_gap_s=self.max_gap_s,
+            judge=self._stand,
+            watch=self.watch,
+        )
+
+    def _stand(self, subject: str, t_s: float, values: tuple[Any, ...]) -> Standing:
+        """What holds at one instant."""
+        units = {source.template: source.unit for source in self._sources.values()}
+        columns = {name: np.array([value]) for name, value in zip(units, values, strict=True)}
+        names = {template: template for template in units}
+        try:
+            now = self._judged(Watched(np.array([t_s]), columns, [], self.max_gap_s, units, names))
+        except FormulaError as wrong:
+            message = f"the formula has no value: {wrong.cause}"
+            return Standing(subject, t_s, Verdict.INCONCLUSIVE, message)
+        margin, verdict = float(now.margin[0]), Verdict.SATISFIED if now.true[0] else Verdict.VIOLATED
+        by = f"{abs(margin):.3f}{'' if self.unit == '1' else f' {self.unit}'}"
+        says = f"{self._says} {'holds' if now.true[0] else 'does not hold'} by {by}"
+        return Standing(subject, t_s, verdict, says, margin, self.unit)
+
     def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
-        yield from self._findings(subject, watched, self._of(self.holds, watched))
+        yield from self._findings(subject, watched, self._judged(watched))
+
+    def _judged(self, watched: Watched) -> Judged:
+        return self._of(self.holds, watched)
 
     def _findings(self, subject: Subject, watched: Watched, found: Judged) -> Iterator[Finding]:
         limit = np.zeros(len(watched.t)) if found.limit is None else found.limit
@@ -384,9 +419,9 @@ class Never(Always):
         "unit": "m/s",
     }
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judged(self, watched: Watched) -> Judged:
         found = self._of(self.holds, watched)
-        yield from self._findings(subject, watched, Judged(~found.true, -found.margin, found.limit))
+        return Judged(~found.true, -found.margin, found.limit)
 
     @property
     def _says(self) -> str:

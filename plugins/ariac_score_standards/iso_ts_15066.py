@@ -378,6 +378,21 @@ class SsmFormula:
             human = watched["speed/{human}"]
         return _Moments(distance_m, human, robot, scalar, self.d_min_m(human, robot))
 
+    def _moment(self) -> Callable[[tuple[float, ...]], tuple[float, float, float, float]]:
+        """Distance, speed of human and robot, scalar speed of the robot, of values as `_wanted` has them."""
+        at = {template: i for i, template in enumerate(self._wanted)}
+        robot = at[_TOWARDS_HUMAN if self._directed else "speed/{robot}"]
+        scalar, directed, fixed_m_s = at["speed/{robot}"], self._directed, self.human_speed_m_s
+        human = at.get(_TOWARDS_ROBOT if directed else "speed/{human}") if self._measured_human else None
+
+        def moment(values: tuple[float, ...]) -> tuple[float, float, float, float]:
+            human_m_s = fixed_m_s if human is None else values[human]
+            if not directed:
+                return values[0], human_m_s, values[robot], values[scalar]
+            return values[0], max(human_m_s, 0.0), max(values[robot], 0.0), values[scalar]
+
+        return moment
+
     def _towards(self, watched: Watched) -> tuple[FloatArray | None, FloatArray | None]:
         """Directed speeds of robot and human, where the monitor has them."""
         if not self._directed:
@@ -474,21 +489,6 @@ class SsmSeparation(SsmFormula):
             return Standing(subject, t_s, Verdict.SATISFIED, words, margin_m, "m")
 
         return stand
-
-    def _moment(self) -> Callable[[tuple[float, ...]], tuple[float, float, float, float]]:
-        """Distance, speed of human and robot, scalar speed of the robot, of values as `_wanted` has them."""
-        at = {template: i for i, template in enumerate(self._wanted)}
-        robot = at[_TOWARDS_HUMAN if self._directed else "speed/{robot}"]
-        scalar, directed, fixed_m_s = at["speed/{robot}"], self._directed, self.human_speed_m_s
-        human = at.get(_TOWARDS_ROBOT if directed else "speed/{human}") if self._measured_human else None
-
-        def moment(values: tuple[float, ...]) -> tuple[float, float, float, float]:
-            human_m_s = fixed_m_s if human is None else values[human]
-            if not directed:
-                return values[0], human_m_s, values[robot], values[scalar]
-            return values[0], max(human_m_s, 0.0), max(values[robot], 0.0), values[scalar]
-
-        return moment
 
     def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
         now = self._moments(watched)
@@ -610,6 +610,23 @@ class SsmSpeedCap(SsmFormula):
             judge=self._judge,
             optional=self._optional,
         )
+
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that says of every instant whether the robot is too fast there."""
+        moment, must_move = self._moment(), self._must_move
+
+        def stand(subject: str, t_s: float, values: tuple[float, ...]) -> Standing:
+            distance_m, human_m_s, robot_m_s, scalar_m_s = moment(values)
+            if must_move and not scalar_m_s > self.standstill_speed_m_s:
+                return Standing(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
+            cap_m_s = float(self.speed_cap_m_s(np.array([distance_m]), np.array([human_m_s]))[0])
+            if math.isinf(cap_m_s):
+                return Standing(subject, t_s, Verdict.NOT_APPLICABLE, "any speed is permitted here")
+            margin_m_s = cap_m_s - robot_m_s
+            words = f"{robot_m_s:.3f} m/s where {cap_m_s:.3f} m/s are permitted"
+            return Standing(subject, t_s, Verdict.of(margin_m_s), words, margin_m_s, "m/s")
+
+        return PairsOnline(self._wanted, bodies, max_gap_s=self.max_gap_s, judge=stand, watch=self.watch)
 
     def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
         now = self._moments(watched)
