@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from ariac_score.contracts import EventMonitor, EventWatch, Monitor, OnlineMonitor, OnlineWatch, Standing
@@ -352,12 +353,16 @@ class SpecBench:
     Args:
         file: The specification.
         registry: The installed plugins.
+        parameters: Of the monitor, besides the file. A rejected event is final unless
+            `after_violation` says otherwise, as it is for the oracles of ROSMonitoring.
 
     Raises:
         ScoreError: No installed plugin reads specifications, or this one cannot be used.
     """
 
-    def __init__(self, file: Path, registry: Registry) -> None:
+    def __init__(
+        self, file: Path, registry: Registry, parameters: Mapping[str, object] = MappingProxyType({})
+    ) -> None:
         self.live: tuple[str, ...] = (file.name,)
         self.later: Mapping[str, str] = {}
         if not file.is_file():
@@ -370,7 +375,11 @@ class SpecBench:
                 file=file,
                 hint=f"install the distribution that brings {SPEC_MONITOR!r}, or judge by --rules",
             ) from error
-        monitor = self._plugin.build({"spec": str(file)})
+        try:
+            text = file.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as cause:
+            raise UsageError(f"cannot be read: {cause}", file=file, hint="is it a specification?") from cause
+        monitor = self._built({"after_violation": "once", **parameters, "spec": text}, file)
         if not isinstance(monitor, EventMonitor):
             raise RuleSetError(
                 f"{self._plugin.origin} cannot judge event by event",
@@ -378,6 +387,16 @@ class SpecBench:
                 hint="update it, or judge the event log afterwards",
             )
         self._monitor: EventMonitor = monitor
+        try:
+            self._guarded(monitor.begin_events)
+        except ValueError as cause:
+            raise RuleSetError(f"nothing can be judged by it: {cause}", file=file) from cause
+
+    def _built(self, parameters: Mapping[str, object], file: Path) -> object:
+        try:
+            return self._plugin.build(parameters)
+        except RuleSetError as error:
+            raise RuleSetError(error.cause, file=file, hint=error.hint) from error
 
     def judge(self) -> Judge:
         """A judge who knows nothing yet."""
