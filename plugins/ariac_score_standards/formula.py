@@ -46,7 +46,7 @@ from ariac_score import (
     episodes_where,
     parameter,
 )
-from ariac_score_standards.online import SubjectsOnline
+from ariac_score_standards.online import Judge, SubjectsOnline
 from ariac_score_standards.severity import Episode, episodes_of
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, watch_subjects
 
@@ -326,35 +326,38 @@ class Always(Formula):
         """A watch that says of every instant whether the formula holds; for the bodies known beforehand."""
         templates = [source.template for source in self._sources.values()]
         known, _ = self._subjects(Trial("", bodies=tuple(bodies)))
-        return SubjectsOnline(
-            {subject.name: [subject.fill(template) for template in templates] for subject in known}
-            if all(self._texts)
-            else {},
-            max_gap_s=self.max_gap_s,
-            judge=self._stand,
-            watch=self.watch,
-        )
+        subjects = {subject.name: [subject.fill(template) for template in templates] for subject in known}
+        if not all(self._texts):
+            return SubjectsOnline({}, max_gap_s=self.max_gap_s, judge=_nobody_asked, watch=self.watch)
+        return SubjectsOnline(subjects, max_gap_s=self.max_gap_s, judge=self._stander(), watch=self.watch)
 
-    def _stand(self, subject: str, t_s: float, values: tuple[Any, ...]) -> Standing:
+    def _stander(self) -> Judge:
         """What holds at one instant."""
-        units = {source.template: source.unit for source in self._sources.values()}
-        columns = {name: np.array([value]) for name, value in zip(units, values, strict=True)}
-        names = {template: template for template in units}
-        try:
-            now = self._judged(Watched(np.array([t_s]), columns, [], self.max_gap_s, units, names))
-        except FormulaError as wrong:
-            message = f"the formula has no value: {wrong.cause}"
-            return Standing(subject, t_s, Verdict.INCONCLUSIVE, message)
-        margin, verdict = float(now.margin[0]), Verdict.SATISFIED if now.true[0] else Verdict.VIOLATED
-        by = f"{abs(margin):.3f}{'' if self.unit == '1' else f' {self.unit}'}"
-        says = f"{self._says} {'holds' if now.true[0] else 'does not hold'} by {by}"
-        return Standing(subject, t_s, verdict, says, margin, self.unit)
+        formula, axes = Expression.parse(self.holds), {n: source.axis for n, source in self._sources.items()}
+        numbers, words = dict(self._numbers), "" if self.unit == "1" else f" {self.unit}"
+
+        def stand(subject: str, t_s: float, values: tuple[Any, ...]) -> Standing:
+            row: dict[str, Any] = dict(numbers)
+            for (name, axis), value in zip(axes.items(), values, strict=True):
+                row[name] = np.array([value if axis is None else value[axis]])
+            try:
+                now = self._sided(judge_columns(formula, row, 1))
+            except FormulaError as wrong:
+                message = f"the formula has no value: {wrong.cause}"
+                return Standing(subject, t_s, Verdict.INCONCLUSIVE, message)
+            margin, holds = float(now.margin[0]), bool(now.true[0])
+            says = f"{self._says} {'holds' if holds else 'does not hold'} by {abs(margin):.3f}{words}"
+            verdict = Verdict.SATISFIED if holds else Verdict.VIOLATED
+            return Standing(subject, t_s, verdict, says, margin, self.unit)
+
+        return stand
 
     def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
-        yield from self._findings(subject, watched, self._judged(watched))
+        yield from self._findings(subject, watched, self._sided(self._of(self.holds, watched)))
 
-    def _judged(self, watched: Watched) -> Judged:
-        return self._of(self.holds, watched)
+    def _sided(self, found: Judged) -> Judged:
+        """What the formula says, as what has to hold."""
+        return found
 
     def _findings(self, subject: Subject, watched: Watched, found: Judged) -> Iterator[Finding]:
         limit = np.zeros(len(watched.t)) if found.limit is None else found.limit
@@ -400,6 +403,11 @@ class Always(Formula):
         return f"'{self.holds}'"
 
 
+def _nobody_asked(subject: str, t_s: float, _values: tuple[Any, ...]) -> Standing:
+    """Where no formula is given nobody is watched."""
+    return Standing(subject, t_s, Verdict.INCONCLUSIVE, "no formula is given")
+
+
 @dataclass(frozen=True)
 class Never(Always):
     """A formula over signals never holds during the competition.
@@ -419,8 +427,7 @@ class Never(Always):
         "unit": "m/s",
     }
 
-    def _judged(self, watched: Watched) -> Judged:
-        found = self._of(self.holds, watched)
+    def _sided(self, found: Judged) -> Judged:
         return Judged(~found.true, -found.margin, found.limit)
 
     @property
