@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 
 from ariac_score.asking import BUDGET_S, ask, budget_of, needs_of
-from ariac_score.contracts import GROUPS, Incremental, Monitor, Reader, Rule
+from ariac_score.contracts import GROUPS, Monitor, Reader, Rule
 from ariac_score.errors import PluginError
 from ariac_score.findings import Finding, Verdict
 from ariac_score.registry import Plugin, Registry, not_by_name
+from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.testing.variants import HOLLOW, SIGNAL_VARIANTS, bare, only, reordered, shifted, without
 from ariac_score.trial.derive import Derivation, derive_signals
@@ -215,8 +216,14 @@ class _Checked:
             ]
         else:
             named.append(("missing_submissions", "what is not recorded is not assumed", self.submissions))
-        if getattr(self.check, "incremental", False):
-            named.append(("one_by_one", "one message at a time equals the whole log", self.one_by_one))
+        if hasattr(self.check, "begin"):
+            named += [
+                ("one_by_one", "one sample at a time equals the whole log", self.one_by_one),
+                ("instant_by_instant", "samples that come together are as samples alone", self.instants),
+                ("standings", "what is said on the way fits what is found", self.standings),
+                ("nothing_stepped", "a trial in which nothing comes ends like an empty log", self.unstepped),
+                ("repeated_time", "a time that does not increase is refused", self.repeated_time),
+            ]
         return [ContractCheck(*each) for each in named]
 
     # Asking
@@ -426,24 +433,37 @@ class _Checked:
                     f"decides {finding.subject!r} although no submission is recorded: {finding.message!r}"
                 )
 
+    @property
+    def online(self) -> OnlineChecks:
+        """The monitor stepped through the trial."""
+        return OnlineChecks(self.check, self.trial, self.needed(), self.broken)
+
     def one_by_one(self) -> None:
-        if not isinstance(self.check, Incremental):
-            raise self.broken("claims to be incremental and has no begin()")
-        watcher = self.check.begin()
-        rows = [
-            (t_s, name, value)
-            for name, signal in self.trial.signals.items()
-            for t_s, value in zip(signal.t.tolist(), signal.values.tolist(), strict=True)
-        ]
-        for t_s, name, value in sorted(rows, key=lambda row: row[:2]):
-            watcher.take(name, t_s, tuple(value) if isinstance(value, list) else value)
-        blind = replace(self.trial, signals={})
-        told = _Told(watcher.end(blind))
-        self._same(self.ask(blind, told), "says something else when told one message at a time")
+        self._same(self._told(self.online.one_by_one()), "says something else when told one sample at a time")
+
+    def instants(self) -> None:
+        found = self._told(self.online.instant_by_instant())
+        self._same(found, "says something else when told one instant at a time")
+
+    def standings(self) -> None:
+        self.online.standings(self.said)
+
+    def unstepped(self) -> None:
+        blind = self.ask(replace(self.trial, signals={}))
+        difference = _difference(blind, self._told(self.online.nothing_stepped()))
+        if difference:
+            raise self.broken(f"says something else when nothing comes than of an empty log: {difference}")
+
+    def repeated_time(self) -> None:
+        self.online.repeated_time()
+
+    def _told(self, findings: list[Finding]) -> list[Finding]:
+        """Findings of a watch, looked at as those of any monitor."""
+        return self.ask(replace(self.trial, signals={}), _Told(findings))
 
 
 class _Told:
-    """What an incremental monitor found, as a monitor to be asked."""
+    """What a watch found, as a monitor to be asked."""
 
     def __init__(self, findings: Iterable[Finding]) -> None:
         self._findings = findings
