@@ -8,6 +8,7 @@ import json
 import shutil
 import sqlite3
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,20 @@ def test_teams_are_priced_against_each_other(tmp_path: Path) -> None:
     run(tmp_path, "beta", 1, 100.0, sensors={"basic_logical_camera": 6})
 
     assert table(ranking(tmp_path)) == [(1, "alpha", 15.0), (2, "beta", 2.5)]
+
+
+def test_one_of_a_kind_is_told_in_the_singular_and_no_value_across_teams_is_told_too(tmp_path: Path) -> None:
+    run(tmp_path, "alpha", 1)
+    found = ranking(tmp_path)
+    told = ranking_text(found).splitlines()
+
+    assert told[1] == "1 team, 1 trial, 1 run, 1 of them count"
+    assert "  kit: mean sensor_cost 1000 (1 team)" in told
+
+    assert found.cohort is not None
+    told = ranking_text(replace(found, cohort=replace(found.cohort, trials={"kit": {}}))).splitlines()
+
+    assert told[told.index("Across teams") + 1] == "  nothing: no run counts"
 
 
 def test_the_best_run_counts_by_score_and_then_by_time(tmp_path: Path) -> None:
