@@ -1,0 +1,223 @@
+"""A batch from plan to tables."""
+
+from __future__ import annotations
+
+import errno
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
+from ariac_score.batch.index import Row, Rows, read_rows, write_tables
+from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
+from ariac_score.batch.seen import Seen
+from ariac_score.batch.store import Store
+from ariac_score.batch.tasks import Setting, Task, TaskKey
+from ariac_score.batch.worker import Done
+from ariac_score.engine import code_of
+from ariac_score.errors import BatchError
+from ariac_score.registry import Registry
+from ariac_score.ruleset import RuleSet
+
+__all__ = ["SCHEMA", "Executor", "Report", "run_batch"]
+
+SCHEMA = "ariac-score/batch/1"
+DESCRIPTION = "batch.json"
+_KEEP_EVERY = 64
+
+
+class Executor(Protocol):
+    """Where runs are scored: on this machine, or on many.
+
+    Found through the entry-point group `ariac_score.executors`.
+    """
+
+    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+        """Score tasks and give what came of each exactly once, in any order."""
+        ...
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a call did.
+
+    Attributes:
+        outcomes: How many runs have which outcome, those of earlier calls included.
+        scored_now: How many were looked at in this call.
+    """
+
+    outcomes: Mapping[str, int]
+    scored_now: int
+
+    @property
+    def runs(self) -> int:
+        """All runs."""
+        return sum(self.outcomes.values())
+
+    @property
+    def unsettled(self) -> int:
+        """Runs that somebody should look at."""
+        return sum(number for outcome, number in self.outcomes.items() if outcome in UNSETTLED)
+
+
+Told = Callable[[TaskKey, str, str], None]
+"""Called for each run with its key, outcome and reason."""
+
+
+def run_batch(
+    tasks: Iterable[Task],
+    rule_set: RuleSet,
+    setting: Setting,
+    store: Store,
+    work: Path,
+    executor: Executor,
+    *,
+    about: Mapping[str, object],
+    again: bool = False,
+    told: Told = lambda _key, _outcome, _reason: None,
+) -> Report:
+    """Score what is not scored yet, and write the tables.
+
+    Args:
+        tasks: All runs.
+        rule_set: By which they are scored.
+        setting: The same for the workers, with the limits.
+        store: The folder of the batch.
+        work: Folder for unfinished work, from `Store.working`.
+        executor: Where runs are scored.
+        about: What the description of the batch says beside rules and code.
+        again: Try those again that ended without being read to the end: late, out of memory, killed.
+        told: Called for each run.
+
+    Raises:
+        BatchError: The folder cannot be written, as when the disk is full; what was found is kept.
+    """
+    registry = Registry()
+    basis = basis_of(rule_set, registry)
+    seen, rows = Seen(store.root), Rows(work)
+    rows.remember(read_rows(store.root))
+    outcomes: Counter[str] = Counter()
+    now = 0
+
+    def settle(row: Row) -> None:
+        rows.add(row)
+        outcomes[row.summary.outcome] += 1
+        told(row.key, row.summary.outcome, row.summary.reason)
+
+    def missing() -> Iterator[Task]:
+        for task in tasks:
+            row = _stored(task, basis, setting, store, seen, rows, again=again)
+            if row is None:
+                yield task
+            else:
+                settle(row)
+
+    try:
+        _describe(store, rule_set, registry, setting, about)
+        for done in executor.run(_told_apart(missing(), settle), setting):
+            settle(_kept(done, basis, setting, store))
+            seen.note(done.signature, done.contents)
+            now += 1
+            if now % _KEEP_EVERY == 0:
+                seen.keep()
+        write_tables(store, rows, work)
+    except OSError as cause:
+        raise _unwritable(cause, store) from cause
+    finally:
+        seen.close()
+        rows.close()
+    return Report(dict(outcomes), now)
+
+
+def _told_apart(tasks: Iterable[Task], settle: Callable[[Row], None]) -> Iterator[Task]:
+    """The tasks that can be scored; the others are settled by name."""
+    for task in tasks:
+        if not task.refused:
+            yield task
+            continue
+        document = outcome_document("refused", task.refused, team=task.team, trial=task.trial)
+        settle(Row(task.key, summary_of(document), "", 0))
+
+
+def _stored(
+    task: Task,
+    basis: str,
+    setting: Setting,
+    store: Store,
+    seen: Seen,
+    rows: Rows,
+    *,
+    again: bool,
+) -> Row | None:
+    """The row of a run that is scored already; `None` when it is not, or nobody can tell without reading."""
+    if task.refused:
+        return None
+    contents = seen.contents(signature_of(task))
+    if not contents:
+        return None
+    place = store.place(measuring_address(task, contents, basis), setting.rules_sha256)
+    row = _row_at(task.key, place, store, rows)
+    return None if row is None or (again and row.summary.outcome in _WORTH_ANOTHER_TRY) else row
+
+
+_WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_large", "failed"})
+
+
+def _row_at(key: TaskKey, place: Path, store: Store, rows: Rows) -> Row | None:
+    """The row of a stored document: as the table has it where both agree, else from the document."""
+    try:
+        size = place.stat().st_size
+        row = rows.earlier(key)
+        agrees = row is not None and (row.object, row.bytes) == (store.name(place), size)
+        return row if agrees else Row.of(key, place, store)
+    except (OSError, ValueError):
+        return None
+
+
+def _kept(done: Done, basis: str, setting: Setting, store: Store) -> Row:
+    """The row of what an executor brought, its document stored."""
+    task, document = done.task, done.document
+    address = done.address
+    if document is None:
+        place = store.place(address, setting.rules_sha256)
+        return Row.of(task.key, place, store)
+    summary = summary_of(document)
+    if not address and summary.outcome != "changing":
+        # The process died before it could say what it read; the files are still there to be hashed.
+        address = measuring_address(task, contents_of(task), basis)
+    if not address:
+        return Row(task.key, summary, "", 0)
+    place = store.place(address, setting.rules_sha256)
+    store.put(place, document)
+    return Row(task.key, summary, store.name(place), len(document))
+
+
+def _describe(
+    store: Store, rule_set: RuleSet, registry: Registry, setting: Setting, about: Mapping[str, object]
+) -> None:
+    """Write by which rules and code, and for what, before anything else."""
+    names = ("distribution", "version", "package", "sha256")
+    told = {
+        "schema": SCHEMA,
+        "rule_set": {"id": rule_set.id, "sha256": rule_set.sha256},
+        "code": [dict(zip(names, code, strict=True)) for code in code_of(rule_set, registry)],
+        **about,
+    }
+    text = json.dumps(told, sort_keys=True, indent=1, ensure_ascii=True) + "\n"
+    for name, content in ((DESCRIPTION, text), ("rules.yaml", setting.rules)):
+        place = store.root / name
+        if not place.is_file() or place.read_text(encoding="utf-8") != content:
+            store.put(place, content.encode("utf-8"))
+
+
+def _unwritable(cause: OSError, store: Store) -> BatchError:
+    full = cause.errno in (errno.ENOSPC, errno.EDQUOT)
+    return BatchError(
+        "the disk is full" if full else f"cannot be written: {cause.strerror or cause}",
+        file=store.root,
+        hint=("make room" if full else "check the permissions")
+        + " and call again: what was scored is kept, and only the rest is done",
+    )
