@@ -50,7 +50,7 @@ def files_of(task: Task) -> Iterator[tuple[str, Path]]:
 
 def signature_of(task: Task) -> str:
     """Hash of what the file system says about the files of a run; it changes whenever one of them does."""
-    told = []
+    told: list[list[object]] = []
     for name, file in files_of(task):
         try:
             status = file.stat()

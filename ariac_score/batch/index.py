@@ -7,6 +7,7 @@ of SQLite that wrote it.)
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
@@ -25,7 +26,7 @@ INDEX = "index.sqlite"
 
 _TABLES = """
 CREATE TABLE runs (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NULL, outcome TEXT NOT NULL,
-  reason TEXT NOT NULL, score REAL, task REAL, object TEXT NOT NULL, bytes INTEGER NOT NULL,
+  reason TEXT NOT NULL, score REAL, task REAL, object TEXT NOT NULL, sha256 TEXT NOT NULL,
   PRIMARY KEY (team, trial, run)) WITHOUT ROWID;
 CREATE TABLE checks (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NULL, name TEXT NOT NULL,
   satisfied INTEGER NOT NULL, violated INTEGER NOT NULL, inconclusive INTEGER NOT NULL,
@@ -43,13 +44,13 @@ class Row:
         key: Team, trial, number.
         summary: Outcome, score, verdicts.
         object: Name of its document within the folder of the batch; empty when nothing is kept.
-        bytes: Size of that document.
+        sha256: Hash of that document; empty likewise.
     """
 
     key: TaskKey
     summary: Summary
     object: str
-    bytes: int
+    sha256: str
 
     def as_line(self) -> str:
         """The row as a line of JSON."""
@@ -67,7 +68,7 @@ class Row:
                 for name, counts, worst in self.summary.checks
             ],
             "object": self.object,
-            "bytes": self.bytes,
+            "sha256": self.sha256,
         }
         return json.dumps(told, ensure_ascii=True) + "\n"
 
@@ -85,7 +86,7 @@ class Row:
                 for c in told["checks"]
             )
             summary = Summary(told["outcome"], told["reason"], told["score"], told["task"], checks)
-            return cls((told["team"], told["trial"], told["run"]), summary, told["object"], told["bytes"])
+            return cls((told["team"], told["trial"], told["run"]), summary, told["object"], told["sha256"])
         except (KeyError, TypeError) as cause:
             raise ValueError(f"no row: {cause}") from None
 
@@ -97,8 +98,16 @@ class Row:
             ValueError: It is damaged.
             OSError: It cannot be read.
         """
-        document = place.read_bytes()
-        return cls(key, summary_of(document), store.name(place), len(document))
+        return cls.kept(key, place.read_bytes(), place, store)
+
+    @classmethod
+    def kept(cls, key: TaskKey, document: bytes, place: Path, store: Store) -> Row:
+        """The row of a document that is stored at a place.
+
+        Raises:
+            ValueError: It is damaged.
+        """
+        return cls(key, summary_of(document), store.name(place), hashlib.sha256(document).hexdigest())
 
 
 class Rows:
@@ -138,12 +147,14 @@ class Rows:
 
     def _put(self, table: str, row: Row) -> None:
         self._connection.execute(
-            f"INSERT OR REPLACE INTO {table} VALUES (?, ?, ?, ?)", (*row.key, row.as_line())
+            f"INSERT OR REPLACE INTO {table} VALUES (?, ?, ?, ?)",  # noqa: S608  # a name of ours
+            (*row.key, row.as_line()),
         )
 
     def _get(self, table: str, key: TaskKey) -> Row | None:
         found = self._connection.execute(
-            f"SELECT line FROM {table} WHERE team = ? AND trial = ? AND run = ?", key
+            f"SELECT line FROM {table} WHERE team = ? AND trial = ? AND run = ?",  # noqa: S608  # a name of ours
+            key,
         ).fetchone()
         return Row.from_line(found[0]) if found else None
 
@@ -152,10 +163,10 @@ class Rows:
         self._connection.close()
 
 
-def read_rows(root: Path) -> Iterator[Row]:
-    """The rows of a batch that has finished; a line that is none is passed over, its run is looked at again."""
+def read_rows(file: Path) -> Iterator[Row]:
+    """The rows in a file; a line that is none is passed over, and its run is looked at again."""
     try:
-        with (root / RUNS).open(encoding="ascii", errors="replace") as lines:
+        with file.open(encoding="ascii", errors="replace") as lines:
             for line in lines:
                 try:
                     yield Row.from_line(line)
@@ -202,7 +213,7 @@ def _write_index(file: Path, lines: Iterator[str]) -> None:
             s = row.summary
             connection.execute(
                 "INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                (*row.key, s.outcome, s.reason, s.score, s.task, row.object, row.bytes),
+                (*row.key, s.outcome, s.reason, s.score, s.task, row.object, row.sha256),
             )
             connection.executemany(
                 "INSERT INTO checks VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",

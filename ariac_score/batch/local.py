@@ -7,7 +7,7 @@ import os
 import signal
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import wait
@@ -46,11 +46,13 @@ class LocalExecutor:
         jobs: Processes at a time.
         out: Folder of the batch, to find what is stored.
         work: Folder for reports.
+        target: What each process does; it leaves a report.
     """
 
     jobs: int
     out: Path | None
     work: Path
+    target: Callable[[Task, Setting, Path | None, Path], None] = perform_into
     _serial: int = field(default=0, init=False)
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
@@ -80,13 +82,11 @@ class LocalExecutor:
     def _start(self, context: Any, task: Task, attempt: int, setting: Setting) -> _Running:
         self._serial += 1
         report = self.work / f"{self._serial}.report"
-        process = context.Process(target=perform_into, args=(task, setting, self.out, report), daemon=True)
+        process = context.Process(target=self.target, args=(task, setting, self.out, report), daemon=True)
         process.start()
         return _Running(task, attempt, process, report, time.monotonic() + setting.limits.wall_s)
 
-    def _settle(
-        self, ended: _Running, setting: Setting, again: deque[tuple[Task, int]]
-    ) -> Done | None:
+    def _settle(self, ended: _Running, setting: Setting, again: deque[tuple[Task, int]]) -> Done | None:
         """What came of a process that has ended, or is beyond its time; `None` when it is tried again."""
         process, task = ended.process, ended.task
         late = process.is_alive()
@@ -126,9 +126,7 @@ def _ended(running: list[_Running]) -> list[_Running]:
     """Those that have ended, or must; waits for the first of them."""
     now = time.monotonic()
     patience = min(one.deadline for one in running) - now
-    ready = wait(
-        [one.process.sentinel for one in running], timeout=max(0.0, min(patience, _LONGEST_WAIT_S))
-    )
+    ready = wait([one.process.sentinel for one in running], timeout=max(0.0, min(patience, _LONGEST_WAIT_S)))
     now = time.monotonic()
     return [one for one in running if one.process.sentinel in ready or one.deadline <= now]
 
@@ -140,7 +138,7 @@ def _stop(process: BaseProcess) -> None:
 
 
 def _context() -> Any:
-    """Processes that inherit nothing of ours; from a server that has imported everything, where there is one."""
+    """Processes that inherit nothing of ours, from a server that has imported everything."""
     limit_threads()
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")

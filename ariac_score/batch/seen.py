@@ -21,7 +21,9 @@ class Seen:
     """
 
     def __init__(self, out: Path) -> None:
-        self._connection = _open(_folder() / f"{hashlib.sha256(str(out.resolve()).encode()).hexdigest()}.sqlite")
+        self._connection = _open(
+            _folder() / f"{hashlib.sha256(str(out.resolve()).encode()).hexdigest()}.sqlite"
+        )
 
     def contents(self, signature: str) -> str:
         """The hash of contents that goes with a signature; empty when it was never seen."""

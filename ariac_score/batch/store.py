@@ -45,6 +45,11 @@ class Store:
                 f"cannot be made: {cause.strerror}", file=root, hint="name a folder you may write in with -o"
             ) from cause
 
+    @property
+    def journal(self) -> Path:
+        """The rows of a call that has not ended, one line each: what a killed batch had found out."""
+        return self.root / ".rows.jsonl"
+
     def place(self, address: str, rules_sha256: str) -> Path:
         """Where the result of a measurement under a rule set lies, or will."""
         return self.measured(address) / f"{rules_sha256[:16]}.json"
@@ -73,8 +78,8 @@ class Store:
         try:
             with os.fdopen(handle, "wb") as out:
                 out.write(document)
-            os.chmod(name, 0o644)
-            os.replace(name, place)
+            Path(name).chmod(0o644)
+            Path(name).replace(place)
         except BaseException:
             Path(name).unlink(missing_ok=True)
             raise

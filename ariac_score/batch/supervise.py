@@ -6,23 +6,26 @@ import errno
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
-from typing import Protocol
+from typing import IO, Protocol
 
 from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
-from ariac_score.batch.index import Row, Rows, read_rows, write_tables
+from ariac_score.batch.index import RUNS, Row, Rows, read_rows, write_tables
 from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
 from ariac_score.batch.seen import Seen
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Setting, Task, TaskKey
 from ariac_score.batch.worker import Done
 from ariac_score.engine import code_of
-from ariac_score.errors import BatchError
+from ariac_score.errors import BatchError, ResultError
 from ariac_score.registry import Registry
+from ariac_score.result_json import load_result
 from ariac_score.ruleset import RuleSet
 
-__all__ = ["SCHEMA", "Executor", "Report", "run_batch"]
+__all__ = ["DESCRIPTION", "SCHEMA", "Executor", "Report", "run_batch", "unwritable"]
 
 SCHEMA = "ariac-score/batch/1"
 DESCRIPTION = "batch.json"
@@ -98,12 +101,17 @@ def run_batch(
     registry = Registry()
     basis = basis_of(rule_set, registry)
     seen, rows = Seen(store.root), Rows(work)
-    rows.remember(read_rows(store.root))
+    rows.remember(read_rows(store.root / RUNS))
+    rows.remember(read_rows(store.journal))
     outcomes: Counter[str] = Counter()
     now = 0
+    journal: IO[str] | None = None
 
     def settle(row: Row) -> None:
         rows.add(row)
+        if journal is not None:
+            journal.write(row.as_line())
+            journal.flush()
         outcomes[row.summary.outcome] += 1
         told(row.key, row.summary.outcome, row.summary.reason)
 
@@ -116,17 +124,23 @@ def run_batch(
                 settle(row)
 
     try:
+        journal = store.journal.open("a", encoding="ascii", newline="\n")
         _describe(store, rule_set, registry, setting, about)
         for done in executor.run(_told_apart(missing(), settle), setting):
-            settle(_kept(done, basis, setting, store))
-            seen.note(done.signature, done.contents)
+            known = _addressed(done, basis)
+            settle(_kept(known, setting, store))
+            seen.note(known.signature, known.contents)
             now += 1
             if now % _KEEP_EVERY == 0:
                 seen.keep()
         write_tables(store, rows, work)
+        store.journal.unlink()
     except OSError as cause:
-        raise _unwritable(cause, store) from cause
+        raise unwritable(cause, store) from cause
     finally:
+        if journal is not None:
+            with suppress(OSError):
+                journal.close()
         seen.close()
         rows.close()
     return Report(dict(outcomes), now)
@@ -139,7 +153,7 @@ def _told_apart(tasks: Iterable[Task], settle: Callable[[Row], None]) -> Iterato
             yield task
             continue
         document = outcome_document("refused", task.refused, team=task.team, trial=task.trial)
-        settle(Row(task.key, summary_of(document), "", 0))
+        settle(Row(task.key, summary_of(document), "", ""))
 
 
 def _stored(
@@ -167,32 +181,39 @@ _WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_lar
 
 
 def _row_at(key: TaskKey, place: Path, store: Store, rows: Rows) -> Row | None:
-    """The row of a stored document: as the table has it where both agree, else from the document."""
+    """The row of a stored document; `None` when there is none, or one that nobody should believe."""
     try:
-        size = place.stat().st_size
+        document = place.read_bytes()
         row = rows.earlier(key)
-        agrees = row is not None and (row.object, row.bytes) == (store.name(place), size)
-        return row if agrees else Row.of(key, place, store)
-    except (OSError, ValueError):
+        if row is not None and (row.object, row.sha256) == (store.name(place), sha256(document).hexdigest()):
+            return row
+        # The table knows another document, or none: this one counts only if it follows from itself.
+        load_result(place)
+        return Row.kept(key, document, place, store)
+    except (OSError, ValueError, ResultError):
         return None
 
 
-def _kept(done: Done, basis: str, setting: Setting, store: Store) -> Row:
-    """The row of what an executor brought, its document stored."""
-    task, document = done.task, done.document
-    address = done.address
-    if document is None:
-        place = store.place(address, setting.rules_sha256)
+def _addressed(done: Done, basis: str) -> Done:
+    """What an executor brought, with the address it belongs to, unless nothing of it is to be kept."""
+    if done.address or done.document is None or summary_of(done.document).outcome == "changing":
+        return done
+    # The process died before it could say what it read; the files are still there to be hashed.
+    signature, contents = signature_of(done.task), contents_of(done.task)
+    address = measuring_address(done.task, contents, basis)
+    return replace(done, address=address, contents=contents, signature=signature)
+
+
+def _kept(done: Done, setting: Setting, store: Store) -> Row:
+    """The row of what came of a task, its document stored."""
+    task = done.task
+    if not done.address and done.document is not None:
+        return Row(task.key, summary_of(done.document), "", "")
+    place = store.place(done.address, setting.rules_sha256)
+    if done.document is None:
         return Row.of(task.key, place, store)
-    summary = summary_of(document)
-    if not address and summary.outcome != "changing":
-        # The process died before it could say what it read; the files are still there to be hashed.
-        address = measuring_address(task, contents_of(task), basis)
-    if not address:
-        return Row(task.key, summary, "", 0)
-    place = store.place(address, setting.rules_sha256)
-    store.put(place, document)
-    return Row(task.key, summary, store.name(place), len(document))
+    store.put(place, done.document)
+    return Row.kept(task.key, done.document, place, store)
 
 
 def _describe(
@@ -213,7 +234,8 @@ def _describe(
             store.put(place, content.encode("utf-8"))
 
 
-def _unwritable(cause: OSError, store: Store) -> BatchError:
+def unwritable(cause: OSError, store: Store) -> BatchError:
+    """What to tell when the folder of a batch cannot be written."""
     full = cause.errno in (errno.ENOSPC, errno.EDQUOT)
     return BatchError(
         "the disk is full" if full else f"cannot be written: {cause.strerror or cause}",

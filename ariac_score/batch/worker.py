@@ -59,7 +59,7 @@ def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
     contents = contents_of(task)
     address = measuring_address(task, contents, basis)
     store = Store(out) if out is not None else None
-    if store is not None and store.place(address, setting.rules_sha256).is_file():
+    if store is not None and _is_result(store.place(address, setting.rules_sha256)):
         return Done(task, address, contents, before, None)
     document = _priced_again(store, address, rule_set) if store is not None else None
     if document is None:
@@ -71,6 +71,15 @@ def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
         size, most = len(document), setting.limits.output_bytes
         document = _because(task, "too_large", f"its result has {size} bytes; at most {most} are kept")
     return Done(task, address, contents, before, document)
+
+
+def _is_result(place: Path) -> bool:
+    """Whether a whole result lies there, which follows from itself; an outcome is found out again."""
+    try:
+        load_result(place)
+    except ScoreError:
+        return False
+    return True
 
 
 def _priced_again(store: Store, address: str, rule_set: RuleSet) -> bytes | None:
@@ -101,7 +110,7 @@ def _scored(task: Task, rule_set: RuleSet, registry: Registry) -> bytes:
         return _because(task, outcome_of(error), told_within(error, root))
     except MemoryError:
         raise
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001  # a fault of ours may cost one run, never the others
         return _because(task, "failed", f"{type(error).__name__}: {error}".replace(f"{root}/", ""))
 
 
@@ -130,7 +139,7 @@ def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -
     The report is a line of JSON, then the document; it appears whole or not at all.
     """
     _keep(setting.limits)
-    _hush(report)
+    _hush()
     try:
         done = perform(task, setting, out)
     except MemoryError:
@@ -161,14 +170,14 @@ def _keep(limits: Limits) -> None:
     bounds = {resource.RLIMIT_CORE: 0, resource.RLIMIT_FSIZE: limits.output_bytes + (1 << 20)}
     if limits.memory_bytes:
         bounds[resource.RLIMIT_AS] = limits.memory_bytes
-    for kind, most in bounds.items():
+    for kind, bound in bounds.items():
         _, hard = resource.getrlimit(kind)
-        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        most = bound if hard == resource.RLIM_INFINITY else min(bound, hard)
         with contextlib.suppress(ValueError, OSError):
             resource.setrlimit(kind, (most, most))
 
 
-def _hush(report: Path) -> None:
+def _hush() -> None:
     """Give what this process prints to nobody: hundreds of runs may not talk into one terminal."""
     sys.stdout.flush()
     sys.stderr.flush()

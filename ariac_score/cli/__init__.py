@@ -39,6 +39,7 @@ _COMMANDS = (
     "audit",
     "rank",
     "batch",
+    "merge",
     "sensitivity",
     "rules",
     "rml",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,9 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("--rules", default="", metavar="NAME", help="rule set; a competition names its own")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder of the batch")
-    parser.add_argument("-j", "--jobs", type=int, default=0, metavar="N", help="runs at a time; default: cores")
+    parser.add_argument(
+        "-j", "--jobs", type=int, default=0, metavar="N", help="runs at a time; default: cores"
+    )
     parser.add_argument(
         "--shard", default="", metavar="i/n", help="only the i-th of n parts; 'merge' joins them"
     )
@@ -82,7 +84,11 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with store.working() as work, _progress(len(tasks)) as told:
             executor = make_executor(
-                arguments.executor, jobs=arguments.jobs, scheduler=arguments.scheduler, out=store.root, work=work
+                arguments.executor,
+                jobs=arguments.jobs,
+                scheduler=arguments.scheduler,
+                out=store.root,
+                work=work,
             )
             report = run_batch(
                 tasks, rule_set, setting, store, work, executor, about=about, again=arguments.again, told=told
@@ -124,16 +130,16 @@ def _progress(total: int) -> Iterator[Told]:
         return
     # Imported here: rich takes longer to import than most trials to score.
     from rich.console import Console  # noqa: PLC0415
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn  # noqa: PLC0415
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     counts: Counter[str] = Counter()
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         bar = progress.add_task("scoring", total=total)
 
         def step(_key: TaskKey, outcome: str, _reason: str) -> None:
             counts[outcome] += 1
-            progress.update(bar, advance=1, description=_counted(counts))
+            progress.update(bar, advance=1, description=counted(counts))
 
         yield step
 
@@ -143,7 +149,8 @@ def _named(key: TaskKey) -> str:
     return f"{team}/{trial}_{number}" if team else trial
 
 
-def _counted(counts: Counter[str] | dict[str, int]) -> str:
+def counted(counts: Mapping[str, int]) -> str:
+    """Counts of outcomes in words, the largest first."""
     ordered = sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
     return ", ".join(f"{number} {outcome.replace('_', ' ')}" for outcome, number in ordered)
 
@@ -151,7 +158,8 @@ def _counted(counts: Counter[str] | dict[str, int]) -> str:
 def _show(report: Report, plan: Plan, out: Path) -> None:
     from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
 
-    print(f"{plain(plan.id)}: {report.runs} run{'' if report.runs == 1 else 's'}: {_counted(dict(report.outcomes))}")
+    runs = f"{report.runs} run{'' if report.runs == 1 else 's'}"
+    print(f"{plain(plan.id)}: {runs}: {counted(report.outcomes)}")
     if report.scored_now < report.runs:
         print(f"{report.runs - report.scored_now} of them were there already")
     for stranger in plan.strangers:
