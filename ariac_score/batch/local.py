@@ -19,7 +19,15 @@ from ariac_score.batch.outcomes import outcome_document
 from ariac_score.batch.tasks import Setting, Task
 from ariac_score.batch.worker import Done, limit_threads, parse_report, perform_into
 
-__all__ = ["LocalExecutor", "in_process_of_its_own", "usable_cores"]
+__all__ = [
+    "OWN_FAULT_ATTEMPTS",
+    "STRANGE_HAND_ATTEMPTS",
+    "LocalExecutor",
+    "died",
+    "lost",
+    "too_late",
+    "usable_cores",
+]
 
 OWN_FAULT_ATTEMPTS = 2
 """Attempts at a run whose process died of itself, as of a fault in a library: it dies again."""
@@ -99,20 +107,31 @@ class LocalExecutor:
             ended.report.unlink()
             return done
         if late:
-            limit = f"{setting.limits.wall_s:g}"
-            reason = f"it took longer than {limit} s; raise --time-limit-s if the log is sound"
-            return _lost(task, "timed_out", reason)
-        number = -code if code is not None and code < 0 else 0
-        strange = number in _STRANGE_HANDS
+            return too_late(task, setting)
+        strange = code is not None and -code in _STRANGE_HANDS
         if ended.attempt < (STRANGE_HAND_ATTEMPTS if strange else OWN_FAULT_ATTEMPTS):
             again.append((task, ended.attempt + 1))
             return None
-        what = f"by signal {number} ({signal.Signals(number).name})" if number else f"with exit code {code}"
-        times = f"{ended.attempt} times"
-        return _lost(task, "killed", f"the process that scored it ended {what}, {times} in {times}")
+        return died(task, code, ended.attempt)
 
 
-def _lost(task: Task, outcome: str, reason: str) -> Done:
+def too_late(task: Task, setting: Setting) -> Done:
+    """A run that took longer than it may."""
+    limit = f"{setting.limits.wall_s:g}"
+    reason = f"it took longer than {limit} s; raise --time-limit-s if the log is sound"
+    return lost(task, "timed_out", reason)
+
+
+def died(task: Task, code: int | None, attempts: int) -> Done:
+    """A run whose process ended without a report, as often as it was tried."""
+    number = -code if code is not None and code < 0 else 0
+    what = f"by signal {number} ({signal.Signals(number).name})" if number else f"with exit code {code}"
+    times = f"{attempts} times"
+    return lost(task, "killed", f"the process that scored it ended {what}, {times} in {times}")
+
+
+def lost(task: Task, outcome: str, reason: str) -> Done:
+    """An outcome that nobody could measure."""
     document = outcome_document(outcome, reason, team=task.team, trial=task.trial)
     return Done(task, "", "", "", document)
 
@@ -145,12 +164,6 @@ def _context() -> Any:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["ariac_score.batch.warm"])
     return context
-
-
-def in_process_of_its_own(task: Task, setting: Setting, work: Path) -> Done:
-    """Score one run isolated, as an executor of a cluster does on its workers."""
-    (done,) = LocalExecutor(1, None, work).run([task], setting)
-    return done
 
 
 def usable_cores() -> int:

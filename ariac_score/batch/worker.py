@@ -21,7 +21,7 @@ from ariac_score.registry import Registry
 from ariac_score.result_json import as_json, load_result
 from ariac_score.ruleset import RuleSet
 
-__all__ = ["Done", "installed", "limit_threads", "parse_report", "perform", "perform_into"]
+__all__ = ["Done", "installed", "limit_threads", "parse_report", "perform", "perform_into", "report_of"]
 
 _BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -146,11 +146,16 @@ def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -
         limit = setting.limits.memory_bytes >> 20
         reason = f"it needed more than {limit} MiB; raise --memory-mb if the log is sound"
         done = Done(task, "", "", "", _because(task, "out_of_memory", reason))
+    part = report.with_suffix(".part")
+    part.write_bytes(report_of(done))
+    part.replace(report)
+
+
+def report_of(done: Done) -> bytes:
+    """What came of a task, for `parse_report`."""
     head = {"address": done.address, "contents": done.contents, "signature": done.signature}
     head["stored"] = "yes" if done.document is None else ""
-    part = report.with_suffix(".part")
-    part.write_bytes(json.dumps(head).encode("ascii") + b"\n" + (done.document or b""))
-    part.replace(report)
+    return json.dumps(head).encode("ascii") + b"\n" + (done.document or b"")
 
 
 def parse_report(task: Task, report: bytes) -> Done:
