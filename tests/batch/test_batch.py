@@ -19,9 +19,10 @@ import pytest
 from ariac_score import load_rule_set, score_trial
 from ariac_score.batch import supervise, worker
 from ariac_score.batch.index import Row
+from ariac_score.batch.isolated import measure_apart
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.merge import merge_batches
-from ariac_score.batch.outcomes import OUTCOMES
+from ariac_score.batch.outcomes import OUTCOMES, summary_of
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Report, run_batch
 from ariac_score.batch.tasks import Limits, Setting, Task, of_shard, plan_batch, shard
@@ -502,6 +503,60 @@ def test_a_file_nobody_may_read_is_an_outcome(trials: Path, tmp_path: Path) -> N
     batch(trials, tmp_path / "out")
 
     assert outcomes(tmp_path / "out")["a.jsonl"] == "unreadable"
+
+
+# Elsewhere -----------------------------------------------------------------------------
+
+
+def test_a_cluster_gives_the_bytes_of_one_machine(trials: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    from ariac_score.batch.dask import dask_executor  # noqa: PLC0415  # of that extra
+
+    batch(trials, tmp_path / "here")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        batch(
+            trials,
+            tmp_path / "there",
+            executor=lambda out, work: dask_executor(
+                jobs=0, scheduler=cluster.scheduler_address, out=out, work=work
+            ),
+        )
+
+    assert same(tmp_path / "here", tmp_path / "there")
+
+
+def test_a_scheduler_that_is_not_there_is_named(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    from ariac_score.batch import dask  # noqa: PLC0415  # of that extra
+
+    monkeypatch.setattr(dask, "_CONNECT_S", 0.2)
+    for scheduler, cause in (("", "needs a scheduler"), ("tcp://127.0.0.1:9", "cannot be reached")):
+        with pytest.raises(UsageError, match=cause):
+            dask.dask_executor(jobs=0, scheduler=scheduler, out=tmp_path, work=tmp_path)
+    with pytest.raises(UsageError, match="for the workers to say"):
+        dask.dask_executor(jobs=2, scheduler="tcp://127.0.0.1:9", out=tmp_path, work=tmp_path)
+
+
+@pytest.mark.parametrize(("name", "outcome"), [("a.jsonl", "scored"), ("gone.jsonl", "unreadable")])
+def test_a_run_named_by_a_uri_is_fetched_where_it_is_scored(
+    trials: Path, tmp_path: Path, name: str, outcome: str
+) -> None:
+    pytest.importorskip("fsspec", reason="the extra 'remote' is not installed")
+    setting = Setting.of(load_rule_set(RULES), LIMITS)
+
+    done = measure_apart(Task("", name, 1, f"file://{trials / name}"), setting)
+
+    assert done.document is not None
+    found = summary_of(done.document)
+    assert found.outcome == outcome
+    if outcome == "scored":
+        assert done.document.decode() == as_json(score_trial(trials / name, RULES))
+    else:
+        assert "check the address, and the credentials" in found.reason
 
 
 # What is refused -----------------------------------------------------------------------
