@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import signal
@@ -9,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -35,6 +36,7 @@ STRANGE_HAND_ATTEMPTS = 12
 """Attempts at a run whose process somebody killed: it does not deserve to lose its score for that."""
 _STRANGE_HANDS = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
 _LONGEST_WAIT_S = 1.0
+_SETTING = "ARIAC_SCORE_BATCH_SETTING"
 
 
 @dataclass
@@ -65,7 +67,7 @@ class LocalExecutor:
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish."""
-        context = _context()
+        context = _context(self.work, setting)
         waiting = iter(tasks)
         again: deque[tuple[Task, int]] = deque()
         running: list[_Running] = []
@@ -156,11 +158,14 @@ def _stop(process: BaseProcess) -> None:
         process.join()
 
 
-def _context() -> Any:
+def _context(work: Path, setting: Setting) -> Any:
     """Processes that inherit nothing of ours, from a server that has imported everything."""
     limit_threads()
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
+    file = work / "setting.json"
+    file.write_text(json.dumps(asdict(setting)), encoding="ascii")
+    os.environ[_SETTING] = str(file.absolute())
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["ariac_score.batch.warm"])
     return context

@@ -50,10 +50,12 @@ class Report:
     Attributes:
         outcomes: How many runs have which outcome, those of earlier calls included.
         scored_now: How many were looked at in this call.
+        cpu_s: What their processes took of the processor, s.
     """
 
     outcomes: Mapping[str, int]
     scored_now: int
+    cpu_s: float = 0.0
 
     @property
     def runs(self) -> int:
@@ -104,7 +106,7 @@ def run_batch(
     rows.remember(read_rows(store.root / RUNS))
     rows.remember(read_rows(store.journal))
     outcomes: Counter[str] = Counter()
-    now = 0
+    now, cpu_s = 0, 0.0
     journal: IO[str] | None = None
 
     def settle(row: Row) -> None:
@@ -131,6 +133,7 @@ def run_batch(
             settle(_kept(known, setting, store))
             seen.note(known.signature, known.contents)
             now += 1
+            cpu_s += done.cpu_s
             if now % _KEEP_EVERY == 0:
                 seen.keep()
         write_tables(store, rows, work)
@@ -143,7 +146,7 @@ def run_batch(
                 journal.close()
         seen.close()
         rows.close()
-    return Report(dict(outcomes), now)
+    return Report(dict(outcomes), now, cpu_s)
 
 
 def _told_apart(tasks: Iterable[Task], settle: Callable[[Row], None]) -> Iterator[Task]:

@@ -19,9 +19,18 @@ from ariac_score.engine import reprice, score_trial
 from ariac_score.errors import ScoreError
 from ariac_score.registry import Registry
 from ariac_score.result_json import as_json, load_result
-from ariac_score.ruleset import RuleSet
+from ariac_score.ruleset import RuleSet, expanded_yaml
 
-__all__ = ["Done", "installed", "limit_threads", "parse_report", "perform", "perform_into", "report_of"]
+__all__ = [
+    "Done",
+    "installed",
+    "limit_threads",
+    "parse_report",
+    "perform",
+    "perform_into",
+    "prepared",
+    "report_of",
+]
 
 _BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -36,6 +45,7 @@ class Done:
         contents: Hash of the files of the run; empty likewise.
         signature: What the file system said of them at that time.
         document: The result or outcome; `None` when it is stored already.
+        cpu_s: What its process took of the processor, s; 0 when nobody knows.
     """
 
     task: Task
@@ -43,6 +53,7 @@ class Done:
     contents: str
     signature: str
     document: bytes | None
+    cpu_s: float = 0.0
 
 
 def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
@@ -54,7 +65,7 @@ def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
         out: Folder of the batch, where this worker can see it: a stored measurement is priced
             again instead of measured.
     """
-    registry, rule_set, basis = _prepared(setting)
+    registry, rule_set, basis = prepared(setting)
     before = signature_of(task)
     contents = contents_of(task)
     address = measuring_address(task, contents, basis)
@@ -125,8 +136,11 @@ def installed() -> Registry:
 
 
 @cache
-def _prepared(setting: Setting) -> tuple[Registry, RuleSet, str]:
+def prepared(setting: Setting) -> tuple[Registry, RuleSet, str]:
+    """Plugins, rule set and basis of a setting, made once in a process and in those that come out of it."""
     rule_set = setting.rule_set()
+    rule_set.build(installed())
+    expanded_yaml(rule_set)  # it keeps its text
     return installed(), rule_set, basis_of(rule_set, installed())
 
 
@@ -149,12 +163,15 @@ def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -
     part = report.with_suffix(".part")
     part.write_bytes(report_of(done))
     part.replace(report)
+    os._exit(0)  # nothing is left to be tidied up, and taking modules apart takes as long as a small trial
 
 
 def report_of(done: Done) -> bytes:
     """What came of a task, for `parse_report`."""
     head = {"address": done.address, "contents": done.contents, "signature": done.signature}
     head["stored"] = "yes" if done.document is None else ""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    head["cpu_s"] = str(done.cpu_s or used.ru_utime + used.ru_stime)
     return json.dumps(head).encode("ascii") + b"\n" + (done.document or b"")
 
 
@@ -167,7 +184,7 @@ def parse_report(task: Task, report: bytes) -> Done:
     line, _, document = report.partition(b"\n")
     head = json.loads(line)
     stored = None if head["stored"] else document
-    return Done(task, head["address"], head["contents"], head["signature"], stored)
+    return Done(task, head["address"], head["contents"], head["signature"], stored, float(head["cpu_s"]))
 
 
 def _keep(limits: Limits) -> None:

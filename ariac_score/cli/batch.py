@@ -160,6 +160,8 @@ def _show(report: Report, plan: Plan, out: Path) -> None:
 
     runs = f"{report.runs} run{'' if report.runs == 1 else 's'}"
     print(f"{plain(plan.id)}: {runs}: {counted(report.outcomes)}")
+    if report.cpu_s:
+        print(f"{report.scored_now} looked at, {report.cpu_s:.1f} s of processor time")
     if report.scored_now < report.runs:
         print(f"{report.runs - report.scored_now} of them were there already")
     for stranger in plan.strangers:
