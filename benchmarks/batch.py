@@ -72,7 +72,8 @@ def other_prices(folder: Path, rules: str) -> str:
     """The rules with another price."""
     file = folder / "other.yaml"
     file.write_text(
-        f"id: other\nextends: {rules}\ntitle: other prices\nsource: this benchmark\nscore: 2 * sum(order.completion)\n"
+        f"id: other\nextends: {rules}\ntitle: other prices\nsource: this benchmark\n"
+        "score: 2 * sum(order.completion)\n"
     )
     return str(file)
 
@@ -100,7 +101,8 @@ def main() -> None:
         print(f"{cores} cores; one trial {1000 * single_s:.1f} ms of processor, {own_ms:.1f} ms isolated")
         ideal_s = cpu_s / cores
         print(
-            f"{arguments.trials} trials: {wall_s:.1f} s, ideal {ideal_s:.1f} s: {100 * ideal_s / wall_s:.0f} %"
+            f"{arguments.trials} trials: {wall_s:.1f} s, ideal {ideal_s:.1f} s: "
+            f"{100 * ideal_s / wall_s:.0f} %"
         )
         again_s, _, _ = command_s("batch", str(few), *to_few)
         print(f"once more, nothing to do: {again_s:.2f} s")
