@@ -108,6 +108,18 @@ MAY_IMPORT: dict[str, set[str]] = {
         "result_json",
         "ruleset",
     },
+    "platforms": {
+        "batch",
+        "datafiles",
+        "errors",
+        "findings",
+        "ranking",
+        "report",
+        "result",
+        "result_json",
+        "ruleset",
+        "yaml",
+    },
     "laws": {
         "contracts",
         "errors",

@@ -40,6 +40,7 @@ _COMMANDS = (
     "rank",
     "batch",
     "merge",
+    "platform",
     "sensitivity",
     "rules",
     "rml",
