@@ -49,6 +49,7 @@ from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of
 
 __all__ = [
     "check_needs",
+    "code_of",
     "decidable",
     "find_trial",
     "measure_trial",
@@ -504,6 +505,18 @@ def _provenance(bundle: Bundle, rule_set: RuleSet, log_map: LogMap, registry: Re
         log_map=(log_map.id, log_map.sha256),
         code=tuple(sorted({_engine(), *((d, v, p, package_sha256(p)) for d, v, p in packages)})),
     )
+
+
+def code_of(rule_set: RuleSet, registry: Registry) -> tuple[tuple[str, str, str, str], ...]:
+    """All code a measurement may depend on: distribution, version, package, SHA-256.
+
+    That is the engine, the plugins of the checks, and every reader and decoder, for each of them
+    may take part in the reading.
+    """
+    plugins = [registry.find(check.group, check.use) for check in rule_set.checks.values()]
+    plugins += [p for group in ("ariac_score.readers", "ariac_score.decoders") for p in registry.all(group)]
+    packages = {(p.distribution, p.version, p.package) for p in plugins}
+    return tuple(sorted({_engine(), *((d, v, p, package_sha256(p)) for d, v, p in packages)}))
 
 
 def _engine() -> tuple[str, str, str, str]:

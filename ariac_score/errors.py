@@ -15,7 +15,8 @@
     │   ├── NothingToScoreError     5  the path is missing, empty or not a trial log at all
     │   │   └── RunEndedError       5  the official text says that the run crashed or was cancelled
     │   └── MissingSignalError      6  a check asked for a signal that the log does not contain
-    └── ResultError                 6  a stored result is damaged or does not add up
+    ├── ResultError                 6  a stored result is damaged or does not add up
+    └── BatchError                  7  a batch could not be finished; what it has done is kept
 
 The exit codes are those of the command line (see `ariac_score.cli`).
 """
@@ -27,6 +28,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 __all__ = [
+    "BatchError",
     "DataFileError",
     "FormulaError",
     "LogError",
@@ -181,3 +183,9 @@ class ResultError(ScoreError):
     """A stored result is damaged, or its ledger does not add up to its score."""
 
     exit_code = 6
+
+
+class BatchError(ScoreError):
+    """A batch could not be finished; what it has done is kept, and a second call goes on."""
+
+    exit_code = 7

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -149,6 +150,11 @@ class RuleSet:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     breaks: Mapping[str, str] = field(default_factory=dict)
 
+    @cached_property
+    def text(self) -> str:
+        """The whole as YAML, after `extends` and `include`."""
+        return yaml.safe_dump(dict(self.expanded), sort_keys=False, allow_unicode=True, width=100)
+
     @property
     def policies(self) -> dict[str, str]:
         """What undecided findings count as, by check."""
@@ -237,7 +243,7 @@ def _from_text(text: str, file: str) -> YamlDocument:
 
 def expanded_yaml(rule_set: RuleSet) -> str:
     """The rule set as it is after `extends` and `include`, as YAML."""
-    return yaml.safe_dump(dict(rule_set.expanded), sort_keys=False, allow_unicode=True, width=100)
+    return rule_set.text
 
 
 def _path_of(name: str, beside: Path) -> Path:

@@ -8,6 +8,7 @@ Exit codes:
     4  usage error, or an invalid rule set, log map or configuration
     5  nothing to score: no such file, empty, or not a trial log
     6  a log is damaged, or something the score depends on is undecided
+    7  a batch could not be finished, as when the disk is full; what it has done is kept
 
 Results go to stdout, everything else to stderr.
 """
@@ -37,6 +38,9 @@ _COMMANDS = (
     "price",
     "audit",
     "rank",
+    "batch",
+    "merge",
+    "platform",
     "sensitivity",
     "rules",
     "rml",
@@ -72,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Score robot competition trials: task points, safety monitors, one explained score.",
         epilog="Exit codes: 0 scored, 1 an audit found a difference, 2 interrupted, "
         "3 internal or plugin error, 4 usage or invalid rules, 5 nothing to score, "
-        "6 damaged log or undecided score.",
+        "6 damaged log or undecided score, 7 a batch could not be finished.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)

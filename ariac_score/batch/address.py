@@ -1,0 +1,90 @@
+"""Content addresses: the hash of everything a measurement follows from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ariac_score.batch.tasks import Task
+from ariac_score.engine import code_of
+from ariac_score.logmap import load_log_map
+from ariac_score.registry import Registry
+from ariac_score.ruleset import RuleSet
+
+__all__ = ["basis_of", "contents_of", "files_of", "measuring_address", "signature_of"]
+
+_SCHEMA = "ariac-score/batch/1"
+_BLOCK = 1 << 20
+
+
+def basis_of(rule_set: RuleSet, registry: Registry) -> str:
+    """Hash of what measures, whatever is measured: the checks, the log map, the edition, the code.
+
+    Prices are not in it: when only they change, what was measured stays good.
+    """
+    log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
+    checks = [[check.name, check.use, dict(check.parameters)] for check in rule_set.checks.values()]
+    return _hash([_SCHEMA, rule_set.edition, log_map.sha256, checks, code_of(rule_set, registry)])
+
+
+def measuring_address(task: Task, contents: str, basis: str) -> str:
+    """Address of what is measured of a run."""
+    return _hash([contents, task.team, task.trial, basis])
+
+
+def files_of(task: Task) -> Iterator[tuple[str, Path]]:
+    """Every file of a run with the name it is known by, sorted; folders that are links are not entered."""
+    path, _, run = task.path.partition("#run=")
+    where = Path(path)
+    root = Path(task.root) if task.root else where.parent
+    below = sorted(where.rglob("*")) if where.is_dir() else [where]
+    for file in below:
+        if file.is_symlink() or not file.is_dir():
+            yield f"{_relative(file, root)}{'#run=' + run if run else ''}", file
+    for name in task.also:
+        yield _relative(Path(name), root), Path(name)
+
+
+def signature_of(task: Task) -> str:
+    """Hash of what the file system says about the files of a run; it changes whenever one of them does."""
+    told: list[list[object]] = []
+    for name, file in files_of(task):
+        try:
+            status = file.stat()
+        except OSError as error:
+            told.append([name, str(error.errno)])
+            continue
+        times = [status.st_mtime_ns, status.st_ctime_ns]
+        told.append([name, str(file.absolute()), status.st_size, status.st_ino, *times])
+    return _hash(told)
+
+
+def contents_of(task: Task) -> str:
+    """Hash of the names and contents of the files of a run; one that cannot be read counts as such."""
+    return _hash([[name, *_content(file)] for name, file in files_of(task)])
+
+
+def _content(file: Path) -> tuple[int, str]:
+    digest, size = hashlib.sha256(), 0
+    try:
+        if not file.is_file():
+            return -1, "no file"
+        with file.open("rb") as stream:
+            while block := stream.read(_BLOCK):
+                digest.update(block)
+                size += len(block)
+    except OSError as error:
+        return -1, f"unreadable: {error.strerror}"
+    return size, digest.hexdigest()
+
+
+def _relative(file: Path, root: Path) -> str:
+    return file.relative_to(root).as_posix() if file.is_relative_to(root) else file.name
+
+
+def _hash(value: Any) -> str:
+    text = json.dumps(value, sort_keys=True, ensure_ascii=True)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()

@@ -1,0 +1,55 @@
+"""Executors by name: found through the entry points `ariac_score.executors`."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from ariac_score.batch.local import LocalExecutor, usable_cores
+from ariac_score.errors import UsageError, did_you_mean
+
+__all__ = ["GROUP", "executor_names", "local_executor", "make_executor"]
+
+GROUP = "ariac_score.executors"
+
+
+def executor_names() -> list[str]:
+    """The installed executors."""
+    return sorted({point.name for point in entry_points(group=GROUP)})
+
+
+def make_executor(name: str, *, jobs: int, scheduler: str, out: Path, work: Path) -> Any:
+    """An executor, made by what its entry point names.
+
+    Args:
+        name: Such as `local` or `dask`.
+        jobs: Runs at a time; 0 for what the machine has.
+        scheduler: Address of its scheduler; empty where it needs none.
+        out: Folder of the batch.
+        work: Folder for unfinished work.
+
+    Raises:
+        UsageError: There is none of that name, or a library it needs is not installed.
+    """
+    points = [point for point in entry_points(group=GROUP) if point.name == name]
+    if not points:
+        raise UsageError(
+            f"there is no executor {name!r}", hint=did_you_mean(name, executor_names(), what="installed")
+        )
+    try:
+        make = points[0].load()
+    except ImportError as cause:
+        raise UsageError(
+            f"executor {name!r} cannot be loaded: {cause}", hint=f"pip install 'ariac-score[{name}]'"
+        ) from cause
+    return make(jobs=jobs, scheduler=scheduler, out=out, work=work)
+
+
+def local_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> LocalExecutor:
+    """This machine; it needs no scheduler."""
+    if scheduler:
+        raise UsageError(
+            "the local executor has no scheduler", hint="drop --scheduler, or name --executor dask"
+        )
+    return LocalExecutor(jobs or usable_cores(), out, work)

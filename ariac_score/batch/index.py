@@ -1,0 +1,228 @@
+"""The tables of a batch: `runs.jsonl` to read, `index.sqlite` to ask.
+
+Both follow from the objects and can be made again from them; they hold no clock and no path of a
+machine, so that the same runs give the same bytes. (The header of a SQLite file names the version
+of SQLite that wrote it.)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ariac_score.batch.outcomes import Summary, summary_of
+from ariac_score.batch.store import Store
+from ariac_score.batch.tasks import TaskKey
+
+__all__ = ["INDEX", "RUNS", "Row", "Rows", "read_rows", "write_tables"]
+
+RUNS = "runs.jsonl"
+INDEX = "index.sqlite"
+
+_TABLES = """
+CREATE TABLE runs (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NULL, outcome TEXT NOT NULL,
+  reason TEXT NOT NULL, score REAL, task REAL, object TEXT NOT NULL, sha256 TEXT NOT NULL,
+  PRIMARY KEY (team, trial, run)) WITHOUT ROWID;
+CREATE TABLE checks (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NULL, name TEXT NOT NULL,
+  satisfied INTEGER NOT NULL, violated INTEGER NOT NULL, inconclusive INTEGER NOT NULL,
+  not_applicable INTEGER NOT NULL, worst_robustness REAL,
+  PRIMARY KEY (team, trial, run, name)) WITHOUT ROWID;
+"""
+_VERDICTS = ("satisfied", "violated", "inconclusive", "not_applicable")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run in the tables.
+
+    Attributes:
+        key: Team, trial, number.
+        summary: Outcome, score, verdicts.
+        object: Name of its document within the folder of the batch; empty when nothing is kept.
+        sha256: Hash of that document; empty likewise.
+    """
+
+    key: TaskKey
+    summary: Summary
+    object: str
+    sha256: str
+
+    def as_line(self) -> str:
+        """The row as a line of JSON."""
+        team, trial, number = self.key
+        told = {
+            "team": team,
+            "trial": trial,
+            "run": number,
+            "outcome": self.summary.outcome,
+            "reason": self.summary.reason,
+            "score": self.summary.score,
+            "task": self.summary.task,
+            "checks": [
+                {"name": name, "worst_robustness": worst, **{v: counts.get(v, 0) for v in _VERDICTS}}
+                for name, counts, worst in self.summary.checks
+            ],
+            "object": self.object,
+            "sha256": self.sha256,
+        }
+        return json.dumps(told, ensure_ascii=True) + "\n"
+
+    @classmethod
+    def from_line(cls, line: str) -> Row:
+        """A row as it was written.
+
+        Raises:
+            ValueError: It is not one.
+        """
+        told = json.loads(line)
+        try:
+            checks = tuple(
+                (c["name"], {v: c[v] for v in _VERDICTS if c[v]}, c["worst_robustness"])
+                for c in told["checks"]
+            )
+            summary = Summary(told["outcome"], told["reason"], told["score"], told["task"], checks)
+            return cls((told["team"], told["trial"], told["run"]), summary, told["object"], told["sha256"])
+        except (KeyError, TypeError) as cause:
+            raise ValueError(f"no row: {cause}") from None
+
+    @classmethod
+    def of(cls, key: TaskKey, place: Path, store: Store) -> Row:
+        """The row of a stored document.
+
+        Raises:
+            ValueError: It is damaged.
+            OSError: It cannot be read.
+        """
+        return cls.kept(key, place.read_bytes(), place, store)
+
+    @classmethod
+    def kept(cls, key: TaskKey, document: bytes, place: Path, store: Store) -> Row:
+        """The row of a document that is stored at a place.
+
+        Raises:
+            ValueError: It is damaged.
+        """
+        return cls(key, summary_of(document), store.name(place), hashlib.sha256(document).hexdigest())
+
+
+class Rows:
+    """Rows that come in any order and are read back sorted, kept on disk whatever their number."""
+
+    def __init__(self, work: Path) -> None:
+        self._connection = sqlite3.connect(work / "rows.sqlite")
+        self._connection.execute("PRAGMA journal_mode = OFF")
+        self._connection.execute("PRAGMA synchronous = OFF")
+        for table in ("lines", "earlier"):
+            self._connection.execute(
+                f"CREATE TABLE {table} (team TEXT, trial TEXT, run INTEGER, line TEXT,"
+                " PRIMARY KEY (team, trial, run)) WITHOUT ROWID"
+            )
+
+    def add(self, row: Row) -> None:
+        """Take a row; a later one of the same run replaces it."""
+        self._put("lines", row)
+
+    def remember(self, rows: Iterable[Row]) -> None:
+        """Take the rows of an earlier call, to be asked for."""
+        for row in rows:
+            self._put("earlier", row)
+
+    def earlier(self, key: TaskKey) -> Row | None:
+        """The row that a run had in an earlier call, if it had one."""
+        return self._get("earlier", key)
+
+    def lines(self) -> Iterator[str]:
+        """The rows as lines, by team, trial and number."""
+        for (line,) in self._connection.execute("SELECT line FROM lines ORDER BY team, trial, run"):
+            yield line
+
+    def get(self, key: TaskKey) -> Row | None:
+        """The row of a run, if there is one."""
+        return self._get("lines", key)
+
+    def _put(self, table: str, row: Row) -> None:
+        self._connection.execute(
+            f"INSERT OR REPLACE INTO {table} VALUES (?, ?, ?, ?)",  # noqa: S608  # a name of ours
+            (*row.key, row.as_line()),
+        )
+
+    def _get(self, table: str, key: TaskKey) -> Row | None:
+        found = self._connection.execute(
+            f"SELECT line FROM {table} WHERE team = ? AND trial = ? AND run = ?",  # noqa: S608  # a name of ours
+            key,
+        ).fetchone()
+        return Row.from_line(found[0]) if found else None
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._connection.close()
+
+
+def read_rows(file: Path) -> Iterator[Row]:
+    """The rows in a file; a line that is none is passed over, and its run is looked at again."""
+    try:
+        with file.open(encoding="ascii", errors="replace") as lines:
+            for line in lines:
+                try:
+                    yield Row.from_line(line)
+                except ValueError:
+                    continue
+    except OSError:
+        return
+
+
+def write_tables(store: Store, rows: Rows, work: Path) -> None:
+    """Write both tables, whole, and only where they changed.
+
+    Raises:
+        OSError: The disk is full.
+    """
+    lines = work / RUNS
+    with lines.open("w", encoding="ascii", newline="\n") as out:
+        out.writelines(rows.lines())
+    if _same(lines, store.root / RUNS) and (store.root / INDEX).is_file():
+        return
+    index = work / INDEX
+    _write_index(index, rows.lines())
+    (store.root / RUNS).unlink(missing_ok=True)  # the tables are of one mind, or the first is not there
+    index.replace(store.root / INDEX)
+    lines.replace(store.root / RUNS)
+
+
+def _same(first: Path, second: Path) -> bool:
+    try:
+        return first.read_bytes() == second.read_bytes()
+    except OSError:
+        return False
+
+
+def _write_index(file: Path, lines: Iterator[str]) -> None:
+    connection = sqlite3.connect(file)
+    try:
+        connection.execute("PRAGMA journal_mode = OFF")
+        connection.execute("PRAGMA synchronous = OFF")
+        connection.executescript(_TABLES)
+        connection.execute("BEGIN")
+        for line in lines:
+            row = Row.from_line(line)
+            s = row.summary
+            connection.execute(
+                "INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                (*row.key, s.outcome, s.reason, s.score, s.task, row.object, row.sha256),
+            )
+            connection.executemany(
+                "INSERT INTO checks VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                [(*row.key, name, *_counts(counts), worst) for name, counts, worst in s.checks],
+            )
+        connection.commit()
+    finally:
+        connection.close()
+
+
+def _counts(counts: Mapping[str, Any]) -> list[int]:
+    return [counts.get(verdict, 0) for verdict in _VERDICTS]

@@ -1,0 +1,177 @@
+"""The executor of one machine: a fresh process for each run, a few at a time."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from multiprocessing.connection import wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+from ariac_score.batch.outcomes import outcome_document
+from ariac_score.batch.tasks import Setting, Task
+from ariac_score.batch.worker import Done, limit_threads, parse_report, perform_into
+
+__all__ = [
+    "OWN_FAULT_ATTEMPTS",
+    "STRANGE_HAND_ATTEMPTS",
+    "LocalExecutor",
+    "died",
+    "lost",
+    "too_late",
+    "usable_cores",
+]
+
+OWN_FAULT_ATTEMPTS = 2
+"""Attempts at a run whose process died of itself, as of a fault in a library: it dies again."""
+STRANGE_HAND_ATTEMPTS = 12
+"""Attempts at a run whose process somebody killed: it does not deserve to lose its score for that."""
+_STRANGE_HANDS = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
+_LONGEST_WAIT_S = 1.0
+_SETTING = "ARIAC_SCORE_BATCH_SETTING"
+
+
+@dataclass
+class _Running:
+    task: Task
+    attempt: int
+    process: BaseProcess
+    report: Path
+    deadline: float
+
+
+@dataclass
+class LocalExecutor:
+    """Runs tasks on this machine.
+
+    Attributes:
+        jobs: Processes at a time.
+        out: Folder of the batch, to find what is stored.
+        work: Folder for reports.
+        target: What each process does; it leaves a report.
+    """
+
+    jobs: int
+    out: Path | None
+    work: Path
+    target: Callable[[Task, Setting, Path | None, Path], None] = perform_into
+    _serial: int = field(default=0, init=False)
+
+    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+        """Each task's outcome, in the order in which they finish."""
+        context = _context(self.work, setting)
+        waiting = iter(tasks)
+        again: deque[tuple[Task, int]] = deque()
+        running: list[_Running] = []
+        try:
+            while True:
+                while len(running) < self.jobs:
+                    following = again.popleft() if again else _first(waiting)
+                    if following is None:
+                        break
+                    running.append(self._start(context, *following, setting))
+                if not running:
+                    return
+                for ended in _ended(running):
+                    running.remove(ended)
+                    done = self._settle(ended, setting, again)
+                    if done is not None:
+                        yield done
+        finally:
+            for one in running:
+                _stop(one.process)
+
+    def _start(self, context: Any, task: Task, attempt: int, setting: Setting) -> _Running:
+        self._serial += 1
+        report = self.work / f"{self._serial}.report"
+        process = context.Process(target=self.target, args=(task, setting, self.out, report), daemon=True)
+        process.start()
+        return _Running(task, attempt, process, report, time.monotonic() + setting.limits.wall_s)
+
+    def _settle(self, ended: _Running, setting: Setting, again: deque[tuple[Task, int]]) -> Done | None:
+        """What came of a process that has ended, or is beyond its time; `None` when it is tried again."""
+        process, task = ended.process, ended.task
+        late = process.is_alive()
+        if late:
+            _stop(process)
+        code = process.exitcode
+        process.close()
+        with suppress(OSError, ValueError, KeyError):
+            done = parse_report(task, ended.report.read_bytes())
+            ended.report.unlink()
+            return done
+        if late:
+            return too_late(task, setting)
+        strange = code is not None and -code in _STRANGE_HANDS
+        if ended.attempt < (STRANGE_HAND_ATTEMPTS if strange else OWN_FAULT_ATTEMPTS):
+            again.append((task, ended.attempt + 1))
+            return None
+        return died(task, code, ended.attempt)
+
+
+def too_late(task: Task, setting: Setting) -> Done:
+    """A run that took longer than it may."""
+    limit = f"{setting.limits.wall_s:g}"
+    reason = f"it took longer than {limit} s; raise --time-limit-s if the log is sound"
+    return lost(task, "timed_out", reason)
+
+
+def died(task: Task, code: int | None, attempts: int) -> Done:
+    """A run whose process ended without a report, as often as it was tried."""
+    number = -code if code is not None and code < 0 else 0
+    what = f"by signal {number} ({signal.Signals(number).name})" if number else f"with exit code {code}"
+    times = f"{attempts} times"
+    return lost(task, "killed", f"the process that scored it ended {what}, {times} in {times}")
+
+
+def lost(task: Task, outcome: str, reason: str) -> Done:
+    """An outcome that nobody could measure."""
+    document = outcome_document(outcome, reason, team=task.team, trial=task.trial)
+    return Done(task, "", "", "", document)
+
+
+def _first(tasks: Iterator[Task]) -> tuple[Task, int] | None:
+    task = next(tasks, None)
+    return None if task is None else (task, 1)
+
+
+def _ended(running: list[_Running]) -> list[_Running]:
+    """Those that have ended, or must; waits for the first of them."""
+    now = time.monotonic()
+    patience = min(one.deadline for one in running) - now
+    ready = wait([one.process.sentinel for one in running], timeout=max(0.0, min(patience, _LONGEST_WAIT_S)))
+    now = time.monotonic()
+    return [one for one in running if one.process.sentinel in ready or one.deadline <= now]
+
+
+def _stop(process: BaseProcess) -> None:
+    with suppress(ValueError, OSError):
+        process.kill()
+        process.join()
+
+
+def _context(work: Path, setting: Setting) -> Any:
+    """Processes that inherit nothing of ours, from a server that has imported everything."""
+    limit_threads()
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    file = work / "setting.json"
+    file.write_text(json.dumps(asdict(setting)), encoding="ascii")
+    os.environ[_SETTING] = str(file.absolute())
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["ariac_score.batch.warm"])
+    return context
+
+
+def usable_cores() -> int:
+    """The cores this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -1,0 +1,155 @@
+"""Joining the parts of a batch that were scored apart."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from ariac_score.batch.index import RUNS, Row, Rows, read_rows, write_tables
+from ariac_score.batch.store import Store
+from ariac_score.batch.supervise import DESCRIPTION, SCHEMA, Report, unwritable
+from ariac_score.errors import BatchError, UsageError
+
+__all__ = ["merge_batches"]
+
+
+def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code: bool = False) -> Report:
+    """Join batches, or shards of one, into one folder; the parts stay as they are.
+
+    Args:
+        parts: Folders of finished batches.
+        store: The folder to join them in; what it holds already stays.
+        work: Folder for unfinished work, from `Store.working`.
+        mixed_code: Join results that were made by different code.
+
+    Raises:
+        UsageError: A part is no finished batch, or was made by other rules or other code.
+        BatchError: Two parts have different results for one run, a document is missing or
+            damaged, or the folder cannot be written.
+    """
+    described = [(part, _description(part)) for part in parts]
+    told = _told_alike(described, mixed_code=mixed_code)
+    _refuse_gaps([description for _, description in described])
+    rows, outcomes = Rows(work), Counter[str]()
+    try:
+        for part in parts:
+            for row in read_rows(part / RUNS):
+                _take(row, part, store, rows)
+        for line in rows.lines():
+            outcomes[Row.from_line(line).summary.outcome] += 1
+        store.put(store.root / DESCRIPTION, (json.dumps(told, sort_keys=True, indent=1) + "\n").encode())
+        store.put(store.root / "rules.yaml", (parts[0] / "rules.yaml").read_bytes())
+        write_tables(store, rows, work)
+    except OSError as cause:
+        raise unwritable(cause, store) from cause
+    finally:
+        rows.close()
+    return Report(dict(outcomes), sum(outcomes.values()))
+
+
+def _take(row: Row, part: Path, store: Store, rows: Rows) -> None:
+    name = "/".join(map(str, row.key)).lstrip("/")
+    taken = rows.get(row.key)
+    if taken is not None and taken.as_line() != row.as_line():
+        raise BatchError(
+            f"run {name} has two results: {taken.object or taken.summary.outcome} and "
+            f"{row.object or row.summary.outcome}",
+            file=part,
+            hint="its log differed between the parts; score that run again in one of them",
+        )
+    rows.add(row)
+    if not row.object:
+        return
+    source, place = part / row.object, store.root / row.object
+    if not _is_object(row.object):
+        raise BatchError(f"{row.object!r} is no place of a result", file=part / RUNS, hint=_AGAIN)
+    try:
+        document = source.read_bytes()
+    except OSError as cause:
+        raise BatchError(f"cannot be read: {cause.strerror}", file=source, hint=_AGAIN) from cause
+    if sha256(document).hexdigest() != row.sha256:
+        raise BatchError("is not what was written: its hash is another one", file=source, hint=_AGAIN)
+    if not place.is_file():
+        store.put(place, document)
+    elif place.read_bytes() != document:
+        raise BatchError(
+            "differs from the result of the same name in another part",
+            file=source,
+            hint="one of the two was edited or damaged; score that run again",
+        )
+
+
+_AGAIN = "call 'batch' again with this folder: it makes again what is missing"
+
+
+def _is_object(name: str) -> bool:
+    """Whether a name leads to a result and nowhere else: it comes out of a file."""
+    parts = name.split("/")
+    return len(parts) == 4 and parts[0] == "objects" and all(p and p.strip(".") for p in parts)
+
+
+def _description(part: Path) -> Mapping[str, Any]:
+    try:
+        told = json.loads((part / DESCRIPTION).read_text(encoding="utf-8"))
+        if told["schema"] != SCHEMA:
+            raise UsageError(
+                f"it was made as {told['schema']}, and this version reads {SCHEMA}",
+                file=part,
+                hint="merge with the version that made it",
+            )
+    except (OSError, ValueError, KeyError, TypeError) as cause:
+        raise UsageError(
+            "this is no folder of a batch", file=part, hint=f"it needs {DESCRIPTION}, which 'batch' writes"
+        ) from cause
+    if not (part / RUNS).is_file():
+        raise UsageError(
+            "this batch has not finished", file=part, hint="call 'batch' again with this folder, then merge"
+        )
+    return dict(told)
+
+
+def _told_alike(
+    described: Sequence[tuple[Path, Mapping[str, Any]]], *, mixed_code: bool
+) -> Mapping[str, Any]:
+    """What the parts say of themselves, the shard left out; they must say the same."""
+    first_path, first = described[0]
+    for path, told in described[1:]:
+        for key, what in (("batch", "competition"), ("rule_set", "rule set"), ("code", "code")):
+            if told.get(key) == first.get(key) or (key == "code" and mixed_code):
+                continue
+            raise UsageError(
+                f"it was made by {_worded(told, key)}, and {first_path} by {_worded(first, key)}: "
+                f"another {what}",
+                file=path,
+                hint="--mixed-code joins them all the same; a ranking should rest on one code"
+                if key == "code"
+                else "join only parts of one batch",
+            )
+    return {key: value for key, value in first.items() if key != "shard"}
+
+
+def _refuse_gaps(described: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse to join shards of which one is missing: its runs would be dropped in silence."""
+    shards = [told["shard"] for told in described if "shard" in told]
+    for count in {shard["of"] for shard in shards}:
+        numbers = {shard["number"] for shard in shards if shard["of"] == count}
+        missing = sorted(set(range(1, count + 1)) - numbers)
+        if missing:
+            named = ", ".join(f"{number}/{count}" for number in missing[:5])
+            raise UsageError(
+                f"{len(missing)} of {count} shards are missing: {named}{', …' if missing[5:] else ''}",
+                hint="name the folders of all shards",
+            )
+
+
+def _worded(told: Mapping[str, Any], key: str) -> str:
+    value = told.get(key)
+    if key == "rule_set" and isinstance(value, Mapping):
+        return f"{value.get('id')} ({str(value.get('sha256'))[:12]}…)"
+    if key == "code" and isinstance(value, list):
+        return ", ".join(f"{c['package']} {c['version']} ({c['sha256'][:12]}…)" for c in value)
+    return repr(value)

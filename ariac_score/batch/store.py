@@ -1,0 +1,120 @@
+"""The folder of a batch: results under content addresses, each whole or not there."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ariac_score.errors import UsageError
+
+__all__ = ["Store"]
+
+_OBJECTS = "objects"
+_WORK = ".work-"
+_LOCK = ".lock"
+
+
+class Store:
+    """Where a batch keeps what it found.
+
+    ```
+    OUT/objects/ab/<address of what was measured>/<rules>.json   a result, or why there is none
+    OUT/rules.yaml  batch.json  runs.jsonl  index.sqlite         see `ariac_score.batch.index`
+    ```
+
+    One folder for each measurement, one file in it for each rule set it was priced by.
+
+    Args:
+        root: The folder; made when it is not there.
+
+    Raises:
+        UsageError: It cannot be made.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        try:
+            (root / _OBJECTS).mkdir(parents=True, exist_ok=True)
+        except OSError as cause:
+            raise UsageError(
+                f"cannot be made: {cause.strerror}", file=root, hint="name a folder you may write in with -o"
+            ) from cause
+
+    @property
+    def journal(self) -> Path:
+        """The rows of a call that has not ended, one line each: what a killed batch had found out."""
+        return self.root / ".rows.jsonl"
+
+    def place(self, address: str, rules_sha256: str) -> Path:
+        """Where the result of a measurement under a rule set lies, or will."""
+        return self.measured(address) / f"{rules_sha256[:16]}.json"
+
+    def measured(self, address: str) -> Path:
+        """The folder of a measurement."""
+        return self.root / _OBJECTS / address[:2] / address
+
+    def name(self, place: Path) -> str:
+        """A place as tables name it."""
+        return place.relative_to(self.root).as_posix()
+
+    def priced_otherwise(self, address: str) -> Path | None:
+        """The same measurement as another rule set priced it; `None` when there is none."""
+        folder = self.measured(address)
+        return next(iter(sorted(folder.glob("*.json"))), None) if folder.is_dir() else None
+
+    def put(self, place: Path, document: bytes) -> None:
+        """Write a file that is either complete or not there.
+
+        Raises:
+            OSError: The disk is full, or the folder cannot be written.
+        """
+        place.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=place.parent, prefix=".part-")
+        try:
+            with os.fdopen(handle, "wb") as out:
+                out.write(document)
+            Path(name).chmod(0o644)
+            Path(name).replace(place)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+
+    @contextmanager
+    def working(self) -> Iterator[Path]:
+        """A folder for unfinished work, alone: two batches never write into one folder.
+
+        What an interrupted batch left behind is cleared away, half-written files included.
+
+        Raises:
+            UsageError: Another batch is at work here.
+        """
+        lock = (self.root / _LOCK).open("w")
+        try:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise UsageError(
+                    "another batch is writing here",
+                    file=self.root,
+                    hint="wait until it has finished, or give this one a folder of its own",
+                ) from None
+            self._clear()
+            folder = Path(tempfile.mkdtemp(dir=self.root, prefix=_WORK))
+            try:
+                yield folder
+            finally:
+                shutil.rmtree(folder, ignore_errors=True)
+                (self.root / _LOCK).unlink(missing_ok=True)
+        finally:
+            lock.close()
+
+    def _clear(self) -> None:
+        for folder in self.root.glob(f"{_WORK}*"):
+            shutil.rmtree(folder, ignore_errors=True)
+        for part in self.root.rglob(".part-*"):
+            part.unlink(missing_ok=True)

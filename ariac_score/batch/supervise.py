@@ -1,0 +1,248 @@
+"""A batch from plan to tables."""
+
+from __future__ import annotations
+
+import errno
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import IO, Protocol
+
+from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
+from ariac_score.batch.index import RUNS, Row, Rows, read_rows, write_tables
+from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
+from ariac_score.batch.seen import Seen
+from ariac_score.batch.store import Store
+from ariac_score.batch.tasks import Setting, Task, TaskKey
+from ariac_score.batch.worker import Done
+from ariac_score.engine import code_of
+from ariac_score.errors import BatchError, ResultError
+from ariac_score.registry import Registry
+from ariac_score.result_json import load_result
+from ariac_score.ruleset import RuleSet
+
+__all__ = ["DESCRIPTION", "SCHEMA", "Executor", "Report", "run_batch", "unwritable"]
+
+SCHEMA = "ariac-score/batch/1"
+DESCRIPTION = "batch.json"
+_KEEP_EVERY = 64
+
+
+class Executor(Protocol):
+    """Where runs are scored: on this machine, or on many.
+
+    Found through the entry-point group `ariac_score.executors`.
+    """
+
+    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+        """Score tasks and give what came of each exactly once, in any order."""
+        ...
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a call did.
+
+    Attributes:
+        outcomes: How many runs have which outcome, those of earlier calls included.
+        scored_now: How many were looked at in this call.
+        cpu_s: What their processes took of the processor, s.
+    """
+
+    outcomes: Mapping[str, int]
+    scored_now: int
+    cpu_s: float = 0.0
+
+    @property
+    def runs(self) -> int:
+        """All runs."""
+        return sum(self.outcomes.values())
+
+    @property
+    def unsettled(self) -> int:
+        """Runs that somebody should look at."""
+        return sum(number for outcome, number in self.outcomes.items() if outcome in UNSETTLED)
+
+
+Told = Callable[[TaskKey, str, str], None]
+"""Called for each run with its key, outcome and reason."""
+
+
+def run_batch(
+    tasks: Iterable[Task],
+    rule_set: RuleSet,
+    setting: Setting,
+    store: Store,
+    work: Path,
+    executor: Executor,
+    *,
+    about: Mapping[str, object],
+    again: bool = False,
+    told: Told = lambda _key, _outcome, _reason: None,
+) -> Report:
+    """Score what is not scored yet, and write the tables.
+
+    Args:
+        tasks: All runs.
+        rule_set: By which they are scored.
+        setting: The same for the workers, with the limits.
+        store: The folder of the batch.
+        work: Folder for unfinished work, from `Store.working`.
+        executor: Where runs are scored.
+        about: What the description of the batch says beside rules and code.
+        again: Try those again that ended without being read to the end: late, out of memory, killed.
+        told: Called for each run.
+
+    Raises:
+        BatchError: The folder cannot be written, as when the disk is full; what was found is kept.
+    """
+    registry = Registry()
+    basis = basis_of(rule_set, registry)
+    seen, rows = Seen(store.root), Rows(work)
+    rows.remember(read_rows(store.root / RUNS))
+    rows.remember(read_rows(store.journal))
+    outcomes: Counter[str] = Counter()
+    now, cpu_s = 0, 0.0
+    journal: IO[str] | None = None
+
+    def settle(row: Row) -> None:
+        rows.add(row)
+        if journal is not None:
+            journal.write(row.as_line())
+            journal.flush()
+        outcomes[row.summary.outcome] += 1
+        told(row.key, row.summary.outcome, row.summary.reason)
+
+    def missing() -> Iterator[Task]:
+        for task in tasks:
+            row = _stored(task, basis, setting, store, seen, rows, again=again)
+            if row is None:
+                yield task
+            else:
+                settle(row)
+
+    try:
+        journal = store.journal.open("a", encoding="ascii", newline="\n")
+        _describe(store, rule_set, registry, setting, about)
+        for done in executor.run(_told_apart(missing(), settle), setting):
+            known = _addressed(done, basis)
+            settle(_kept(known, setting, store))
+            seen.note(known.signature, known.contents)
+            now += 1
+            cpu_s += done.cpu_s
+            if now % _KEEP_EVERY == 0:
+                seen.keep()
+        write_tables(store, rows, work)
+        store.journal.unlink()
+    except OSError as cause:
+        raise unwritable(cause, store) from cause
+    finally:
+        if journal is not None:
+            with suppress(OSError):
+                journal.close()
+        seen.close()
+        rows.close()
+    return Report(dict(outcomes), now, cpu_s)
+
+
+def _told_apart(tasks: Iterable[Task], settle: Callable[[Row], None]) -> Iterator[Task]:
+    """The tasks that can be scored; the others are settled by name."""
+    for task in tasks:
+        if not task.refused:
+            yield task
+            continue
+        document = outcome_document("refused", task.refused, team=task.team, trial=task.trial)
+        settle(Row(task.key, summary_of(document), "", ""))
+
+
+def _stored(
+    task: Task,
+    basis: str,
+    setting: Setting,
+    store: Store,
+    seen: Seen,
+    rows: Rows,
+    *,
+    again: bool,
+) -> Row | None:
+    """The row of a run that is scored already; `None` when it is not, or nobody can tell without reading."""
+    if task.refused:
+        return None
+    contents = seen.contents(signature_of(task))
+    if not contents:
+        return None
+    place = store.place(measuring_address(task, contents, basis), setting.rules_sha256)
+    row = _row_at(task.key, place, store, rows)
+    return None if row is None or (again and row.summary.outcome in _WORTH_ANOTHER_TRY) else row
+
+
+_WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_large", "failed"})
+
+
+def _row_at(key: TaskKey, place: Path, store: Store, rows: Rows) -> Row | None:
+    """The row of a stored document; `None` when there is none, or one that nobody should believe."""
+    try:
+        document = place.read_bytes()
+        row = rows.earlier(key)
+        if row is not None and (row.object, row.sha256) == (store.name(place), sha256(document).hexdigest()):
+            return row
+        # The table knows another document, or none: this one counts only if it follows from itself.
+        load_result(place)
+        return Row.kept(key, document, place, store)
+    except (OSError, ValueError, ResultError):
+        return None
+
+
+def _addressed(done: Done, basis: str) -> Done:
+    """What an executor brought, with the address it belongs to, unless nothing of it is to be kept."""
+    if done.address or done.document is None or summary_of(done.document).outcome == "changing":
+        return done
+    # The process died before it could say what it read; the files are still there to be hashed.
+    signature, contents = signature_of(done.task), contents_of(done.task)
+    address = measuring_address(done.task, contents, basis)
+    return replace(done, address=address, contents=contents, signature=signature)
+
+
+def _kept(done: Done, setting: Setting, store: Store) -> Row:
+    """The row of what came of a task, its document stored."""
+    task = done.task
+    if not done.address and done.document is not None:
+        return Row(task.key, summary_of(done.document), "", "")
+    place = store.place(done.address, setting.rules_sha256)
+    if done.document is None:
+        return Row.of(task.key, place, store)
+    store.put(place, done.document)
+    return Row.kept(task.key, done.document, place, store)
+
+
+def _describe(
+    store: Store, rule_set: RuleSet, registry: Registry, setting: Setting, about: Mapping[str, object]
+) -> None:
+    """Write by which rules and code, and for what, before anything else."""
+    names = ("distribution", "version", "package", "sha256")
+    told = {
+        "schema": SCHEMA,
+        "rule_set": {"id": rule_set.id, "sha256": rule_set.sha256},
+        "code": [dict(zip(names, code, strict=True)) for code in code_of(rule_set, registry)],
+        **about,
+    }
+    text = json.dumps(told, sort_keys=True, indent=1, ensure_ascii=True) + "\n"
+    for name, content in ((DESCRIPTION, text), ("rules.yaml", setting.rules)):
+        place = store.root / name
+        if not place.is_file() or place.read_text(encoding="utf-8") != content:
+            store.put(place, content.encode("utf-8"))
+
+
+def unwritable(cause: OSError, store: Store) -> BatchError:
+    """What to tell when the folder of a batch cannot be written."""
+    full = cause.errno in (errno.ENOSPC, errno.EDQUOT)
+    return BatchError(
+        "the disk is full" if full else f"cannot be written: {cause.strerror or cause}",
+        file=store.root,
+        hint=("make room" if full else "check the permissions")
+        + " and call again: what was scored is kept, and only the rest is done",
+    )

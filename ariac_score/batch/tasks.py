@@ -1,0 +1,193 @@
+"""What is to be scored: the runs of a competition, or whatever lies in a folder."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ariac_score.errors import NothingToScoreError, UsageError
+from ariac_score.ranking.competition import FILE, Competition, load_competition
+from ariac_score.ruleset import RuleSet, expanded_yaml, rule_set_from_text
+
+__all__ = ["Limits", "Plan", "Setting", "Task", "TaskKey", "of_shard", "plan_batch", "shard"]
+
+TaskKey = tuple[str, str, int]
+"""Team, trial, number of the run; for a plain folder no team, the name of the entry, and 1."""
+
+_SHARD = re.compile(r"(\d{1,6})/(\d{1,6})")
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run to be scored.
+
+    Attributes:
+        team: Its team; empty in a plain folder.
+        trial: Its trial.
+        number: Of the run.
+        path: Where it was recorded; a URI where a library reads it from elsewhere.
+        root: Folder that names in the result are relative to; empty for the run's own.
+        also: Configurations that lie elsewhere.
+        refused: Why it cannot be told apart from another; empty when it can.
+    """
+
+    team: str
+    trial: str
+    number: int
+    path: str
+    root: str = ""
+    also: tuple[str, ...] = ()
+    refused: str = ""
+
+    @property
+    def key(self) -> TaskKey:
+        """Team, trial, number."""
+        return self.team, self.trial, self.number
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one run may use before it is stopped; it costs that run alone.
+
+    Attributes:
+        wall_s: Time on the clock, s.
+        memory_bytes: Address space; 0 for no limit.
+        output_bytes: Size of its result.
+    """
+
+    wall_s: float = 600.0
+    memory_bytes: int = 8 << 30
+    output_bytes: int = 64 << 20
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all runs of a batch have in common, in words that any worker understands.
+
+    Attributes:
+        rules: The whole rule set as YAML.
+        rules_id: Its id.
+        rules_sha256: Hash of the files it was written in.
+        rules_file: Where it was loaded from; files it names lie beside it.
+        limits: For each run.
+    """
+
+    rules: str
+    rules_id: str
+    rules_sha256: str
+    rules_file: str
+    limits: Limits
+
+    @classmethod
+    def of(cls, rule_set: RuleSet, limits: Limits) -> Setting:
+        """The setting that scores by a rule set."""
+        return cls(expanded_yaml(rule_set), rule_set.id, rule_set.sha256, rule_set.file, limits)
+
+    def rule_set(self) -> RuleSet:
+        """The rule set, as it was loaded where the batch began."""
+        from dataclasses import replace  # noqa: PLC0415  # one line, used on workers
+
+        return replace(
+            rule_set_from_text(self.rules, file=self.rules_file),
+            sha256=self.rules_sha256,
+            file=self.rules_file,
+        )
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a batch is to score.
+
+    Attributes:
+        id: Name of the competition or folder.
+        rules: Rule set by name or path.
+        tasks: Sorted by key.
+        competition: Where the tasks come from; `None` for a plain folder.
+        strangers: What lies among the runs without being one.
+    """
+
+    id: str
+    rules: str
+    tasks: tuple[Task, ...]
+    competition: Competition | None = None
+    strangers: tuple[str, ...] = ()
+
+
+def plan_batch(path: Path, rules: str = "") -> Plan:
+    """Find the runs at a path: a competition, or a folder of which every entry is one trial.
+
+    Args:
+        path: A `competition.yaml`, a folder with one or with the official layout, or a plain folder.
+        rules: Rule set to use instead of the one a competition names.
+
+    Raises:
+        NothingToScoreError: There is nothing at the path.
+        DataFileError: `competition.yaml` is malformed.
+        UsageError: Nothing says by which rules.
+    """
+    official = path.is_dir() and ((path / FILE).is_file() or (path / "logs").is_dir())
+    if path.is_file() or official:
+        return _of_competition(load_competition(path, rules))
+    if not path.is_dir():
+        raise NothingToScoreError(
+            "no such file or folder", file=path, hint="check the path; it is relative to the current folder"
+        )
+    if not rules:
+        raise UsageError(
+            "nothing says by which rules",
+            file=path,
+            hint="name a rule set with --rules; 'ariac-score rules list' shows those that come along",
+        )
+    entries = sorted(entry for entry in path.iterdir() if not entry.name.startswith("."))
+    if not entries:
+        raise NothingToScoreError("the folder is empty", file=path, hint="every entry in it is one trial")
+    return Plan(path.resolve().name, rules, tuple(Task("", e.name, 1, str(e)) for e in entries))
+
+
+def _of_competition(competition: Competition) -> Plan:
+    configs = {("team", team.id): team.config for team in competition.teams} | {
+        ("trial", trial.id): trial.config for trial in competition.trials
+    }
+
+    def also(team: str, trial: str) -> tuple[str, ...]:
+        found = (configs.get(("trial", trial)), configs.get(("team", team)))
+        return tuple(str(config) for config in found if config)
+
+    root = str(competition.root)
+    tasks = [
+        Task(run.team, run.trial, run.number, str(run.path), root, also(run.team, run.trial))
+        for run in competition.runs
+    ]
+    tasks += [Task(*key, "", root, refused=reason) for key, reason in competition.refused.items()]
+    return Plan(
+        competition.id,
+        competition.rules,
+        tuple(sorted(tasks, key=lambda task: task.key)),
+        competition,
+        competition.strangers,
+    )
+
+
+def shard(text: str) -> tuple[int, int]:
+    """The shard that `i/n` names, 1 to n.
+
+    Raises:
+        UsageError: It names none.
+
+    >>> shard("2/8")
+    (2, 8)
+    """
+    match = _SHARD.fullmatch(text)
+    number, count = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not 1 <= number <= count:
+        raise UsageError(
+            f"{text!r} is no shard", hint="write i/n, such as 1/8 for the first of eight; the last is 8/8"
+        )
+    return number, count
+
+
+def of_shard(tasks: Sequence[Task], number: int, count: int) -> Iterator[Task]:
+    """Every n-th task, so that neighbours, which are alike, spread over the shards."""
+    return (task for place, task in enumerate(tasks) if place % count == number - 1)

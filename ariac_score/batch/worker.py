@@ -1,0 +1,215 @@
+"""Scoring one run in a process of its own, within limits."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import resource
+import sys
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
+from ariac_score.batch.outcomes import outcome_document, outcome_of, told_within
+from ariac_score.batch.store import Store
+from ariac_score.batch.tasks import Limits, Setting, Task
+from ariac_score.engine import reprice, score_trial
+from ariac_score.errors import ScoreError
+from ariac_score.registry import Registry
+from ariac_score.result_json import as_json, load_result
+from ariac_score.ruleset import RuleSet, expanded_yaml
+
+__all__ = [
+    "Done",
+    "installed",
+    "limit_threads",
+    "parse_report",
+    "perform",
+    "perform_into",
+    "prepared",
+    "report_of",
+]
+
+_BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Done:
+    """What came of a task.
+
+    Attributes:
+        task: The task.
+        address: Of what was measured; empty when nobody got so far.
+        contents: Hash of the files of the run; empty likewise.
+        signature: What the file system said of them at that time.
+        document: The result or outcome; `None` when it is stored already.
+        cpu_s: What its process took of the processor, s; 0 when nobody knows.
+    """
+
+    task: Task
+    address: str
+    contents: str
+    signature: str
+    document: bytes | None
+    cpu_s: float = 0.0
+
+
+def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
+    """Score one run, or find that it is scored already.
+
+    Args:
+        task: The run.
+        setting: Rules and limits.
+        out: Folder of the batch, where this worker can see it: a stored measurement is priced
+            again instead of measured.
+    """
+    registry, rule_set, basis = prepared(setting)
+    before = signature_of(task)
+    contents = contents_of(task)
+    address = measuring_address(task, contents, basis)
+    store = Store(out) if out is not None else None
+    if store is not None and _is_result(store.place(address, setting.rules_sha256)):
+        return Done(task, address, contents, before, None)
+    document = _priced_again(store, address, rule_set) if store is not None else None
+    if document is None:
+        document = _scored(task, rule_set, registry)
+    if signature_of(task) != before:
+        document = _because(task, "changing", "its files changed while they were read; call again when done")
+        return Done(task, "", "", "", document)
+    if len(document) > setting.limits.output_bytes:
+        size, most = len(document), setting.limits.output_bytes
+        document = _because(task, "too_large", f"its result has {size} bytes; at most {most} are kept")
+    return Done(task, address, contents, before, document)
+
+
+def _is_result(place: Path) -> bool:
+    """Whether a whole result lies there, which follows from itself; an outcome is found out again."""
+    try:
+        load_result(place)
+    except ScoreError:
+        return False
+    return True
+
+
+def _priced_again(store: Store, address: str, rule_set: RuleSet) -> bytes | None:
+    """The stored measurement under other prices; `None` when there is none to be used."""
+    other = store.priced_otherwise(address)
+    if other is None:
+        return None
+    try:
+        return as_json(reprice(load_result(other), rule_set)).encode("utf-8")
+    except ScoreError:
+        return None  # an outcome, a damaged file, a formula without a value: measure, and say what is wrong
+
+
+def _scored(task: Task, rule_set: RuleSet, registry: Registry) -> bytes:
+    root = Path(task.root) if task.root else Path(task.path).parent
+    try:
+        result = score_trial(
+            Path(task.path),
+            rule_set,
+            registry=registry,
+            also=[Path(name) for name in task.also],
+            root=Path(task.root) if task.root else None,
+            trial_id=task.trial if task.root else "",
+            team=task.team,
+        )
+        return as_json(result).encode("utf-8")
+    except ScoreError as error:
+        return _because(task, outcome_of(error), told_within(error, root))
+    except MemoryError:
+        raise
+    except Exception as error:  # noqa: BLE001  # a fault of ours may cost one run, never the others
+        return _because(task, "failed", f"{type(error).__name__}: {error}".replace(f"{root}/", ""))
+
+
+def _because(task: Task, outcome: str, reason: str) -> bytes:
+    return outcome_document(outcome, reason, team=task.team, trial=task.trial)
+
+
+@cache
+def installed() -> Registry:
+    """The installed plugins, found once in a process and in those that come out of it."""
+    return Registry()
+
+
+@cache
+def prepared(setting: Setting) -> tuple[Registry, RuleSet, str]:
+    """Plugins, rule set and basis of a setting, made once in a process and in those that come out of it."""
+    rule_set = setting.rule_set()
+    rule_set.build(installed())
+    expanded_yaml(rule_set)  # it keeps its text
+    return installed(), rule_set, basis_of(rule_set, installed())
+
+
+# In a process of its own ---------------------------------------------------------------
+
+
+def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """What the process of one run does: keep the limits, score, leave a report.
+
+    The report is a line of JSON, then the document; it appears whole or not at all.
+    """
+    _keep(setting.limits)
+    _hush()
+    try:
+        done = perform(task, setting, out)
+    except MemoryError:
+        limit = setting.limits.memory_bytes >> 20
+        reason = f"it needed more than {limit} MiB; raise --memory-mb if the log is sound"
+        done = Done(task, "", "", "", _because(task, "out_of_memory", reason))
+    part = report.with_suffix(".part")
+    part.write_bytes(report_of(done))
+    part.replace(report)
+    os._exit(0)  # nothing is left to be tidied up, and taking modules apart takes as long as a small trial
+
+
+def report_of(done: Done) -> bytes:
+    """What came of a task, for `parse_report`."""
+    head = {"address": done.address, "contents": done.contents, "signature": done.signature}
+    head["stored"] = "yes" if done.document is None else ""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    head["cpu_s"] = str(done.cpu_s or used.ru_utime + used.ru_stime)
+    return json.dumps(head).encode("ascii") + b"\n" + (done.document or b"")
+
+
+def parse_report(task: Task, report: bytes) -> Done:
+    """What a process left behind.
+
+    Raises:
+        ValueError: It is not whole.
+    """
+    line, _, document = report.partition(b"\n")
+    head = json.loads(line)
+    stored = None if head["stored"] else document
+    return Done(task, head["address"], head["contents"], head["signature"], stored, float(head["cpu_s"]))
+
+
+def _keep(limits: Limits) -> None:
+    """Bind this process to its limits; nothing it starts can lift them."""
+    bounds = {resource.RLIMIT_CORE: 0, resource.RLIMIT_FSIZE: limits.output_bytes + (1 << 20)}
+    if limits.memory_bytes:
+        bounds[resource.RLIMIT_AS] = limits.memory_bytes
+    for kind, bound in bounds.items():
+        _, hard = resource.getrlimit(kind)
+        most = bound if hard == resource.RLIM_INFINITY else min(bound, hard)
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(kind, (most, most))
+
+
+def _hush() -> None:
+    """Give what this process prints to nobody: hundreds of runs may not talk into one terminal."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    words = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(words, 1)
+    os.dup2(words, 2)
+    os.close(words)
+
+
+def limit_threads() -> None:
+    """Keep numeric libraries from starting a thread for each core in every process."""
+    for name in _BLAS_THREADS:
+        os.environ.setdefault(name, "1")

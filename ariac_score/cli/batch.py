@@ -1,0 +1,169 @@
+"""`ariac-score batch PATH -o OUT`: score many trials, each in a process of its own."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ariac_score.batch.supervise import Report, Told
+    from ariac_score.batch.tasks import Plan, TaskKey
+
+EXIT_UNSETTLED = 6
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "batch",
+        help="score many trials, each in a process of its own; call again to go on",
+        description="Score every run of a competition, or every entry of a folder. Each run is scored in a "
+        "process of its own, so that a damaged or hostile log costs that run alone. Whatever ends a batch, "
+        "the same command goes on where it was.",
+    )
+    parser.add_argument(
+        "path", type=Path, metavar="PATH", help="competition.yaml, its folder, or a folder of trials"
+    )
+    parser.add_argument("--rules", default="", metavar="NAME", help="rule set; a competition names its own")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder of the batch")
+    parser.add_argument(
+        "-j", "--jobs", type=int, default=0, metavar="N", help="runs at a time; default: cores"
+    )
+    parser.add_argument(
+        "--shard", default="", metavar="i/n", help="only the i-th of n parts; 'merge' joins them"
+    )
+    parser.add_argument(
+        "--time-limit-s", type=float, default=600.0, metavar="S", help="per run; default: 600"
+    )
+    parser.add_argument(
+        "--memory-mb", type=int, default=8192, metavar="MIB", help="address space per run; 0: no limit"
+    )
+    parser.add_argument(
+        "--output-mb", type=int, default=64, metavar="MIB", help="size of one result; default: 64"
+    )
+    parser.add_argument(
+        "--again",
+        action="store_true",
+        help="also try runs again that were late, out of memory, killed or met a fault of the scorer",
+    )
+    parser.add_argument(
+        "--executor", default="local", metavar="NAME", help="where runs are scored; default: local"
+    )
+    parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="scheduler of the executor")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Plan, score what is missing, write the tables, say what came of it."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.batch.executors import make_executor  # noqa: PLC0415
+    from ariac_score.batch.store import Store  # noqa: PLC0415
+    from ariac_score.batch.supervise import run_batch  # noqa: PLC0415
+    from ariac_score.batch.tasks import Limits, Setting, of_shard, plan_batch, shard  # noqa: PLC0415
+    from ariac_score.errors import UsageError  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+
+    if arguments.jobs < 0 or arguments.time_limit_s <= 0 or min(arguments.memory_mb, arguments.output_mb) < 0:
+        raise UsageError("a limit is negative, or no time at all", hint="leave it out for the default")
+    part = shard(arguments.shard) if arguments.shard else (1, 1)
+    plan = plan_batch(arguments.path, arguments.rules)
+    _refuse_inside(arguments.output, arguments.path)
+    rule_set = load_rule_set(plan.rules)
+    limits = Limits(arguments.time_limit_s, arguments.memory_mb << 20, arguments.output_mb << 20)
+    setting = Setting.of(rule_set, limits)
+    store = Store(arguments.output)
+    tasks = list(of_shard(plan.tasks, *part))
+    about: dict[str, object] = {"batch": plan.id}
+    if part != (1, 1):
+        about["shard"] = {"number": part[0], "of": part[1]}
+    try:
+        with store.working() as work, _progress(len(tasks)) as told:
+            executor = make_executor(
+                arguments.executor,
+                jobs=arguments.jobs,
+                scheduler=arguments.scheduler,
+                out=store.root,
+                work=work,
+            )
+            report = run_batch(
+                tasks, rule_set, setting, store, work, executor, about=about, again=arguments.again, told=told
+            )
+    except KeyboardInterrupt:
+        print("interrupted; what was scored is kept, and the same command goes on", file=sys.stderr)
+        return 2
+    _show(report, plan, arguments.output)
+    return EXIT_UNSETTLED if report.unsettled else 0
+
+
+def _refuse_inside(output: Path, path: Path) -> None:
+    """Refuse to write the batch among its own runs, where the next call would score it."""
+    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
+
+    target, source = output.resolve(), path.resolve()
+    logs = source if source.is_dir() else source.parent
+    if target == logs or (logs in target.parents and target.parent == logs and not _is_competition(logs)):
+        raise UsageError(
+            "the batch would lie among the trials it scores", file=output, hint="put it beside their folder"
+        )
+
+
+def _is_competition(folder: Path) -> bool:
+    return (folder / "competition.yaml").is_file() or (folder / "logs").is_dir()
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Told]:
+    """A bar with counts of outcomes on a terminal; one line for each run elsewhere."""
+    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+
+    if not sys.stderr.isatty():
+
+        def line(key: TaskKey, outcome: str, reason: str) -> None:
+            print(plain(f"{_named(key)}: {outcome}{': ' + reason if reason else ''}"), file=sys.stderr)
+
+        yield line
+        return
+    # Imported here: rich takes longer to import than most trials to score.
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn  # noqa: PLC0415
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    counts: Counter[str] = Counter()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        bar = progress.add_task("scoring", total=total)
+
+        def step(_key: TaskKey, outcome: str, _reason: str) -> None:
+            counts[outcome] += 1
+            progress.update(bar, advance=1, description=counted(counts))
+
+        yield step
+
+
+def _named(key: TaskKey) -> str:
+    team, trial, number = key
+    return f"{team}/{trial}_{number}" if team else trial
+
+
+def counted(counts: Mapping[str, int]) -> str:
+    """Counts of outcomes in words, the largest first."""
+    ordered = sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
+    return ", ".join(f"{number} {outcome.replace('_', ' ')}" for outcome, number in ordered)
+
+
+def _show(report: Report, plan: Plan, out: Path) -> None:
+    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+
+    runs = f"{report.runs} run{'' if report.runs == 1 else 's'}"
+    print(f"{plain(plan.id)}: {runs}: {counted(report.outcomes)}")
+    if report.cpu_s:
+        print(f"{report.scored_now} looked at, {report.cpu_s:.1f} s of processor time")
+    if report.scored_now < report.runs:
+        print(f"{report.runs - report.scored_now} of them were there already")
+    for stranger in plan.strangers:
+        print(f"passed over: {plain(stranger)}")
+    print(f"results: {plain(str(out))} (runs.jsonl to read, index.sqlite to ask)")

@@ -1,0 +1,39 @@
+"""`ariac-score merge OUT PART…`: join the shards of a batch."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "merge",
+        help="join the shards of a batch",
+        description="Join folders that 'batch --shard' wrote: the same bytes as one batch of all runs.",
+    )
+    parser.add_argument("output", type=Path, metavar="OUT", help="folder of the joined batch")
+    parser.add_argument("parts", type=Path, nargs="+", metavar="PART", help="folder of a shard")
+    parser.add_argument("--mixed-code", action="store_true", help="join results made by different code, too")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Join, and say what is there now."""
+    from ariac_score.batch.merge import merge_batches  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.batch.store import Store  # noqa: PLC0415
+    from ariac_score.cli.batch import EXIT_UNSETTLED, counted  # noqa: PLC0415
+    from ariac_score.errors import UsageError  # noqa: PLC0415
+    from ariac_score.report.style import plain  # noqa: PLC0415
+
+    if arguments.output.resolve() in [part.resolve() for part in arguments.parts]:
+        raise UsageError(
+            "a part cannot be joined into itself", file=arguments.output, hint="name a new folder first"
+        )
+    store = Store(arguments.output)
+    with store.working() as work:
+        report = merge_batches(arguments.parts, store, work, mixed_code=arguments.mixed_code)
+    print(f"{plain(str(arguments.output))}: {report.runs} runs: {counted(report.outcomes)}")
+    return EXIT_UNSETTLED if report.unsettled else 0

@@ -1,0 +1,201 @@
+"""`ariac-score platform codabench|evalai …`: host a competition where others run the server."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ariac_score.platforms.codabench import Problem
+
+EXIT_PROBLEMS = 1
+_IDLE_S = 60.0
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "platform",
+        help="host a competition on Codabench or EvalAI",
+        description="Write what a platform needs, check it before the upload, try it as the platform would.",
+    )
+    platforms = parser.add_subparsers(dest="platform", metavar="PLATFORM", required=True)
+    _codabench(platforms.add_parser("codabench", help="bundle, check, dry-run, pack, score"))
+    _evalai(platforms.add_parser("evalai", help="config, check, worker"))
+
+
+def _codabench(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    one = actions.add_parser("bundle", help="write a complete competition bundle")
+    one.add_argument("--rules", required=True, metavar="NAME", help="rule set of the phase")
+    one.add_argument("--title", required=True, help="of the competition")
+    one.add_argument(
+        "--image", required=True, metavar="NAME@sha256:…", help="container image with ariac-score"
+    )
+    one.add_argument("--start", required=True, metavar="DATE", help="first day, such as 2026-09-01")
+    one.add_argument("--end", required=True, metavar="DATE", help="last day")
+    one.add_argument(
+        "--trial",
+        action="append",
+        default=[],
+        metavar="ID[=CONFIG]",
+        help="a trial, with its configuration; may be given several times",
+    )
+    one.add_argument("--time-limit-s", type=int, default=600, metavar="S", help="for one submission")
+    one.add_argument("-o", "--output", type=Path, required=True, metavar="ZIP")
+    one.set_defaults(run=_bundle)
+    one = actions.add_parser("check", help="what the platform would reject late, or get wrong in silence")
+    one.add_argument("bundle", type=Path, metavar="ZIP")
+    one.set_defaults(run=_check_bundle)
+    one = actions.add_parser("dry-run", help="do to a submission what the platform's worker does")
+    one.add_argument("bundle", type=Path, metavar="ZIP")
+    one.add_argument("submission", type=Path, metavar="SUBMISSION")
+    one.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder to lay it out in"
+    )
+    one.set_defaults(run=_dry_run)
+    one = actions.add_parser("pack", help="a submission that the platform does not take for a program")
+    one.add_argument("trials", type=Path, nargs="+", metavar="TRIAL", help="log, or folder of a trial")
+    one.add_argument("-o", "--output", type=Path, required=True, metavar="ZIP")
+    one.set_defaults(run=_pack)
+    one = actions.add_parser("score", help="what the scoring program does in its container")
+    one.add_argument("input", type=Path, metavar="INPUT", help="folder with ref and res")
+    one.add_argument("output", type=Path, metavar="OUTPUT")
+    one.set_defaults(run=_score)
+
+
+def _evalai(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    one = actions.add_parser("config", help="write challenge_config.yaml")
+    one.add_argument("--title", required=True)
+    one.add_argument("--phase", required=True, metavar="CODENAME")
+    one.add_argument("-o", "--output", type=Path, metavar="FILE")
+    one.set_defaults(run=_config)
+    one = actions.add_parser("check", help="what the platform would get wrong in silence")
+    one.add_argument("config", type=Path, metavar="FILE")
+    one.set_defaults(run=_check_config)
+    one = actions.add_parser(
+        "worker",
+        help="score the submissions of a challenge",
+        description="Takes AUTH_TOKEN, API_SERVER, QUEUE_NAME and CHALLENGE_PK from the environment.",
+    )
+    one.add_argument(
+        "phase", type=Path, metavar="DIR", help="reference data: phase.json, ruleset.yaml, trials/"
+    )
+    one.add_argument(
+        "--store", type=Path, required=True, metavar="DIR", help="folder for submissions, answers"
+    )
+    one.add_argument("--once", action="store_true", help="stop when the queue is empty")
+    one.set_defaults(run=_worker)
+
+
+def _bundle(arguments: argparse.Namespace) -> int:
+    from ariac_score.batch.tasks import Limits, Setting  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.platforms.codabench import Bundle, write_bundle  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+
+    rule_set = load_rule_set(arguments.rules)
+    limits = Limits(wall_s=max(1.0, arguments.time_limit_s / 2))
+    trials = {
+        trial: Path(config) if config else None
+        for trial, _, config in (text.partition("=") for text in arguments.trial)
+    }
+    bundle = Bundle(arguments.title, arguments.image, arguments.start, arguments.end, arguments.time_limit_s)
+    write_bundle(bundle, rule_set, Setting.of(rule_set, limits), trials, arguments.output)
+    print(f"wrote {arguments.output}; 'platform codabench dry-run' tries it with a submission")
+    return _check_bundle(argparse.Namespace(bundle=arguments.output))
+
+
+def _check_bundle(arguments: argparse.Namespace) -> int:
+    from ariac_score.platforms.codabench import check_bundle  # noqa: PLC0415  # keeps --help quick
+
+    return _told(check_bundle(arguments.bundle))
+
+
+def _check_config(arguments: argparse.Namespace) -> int:
+    from ariac_score.platforms.evalai import check_challenge  # noqa: PLC0415  # keeps --help quick
+
+    return _told(check_challenge(arguments.config))
+
+
+def _told(problems: Sequence[Problem]) -> int:
+    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+
+    for problem in problems:
+        word = "problem" if problem.severe else "worth a look"
+        print(plain(f"{word}: {problem.where}: {problem.what}\n  hint: {problem.remedy}"))
+    if not problems:
+        print("nothing that the platform would trip over")
+    return EXIT_PROBLEMS if any(problem.severe for problem in problems) else 0
+
+
+def _dry_run(arguments: argparse.Namespace) -> int:
+    from ariac_score.platforms.codabench import dry_run  # noqa: PLC0415  # keeps --help quick
+
+    code = dry_run(arguments.bundle, arguments.submission, arguments.output)
+    words = "the platform would show" if code == 0 else "the platform would show a failure, and keep only"
+    shown = "scores.json and detailed_results.html" if code == 0 else "detailed_results.html"
+    print(f"{words} {shown} in {arguments.output / 'output'}")
+    return code
+
+
+def _pack(arguments: argparse.Namespace) -> int:
+    from ariac_score.platforms.codabench import pack  # noqa: PLC0415  # keeps --help quick
+
+    count = pack(arguments.trials, arguments.output)
+    size = arguments.output.stat().st_size
+    print(f"wrote {arguments.output}: {count} file{'' if count == 1 else 's'}, {size} bytes")
+    return 0
+
+
+def _score(arguments: argparse.Namespace) -> int:
+    from ariac_score.platforms.codabench import score  # noqa: PLC0415  # keeps --help quick
+
+    return score(arguments.input, arguments.output)
+
+
+def _config(arguments: argparse.Namespace) -> int:
+    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.platforms.evalai import Challenge, challenge_config  # noqa: PLC0415
+
+    write(challenge_config(Challenge(arguments.title, arguments.phase)), arguments.output)
+    return 0
+
+
+def _worker(arguments: argparse.Namespace) -> int:
+    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.platforms.evalai import Api, ApiError, Worker  # noqa: PLC0415
+    from ariac_score.platforms.submission import load_phase  # noqa: PLC0415
+
+    names = ("API_SERVER", "AUTH_TOKEN", "QUEUE_NAME", "CHALLENGE_PK")
+    missing = [name for name in names if not os.environ.get(name)]
+    if missing or not os.environ.get("CHALLENGE_PK", "").isdecimal():
+        raise UsageError(
+            f"not set: {', '.join(missing) or 'CHALLENGE_PK as a number'}",
+            hint="the platform shows them to the host of a challenge; set them in the environment",
+        )
+    server, token, queue, challenge = (os.environ[name] for name in names)
+    api = Api(server, token, queue, int(challenge), os.environ.get("AUTH_SCHEME", "Bearer"))
+    worker = Worker(api, load_phase(arguments.phase), arguments.store, time.sleep, _say)
+    while True:
+        try:
+            if worker.once():
+                continue
+        except ApiError as error:
+            _say(f"the platform could not be asked: {error}")
+            if not error.passes or arguments.once:
+                raise UsageError(str(error), hint="check server, token, queue and challenge") from error
+        if arguments.once:
+            return 0
+        time.sleep(_IDLE_S)
+
+
+def _say(line: str) -> None:
+    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+
+    print(plain(line), file=sys.stderr, flush=True)

@@ -1,0 +1,160 @@
+"""Archives that strangers sent, opened within limits: no way out of the folder, no links, no bombs."""
+
+from __future__ import annotations
+
+import stat
+import tarfile
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import IO
+
+from ariac_score.errors import LogError
+
+__all__ = ["ArchiveLimits", "is_archive", "unpack"]
+
+_BLOCK = 1 << 20
+_SMALL = 1 << 20
+"""Below this size no ratio is a bomb."""
+
+
+@dataclass(frozen=True)
+class ArchiveLimits:
+    """What an archive may hold.
+
+    Attributes:
+        members: Files and folders.
+        bytes: All files together, unpacked.
+        ratio: Unpacked size over the size of the archive.
+        name_bytes: Length of one name.
+        depth: Folders inside one another.
+    """
+
+    members: int = 10_000
+    bytes: int = 64 << 30
+    ratio: int = 200
+    name_bytes: int = 512
+    depth: int = 16
+
+
+@dataclass(frozen=True)
+class _Member:
+    name: str
+    size: int
+    folder: bool
+    plain: bool
+    stream: IO[bytes] | None
+
+
+def is_archive(path: Path) -> bool:
+    """Whether a file is an archive that `unpack` opens, by its content."""
+    try:
+        return zipfile.is_zipfile(path) or tarfile.is_tarfile(path)
+    except OSError:
+        return False
+
+
+def unpack(archive: Path, into: Path, limits: ArchiveLimits | None = None) -> tuple[Path, ...]:
+    """Unpack a zip or tar archive into a folder, which must be empty or not there.
+
+    Args:
+        archive: The file.
+        into: Where its files go.
+        limits: What it may hold.
+
+    Returns:
+        The files, sorted.
+
+    Raises:
+        LogError: It is damaged or encrypted, a name leads out of the folder or comes twice, a
+            member is a link or a device, or a limit is passed; nothing is left of it then.
+    """
+    limits = limits or ArchiveLimits()
+    into.mkdir(parents=True, exist_ok=True)
+    try:
+        return tuple(sorted(_unpacked(archive, into, limits)))
+    except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, OSError, RuntimeError) as cause:
+        # RuntimeError is what zipfile says of a password, NotImplementedError of an unknown method.
+        raise _refused(archive, "", f"it cannot be read: {cause}", "send the archive again") from cause
+
+
+def _unpacked(archive: Path, into: Path, limits: ArchiveLimits) -> Iterator[Path]:
+    seen: dict[str, str] = {}
+    total, most = 0, max(archive.stat().st_size * limits.ratio, _SMALL)
+    for count, member in enumerate(_members(archive), start=1):
+        if count > limits.members:
+            raise _refused(archive, "", f"it has more than {limits.members} members", _SMALLER)
+        parts = _parts(archive, member, limits)
+        if not parts:
+            continue
+        folded = "/".join(parts).casefold()
+        if seen.get(folded, "folder" if member.folder else "") != ("folder" if member.folder else ""):
+            raise _refused(archive, member.name, "the name comes twice", "keep one of the two")
+        if not member.folder and folded in seen:
+            raise _refused(archive, member.name, "the name comes twice", "keep one of the two")
+        seen[folded] = "folder" if member.folder else "file"
+        target = into.joinpath(*parts)
+        if member.folder:
+            target.mkdir(parents=True, exist_ok=True)
+            continue
+        target.parent.mkdir(parents=True, exist_ok=True)
+        assert member.stream is not None
+        with closing(member.stream) as source, target.open("xb") as out:
+            while block := source.read(_BLOCK):
+                total += len(block)
+                if total > limits.bytes:
+                    raise _refused(archive, member.name, f"it holds more than {limits.bytes} bytes", _SMALLER)
+                if total > most:
+                    words = f"it unpacks to more than {limits.ratio} times its size"
+                    raise _refused(archive, member.name, words, "an archive of logs does not")
+                out.write(block)
+        yield target
+
+
+_SMALLER = "send the trials in several submissions"
+
+
+def _members(archive: Path) -> Iterator[_Member]:
+    if zipfile.is_zipfile(archive):
+        with zipfile.ZipFile(archive) as zipped:
+            for info in zipped.infolist():
+                mode = info.external_attr >> 16
+                plain = not mode or stat.S_IFMT(mode) in (0, stat.S_IFREG, stat.S_IFDIR)
+                if info.flag_bits & 1:
+                    raise _refused(archive, info.filename, "it is encrypted", "send it without a password")
+                stream = zipped.open(info) if plain and not info.is_dir() else None
+                yield _Member(info.filename, info.file_size, info.is_dir(), plain, stream)
+        return
+    with tarfile.open(archive, "r|*") as taped:
+        for entry in taped:
+            plain = entry.isreg() or entry.isdir()
+            stream = taped.extractfile(entry) if entry.isreg() else None
+            yield _Member(entry.name, entry.size, entry.isdir(), plain, stream)
+
+
+def _parts(archive: Path, member: _Member, limits: ArchiveLimits) -> tuple[str, ...]:
+    name = member.name
+    if not member.plain:
+        raise _refused(archive, name, "it is a link or a device", "put the file itself in")
+    if len(name.encode("utf-8", "surrogatepass")) > limits.name_bytes:
+        raise _refused(
+            archive, name[:40] + "…", f"its name is longer than {limits.name_bytes} bytes", _RENAME
+        )
+    path = PurePosixPath(name)
+    strange = "\\" in name or "\0" in name or ":" in name or any(ord(letter) < 32 for letter in name)
+    if path.is_absolute() or ".." in path.parts or strange:
+        raise _refused(archive, name, "its name leads out of the archive", _RENAME)
+    parts = tuple(part for part in path.parts if part != ".")
+    if len(parts) > limits.depth:
+        raise _refused(archive, name, f"it is more than {limits.depth} folders deep", _RENAME)
+    return parts
+
+
+_RENAME = "name it plainly and pack again"
+
+
+def _refused(archive: Path, member: str, cause: str, hint: str) -> LogError:
+    return LogError(cause, file=archive, place=repr(member) if member else "", hint=hint)

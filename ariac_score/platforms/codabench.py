@@ -1,0 +1,555 @@
+"""Codabench: a bundle for the organiser, a pack for the team, and the program that scores.
+
+Source: notes on Codabench (commit c7dbc75), sections 2 and 5.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ariac_score.batch.tasks import Setting
+from ariac_score.datafiles import parse_yaml
+from ariac_score.errors import LogError, ScoreError, UsageError
+from ariac_score.platforms.archives import unpack
+from ariac_score.platforms.neutral import COLUMNS, checked_metrics
+from ariac_score.platforms.page import progress_page, result_page
+from ariac_score.platforms.submission import (
+    PHASE,
+    RULES,
+    load_phase,
+    phase_text,
+    score_submission,
+)
+from ariac_score.result_json import as_json
+from ariac_score.ruleset import RuleSet
+
+__all__ = ["Bundle", "Problem", "check_bundle", "dry_run", "pack", "score", "write_bundle"]
+
+EXIT_SCORER_FAILED = 3
+DEFAULT_QUEUE_S = 600
+"""Longest run on the platform's own queue, s, whatever a phase asks for."""
+LONGEST_KEY = 36
+_STAMP = (2020, 1, 1, 0, 0, 0)
+"""Of all members of the zips we write: the same bundle has the same bytes."""
+_DIGEST = re.compile(r".+@sha256:[0-9a-f]{64}")
+_RESERVED = ("metadata.yaml", "metadata")
+
+_PROGRAM = '''\
+"""Scores a submission with ariac-score, which is part of the image."""
+
+import html
+import os
+import sys
+import traceback
+from pathlib import Path
+
+
+def main(inputs, output):
+    try:
+        from ariac_score.platforms.codabench import score
+    except Exception:
+        traceback.print_exc()
+        words = "The scorer could not be started. The organisers have the log; this attempt should not count."
+        page = Path(output) / "detailed_results.html"
+        page.write_text(f"<!doctype html><meta charset=utf-8><p>{html.escape(words)}</p>", encoding="utf-8")
+        return 3
+    return score(Path(inputs), Path(output))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], sys.argv[2]))
+'''
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """What an organiser decides about a phase.
+
+    Attributes:
+        title: Of the competition.
+        image: Container image with ariac-score, by digest.
+        start: First day, ISO 8601.
+        end: Last day, ISO 8601.
+        time_limit_s: For one submission.
+        submissions: At most, in all.
+        submissions_per_day: At most.
+    """
+
+    title: str
+    image: str
+    start: str
+    end: str
+    time_limit_s: int = DEFAULT_QUEUE_S
+    submissions: int = 30
+    submissions_per_day: int = 3
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something the platform would not have told of, or only much later.
+
+    Attributes:
+        where: File and place.
+        what: What is wrong.
+        remedy: What to do.
+        severe: Whether the bundle cannot work like this.
+    """
+
+    where: str
+    what: str
+    remedy: str
+    severe: bool = True
+
+
+# The bundle ------------------------------------------------------------------------------
+
+
+def write_bundle(
+    bundle: Bundle, rule_set: RuleSet, setting: Setting, trials: Mapping[str, Path | None], output: Path
+) -> None:
+    """Write a complete competition bundle.
+
+    Args:
+        bundle: The organiser's decisions.
+        rule_set: By which submissions are scored.
+        setting: The same with limits.
+        trials: Each trial with its configuration, or `None`.
+        output: The zip.
+
+    Raises:
+        UsageError: The rules compare teams, or the bundle would not work.
+    """
+    if rule_set.sheet.needs_cohort:
+        raise UsageError(
+            f"{rule_set.id} compares teams, and a platform scores one submission at a time",
+            hint="let the phase use the task rules (as_coded), and rank with 'ariac-score rank' afterwards",
+        )
+    names = {trial: f"trials/{trial}.yaml" if config else "" for trial, config in trials.items()}
+    reference = {PHASE: phase_text(bundle.title, setting, names).encode(), RULES: setting.rules.encode()}
+    reference |= {names[trial]: config.read_bytes() for trial, config in trials.items() if config}
+    keys = [column.key for column in COLUMNS]
+    reference["leaderboard_keys.json"] = (json.dumps(keys) + "\n").encode()
+    metadata = "command: python3 /app/program/scoring.py /app/input /app/output\n"
+    program = {"metadata.yaml": metadata.encode(), "scoring.py": _PROGRAM.encode()}
+    files = {
+        "competition.yaml": _competition(bundle, rule_set).encode(),
+        "rules.md": _rules_page(rule_set).encode(),
+        "terms.md": b"Submissions are scored by ariac-score; results and logs may be published.\n",
+        "logo.png": _logo(),
+        "scoring_program.zip": _zipped(program),
+        "reference_data.zip": _zipped(reference),
+    }
+    temporary = output.with_name(f".part-{output.name}")
+    temporary.write_bytes(_zipped(files))
+    problems = [problem for problem in check_bundle(temporary) if problem.severe]
+    if problems:
+        temporary.unlink()
+        raise UsageError(f"{problems[0].where}: {problems[0].what}", file=output, hint=problems[0].remedy)
+    temporary.replace(output)
+
+
+def _competition(bundle: Bundle, rule_set: RuleSet) -> str:
+    told = {
+        "version": 2,
+        "title": bundle.title,
+        "description": f"Scored by ariac-score under {rule_set.id}: {rule_set.title}",
+        "image": "logo.png",
+        "terms": "terms.md",
+        "docker_image": bundle.image,
+        "enable_detailed_results": True,
+        "show_detailed_results_in_submission_panel": True,
+        "show_detailed_results_in_leaderboard": True,
+        "pages": [{"title": "Rules", "file": "rules.md"}],
+        "tasks": [
+            {
+                "index": 0,
+                "name": bundle.title,
+                "scoring_program": "scoring_program.zip",
+                "reference_data": "reference_data.zip",
+            }
+        ],
+        "phases": [
+            {
+                "index": 0,
+                "name": bundle.title,
+                "start": bundle.start,
+                "end": bundle.end,
+                "tasks": [0],
+                "max_submissions": bundle.submissions,
+                "max_submissions_per_day": bundle.submissions_per_day,
+                "execution_time_limit": bundle.time_limit_s,
+                "hide_output": False,
+                "hide_score_output": False,
+            }
+        ],
+        "leaderboards": [
+            {
+                "title": "Results",
+                "key": "main",
+                "submission_rule": "Force_Best",
+                "columns": [
+                    {
+                        "title": column.title,
+                        "key": column.key,
+                        "index": index,
+                        "sorting": "desc" if column.descending else "asc",
+                        "precision": rule_set.digits if column.precision is None else column.precision,
+                        "hidden": column.hidden,
+                    }
+                    for index, column in enumerate(COLUMNS)
+                ],
+            }
+        ],
+    }
+    return yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
+
+
+def _rules_page(rule_set: RuleSet) -> str:
+    notes = "".join(f"- {note}\n" for note in rule_set.notes)
+    columns = "".join(f"- **{column.title}**: {column.meaning}\n" for column in COLUMNS)
+    return f"# {rule_set.title}\n\nSource: {rule_set.source}\n\n{notes}\n## Columns\n\n{columns}"
+
+
+def _zipped(files: Mapping[str, bytes]) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as zipped:
+        for name, content in files.items():
+            info = zipfile.ZipInfo(name, _STAMP)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = 0o644 << 16
+            zipped.writestr(info, content)
+    return out.getvalue()
+
+
+def _logo() -> bytes:
+    """A plain square, 64 pixels wide: the platform wants a picture."""
+    row = b"\0" + b"\x1f\x5f\x8b" * 64
+    header = struct.pack(">IIBBBBB", 64, 64, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(row * 64)), (b"IEND", b""))
+    body = b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in chunks
+    )
+    return b"\x89PNG\r\n\x1a\n" + body
+
+
+# Before the upload -----------------------------------------------------------------------
+
+
+def check_bundle(path: Path) -> list[Problem]:
+    """Everything about a bundle that the platform rejects late, or gets wrong in silence."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            unpack(path, Path(folder))
+        except LogError as error:
+            return [Problem(str(path), error.cause, error.hint)]
+        return list(_problems(Path(folder)))
+
+
+def _problems(folder: Path) -> Iterator[Problem]:
+    file = folder / "competition.yaml"
+    if not file.is_file():
+        yield Problem(
+            "competition.yaml", "it is not at the root of the zip", "zip the files, not their folder"
+        )
+        return
+    try:
+        told = parse_yaml(file.read_bytes(), file=file.name).data
+    except ScoreError as error:
+        yield Problem("competition.yaml", error.cause, error.hint)
+        return
+    if not isinstance(told, dict):
+        yield Problem("competition.yaml", "it is no mapping", "write it with 'platform codabench bundle'")
+        return
+    yield from _leaderboard_problems(told)
+    yield from _phase_problems(told)
+    if not _DIGEST.fullmatch(str(told.get("docker_image", ""))):
+        yield Problem(
+            "competition.yaml: docker_image",
+            "the image is not named by its digest, so that scores may change when somebody pushes another",
+            "give NAME@sha256:DIGEST",
+            severe=False,
+        )
+    for task in _listed(told, "tasks"):
+        for key in ("scoring_program", "reference_data"):
+            yield from _member_problems(folder, str(task.get(key, "")), key)
+    for page in [*(p.get("file") for p in _listed(told, "pages")), told.get("image"), told.get("terms")]:
+        if page and not (folder / str(page)).is_file():
+            yield Problem("competition.yaml", f"{page} is not in the zip", "add the file")
+
+
+def _listed(told: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
+    value = told.get(key)
+    return [entry for entry in value if isinstance(entry, dict)] if isinstance(value, list) else []
+
+
+def _leaderboard_problems(told: Mapping[str, Any]) -> Iterator[Problem]:
+    where = "competition.yaml: leaderboards"
+    if "leaderboards" not in told:
+        wrong = " ('leaderboard' is what the documentation says, and the unpacker rejects it)"
+        yield Problem(
+            where, f"there is none{wrong if 'leaderboard' in told else ''}", "name it 'leaderboards'"
+        )
+        return
+    columns = [column for board in _listed(told, "leaderboards") for column in _listed(board, "columns")]
+    keys = [str(column.get("key")) for column in columns]
+    wanted = [column.key for column in COLUMNS]
+    if sorted(keys) != sorted(wanted):
+        yield Problem(
+            where,
+            f"its keys are {', '.join(keys)}; the scorer writes {', '.join(wanted)}",
+            "unknown keys are skipped without a word: use those of the scorer",
+        )
+    for key in keys:
+        if len(key) > LONGEST_KEY:
+            yield Problem(where, f"key {key!r} is longer than {LONGEST_KEY} characters", "shorten it")
+    for column in columns:
+        if "computation" in column:
+            yield Problem(
+                where,
+                f"{column.get('key')!r} is computed by the platform, and we send it",
+                "drop 'computation'",
+            )
+        if column.get("index") == 0 and column.get("sorting") != "desc":
+            yield Problem(
+                where,
+                "the first column is not sorted 'desc': a submission without a score would lead",
+                "sort it 'desc'",
+            )
+    if not any(column.get("index") == 0 and column.get("key") == "final" for column in columns):
+        yield Problem(where, "the column with index 0 is not 'final'", "give 'final' the index 0")
+
+
+def _phase_problems(told: Mapping[str, Any]) -> Iterator[Problem]:
+    for number, phase in enumerate(_listed(told, "phases")):
+        limit = phase.get("execution_time_limit", 0)
+        if isinstance(limit, int) and limit > DEFAULT_QUEUE_S:
+            yield Problem(
+                f"competition.yaml: phases[{number}]",
+                f"{limit} s are granted on a queue of your own; the default one stops at {DEFAULT_QUEUE_S} s",
+                "set up a queue with workers of your own",
+                severe=False,
+            )
+        for key in ("start", "tasks"):
+            if not phase.get(key) and phase.get(key) != 0:
+                yield Problem(f"competition.yaml: phases[{number}]", f"it has no {key!r}", f"add {key!r}")
+
+
+def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
+    file = folder / name
+    if not name or not file.is_file():
+        yield Problem("competition.yaml: tasks", f"{key} {name!r} is not in the zip", "add the file")
+        return
+    with tempfile.TemporaryDirectory() as inner:
+        try:
+            members = unpack(file, Path(inner))
+        except LogError as error:
+            yield Problem(name, error.cause, error.hint)
+            return
+        names = {member.relative_to(inner).as_posix() for member in members}
+        needed = ("metadata.yaml", "scoring.py") if key == "scoring_program" else (PHASE, RULES)
+        for one in needed:
+            if one not in names:
+                deeper = [other for other in names if other.endswith(f"/{one}")]
+                what = f"{one} lies in a folder ({deeper[0]})" if deeper else f"it has no {one}"
+                yield Problem(name, what, "zip the files themselves, without a folder around them")
+        if key == "scoring_program" and "metadata.yaml" in names:
+            yield from _command_problems(name, (Path(inner) / "metadata.yaml").read_bytes())
+        if key == "reference_data" and {PHASE, RULES} <= names:
+            try:
+                load_phase(Path(inner)).setting.rule_set()
+            except ScoreError as error:
+                yield Problem(name, error.cause, error.hint)
+
+
+def _command_problems(name: str, text: bytes) -> Iterator[Problem]:
+    try:
+        told = parse_yaml(text, file=f"{name}/metadata.yaml").data
+    except ScoreError as error:
+        yield Problem(f"{name}/metadata.yaml", error.cause, error.hint)
+        return
+    if not isinstance(told, dict) or not told.get("command"):
+        yield Problem(f"{name}/metadata.yaml", "it has no 'command'", "say how the program is called")
+
+
+# What teams hand in ----------------------------------------------------------------------
+
+
+def pack(paths: Sequence[Path], output: Path) -> int:
+    """Pack trials into a submission that the platform does not take for a program.
+
+    Args:
+        paths: Logs and folders of trials; each comes under its own name.
+        output: The zip.
+
+    Returns:
+        How many files are in it.
+
+    Raises:
+        UsageError: Two have one name, one is not there or is a link, or the pack would be a program.
+    """
+    names = [path.resolve().name for path in paths]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise UsageError(f"two trials are named {twice[0]!r}", hint="rename one: <trial>_<n>")
+    members = sorted((name, file) for path in paths for name, file in _members_of(path))
+    for name, _ in members:
+        if name in _RESERVED:
+            raise UsageError(
+                f"{name!r} at the root would make the platform take the submission for a program",
+                file=output,
+                hint="pack the folder of the recording, not its contents",
+            )
+    if not members:
+        raise UsageError("there is no file to pack", hint="name logs or folders of trials")
+    temporary = output.with_name(f".part-{output.name}")
+    try:
+        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as zipped:
+            for name, file in members:
+                info = zipfile.ZipInfo(name, _STAMP)
+                info.compress_type = zipfile.ZIP_DEFLATED
+                info.external_attr = 0o644 << 16
+                with file.open("rb") as source, zipped.open(info, "w", force_zip64=True) as out:
+                    shutil.copyfileobj(source, out, 1 << 20)
+        temporary.replace(output)
+    except OSError as cause:
+        temporary.unlink(missing_ok=True)
+        raise UsageError(
+            f"cannot be written: {cause.strerror or cause}", file=output, hint="check folder and room"
+        ) from cause
+    return len(members)
+
+
+def _members_of(path: Path) -> Iterator[tuple[str, Path]]:
+    if path.is_symlink() or not path.exists():
+        what = "it is a link" if path.is_symlink() else "there is no such file or folder"
+        raise UsageError(what, file=path, hint="name the logs and folders of trials themselves")
+    root = path.resolve().parent
+    for file in sorted(path.resolve().rglob("*")) if path.is_dir() else [path.resolve()]:
+        if file.is_symlink():
+            raise UsageError("it is a link", file=file, hint="replace it by the file it means")
+        if file.is_file():
+            yield file.relative_to(root).as_posix(), file
+
+
+# Scoring ---------------------------------------------------------------------------------
+
+
+def score(inputs: Path, output: Path) -> int:
+    """What the scoring program does in its container; the exit code.
+
+    A bad submission is a scored outcome and ends with 0. A broken scorer ends with 3: the platform
+    then keeps neither scores nor files, and only the page survives.
+
+    Args:
+        inputs: The folder with `ref` and `res`.
+        output: Where `scores.json` and the page go.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    lines: list[str] = []
+
+    def told(line: str) -> None:
+        lines.append(line)
+        _write(output / "detailed_results.html", progress_page(lines))
+
+    try:
+        _write(output / "detailed_results.html", progress_page(()))
+        phase = load_phase(inputs / "ref")
+        with tempfile.TemporaryDirectory(prefix="ariac-score-") as work:
+            scored = score_submission(inputs / "res", phase, Path(work), told=told)
+        for (trial, number), result in sorted(scored.results.items()):
+            place = output / "results" / f"{_plain(trial)}_{number}.json"
+            place.parent.mkdir(exist_ok=True)
+            _write(place, as_json(result))
+        _write(output / "platform_scores.json", scored.export.as_json())
+        _write(output / "detailed_results.html", result_page(scored))
+        _write(output / "scores.json", json.dumps(checked_metrics(scored.export.metrics), allow_nan=False))
+        print(scored.export.message)  # noqa: T201  # the platform shows what the program prints
+    except Exception as error:  # noqa: BLE001  # whatever it is, it may not look like a score
+        (output / "scores.json").unlink(missing_ok=True)
+        print(f"{type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
+        words = "The scorer failed. The organisers have the log; this attempt should not count."
+        _write(output / "detailed_results.html", progress_page([*lines, words]))
+        return EXIT_SCORER_FAILED
+    return 0
+
+
+def _plain(name: str) -> str:
+    """A name that is one file anywhere."""
+    return re.sub(r"[^A-Za-z0-9._-]", "_", name).lstrip(".") or "trial"
+
+
+def _write(place: Path, text: str) -> None:
+    """Whole or not at all: the platform looks every few seconds."""
+    temporary = place.with_name(f".{place.name}.tmp")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(place)
+
+
+def dry_run(bundle: Path, submission: Path, folder: Path, *, python: str = sys.executable) -> int:
+    """Do to a submission what the platform's worker does, in the same folders; the exit code.
+
+    Args:
+        bundle: The competition bundle.
+        submission: What a team handed in.
+        folder: Where `program`, `input` and `output` are laid out; empty or not there.
+        python: The interpreter to use instead of the image.
+
+    Raises:
+        UsageError: The bundle cannot work, or the folder is in use.
+        LogError: An archive is damaged.
+    """
+    problems = [problem for problem in check_bundle(bundle) if problem.severe]
+    if problems:
+        raise UsageError(f"{problems[0].where}: {problems[0].what}", file=bundle, hint=problems[0].remedy)
+    if folder.exists() and any(folder.iterdir()):
+        raise UsageError("the folder is not empty", file=folder, hint="name a new one")
+    folder = folder.absolute()
+    unpack(bundle, folder / "bundle")
+    told = yaml.safe_load((folder / "bundle/competition.yaml").read_text(encoding="utf-8"))
+    task = told["tasks"][0]
+    unpack(folder / "bundle" / task["scoring_program"], folder / "program")
+    unpack(folder / "bundle" / task["reference_data"], folder / "input/ref")
+    _predict(submission, folder)
+    output = folder / "output"
+    output.mkdir()
+    command = yaml.safe_load((folder / "program/metadata.yaml").read_text(encoding="utf-8"))["command"]
+    words = [word.replace("/app", str(folder), 1) for word in str(command).split()]
+    words[0] = python if words[0].startswith("python") else words[0]
+    environment = {"PYTHONUNBUFFERED": "1", "PATH": os.environ.get("PATH", "")}
+    limit_s = min(told["phases"][0]["execution_time_limit"], DEFAULT_QUEUE_S)
+    try:
+        ended = subprocess.run(  # noqa: S603  # the bundle is the organiser's own
+            words, cwd=folder / "program", env=environment, timeout=limit_s, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return EXIT_SCORER_FAILED
+    (output / "metadata").write_text(f"exitCode: {ended.returncode}\n", encoding="utf-8")
+    return ended.returncode
+
+
+def _predict(submission: Path, folder: Path) -> None:
+    """What becomes of a submission before it is scored: one with `metadata` at its root is a program."""
+    result = folder / "input/res"
+    unpacked = folder / "submission"
+    unpack(submission, unpacked)
+    result.mkdir(parents=True)
+    if not any((unpacked / name).exists() for name in _RESERVED):
+        shutil.copytree(unpacked, result, dirs_exist_ok=True)
+    (result / "metadata").write_text("exitCode: 0\nelapsedTime: 0.1\n", encoding="utf-8")

@@ -1,0 +1,375 @@
+"""EvalAI: the configuration of a challenge, and the worker that scores its submissions elsewhere.
+
+Its own workers are too old and too small for this engine, so challenges are evaluated remotely.
+
+Source: notes on EvalAI (commit 0f04039), section 3; where the guide and the code differ, the code.
+"""
+
+from __future__ import annotations
+
+import json
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
+
+from ariac_score.datafiles import parse_yaml
+from ariac_score.errors import BatchError, ScoreError
+from ariac_score.platforms.codabench import Problem
+from ariac_score.platforms.neutral import COLUMNS, PlatformScores, checked_metrics
+from ariac_score.platforms.submission import Phase, score_submission
+
+__all__ = [
+    "Api",
+    "ApiError",
+    "Challenge",
+    "Worker",
+    "challenge_config",
+    "check_challenge",
+    "failed_body",
+    "finished_body",
+]
+
+SUFFIXES = (".zip", ".mcap", ".bag", ".db3", ".jsonl")
+"""What a submission may be; the platform's own list has none of these but `.zip`."""
+LARGEST_SUBMISSION = 4 << 30
+_DONE = ("finished", "failed", "cancelled")
+_TIMEOUT_S = 60.0
+_BLOCK = 1 << 20
+_PUT_ATTEMPTS = 5
+
+
+# The configuration -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Challenge:
+    """What an organiser decides about a challenge.
+
+    Attributes:
+        title: Of the challenge.
+        phase: Code name of its phase and split, `[a-z0-9_]`.
+        submissions: At most, in all and in a month.
+        submissions_per_day: At most.
+        digits: Decimals shown.
+    """
+
+    title: str
+    phase: str
+    submissions: int = 30
+    submissions_per_day: int = 3
+    digits: int = 3
+
+
+def challenge_config(challenge: Challenge) -> str:
+    """`challenge_config.yaml` for a challenge that is evaluated remotely."""
+    schema = {
+        "labels": [column.key for column in COLUMNS],
+        "default_order_by": COLUMNS[0].key,
+        # Where a label has metadata without `sort_ascending`, it is sorted ascending.
+        "metadata": {
+            column.key: {"sort_ascending": not column.descending, "description": column.meaning}
+            for column in COLUMNS
+        },
+    }
+    told = {
+        "title": challenge.title,
+        "remote_evaluation": True,
+        "evaluation_script": "evaluation_script.zip",
+        "leaderboard": [{"id": 1, "schema": schema}],
+        "dataset_splits": [{"id": 1, "name": challenge.title, "codename": challenge.phase}],
+        "challenge_phases": [
+            {
+                "id": 1,
+                "name": challenge.title,
+                "codename": challenge.phase,
+                "is_public": True,
+                "leaderboard_public": True,
+                "max_submissions_per_day": challenge.submissions_per_day,
+                "max_submissions": challenge.submissions,
+                "max_submissions_per_month": challenge.submissions,
+                "max_concurrent_submissions_allowed": 2,
+                "disable_logs": False,
+                "allowed_submission_file_types": ", ".join(SUFFIXES),
+                "test_annotation_file": f"annotations/{challenge.phase}.json",
+            }
+        ],
+        "challenge_phase_splits": [
+            {
+                "challenge_phase_id": 1,
+                "leaderboard_id": 1,
+                "dataset_split_id": 1,
+                "visibility": 3,
+                "leaderboard_decimal_precision": challenge.digits,
+                "is_leaderboard_order_descending": True,
+                "show_execution_time": True,
+                "show_leaderboard_by_latest_submission": False,
+            }
+        ],
+    }
+    return yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
+
+
+def check_challenge(file: Path) -> list[Problem]:
+    """Everything about a configuration that the platform gets wrong in silence."""
+    try:
+        told = parse_yaml(file.read_bytes(), file=str(file)).data
+    except OSError as cause:
+        return [Problem(str(file), f"cannot be read: {cause.strerror}", "check the path")]
+    except ScoreError as error:
+        return [Problem(str(file), error.cause, error.hint)]
+    if not isinstance(told, dict):
+        return [Problem(str(file), "it is no mapping", "write it with 'platform evalai config'")]
+    return list(_problems(told))
+
+
+def _problems(told: Mapping[str, Any]) -> Iterator[Problem]:
+    if told.get("remote_evaluation") is not True:
+        what = "the platform's own workers are Python 3.7 to 3.9 with 1 GiB: this engine does not run there"
+        yield Problem("remote_evaluation", what, "set it to true, and run 'platform evalai worker'")
+    labels = [column.key for column in COLUMNS]
+    for number, board in enumerate(told.get("leaderboard") or []):
+        where, schema = f"leaderboard[{number}]", board.get("schema") or {}
+        if sorted(schema.get("labels") or []) != sorted(labels):
+            yield Problem(where, "its labels are not those of the worker", f"use {', '.join(labels)}")
+        for label, about in (schema.get("metadata") or {}).items():
+            if "sort_ascending" not in (about or {}):
+                yield Problem(
+                    f"{where}: metadata: {label}",
+                    "without 'sort_ascending' the label is sorted ascending: the worst would lead",
+                    "say sort_ascending: false for scores",
+                )
+    for number, phase in enumerate(told.get("challenge_phases") or []):
+        allowed = str(phase.get("allowed_submission_file_types", ""))
+        missing = [suffix for suffix in SUFFIXES if suffix not in allowed]
+        if missing:
+            yield Problem(
+                f"challenge_phases[{number}]",
+                f"submissions ending in {', '.join(missing)} are refused",
+                f'allowed_submission_file_types: "{", ".join(SUFFIXES)}"',
+            )
+    for number, split in enumerate(told.get("challenge_phase_splits") or []):
+        if split.get("show_leaderboard_by_latest_submission"):
+            yield Problem(
+                f"challenge_phase_splits[{number}]",
+                "the leaderboard would come newest first, not sorted by score",
+                "show_leaderboard_by_latest_submission: false",
+            )
+
+
+# What the platform is sent ---------------------------------------------------------------
+
+
+def finished_body(scores: PlatformScores, *, phase_pk: int, submission_pk: int) -> dict[str, Any]:
+    """The body that ends an evaluation: the shape that the code takes, which is not that of the guide.
+
+    Raises:
+        BatchError: A number cannot be stored.
+    """
+    row = {"split": scores.phase, "show_to_participant": True, "accuracies": checked_metrics(scores.metrics)}
+    return {
+        "challenge_phase": phase_pk,
+        "submission": submission_pk,
+        "submission_status": "FINISHED",
+        "stdout": f"{scores.message}\nresult sha256 {scores.result_sha256 or 'none'}\n",
+        "stderr": "",
+        "environment_log": "",
+        "result": json.dumps([row], allow_nan=False),
+        "metadata": json.dumps({"status": scores.status, "result_sha256": scores.result_sha256}),
+    }
+
+
+def failed_body(message: str, *, phase_pk: int, submission_pk: int) -> dict[str, Any]:
+    """The body that ends an evaluation which the scorer could not do."""
+    return {
+        "challenge_phase": phase_pk,
+        "submission": submission_pk,
+        "submission_status": "FAILED",
+        "stdout": "",
+        "stderr": message,
+        "environment_log": "",
+        "result": "[]",
+        "metadata": "{}",
+    }
+
+
+# The worker ------------------------------------------------------------------------------
+
+
+class ApiError(Exception):
+    """The platform answered with an error, or not at all.
+
+    Attributes:
+        status: Of the answer; 0 when there was none.
+        text: What it said.
+    """
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(f"HTTP {status}: {text}" if status else text)
+        self.status, self.text = status, text
+
+    @property
+    def passes(self) -> bool:
+        """Whether the same request may succeed later."""
+        return self.status == 0 or self.status >= 500
+
+
+@dataclass(frozen=True)
+class Api:
+    """The part of the platform's interface that a worker needs.
+
+    Attributes:
+        server: Such as `https://eval.ai`.
+        token: Of the organiser; it goes into a header and nowhere else.
+        queue: Name of the challenge's queue.
+        challenge: Number of the challenge.
+        scheme: Word before the token; `Bearer`, or `Token` for the platform's own worker.
+    """
+
+    server: str
+    token: str = field(repr=False)
+    queue: str
+    challenge: int
+    scheme: str = "Bearer"
+
+    def request(self, method: str, path: str, body: Mapping[str, Any] | None = None) -> Any:
+        """One request; what it answers.
+
+        Raises:
+            ApiError: It failed.
+        """
+        data = None if body is None else json.dumps(body, allow_nan=False).encode()
+        headers = {"Authorization": f"{self.scheme} {self.token}", "Content-Type": "application/json"}
+        url = urllib.parse.urljoin(self.server, path)
+        request = urllib.request.Request(_web(url), data=data, headers=headers, method=method)  # noqa: S310
+        try:
+            with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as answer:  # noqa: S310
+                text = answer.read()
+        except urllib.error.HTTPError as error:
+            raise ApiError(error.code, error.read(4096).decode("utf-8", "replace")) from error
+        except (OSError, ValueError) as error:
+            raise ApiError(0, str(error)) from error
+        try:
+            return json.loads(text) if text.strip() else {}
+        except ValueError as error:
+            raise ApiError(0, f"no JSON: {text[:200]!r}") from error
+
+    def download(self, url: str, file: Path) -> None:
+        """Fetch a submission, whole or not at all; the address needs no token.
+
+        Raises:
+            ApiError: It cannot be had, is too large, or is cut off.
+        """
+        full = _web(urllib.parse.urljoin(self.server, url))
+        try:
+            with urllib.request.urlopen(full, timeout=_TIMEOUT_S) as answer, file.open("wb") as out:  # noqa: S310
+                told = int(answer.headers.get("Content-Length") or -1)
+                size = 0
+                while block := answer.read(_BLOCK):
+                    size += len(block)
+                    if size > LARGEST_SUBMISSION:
+                        raise ApiError(413, f"it has more than {LARGEST_SUBMISSION} bytes")
+                    out.write(block)
+        except urllib.error.HTTPError as error:
+            raise ApiError(error.code, str(error)) from error
+        except (OSError, ValueError) as error:
+            raise ApiError(0, str(error)) from error
+        if told not in (-1, size):
+            raise ApiError(0, f"{size} of {told} bytes arrived")
+
+
+def _web(url: str) -> str:
+    """An address on the web: nothing that a submission says may name a file of this machine."""
+    if urllib.parse.urlsplit(url).scheme not in ("http", "https"):
+        raise ApiError(400, f"{url!r} is no address on the web")
+    return url
+
+
+@dataclass
+class Worker:
+    """Takes submissions from a queue, scores them, and sends back what came of them.
+
+    What was sent is kept, so that a message that comes twice is answered with the same bytes.
+
+    Attributes:
+        api: The platform.
+        phase: Rules, trials, limits.
+        store: Folder for submissions and answers.
+        pause: Called with seconds before a request is tried again.
+        say: Called with a line for each thing done.
+    """
+
+    api: Api
+    phase: Phase
+    store: Path
+    pause: Callable[[float], None]
+    say: Callable[[str], None]
+
+    def once(self) -> bool:
+        """Deal with one message; whether there was one.
+
+        Raises:
+            ApiError: The platform cannot be reached; the message comes again.
+        """
+        message = self.api.request("GET", f"/api/jobs/challenge/queues/{self.api.queue}/")
+        body = message.get("body") if isinstance(message, dict) else None
+        if not body:
+            return False
+        submission, phase = int(body["submission_pk"]), int(body["phase_pk"])
+        told = self.api.request("GET", f"/api/jobs/submission/{submission}")
+        if str(told.get("status", "")).lower() in _DONE:
+            self.say(f"submission {submission}: is {told['status']} already")
+        else:
+            self._answer(submission, phase, str(told.get("input_file", "")))
+        self.api.request(
+            "POST", f"/api/jobs/queues/{self.api.queue}/", {"receipt_handle": message["receipt_handle"]}
+        )
+        return True
+
+    def _answer(self, submission: int, phase: int, url: str) -> None:
+        place = self.store / str(submission)
+        place.mkdir(parents=True, exist_ok=True)
+        kept = place / "answer.json"
+        update = f"/api/jobs/challenge/{self.api.challenge}/update_submission/"
+        if not kept.is_file():
+            running = {"submission": submission, "submission_status": "RUNNING", "job_name": ""}
+            self.api.request("PATCH", update, running)
+            body = self._scored(place, submission, phase, url)
+            temporary = place / ".answer.json"
+            temporary.write_text(json.dumps(body), encoding="utf-8")
+            temporary.replace(kept)
+        body = json.loads(kept.read_text(encoding="utf-8"))
+        try:
+            self._put(update, body)
+        except ApiError as error:
+            if error.passes:
+                raise
+            # The platform will not have it whatever we do: say so, or the submission hangs for ever.
+            self._put(update, failed_body(error.text, phase_pk=phase, submission_pk=submission))
+        self.say(f"submission {submission}: {body['submission_status'].lower()}")
+
+    def _scored(self, place: Path, submission: int, phase: int, url: str) -> dict[str, Any]:
+        name = PurePosixPath(urllib.parse.urlsplit(url).path).name or "submission"
+        files = place / "files"
+        files.mkdir(exist_ok=True)
+        self.api.download(url, files / name)
+        try:
+            scored = score_submission(files, self.phase, place / "work", told=self.say)
+            return finished_body(scored.export, phase_pk=phase, submission_pk=submission)
+        except (ScoreError, BatchError) as error:
+            return failed_body(str(error), phase_pk=phase, submission_pk=submission)
+
+    def _put(self, path: str, body: Mapping[str, Any]) -> None:
+        for attempt in range(1, _PUT_ATTEMPTS + 1):
+            try:
+                self.api.request("PUT", path, body)
+                return
+            except ApiError as error:
+                if not error.passes or attempt == _PUT_ATTEMPTS:
+                    raise
+                self.pause(2.0**attempt)

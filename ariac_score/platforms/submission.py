@@ -1,0 +1,305 @@
+"""A submission from its files to the neutral export, whatever is in them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ariac_score.batch.local import LocalExecutor, usable_cores
+from ariac_score.batch.outcomes import UNSETTLED, summary_of
+from ariac_score.batch.tasks import Limits, Setting, Task
+from ariac_score.batch.worker import Done
+from ariac_score.errors import LogError, RunEndedError, ScoreError, UsageError
+from ariac_score.findings import Verdict
+from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
+from ariac_score.platforms.neutral import STATUS, PlatformScores
+from ariac_score.ranking.competition import Competition, Team, TrialPlan
+from ariac_score.ranking.rank import Ranking, RunOutcome, rank_results
+from ariac_score.ranking.spec import ranking_spec
+from ariac_score.result import Result
+from ariac_score.result_json import load_result
+
+__all__ = ["EMPTY", "Phase", "Scored", "load_phase", "phase_text", "score_submission"]
+
+TEAM = "submission"
+PHASE = "phase.json"
+RULES = "ruleset.yaml"
+SCHEMA = "ariac-score/phase/1"
+EMPTY = (
+    "the submission arrived empty; a zip with metadata.yaml or metadata at its root is taken for a program: "
+    "put each recording in a folder of its own, such as kitting_1/metadata.yaml, or pack it with "
+    "'ariac-score platform codabench pack'"
+)
+_RUN = re.compile(r"(?P<trial>.+)_(?P<run>\d{1,6})")
+_OF_THE_WORKER = ("metadata",)
+"""What the platform puts among the files of a submission."""
+
+Told = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """What the reference data of a phase say.
+
+    Attributes:
+        name: Of the phase.
+        setting: Rules and limits.
+        trials: The trials, each with its configuration where it has one.
+        folder: Of the reference data.
+        archive_limits: For submissions.
+    """
+
+    name: str
+    setting: Setting
+    trials: tuple[TrialPlan, ...]
+    folder: Path
+    archive_limits: ArchiveLimits
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A scored submission: the export, and what it rests on.
+
+    Attributes:
+        export: For the platform.
+        ranking: The one team's standing; `None` when nothing could be scored.
+        results: Results by trial and number.
+    """
+
+    export: PlatformScores
+    ranking: Ranking | None
+    results: Mapping[tuple[str, int], Result]
+
+
+def phase_text(name: str, setting: Setting, trials: Mapping[str, str]) -> str:
+    """The description of a phase, for its reference data."""
+    told = {
+        "schema": SCHEMA,
+        "phase": name,
+        "rule_set": {"id": setting.rules_id, "sha256": setting.rules_sha256},
+        "limits": {
+            "wall_s": setting.limits.wall_s,
+            "memory_bytes": setting.limits.memory_bytes,
+            "output_bytes": setting.limits.output_bytes,
+        },
+        "trials": dict(trials),
+    }
+    return json.dumps(told, indent=1, sort_keys=True) + "\n"
+
+
+def load_phase(folder: Path) -> Phase:
+    """Read the reference data of a phase.
+
+    Raises:
+        UsageError: They are not what `bundle` writes; this is the organisers' fault.
+    """
+    try:
+        told = json.loads((folder / PHASE).read_text(encoding="utf-8"))
+        rules = (folder / RULES).read_text(encoding="utf-8")
+        if told["schema"] != SCHEMA:
+            raise ValueError(f"it is of {told['schema']}, and this version reads {SCHEMA}")
+        setting = Setting(
+            rules,
+            told["rule_set"]["id"],
+            told["rule_set"]["sha256"],
+            str(folder / RULES),
+            Limits(**told["limits"]),
+        )
+        trials = tuple(
+            TrialPlan(trial, folder / name if name else None) for trial, name in told["trials"].items()
+        )
+    except (OSError, ValueError, KeyError, TypeError) as cause:
+        raise UsageError(
+            f"these are no reference data of a phase: {cause}",
+            file=folder,
+            hint="write them with 'ariac-score platform codabench bundle'",
+        ) from cause
+    return Phase(told["phase"], setting, trials, folder, ArchiveLimits())
+
+
+def score_submission(
+    files: Path, phase: Phase, work: Path, *, told: Told = lambda _line: None, jobs: int = 0
+) -> Scored:
+    """Score what somebody handed in. Whatever is wrong with it is an outcome, never an error.
+
+    Args:
+        files: The submission, unpacked by the platform; archives in it are opened here.
+        phase: Rules, trials and limits.
+        work: Folder for unfinished work.
+        told: Called with a line for each run.
+        jobs: Runs at a time; 0 for the cores.
+
+    Raises:
+        UsageError: Something is wrong with the reference data.
+    """
+    rule_set = phase.setting.rule_set()
+    if rule_set.sheet.needs_cohort:
+        raise UsageError(
+            f"{rule_set.id} compares teams, and a platform scores one submission at a time",
+            hint="let the phase use the task rules (as_coded), and rank with 'ariac-score rank' afterwards",
+        )
+    spec = ranking_spec(rule_set, {}, file=RULES)
+    work.mkdir(parents=True, exist_ok=True)
+    try:
+        tasks = tuple(_tasks(files, phase, work))
+    except LogError as error:
+        words = f"{error.place}: {error.cause}" if error.place else error.cause
+        return _nothing(phase, f"{Path(error.file or '').name}: {words}; {error.hint}")
+    if not tasks:
+        return _nothing(phase, EMPTY)
+    results: dict[tuple[str, str, int], Result | ScoreError] = {}
+    for done in LocalExecutor(jobs or usable_cores(), None, work).run(tasks, phase.setting):
+        results[done.task.key] = _result_of(done, work)
+        told(_line(done))
+    competition = Competition(
+        id=phase.name,
+        title=phase.name,
+        rules=rule_set.id,
+        root=files,
+        file=files,
+        teams=(Team(TEAM, TEAM),),
+        trials=phase.trials or tuple(TrialPlan(trial) for trial in sorted({task.trial for task in tasks})),
+        runs=(),
+    )
+    ranking = rank_results(competition, spec, rule_set, results)
+    scored = {key[1:]: result for key, result in results.items() if isinstance(result, Result)}
+    return Scored(_export(phase, ranking, scored), ranking, scored)
+
+
+def _nothing(phase: Phase, message: str) -> Scored:
+    return Scored(PlatformScores.without_score(phase.name, "invalid_log", message), None, {})
+
+
+# The files -----------------------------------------------------------------------------
+
+
+def _tasks(files: Path, phase: Phase, work: Path) -> Iterator[Task]:
+    """A task for each entry that belongs to a trial of the phase.
+
+    Raises:
+        LogError: An archive is not to be trusted, or an entry belongs to no trial.
+    """
+    configs = {trial.id: trial.config for trial in phase.trials}
+    taken: set[tuple[str, int]] = set()
+    for entry in _entries(files, phase, work):
+        trial, number = _named(entry, configs)
+        if (trial, number) in taken:
+            raise LogError(
+                f"two entries are run {number} of {trial!r}", file=entry, hint="name runs <trial>_<n>"
+            )
+        taken.add((trial, number))
+        config = configs.get(trial)
+        yield Task(TEAM, trial, number, str(entry), str(entry.parent), (str(config),) if config else ())
+
+
+def _entries(files: Path, phase: Phase, work: Path) -> Iterator[Path]:
+    found = [
+        entry
+        for entry in sorted(files.iterdir())
+        if entry.name not in _OF_THE_WORKER and not entry.name.startswith((".", "__MACOSX"))
+    ]
+    for entry in found:
+        if entry.is_symlink():
+            raise LogError("it is a link", file=entry, hint="hand in the file itself")
+        if entry.is_file() and entry.suffix in (".zip", ".tar", ".gz", ".tgz") and is_archive(entry):
+            folder = work / "unpacked" / entry.stem
+            shutil.rmtree(folder, ignore_errors=True)
+            unpack(entry, folder, phase.archive_limits)
+            yield from _entries(folder, phase, work / entry.stem)
+        else:
+            yield entry
+
+
+def _named(entry: Path, configs: Mapping[str, Any]) -> tuple[str, int]:
+    """Trial and number an entry stands for by its name: `<trial>_<n>`, or `<trial>` for the first run."""
+    plain = entry.name.split(".", maxsplit=1)[0] if entry.is_file() else entry.name
+    match = _RUN.fullmatch(plain)
+    if plain in configs or (match is None and not configs):
+        return plain, 1
+    if match is not None and (match["trial"] in configs or not configs):
+        return match["trial"], int(match["run"])
+    raise LogError(
+        f"{entry.name!r} is of no trial of this phase",
+        file=entry,
+        hint=f"name it <trial> or <trial>_<n>; the trials are {', '.join(sorted(configs))}",
+    )
+
+
+# The outcome ---------------------------------------------------------------------------
+
+
+def _result_of(done: Done, work: Path) -> Result | ScoreError:
+    assert done.document is not None  # nothing is stored here that could be there already
+    summary = summary_of(done.document)
+    stored = work / "result.json"
+    if b'"schema": "ariac-score/result/' in done.document:
+        stored.write_bytes(done.document)
+        return load_result(stored)
+    if summary.outcome in ("crashed", "cancelled"):
+        return RunEndedError(summary.reason, outcome=summary.outcome)
+    return LogError(summary.reason)
+
+
+def _line(done: Done) -> str:
+    assert done.document is not None
+    summary = summary_of(done.document)
+    words = f"{summary.score:g}" if summary.score is not None else summary.reason
+    return f"{done.task.trial}, run {done.task.number}: {summary.outcome.replace('_', ' ')}: {words}"
+
+
+def _export(phase: Phase, ranking: Ranking, results: Mapping[tuple[str, int], Result]) -> PlatformScores:
+    (standing,) = ranking.standings
+    kept = [run for run in ranking.runs if run.kept]
+    unsettled = [run for run in ranking.runs if run.outcome in UNSETTLED | {"undecided"}]
+    missing = [trial for trial, cell in standing.cells.items() if cell.outcome == "no_run"]
+    if not kept:
+        reason = next((run.reason for run in ranking.runs), "no run could be scored")
+        return replace(_nothing(phase, reason).export, result_sha256=_hash(results))
+    status = "incomplete" if unsettled or missing else "scored"
+    counting = [results[run.trial, run.number] for run in kept if (run.trial, run.number) in results]
+    findings = [finding for result in counting for finding in result.measured.findings.values()]
+    open_ = sum(1 for finding in findings if finding.verdict is Verdict.INCONCLUSIVE)
+    final = float(standing.execution)
+    raw = _raw(kept, final)
+    metrics: dict[str, float | int] = {
+        "final": final,
+        "raw": raw,
+        "penalty": final - raw,
+        "violations": sum(1 for finding in findings if finding.verdict is Verdict.VIOLATED),
+        "coverage": 1 - open_ / len(findings) if findings else 0.0,
+        "status_code": STATUS[status],
+    }
+    return PlatformScores(phase.name, status, metrics, _message(ranking, missing), _hash(results))
+
+
+def _raw(kept: list[RunOutcome], final: float) -> float:
+    """The task scores of the runs that count, where the rules name a task score."""
+    tasks = [run.task for run in kept]
+    if any(task is None for task in tasks):
+        return final
+    return float(sum((task for task in tasks if task is not None), start=type(tasks[0])(0)))  # type: ignore[misc]
+
+
+def _message(ranking: Ranking, missing: list[str]) -> str:
+    (standing,) = ranking.standings
+    words = [f"{len(ranking.runs)} runs, {sum(run.kept for run in ranking.runs)} of them count"]
+    words += [f"no run of {', '.join(missing)}"] if missing else []
+    odd = [run for run in ranking.runs if run.outcome not in ("scored", "aborted")]
+    words += [f"{run.trial}, run {run.number}: {run.outcome}: {run.reason}" for run in odd[:3]]
+    return f"final {standing.execution}; {'; '.join(words)}"
+
+
+def _hash(results: Mapping[tuple[str, int], Result]) -> str:
+    """One hash over all results, in order of trial and number."""
+    from ariac_score.result_json import as_json  # noqa: PLC0415  # only when something was scored
+
+    digest = hashlib.sha256()
+    for _, result in sorted(results.items()):
+        digest.update(hashlib.sha256(as_json(result).encode("utf-8")).digest())
+    return digest.hexdigest() if results else ""

@@ -1,0 +1,124 @@
+"""What a season costs: isolation, going on, other prices, memory of the supervisor.
+
+    python benchmarks/batch.py [--trials 1000] [--many 10000]
+
+Trials are small (an official text of 2024 each), which is the hard case. The ideal is the sum of
+the processor time that the processes of the trials took, spread over all cores; the figure is that
+ideal over the time on the clock. What a process of its own costs is told beside it: the processor
+time of one trial there and in a warm process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from ariac_score import load_rule_set
+from ariac_score.batch.local import usable_cores
+from ariac_score.batch.tasks import Limits, Setting, plan_batch
+from ariac_score.batch.worker import perform
+from ariac_score.testing.competitions import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
+
+RULES = "ariac2024.release_5"
+KIT = (PlannedOrder("AAAA0001", "kitting", False, (("pump", "red"), ("battery", "blue"))),)
+MEASURED = 40
+
+
+def make_trials(folder: Path, count: int) -> None:
+    """So many runs, no two alike."""
+    for number in range(count):
+        run = folder / f"t_{number:05d}"
+        run.mkdir(parents=True)
+        text = trial_log_text("kitting", KIT, [Outcome(("", ""), 50.0 + number / 1000)])
+        (run / "trial_log.txt").write_text(text, encoding="utf-8")
+        (run / "sensor_cost.txt").write_text(sensor_cost_text({"basic_logical_camera": 2}), encoding="utf-8")
+
+
+def single_cpu_s(trials: Path, rules: str) -> float:
+    """CPU time of one trial in a warm process, s: the median of some."""
+    setting = Setting.of(load_rule_set(rules), Limits())
+    tasks = plan_batch(trials, rules).tasks[: MEASURED + 5]
+    times = []
+    for task in tasks:
+        begun = time.process_time()
+        perform(task, setting)
+        times.append(time.process_time() - begun)
+    return sorted(times[5:])[len(times[5:]) // 2]
+
+
+def command_s(*arguments: str) -> tuple[float, float, float]:
+    """Time on the clock of a command, s, its own peak memory, MiB, and what its trials took, s."""
+    script = (
+        "import resource, sys; from ariac_score.cli import main; code = main(sys.argv[1:]);"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024); sys.exit(code)"
+    )
+    begun = time.perf_counter()
+    ended = subprocess.run(
+        [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True
+    )
+    taken = time.perf_counter() - begun
+    told = re.search(r"([\d.]+) s of processor time", ended.stdout)
+    return taken, float(ended.stdout.splitlines()[-1]), float(told[1]) if told else 0.0
+
+
+def other_prices(folder: Path, rules: str) -> str:
+    """The rules with another price."""
+    file = folder / "other.yaml"
+    file.write_text(
+        f"id: other\nextends: {rules}\ntitle: other prices\nsource: this benchmark\n"
+        "score: 2 * sum(order.completion)\n"
+    )
+    return str(file)
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--trials", type=int, default=1000)
+    parser.add_argument("--many", type=int, default=10_000)
+    parser.add_argument("--rules", default=RULES)
+    arguments = parser.parse_args()
+    cores = usable_cores()
+    folder = Path(tempfile.mkdtemp(prefix="batch-benchmark-"))
+    os.environ["XDG_CACHE_HOME"] = str(folder / "cache")
+    try:
+        few, many = folder / "few", folder / "many"
+        make_trials(few, arguments.trials)
+        single_s = single_cpu_s(few, arguments.rules)
+        to_few = ("--rules", arguments.rules, "-o", str(folder / "out_few"))
+        to_many = ("-o", str(folder / "out_many"))
+        wall_s, few_mib, cpu_s = command_s("batch", str(few), *to_few)
+        own_ms = 1000 * cpu_s / arguments.trials
+        print(f"{cores} cores; one trial {1000 * single_s:.1f} ms of processor, {own_ms:.1f} ms isolated")
+        ideal_s = cpu_s / cores
+        print(
+            f"{arguments.trials} trials: {wall_s:.1f} s, ideal {ideal_s:.1f} s: "
+            f"{100 * ideal_s / wall_s:.0f} %"
+        )
+        again_s, _, _ = command_s("batch", str(few), *to_few)
+        print(f"once more, nothing to do: {again_s:.2f} s")
+        make_trials(many, arguments.many)
+        wall_s, many_mib, _ = command_s("batch", str(many), "--rules", arguments.rules, *to_many)
+        print(f"{arguments.many} trials: {wall_s:.1f} s; memory of the supervisor {many_mib:.0f} MiB")
+        print(f"of {arguments.trials}: {few_mib:.0f} MiB; ratio {many_mib / few_mib:.2f}")
+        again_s, _, _ = command_s("batch", str(many), "--rules", arguments.rules, *to_many)
+        print(f"once more, nothing to do: {again_s:.2f} s")
+        priced_s, _, _ = command_s(
+            "batch", str(many), "--rules", other_prices(folder, arguments.rules), *to_many
+        )
+        print(f"other prices: {priced_s:.1f} s")
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,728 @@
+"""Batches: the same bytes whatever happens, and nothing lost or counted twice."""
+
+from __future__ import annotations
+
+import errno
+import filecmp
+import json
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import pytest
+
+from ariac_score import load_rule_set, score_trial
+from ariac_score.batch import supervise, worker
+from ariac_score.batch.index import Row
+from ariac_score.batch.isolated import measure_apart
+from ariac_score.batch.local import LocalExecutor
+from ariac_score.batch.merge import merge_batches
+from ariac_score.batch.outcomes import OUTCOMES, summary_of
+from ariac_score.batch.store import Store
+from ariac_score.batch.supervise import Report, run_batch
+from ariac_score.batch.tasks import Limits, Setting, Task, of_shard, plan_batch, shard
+from ariac_score.batch.worker import Done, perform
+from ariac_score.cli import main
+from ariac_score.errors import BatchError, NothingToScoreError, UsageError
+from ariac_score.result_json import as_json
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+
+# What fresh processes do is named by a module that they can import, too.
+sys.path.insert(0, str(Path(__file__).parent))
+import batch_hands as hands
+
+ROOT = Path(__file__).parents[2]
+COMPETITION = ROOT / "examples" / "competition" / "2024"
+LIMITS = Limits(wall_s=120.0, memory_bytes=0)
+RULES = "ariac2020.as_coded"
+
+
+class Inline:
+    """Scores in this process, so that tests can get a word in."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+
+    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+        """One after the other."""
+        for task in tasks:
+            yield perform(task, setting, self.out)
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.fixture(scope="session")
+def trial_text(tmp_path_factory: pytest.TempPathFactory) -> str:
+    file = tmp_path_factory.mktemp("made") / "trial.jsonl"
+    write_trial_log(file, kitting_trial(duration_s=40.0), signals=SNAPSHOT_SIGNALS)
+    return file.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def trials(tmp_path: Path, trial_text: str) -> Path:
+    """Four whole trials, one cut off, one that is no log at all."""
+    folder = tmp_path / "trials"
+    folder.mkdir()
+    for name in ("a", "b", "c", "d_bad"):
+        (folder / f"{name}.jsonl").write_text(trial_text, encoding="utf-8")
+    (folder / "cut.jsonl").write_text(trial_text[:2000], encoding="utf-8")
+    (folder / "note.txt").write_text("hello\n", encoding="utf-8")
+    return folder
+
+
+def batch(
+    path: Path,
+    out: Path,
+    rules: str = RULES,
+    *,
+    executor: Callable[[Path, Path], supervise.Executor] | None = None,
+    limits: Limits = LIMITS,
+    part: tuple[int, int] = (1, 1),
+    again: bool = False,
+) -> Report:
+    plan = plan_batch(path, rules)
+    rule_set = load_rule_set(plan.rules)
+    store = Store(out)
+    about: dict[str, object] = {"batch": plan.id}
+    if part != (1, 1):
+        about["shard"] = {"number": part[0], "of": part[1]}
+    with store.working() as work:
+        chosen = executor(out, work) if executor else Inline(out)
+        tasks = of_shard(plan.tasks, *part)
+        setting = Setting.of(rule_set, limits)
+        return run_batch(tasks, rule_set, setting, store, work, chosen, about=about, again=again)
+
+
+def local(target: Callable[..., None] = worker.perform_into) -> Callable[[Path, Path], LocalExecutor]:
+    return lambda out, work: LocalExecutor(2, out, work, target)
+
+
+def rows(out: Path) -> dict[str, Row]:
+    lines = (out / "runs.jsonl").read_text(encoding="ascii").splitlines()
+    found = [Row.from_line(line) for line in lines]
+    return {"/".join(map(str, row.key)): row for row in found}
+
+
+def outcomes(out: Path) -> dict[str, str]:
+    return {name.removeprefix("/").removesuffix("/1"): row.summary.outcome for name, row in rows(out).items()}
+
+
+def same(first: Path, second: Path) -> bool:
+    """Whether two folders hold the same files with the same bytes; hidden ones count."""
+    names = [sorted(p.relative_to(f).as_posix() for p in f.rglob("*")) for f in (first, second)]
+    assert names[0] == names[1]
+    files = [name for name in names[0] if (first / name).is_file()]
+    _, differing, errors = filecmp.cmpfiles(first, second, files, shallow=False)
+    assert (differing, errors) == ([], [])
+    return True
+
+
+AS_THEY_ARE = {
+    "a.jsonl": "scored",
+    "b.jsonl": "scored",
+    "c.jsonl": "scored",
+    "cut.jsonl": "unreadable",
+    "d_bad.jsonl": "scored",
+    "note.txt": "nothing_to_score",
+}
+
+
+# What comes out ------------------------------------------------------------------------
+
+
+def test_every_entry_of_a_folder_has_an_outcome_and_the_results_of_score(
+    trials: Path, tmp_path: Path
+) -> None:
+    report = batch(trials, tmp_path / "out", executor=local())
+
+    assert outcomes(tmp_path / "out") == AS_THEY_ARE
+    assert (report.runs, report.scored_now, report.unsettled) == (6, 6, 2)
+    stored = tmp_path / "out" / rows(tmp_path / "out")["/a.jsonl/1"].object
+    assert stored.read_text(encoding="utf-8") == as_json(score_trial(trials / "a.jsonl", RULES))
+    cut = rows(tmp_path / "out")["/cut.jsonl/1"].summary.reason
+    assert cut.startswith("cut.jsonl")
+    assert str(tmp_path) not in cut
+
+
+def test_it_makes_no_difference_where_how_many_or_in_which_order(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "inline")
+    batch(trials, tmp_path / "local", executor=local())
+    moved = tmp_path / "elsewhere" / "trials"
+    shutil.copytree(trials, moved)
+    batch(moved, tmp_path / "moved", executor=lambda out, work: LocalExecutor(1, out, work))
+
+    assert same(tmp_path / "inline", tmp_path / "local")
+    assert same(tmp_path / "inline", tmp_path / "moved")
+
+
+def test_shards_join_to_the_bytes_of_the_whole(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "whole")
+    parts = [tmp_path / f"part{number}" for number in (1, 2, 3)]
+    for number, part in enumerate(parts, start=1):
+        batch(trials, part, part=(number, 3))
+    for order in (parts, parts[::-1]):
+        joined = tmp_path / f"joined_{order[0].name}"
+        store = Store(joined)
+        with store.working() as work:
+            report = merge_batches(order, store, work)
+        assert report.runs == 6
+        assert same(tmp_path / "whole", joined)
+
+
+def test_a_competition_keeps_team_trial_and_run(tmp_path: Path) -> None:
+    report = batch(COMPETITION, tmp_path / "out", rules="")
+
+    assert report.runs == 45
+    assert set(report.outcomes) == {"needs_cohort", "crashed", "cancelled"}
+    crashed = [name for name, row in rows(tmp_path / "out").items() if row.summary.outcome == "crashed"]
+    assert crashed == ["cygnus/mixed_tasks/4"]
+
+
+def test_the_index_says_what_the_lines_say(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "out")
+    connection = sqlite3.connect(tmp_path / "out" / "index.sqlite")
+    told = dict(connection.execute("SELECT trial, score FROM runs ORDER BY trial"))
+    checks = connection.execute("SELECT sum(violated) FROM checks WHERE trial = 'a.jsonl'").fetchone()[0]
+    connection.close()
+
+    lines = {name[1:-2]: row.summary.score for name, row in rows(tmp_path / "out").items()}
+    assert told == lines
+    assert told["a.jsonl"] == float(score_trial(trials / "a.jsonl", RULES).score or 0)
+    measured = score_trial(trials / "a.jsonl", RULES).measured.findings.values()
+    assert checks == sum(1 for finding in measured if finding.verdict.value == "violated")
+
+
+# Going on ------------------------------------------------------------------------------
+
+
+def test_a_second_call_does_nothing_again(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batch(trials, tmp_path / "out")
+    shutil.copytree(tmp_path / "out", tmp_path / "before")
+    monkeypatch.setattr(worker, "contents_of", lambda _task: pytest.fail("it was read again"))
+
+    report = batch(trials, tmp_path / "out")
+
+    assert report.scored_now == 0
+    assert same(tmp_path / "before", tmp_path / "out")
+
+
+def test_without_the_cache_files_are_hashed_again_and_nothing_else(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batch(trials, tmp_path / "out")
+    shutil.copytree(tmp_path / "out", tmp_path / "before")
+    shutil.rmtree(tmp_path / "cache")
+    scored: list[str] = []
+    whole = worker.score_trial
+    monkeypatch.setattr(
+        worker, "score_trial", lambda path, *a, **k: (scored.append(path.name), whole(path, *a, **k))[1]
+    )
+
+    batch(trials, tmp_path / "out")
+
+    assert sorted(scored) == ["cut.jsonl", "note.txt"]  # there is no result of these to be found
+    assert same(tmp_path / "before", tmp_path / "out")
+
+
+@pytest.mark.parametrize("lines", [1, 3, 5])
+@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGINT])
+def test_whatever_ends_a_batch_the_next_call_goes_on(
+    trials: Path, tmp_path: Path, ending: signal.Signals, lines: int
+) -> None:
+    batch(trials, tmp_path / "undisturbed")
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "ariac_score.cli", "batch", str(trials), "--rules", RULES, "-j", "1"]
+    with subprocess.Popen([*command, "-o", str(out)], stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        seen = [process.stderr.readline() for _ in range(lines)]
+        process.send_signal(ending)
+        said = process.stderr.read()
+    assert len(seen) == lines
+
+    report = batch(trials, out)
+
+    assert same(tmp_path / "undisturbed", out)
+    assert report.runs == 6
+    if ending == signal.SIGINT and process.returncode == 2:
+        assert "the same command goes on" in said
+
+
+def test_a_full_disk_ends_the_batch_and_loses_nothing(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    batch(trials, tmp_path / "undisturbed")
+    put, room = Store.put, iter(range(5))
+
+    def full(self: Store, place: Path, document: bytes) -> None:
+        if next(room, None) is None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        put(self, place, document)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "put", full)
+        with pytest.raises(BatchError, match="the disk is full") as caught:
+            batch(trials, tmp_path / "out")
+    assert caught.value.exit_code == 7
+    assert "call again" in caught.value.hint
+    assert not (tmp_path / "out" / "runs.jsonl").exists()
+
+    report = batch(trials, tmp_path / "out")
+
+    assert report.scored_now < 6
+    assert same(tmp_path / "undisturbed", tmp_path / "out")
+
+
+def test_a_document_is_whole_or_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path)
+    place = store.place("ab" * 32, "cd" * 32)
+
+    def fails(self: Path, _target: Path) -> Path:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", fails)
+    with pytest.raises(OSError, match="No space"):
+        store.put(place, b"document")
+
+    assert list(place.parent.iterdir()) == []
+
+
+@pytest.mark.parametrize("damage", ["gone", "cut", "forged", "empty"])
+def test_a_stored_result_that_is_not_what_the_index_says_is_made_again(
+    trials: Path, tmp_path: Path, damage: str
+) -> None:
+    batch(trials, tmp_path / "out")
+    shutil.copytree(tmp_path / "out", tmp_path / "before")
+    stored = tmp_path / "out" / rows(tmp_path / "out")["/b.jsonl/1"].object
+    text = stored.read_text(encoding="utf-8")
+    if damage == "gone":
+        stored.unlink()
+    else:
+        forged = text.replace(f'"score": {json.loads(text)["score"]}', '"score": 99.0')
+        assert forged != text
+        stored.write_text({"cut": text[:-20], "forged": forged, "empty": ""}[damage], encoding="utf-8")
+
+    batch(trials, tmp_path / "out")
+
+    assert same(tmp_path / "before", tmp_path / "out")
+
+
+@pytest.mark.parametrize("table", ["runs.jsonl", "index.sqlite"])
+@pytest.mark.parametrize("content", [None, b"", b"nonsense \xff\n{}\n"])
+def test_tables_that_are_lost_or_damaged_are_made_again(
+    trials: Path, tmp_path: Path, table: str, content: bytes | None
+) -> None:
+    batch(trials, tmp_path / "out")
+    shutil.copytree(tmp_path / "out", tmp_path / "before")
+    (tmp_path / "out" / table).unlink()
+    if content is not None and table == "runs.jsonl":
+        (tmp_path / "out" / table).write_bytes(content)
+
+    batch(trials, tmp_path / "out")
+
+    assert same(tmp_path / "before", tmp_path / "out")
+
+
+def test_a_changed_log_is_scored_again_and_the_old_result_stays(
+    trials: Path, tmp_path: Path, trial_text: str
+) -> None:
+    batch(trials, tmp_path / "out")
+    before = rows(tmp_path / "out")["/a.jsonl/1"]
+    changed = trial_text.replace('"gear_part_blue"', '"gear_part_red"')
+    assert changed != trial_text
+    (trials / "a.jsonl").write_text(changed, encoding="utf-8")
+
+    report = batch(trials, tmp_path / "out")
+
+    assert report.scored_now == 1
+    assert rows(tmp_path / "out")["/a.jsonl/1"].object != before.object
+    assert (tmp_path / "out" / before.object).is_file()
+
+
+def test_a_run_that_is_new_is_scored_and_one_that_is_gone_leaves_the_tables(
+    trials: Path, tmp_path: Path, trial_text: str
+) -> None:
+    batch(trials, tmp_path / "out")
+    (trials / "a.jsonl").unlink()
+    (trials / "z.jsonl").write_text(trial_text, encoding="utf-8")
+
+    report = batch(trials, tmp_path / "out")
+
+    assert (report.runs, report.scored_now) == (6, 1)
+    assert "z.jsonl" in outcomes(tmp_path / "out")
+    assert "a.jsonl" not in outcomes(tmp_path / "out")
+
+
+# Other rules ---------------------------------------------------------------------------
+
+
+def rules(folder: Path, name: str, text: str) -> str:
+    file = folder / f"{name}.yaml"
+    file.write_text(text, encoding="utf-8")
+    return str(file)
+
+
+def _own(folder: Path, name: str, *, price: int = 1, tolerance: float | None = None) -> str:
+    import yaml  # noqa: PLC0415  # for this helper alone
+
+    from ariac_score.ruleset import expanded_yaml  # noqa: PLC0415
+
+    data = yaml.safe_load(expanded_yaml(load_rule_set(RULES)))
+    data["score"] = f"{price} * ({data['score']})"
+    if tolerance is not None:
+        data["rules"]["part_pose"]["with"]["max_distance_m"] = tolerance
+    return rules(folder, name, yaml.safe_dump(data, sort_keys=False))
+
+
+def test_other_prices_are_put_on_what_was_measured(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", price=2)
+    batch(trials, tmp_path / "fresh", second)
+    batch(trials, tmp_path / "out", first)
+    measured: list[str] = []
+    whole = worker.score_trial
+    monkeypatch.setattr(
+        worker, "score_trial", lambda path, *a, **k: (measured.append(path.name), whole(path, *a, **k))[1]
+    )
+
+    batch(trials, tmp_path / "out", second)
+
+    assert sorted(measured) == ["cut.jsonl", "note.txt"]
+    for name, row in rows(tmp_path / "fresh").items():
+        assert row == rows(tmp_path / "out")[name]
+        stored = [tmp_path / folder / row.object for folder in ("fresh", "out")]
+        assert stored[0].read_bytes() == stored[1].read_bytes()
+
+
+def test_another_parameter_of_a_check_measures_again(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", tolerance=0.5)
+    batch(trials, tmp_path / "out", first)
+    before = rows(tmp_path / "out")["/a.jsonl/1"]
+
+    report = batch(trials, tmp_path / "out", second)
+
+    assert report.scored_now == 6
+    after = rows(tmp_path / "out")["/a.jsonl/1"]
+    assert after.object.split("/")[2] != before.object.split("/")[2]
+    assert after.summary.score != before.summary.score
+
+
+# What goes wrong in a process ------------------------------------------------------------
+
+
+def test_a_process_that_somebody_kills_costs_its_run_nothing(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "undisturbed")
+
+    batch(trials, tmp_path / "out", executor=local(hands.dies_at_first))
+
+    for marks in (tmp_path / "out").glob("marks-*"):
+        assert len(list(marks.iterdir())) == 3  # each was killed three times
+        shutil.rmtree(marks)
+    assert same(tmp_path / "undisturbed", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("target", "outcome", "reason"),
+    [
+        (
+            hands.crashes,
+            "killed",
+            "the process that scored it ended by signal 11 (SIGSEGV), 2 times in 2 times",
+        ),
+        (hands.leaves, "killed", "the process that scored it ended with exit code 0, 2 times in 2 times"),
+        (hands.never_ends, "timed_out", "it took longer than 10 s; raise --time-limit-s if the log is sound"),
+        (hands.devours, "out_of_memory", "raise --memory-mb if the log is sound"),
+        (hands.raises, "failed", "ZeroDivisionError: division by zero"),
+    ],
+)
+def test_what_one_run_does_costs_that_run_alone(
+    trials: Path, tmp_path: Path, target: Callable[..., None], outcome: str, reason: str
+) -> None:
+    limits = Limits(wall_s=10.0, memory_bytes=4 << 30)
+    report = batch(trials, tmp_path / "out", executor=local(target), limits=limits)
+
+    assert outcomes(tmp_path / "out") == {**AS_THEY_ARE, "d_bad.jsonl": outcome}
+    assert rows(tmp_path / "out")["/d_bad.jsonl/1"].summary.reason.endswith(reason)
+    assert report.unsettled == 3
+    assert batch(trials, tmp_path / "out").scored_now == 0  # it is known, and not tried for ever
+
+    batch(trials, tmp_path / "out", again=True)
+
+    assert outcomes(tmp_path / "out") == AS_THEY_ARE
+
+
+def test_a_result_beyond_its_size_is_an_outcome(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "out", limits=Limits(output_bytes=1000, memory_bytes=0))
+
+    assert outcomes(tmp_path / "out")["a.jsonl"] == "too_large"
+    assert "at most 1000 are kept" in rows(tmp_path / "out")["/a.jsonl/1"].summary.reason
+
+
+def test_a_log_that_is_still_being_written_is_looked_at_again(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = worker.score_trial
+
+    def meanwhile(path: Path, *arguments: object, **options: object) -> object:
+        result = whole(path, *arguments, **options)  # type: ignore[arg-type]
+        if path.name == "a.jsonl":
+            with path.open("a", encoding="utf-8") as log:
+                log.write("\n")
+        if path.name == "b.jsonl":
+            path.unlink()
+        return result
+
+    with monkeypatch.context() as patch:
+        patch.setattr(worker, "score_trial", meanwhile)
+        batch(trials, tmp_path / "out")
+    found = outcomes(tmp_path / "out")
+    assert (found["a.jsonl"], found["b.jsonl"]) == ("changing", "changing")
+    assert rows(tmp_path / "out")["/a.jsonl/1"].object == ""  # nothing is kept of it
+
+    report = batch(trials, tmp_path / "out")
+
+    assert report.scored_now == 1
+    assert outcomes(tmp_path / "out")["a.jsonl"] == "scored"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_file_nobody_may_read_is_an_outcome(trials: Path, tmp_path: Path) -> None:
+    (trials / "a.jsonl").chmod(0)
+    batch(trials, tmp_path / "out")
+
+    assert outcomes(tmp_path / "out")["a.jsonl"] == "unreadable"
+
+
+# Elsewhere -----------------------------------------------------------------------------
+
+
+def test_a_cluster_gives_the_bytes_of_one_machine(trials: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    from ariac_score.batch.dask import dask_executor  # noqa: PLC0415  # of that extra
+
+    batch(trials, tmp_path / "here")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        batch(
+            trials,
+            tmp_path / "there",
+            executor=lambda out, work: dask_executor(
+                jobs=0, scheduler=cluster.scheduler_address, out=out, work=work
+            ),
+        )
+
+    assert same(tmp_path / "here", tmp_path / "there")
+
+
+def test_a_scheduler_that_is_not_there_is_named(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    from ariac_score.batch import dask  # noqa: PLC0415  # of that extra
+
+    monkeypatch.setattr(dask, "_CONNECT_S", 0.2)
+    for scheduler, cause in (("", "needs a scheduler"), ("tcp://127.0.0.1:9", "cannot be reached")):
+        with pytest.raises(UsageError, match=cause):
+            dask.dask_executor(jobs=0, scheduler=scheduler, out=tmp_path, work=tmp_path)
+    with pytest.raises(UsageError, match="for the workers to say"):
+        dask.dask_executor(jobs=2, scheduler="tcp://127.0.0.1:9", out=tmp_path, work=tmp_path)
+
+
+@pytest.mark.parametrize(("name", "outcome"), [("a.jsonl", "scored"), ("gone.jsonl", "unreadable")])
+def test_a_run_named_by_a_uri_is_fetched_where_it_is_scored(
+    trials: Path, tmp_path: Path, name: str, outcome: str
+) -> None:
+    pytest.importorskip("fsspec", reason="the extra 'remote' is not installed")
+    setting = Setting.of(load_rule_set(RULES), LIMITS)
+
+    done = measure_apart(Task("", name, 1, f"file://{trials / name}"), setting)
+
+    assert done.document is not None
+    found = summary_of(done.document)
+    assert found.outcome == outcome
+    if outcome == "scored":
+        assert done.document.decode() == as_json(score_trial(trials / name, RULES))
+    else:
+        assert "check the address, and the credentials" in found.reason
+
+
+# What is refused -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["", "0/3", "4/3", "1", "1/0", "a/b", "-1/3", "1/3/3", "1.0/3"])
+def test_what_is_no_shard_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="is no shard"):
+        shard(text)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 50])
+def test_every_task_is_in_exactly_one_shard(count: int) -> None:
+    tasks = [Task("", str(number), 1, str(number)) for number in range(23)]
+    parts = [list(of_shard(tasks, number, count)) for number in range(1, count + 1)]
+
+    assert sorted(task.trial for part in parts for task in part) == sorted(task.trial for task in tasks)
+
+
+def test_a_folder_without_rules_or_entries_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="nothing says by which rules"):
+        plan_batch(tmp_path)
+    with pytest.raises(NothingToScoreError, match="the folder is empty"):
+        plan_batch(tmp_path, RULES)
+    with pytest.raises(NothingToScoreError, match="no such file or folder"):
+        plan_batch(tmp_path / "gone", RULES)
+
+
+def test_two_runs_with_one_number_are_both_refused_by_name(tmp_path: Path) -> None:
+    shutil.copytree(COMPETITION, tmp_path / "in")
+    runs = tmp_path / "in/logs/aurora"
+    shutil.copytree(runs / "kitting_1", runs / "kitting_01")
+    report = batch(tmp_path / "in", tmp_path / "out", rules="")
+
+    assert report.outcomes["refused"] == 1
+    (row,) = [r for r in rows(tmp_path / "out").values() if r.summary.outcome == "refused"]
+    assert (row.key, row.object) == (("aurora", "kitting", 1), "")
+    assert "2 runs have the number 1" in row.summary.reason
+
+
+def test_two_batches_never_write_into_one_folder(trials: Path, tmp_path: Path) -> None:
+    store = Store(tmp_path / "out")
+    with store.working(), pytest.raises(UsageError, match="another batch is writing here"):
+        batch(trials, tmp_path / "out")
+
+
+@pytest.mark.parametrize("arguments", [["-j", "-1"], ["--time-limit-s", "0"], ["--shard", "3/2"]])
+def test_a_senseless_argument_is_a_usage_error(
+    trials: Path, tmp_path: Path, arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["batch", str(trials), "--rules", RULES, "-o", str(tmp_path / "out"), *arguments]) == 4
+    assert "hint:" in capsys.readouterr().err
+
+
+def test_a_batch_may_not_lie_among_its_own_trials(
+    trials: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for output in (trials, trials / "out"):
+        assert main(["batch", str(trials), "--rules", RULES, "-o", str(output)]) == 4
+        assert "among the trials it scores" in capsys.readouterr().err
+
+
+def test_an_executor_nobody_brings_is_refused_with_the_installed_ones(
+    trials: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["batch", str(trials), "--rules", RULES, "-o", str(tmp_path / "out"), "--executor", "locl"]
+    assert main(command) == 4
+    assert "did you mean 'local'?" in capsys.readouterr().err
+
+
+# Joining -------------------------------------------------------------------------------
+
+
+def halves(trials: Path, folder: Path, second_rules: str = RULES) -> list[Path]:
+    parts = [folder / "part1", folder / "part2"]
+    for number, (part, by) in enumerate(zip(parts, (RULES, second_rules), strict=True), start=1):
+        batch(trials, part, by, part=(number, 2))
+    return parts
+
+
+def joined(parts: list[Path], out: Path, *, mixed_code: bool = False) -> Report:
+    store = Store(out)
+    with store.working() as work:
+        return merge_batches(parts, store, work, mixed_code=mixed_code)
+
+
+def describe(part: Path, **changes: object) -> None:
+    file = part / "batch.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), **changes}), encoding="utf-8")
+
+
+def test_a_missing_shard_is_named(trials: Path, tmp_path: Path) -> None:
+    parts = halves(trials, tmp_path)
+    with pytest.raises(UsageError, match="1 of 2 shards are missing: 2/2"):
+        joined(parts[:1], tmp_path / "out")
+
+
+def test_parts_of_other_rules_or_other_code_are_refused(trials: Path, tmp_path: Path) -> None:
+    first, second = halves(trials, tmp_path, "ariac2019.as_coded")
+    with pytest.raises(UsageError, match="another rule set") as caught:
+        joined([first, second], tmp_path / "out")
+    assert caught.value.file == str(second)
+    assert "ariac2019.as_coded" in caught.value.cause
+    shutil.rmtree(second)
+    batch(trials, second, part=(2, 2))
+    code = json.loads((second / "batch.json").read_text())["code"]
+    describe(second, code=[{**code[0], "sha256": "0" * 64}, *code[1:]])
+    with pytest.raises(UsageError, match="another code"):
+        joined([first, second], tmp_path / "out")
+
+    assert joined([first, second], tmp_path / "out", mixed_code=True).runs == 6
+
+
+def test_two_results_for_one_run_are_refused(trials: Path, tmp_path: Path, trial_text: str) -> None:
+    parts = [tmp_path / "one", tmp_path / "two"]
+    batch(trials, parts[0])
+    changed = trial_text.replace('"gear_part_blue"', '"gear_part_red"')
+    (trials / "a.jsonl").write_text(changed, encoding="utf-8")
+    batch(trials, parts[1])
+
+    with pytest.raises(BatchError, match=r"run a\.jsonl/1 has two results"):
+        joined(parts, tmp_path / "out")
+
+
+def test_a_part_of_a_newer_version_or_none_at_all_is_refused(trials: Path, tmp_path: Path) -> None:
+    parts = halves(trials, tmp_path)
+    describe(parts[1], schema="ariac-score/batch/9")
+    with pytest.raises(UsageError, match="it was made as"):
+        joined(parts, tmp_path / "out")
+    (tmp_path / "nothing").mkdir()
+    with pytest.raises(UsageError, match="this is no folder of a batch"):
+        joined([parts[0], tmp_path / "nothing"], tmp_path / "out")
+    describe(parts[1], schema="ariac-score/batch/1")
+    (parts[1] / "runs.jsonl").unlink()
+    with pytest.raises(UsageError, match="this batch has not finished"):
+        joined(parts, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (lambda line: {**line, "object": "../../etc/passwd"}, "is no place of a result"),
+        (lambda line: {**line, "object": "objects/../../x"}, "is no place of a result"),
+        (lambda line: {**line, "sha256": "0" * 64}, "its hash is another one"),
+        (lambda line: {**line, "object": f"objects/ab/{'ab' * 32}/{'0' * 16}.json"}, "cannot be read"),
+    ],
+)
+def test_a_table_that_leads_astray_is_refused(
+    trials: Path, tmp_path: Path, change: Callable[[dict[str, object]], dict[str, object]], cause: str
+) -> None:
+    parts = halves(trials, tmp_path)
+    table = parts[1] / "runs.jsonl"
+    lines = [json.loads(line) for line in table.read_text(encoding="ascii").splitlines()]
+    table.write_text("".join(json.dumps(change(line)) + "\n" for line in lines), encoding="ascii")
+
+    with pytest.raises(BatchError, match=cause):
+        joined(parts, tmp_path / "out")
+
+
+def test_a_part_cannot_be_joined_into_itself(
+    trials: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parts = halves(trials, tmp_path)
+    assert main(["merge", str(parts[0]), *map(str, parts)]) == 4
+    assert "into itself" in capsys.readouterr().err
+
+
+def test_every_outcome_has_a_meaning_in_words() -> None:
+    assert all(meaning and not meaning.endswith(".") for meaning in OUTCOMES.values())

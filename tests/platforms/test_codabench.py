@@ -1,0 +1,480 @@
+"""Codabench, against a worker that does what the notes on the platform say its code does."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ariac_score import load_rule_set, score_trial
+from ariac_score.batch.tasks import Limits, Setting
+from ariac_score.cli import main
+from ariac_score.errors import BatchError, UsageError
+from ariac_score.platforms import codabench
+from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
+from ariac_score.platforms.neutral import COLUMNS, PlatformScores, checked_metrics
+from ariac_score.platforms.submission import phase_text
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+
+RULES = "ariac2020.as_coded"
+IMAGE = f"example.org/ariac-score@sha256:{'a' * 64}"
+BUNDLE = Bundle("Practice", IMAGE, "2026-09-01", "2026-10-01")
+
+
+@pytest.fixture(scope="session")
+def log_text(tmp_path_factory: pytest.TempPathFactory) -> str:
+    file = tmp_path_factory.mktemp("made") / "trial.jsonl"
+    write_trial_log(file, kitting_trial(duration_s=40.0), signals=SNAPSHOT_SIGNALS)
+    return file.read_text(encoding="utf-8")
+
+
+def reference(folder: Path, *trials: str, limits: Limits | None = None) -> Path:
+    rule_set = load_rule_set(RULES)
+    setting = Setting.of(rule_set, limits or Limits(120.0, 0))
+    (folder / "ref").mkdir(parents=True)
+    (folder / "res").mkdir()
+    names = dict.fromkeys(trials, "")
+    (folder / "ref/phase.json").write_text(phase_text("practice", setting, names), encoding="utf-8")
+    (folder / "ref/ruleset.yaml").write_text(setting.rules, encoding="utf-8")
+    return folder
+
+
+def told(output: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((output / "scores.json").read_text(encoding="utf-8"))
+    return found
+
+
+def zipped(file: Path, members: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return file
+
+
+# The scoring program -------------------------------------------------------------------
+
+
+def test_a_submission_is_scored_into_every_column(tmp_path: Path, log_text: str) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    (inputs / "res/metadata").write_text("exitCode: 0\n", encoding="utf-8")
+    (inputs / "res/kit_1").mkdir()
+    (inputs / "res/kit_1/trial.jsonl").write_text(log_text, encoding="utf-8")
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    result = score_trial(inputs / "res/kit_1", RULES)
+    assert told(tmp_path / "output") == {
+        "final": float(result.score or 0),
+        "raw": float(result.score or 0),
+        "penalty": 0.0,
+        "violations": sum(f.verdict.value == "violated" for f in result.measured.findings.values()),
+        "coverage": 1.0,
+        "status_code": 0,
+    }
+    files = {f.relative_to(tmp_path / "output").as_posix() for f in (tmp_path / "output").rglob("*.*")}
+    assert files == {"scores.json", "platform_scores.json", "detailed_results.html", "results/kit_1.json"}
+    assert not (tmp_path / "output/metadata").exists()  # the platform's own name
+
+
+def test_the_best_run_counts_and_the_others_are_shown(tmp_path: Path, log_text: str) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    worse = log_text.replace('"gear_part_blue"', '"gear_part_red"')
+    for number, text in ((1, worse), (2, log_text), (3, "half a line")):
+        (inputs / f"res/kit_{number}.jsonl").write_text(text, encoding="utf-8")
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    found = told(tmp_path / "output")
+    assert found["final"] == float(score_trial(inputs / "res/kit_2.jsonl", RULES).score or 0)
+    assert found["status_code"] == 1  # one run could not be read, and that is said
+    page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
+    assert "kit, run 3: " in page
+
+
+EMPTY = ({}, {"metadata": b"exitCode: 0\n"}, {".hidden": b"x"})
+
+
+@pytest.mark.parametrize("files", EMPTY)
+def test_an_empty_submission_is_a_scored_outcome_that_says_why(
+    tmp_path: Path, files: dict[str, bytes], capsys: pytest.CaptureFixture[str]
+) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    for name, content in files.items():
+        (inputs / "res" / name).write_bytes(content)
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    found = told(tmp_path / "output")
+    assert (found["final"], found["status_code"]) == (-1e6, 2)
+    assert set(found) == {column.key for column in COLUMNS}
+    assert "is taken for a program" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("members", "said"),
+    [
+        ({"other_1.jsonl": b"{}"}, "is of no trial of this phase"),
+        ({"kit_1.jsonl": b"{}", "kit.jsonl": b"{}"}, "two entries are run 1 of"),
+        ({"kit_1.zip": b"PK\x03\x04 no archive"}, "kit"),
+    ],
+)
+def test_what_is_wrong_with_a_submission_is_told_and_scored(
+    tmp_path: Path, members: dict[str, bytes], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    for name, content in members.items():
+        (inputs / "res" / name).write_bytes(content)
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    assert told(tmp_path / "output")["status_code"] == 2
+    assert said in capsys.readouterr().out
+
+
+def test_a_hostile_archive_in_a_submission_is_its_own_fault(
+    tmp_path: Path, log_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    zipped(inputs / "res/a.zip", {"../../kit_1.jsonl": log_text.encode()})
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    assert told(tmp_path / "output")["status_code"] == 2
+    assert "leads out of the archive" in capsys.readouterr().out
+    assert not (tmp_path / "kit_1.jsonl").exists()
+
+
+def test_a_run_beyond_its_time_leaves_the_others_their_score(tmp_path: Path, log_text: str) -> None:
+    inputs = reference(tmp_path / "input", "kit", "slow", limits=Limits(60.0, 0, output_bytes=200_000))
+    (inputs / "res/kit_1.jsonl").write_text(log_text, encoding="utf-8")
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    assert told(tmp_path / "output")["status_code"] == 1  # `slow` was never run
+    assert told(tmp_path / "output")["final"] > 0
+
+
+@pytest.mark.parametrize("damage", ["no phase", "no rules", "other schema", "rules that compare teams"])
+def test_a_broken_scorer_is_a_failure_and_never_a_score(
+    tmp_path: Path, damage: str, log_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    (inputs / "res/kit_1.jsonl").write_text(log_text, encoding="utf-8")
+    phase = inputs / "ref/phase.json"
+    if damage == "no phase":
+        phase.unlink()
+    elif damage == "no rules":
+        (inputs / "ref/ruleset.yaml").write_text("id: [", encoding="utf-8")
+    elif damage == "other schema":
+        phase.write_text(phase.read_text().replace("phase/1", "phase/9"), encoding="utf-8")
+    else:
+        setting = Setting.of(load_rule_set("ariac2024.official"), Limits())
+        phase.write_text(phase_text("practice", setting, {"kit": ""}), encoding="utf-8")
+        (inputs / "ref/ruleset.yaml").write_text(setting.rules, encoding="utf-8")
+
+    assert score(inputs, tmp_path / "output") == 3
+
+    assert not (tmp_path / "output/scores.json").exists()
+    assert "The scorer failed" in (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
+    assert capsys.readouterr().err
+
+
+class _Page(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.links += [value or "" for name, value in attrs if name in ("src", "href", "onerror")]
+
+
+def test_what_a_stranger_wrote_is_text_on_the_page(tmp_path: Path, log_text: str) -> None:
+    inputs = reference(tmp_path / "input")
+    hostile = "<img src=x onerror=alert(1)>"
+    text = log_text.replace("gear_part_blue", f"{hostile}</script>")
+    (inputs / "res" / f"{hostile}_1.jsonl").write_text(text, encoding="utf-8")
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    html = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
+    page = _Page()
+    page.feed(html)
+    assert not {"img", "script", "iframe", "link"} & set(page.tags)
+    assert page.links == []
+    assert "&lt;img src=x onerror=alert(1)&gt;" in html
+    names = [file.name for file in (tmp_path / "output/results").iterdir()]
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+", name) for name in names)
+
+
+# What a platform can store -------------------------------------------------------------
+
+SOUND: dict[str, Any] = {
+    "final": 1.5,
+    "raw": 2,
+    "penalty": -0.5,
+    "violations": 3,
+    "coverage": 1.0,
+    "status_code": 0,
+}
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e10, -1e10, True, None, "1", 10**10])
+def test_what_a_platform_cannot_store_is_refused_by_us_first(value: object) -> None:
+    with pytest.raises(BatchError, match="cannot be stored"):
+        checked_metrics({**SOUND, "final": value})
+
+
+@pytest.mark.parametrize("value", [0, 0.0, -0.0, 9999999999.0, -9999999999.9, 1 / 3])
+def test_what_it_can_store_is_rounded_once(value: float) -> None:
+    told_value = checked_metrics({**SOUND, "final": value})["final"]
+    assert told_value == round(value, 10)
+    assert str(told_value) != "-0.0"
+
+
+def test_a_missing_or_unknown_column_is_refused() -> None:
+    with pytest.raises(BatchError, match="columns without a number"):
+        checked_metrics({key: value for key, value in SOUND.items() if key != "raw"})
+    with pytest.raises(BatchError, match="numbers without a column"):
+        checked_metrics({**SOUND, "more": 1})
+
+
+def test_a_submission_without_a_score_is_behind_every_other() -> None:
+    nothing = PlatformScores.without_score("finals", "invalid_log", "nothing")
+    assert checked_metrics(nothing.metrics)["final"] == -1e6
+    assert nothing.metrics["status_code"] == 2
+
+
+# The bundle ----------------------------------------------------------------------------
+
+
+def bundle(folder: Path, **changes: Any) -> Path:
+    rule_set = load_rule_set(RULES)
+    values = {**vars(BUNDLE), **changes}
+    write_bundle(
+        Bundle(**values),
+        rule_set,
+        Setting.of(rule_set, Limits(120.0, 0)),
+        {"kit": None},
+        folder / "bundle.zip",
+    )
+    return folder / "bundle.zip"
+
+
+def test_a_bundle_is_executed_as_the_worker_would(tmp_path: Path, log_text: str) -> None:
+    (tmp_path / "kit_1").mkdir()
+    (tmp_path / "kit_1/trial.jsonl").write_text(log_text, encoding="utf-8")
+    pack([tmp_path / "kit_1"], tmp_path / "submission.zip")
+
+    assert dry_run(bundle(tmp_path), tmp_path / "submission.zip", tmp_path / "dry") == 0
+
+    found = told(tmp_path / "dry/output")
+    assert found["final"] == float(score_trial(tmp_path / "kit_1", RULES).score or 0)
+
+
+def test_the_same_bundle_has_the_same_bytes(tmp_path: Path) -> None:
+    (tmp_path / "again").mkdir()
+    assert bundle(tmp_path).read_bytes() == bundle(tmp_path / "again").read_bytes()
+
+
+def test_the_bundle_has_what_the_unpacker_asks_for(tmp_path: Path) -> None:
+    with zipfile.ZipFile(bundle(tmp_path)) as archive:
+        names = archive.namelist()
+        competition = yaml.safe_load(archive.read("competition.yaml"))
+        with zipfile.ZipFile(archive.open("scoring_program.zip")) as program:
+            assert set(program.namelist()) == {"metadata.yaml", "scoring.py"}  # no folder around them
+            command = yaml.safe_load(program.read("metadata.yaml"))["command"]
+            compile(program.read("scoring.py"), "scoring.py", "exec")
+    assert command == "python3 /app/program/scoring.py /app/input /app/output"
+    assert competition["version"] == 2
+    assert "leaderboard" not in competition
+    columns = competition["leaderboards"][0]["columns"]
+    assert [column["index"] for column in columns] == list(range(len(columns)))
+    assert (columns[0]["key"], columns[0]["sorting"]) == ("final", "desc")
+    assert all(len(column["key"]) <= 36 for column in columns)
+    assert {"rules.md", "terms.md", "logo.png"} <= set(names)
+    assert check_bundle(tmp_path / "bundle.zip") == []
+
+
+def test_a_submission_that_looks_like_a_program_arrives_empty_and_is_told_so(
+    tmp_path: Path, log_text: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    members = {"metadata.yaml": b"rosbag2_bagfile_information: {}\n", "kit_1.jsonl": log_text.encode()}
+    zipped(tmp_path / "trap.zip", members)
+
+    assert dry_run(bundle(tmp_path), tmp_path / "trap.zip", tmp_path / "dry") == 0
+
+    assert told(tmp_path / "dry/output")["status_code"] == 2
+    assert "is taken for a program" in capfd.readouterr().out
+
+
+def test_a_program_without_the_engine_fails_with_a_page(tmp_path: Path) -> None:
+    with (
+        zipfile.ZipFile(bundle(tmp_path)) as archive,
+        zipfile.ZipFile(archive.open("scoring_program.zip")) as program,
+    ):
+        (tmp_path / "scoring.py").write_bytes(program.read("scoring.py"))
+    (tmp_path / "output").mkdir()
+    ended = subprocess.run(
+        [sys.executable, "-I", "-S", str(tmp_path / "scoring.py"), str(tmp_path), str(tmp_path / "output")],
+        capture_output=True,
+        check=False,
+    )
+    assert ended.returncode == 3
+    assert "could not be started" in (tmp_path / "output/detailed_results.html").read_text()
+
+
+def changed(tmp_path: Path, change: Any) -> list[str]:
+    """What the check says of a bundle whose competition.yaml was changed."""
+    with zipfile.ZipFile(bundle(tmp_path)) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    competition = yaml.safe_load(members["competition.yaml"])
+    change(competition, members)
+    members["competition.yaml"] = yaml.safe_dump(competition).encode()
+    return [problem.what for problem in check_bundle(zipped(tmp_path / "changed.zip", members))]
+
+
+def _program(content: dict[str, bytes]) -> bytes:
+    import io  # noqa: PLC0415  # for this helper alone
+
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        for name, text in content.items():
+            archive.writestr(name, text)
+    return out.getvalue()
+
+
+TRAPS = {
+    "leaderboard": (
+        lambda c, _m: c.update(leaderboard=c.pop("leaderboards")),
+        "the unpacker rejects it",
+    ),
+    "other keys": (lambda c, _m: c["leaderboards"][0]["columns"].pop(), "the scorer writes"),
+    "long key": (
+        lambda c, _m: c["leaderboards"][0]["columns"][1].update(key="k" * 37),
+        "is longer than 36 characters",
+    ),
+    "ascending": (
+        lambda c, _m: c["leaderboards"][0]["columns"][0].update(sorting="asc"),
+        "a submission without a score would lead",
+    ),
+    "computed": (
+        lambda c, _m: c["leaderboards"][0]["columns"][2].update(computation="avg"),
+        "is computed by the platform",
+    ),
+    "enclosing folder": (
+        lambda _c, m: m.update(
+            {"scoring_program.zip": _program({"p/metadata.yaml": b"", "p/scoring.py": b""})}
+        ),
+        "lies in a folder",
+    ),
+    "no command": (
+        lambda _c, m: m.update(
+            {"scoring_program.zip": _program({"metadata.yaml": b"{}", "scoring.py": b""})}
+        ),
+        "it has no 'command'",
+    ),
+    "no program": (lambda _c, m: m.pop("scoring_program.zip"), "is not in the zip"),
+    "tag": (lambda c, _m: c.update(docker_image="example.org/x:latest"), "is not named by its digest"),
+    "long": (lambda c, _m: c["phases"][0].update(execution_time_limit=601), "a queue of your own"),
+    "no page": (lambda _c, m: m.pop("rules.md"), "rules.md is not in the zip"),
+}
+
+
+@pytest.mark.parametrize("trap", TRAPS)
+def test_every_trap_is_found_before_the_upload(tmp_path: Path, trap: str) -> None:
+    change, words = TRAPS[trap]
+    assert any(words in what for what in changed(tmp_path, change)), trap
+
+
+def test_a_bundle_without_traps_has_no_problem(tmp_path: Path) -> None:
+    assert changed(tmp_path, lambda _c, _m: None) == []
+
+
+def test_rules_that_compare_teams_are_refused_for_a_platform(tmp_path: Path) -> None:
+    rule_set = load_rule_set("ariac2024.official")
+    with pytest.raises(UsageError, match="compares teams"):
+        write_bundle(BUNDLE, rule_set, Setting.of(rule_set, Limits()), {}, tmp_path / "b.zip")
+    assert not list(tmp_path.iterdir())
+
+
+# The pack ------------------------------------------------------------------------------
+
+
+def test_a_pack_keeps_recordings_in_their_folders(tmp_path: Path) -> None:
+    bag = tmp_path / "kit_1"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text("a: 1\n")
+    (bag / "kit.db3").write_bytes(b"x")
+
+    assert pack([bag], tmp_path / "s.zip") == 2
+
+    with zipfile.ZipFile(tmp_path / "s.zip") as archive:
+        assert archive.namelist() == ["kit_1/kit.db3", "kit_1/metadata.yaml"]
+
+
+def test_what_cannot_be_packed_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("command: evil\n")
+    (tmp_path / "link").symlink_to("/etc/passwd")
+    for name in ("a", "b"):
+        (tmp_path / name / "kit_1").mkdir(parents=True)
+        (tmp_path / name / "kit_1/x").touch()
+    cases: dict[str, list[Path]] = {
+        "take the submission for a program": [tmp_path / "metadata.yaml"],
+        "it is a link": [tmp_path / "link"],
+        "two trials are named 'kit_1'": [tmp_path / "a/kit_1", tmp_path / "b/kit_1"],
+        "there is no such file": [tmp_path / "gone"],
+    }
+    for words, paths in cases.items():
+        with pytest.raises(UsageError, match=words):
+            pack(paths, tmp_path / "s.zip")
+    assert not (tmp_path / "s.zip").exists()
+
+
+def test_the_commands_say_what_they_did(
+    tmp_path: Path, log_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "kit_1").mkdir()
+    (tmp_path / "kit_1/trial.jsonl").write_text(log_text, encoding="utf-8")
+    head = ["platform", "codabench"]
+    bundle_arguments = ["--rules", RULES, "--title", "P", "--image", IMAGE, "--start", "2026-09-01"]
+    zips = [str(tmp_path / name) for name in ("b.zip", "s.zip")]
+    assert (
+        main([*head, "bundle", *bundle_arguments, "--end", "2026-10-01", "--trial", "kit", "-o", zips[0]])
+        == 0
+    )
+    assert main([*head, "check", zips[0]]) == 0
+    assert main([*head, "pack", str(tmp_path / "kit_1"), "-o", zips[1]]) == 0
+    assert main([*head, "dry-run", *zips, "-o", str(tmp_path / "dry")]) == 0
+    said = capsys.readouterr().out
+    assert "nothing that the platform would trip over" in said
+    assert "1 file, " in said
+    assert main([*head, "dry-run", *zips, "-o", str(tmp_path / "dry")]) == 4
+    assert "the folder is not empty" in capsys.readouterr().err
+    shutil.rmtree(tmp_path / "dry")
+    (tmp_path / "b.zip").write_bytes(b"no zip")
+    assert main([*head, "check", zips[0]]) == 1
+    assert main([*head, "dry-run", *zips, "-o", str(tmp_path / "dry")]) == 4
+
+
+def test_the_time_of_the_default_queue_ends_a_dry_run(
+    tmp_path: Path, log_text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "kit_1").mkdir()
+    (tmp_path / "kit_1/trial.jsonl").write_text(log_text, encoding="utf-8")
+    pack([tmp_path / "kit_1"], tmp_path / "submission.zip")
+    made = bundle(tmp_path)
+    monkeypatch.setattr(codabench, "DEFAULT_QUEUE_S", 0.001)
+
+    assert dry_run(made, tmp_path / "submission.zip", tmp_path / "dry") == 3

@@ -1,0 +1,370 @@
+"""EvalAI, against a stand-in that repeats the checks which its code makes, by the notes on it."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ariac_score import load_rule_set, score_trial
+from ariac_score.batch.tasks import Limits, Setting
+from ariac_score.cli import main
+from ariac_score.platforms.evalai import (
+    Api,
+    ApiError,
+    Challenge,
+    Worker,
+    challenge_config,
+    check_challenge,
+    failed_body,
+    finished_body,
+)
+from ariac_score.platforms.neutral import COLUMNS, PlatformScores
+from ariac_score.platforms.submission import Phase, load_phase, phase_text
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+
+RULES = "ariac2020.as_coded"
+LABELS = [column.key for column in COLUMNS]
+
+
+class Platform(ThreadingHTTPServer):
+    """The platform's side: one queue, its checks, and the faults it is told to have."""
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.queue: list[dict[str, Any]] = []
+        self.files: dict[str, bytes] = {}
+        self.status = "submitted"
+        self.requests: list[tuple[str, str]] = []
+        self.taken: list[dict[str, Any]] = []
+        self.acknowledged: list[str] = []
+        self.faults: list[int] = []
+        self.cut = False
+
+    def accepts(self, body: dict[str, Any]) -> tuple[int, str]:
+        """The checks on the body that ends an evaluation."""
+        if body["submission_status"] != "FINISHED":
+            return 200, ""
+        if not isinstance(body["result"], str):
+            return 400, "result is not a string"
+        for row in json.loads(body["result"]):
+            if row.get("split") != "finals":
+                return 400, "Challenge Phase Split does not exist"
+            for label, value in row["accuracies"].items():
+                if label not in LABELS:
+                    return 400, f"unknown label {label}"
+                if not isinstance(value, (int, float)):
+                    return 400, f"{label} is no number"
+                if not math.isfinite(value):
+                    return 500, "the database rejects it"
+        return 200, ""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Platform
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+    def _reply(self, status: int, body: Any, *, raw: bytes | None = None) -> None:
+        text = raw if raw is not None else json.dumps(body).encode()
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(text) + (5 if raw is not None and self.server.cut else 0)))
+        self.end_headers()
+        self.wfile.write(text)
+
+    def _serve(self, method: str) -> None:
+        server = self.server
+        server.requests.append((method, self.path))
+        length = int(self.headers.get("Content-Length") or 0)
+        body = json.loads(self.rfile.read(length)) if length else {}
+        if self.path.startswith("/media/"):
+            self._reply(200, None, raw=server.files[self.path])
+        elif self.headers.get("Authorization") != "Bearer secret":
+            self._reply(401, {"detail": "Invalid token."})
+        elif method == "GET" and "/queues/" in self.path:
+            self._reply(200, server.queue[0] if server.queue else {})
+        elif method == "GET":
+            self._reply(200, {"status": server.status, "input_file": next(iter(server.files), "")})
+        elif method == "POST":
+            server.acknowledged.append(body["receipt_handle"])
+            server.queue.pop(0)
+            self._reply(200, {})
+        elif method == "PATCH":
+            self._reply(200, {})
+        elif server.faults:
+            self._reply(server.faults.pop(0), {"error": "fault"})
+        else:
+            status, words = server.accepts(body)
+            if status == 200:
+                server.taken.append(body)
+            self._reply(status, {"error": words})
+
+    def do_GET(self) -> None:  # the name the library calls
+        self._serve("GET")
+
+    def do_POST(self) -> None:
+        self._serve("POST")
+
+    def do_PUT(self) -> None:
+        self._serve("PUT")
+
+    def do_PATCH(self) -> None:
+        self._serve("PATCH")
+
+
+@pytest.fixture
+def platform() -> Iterator[Platform]:
+    server = Platform()
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+    thread.start()
+    yield server
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+@pytest.fixture(scope="session")
+def log_text(tmp_path_factory: pytest.TempPathFactory) -> str:
+    file = tmp_path_factory.mktemp("made") / "trial.jsonl"
+    write_trial_log(file, kitting_trial(duration_s=40.0), signals=SNAPSHOT_SIGNALS)
+    return file.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def phase(tmp_path: Path) -> Phase:
+    folder = tmp_path / "reference"
+    folder.mkdir()
+    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+    (folder / "phase.json").write_text(phase_text("finals", setting, {"kit": ""}), encoding="utf-8")
+    (folder / "ruleset.yaml").write_text(setting.rules, encoding="utf-8")
+    return load_phase(folder)
+
+
+def worker(
+    platform: Platform, phase: Phase, tmp_path: Path, said: str = "secret"
+) -> tuple[Worker, list[float]]:
+    pauses: list[float] = []
+    api = Api(f"http://127.0.0.1:{platform.server_address[1]}", said, "queue", 7)
+    return Worker(api, phase, tmp_path / "store", pauses.append, lambda _line: None), pauses
+
+
+def message(platform: Platform, log: bytes | None, name: str = "kit_1.jsonl", pk: int = 11) -> None:
+    platform.queue.append(
+        {"body": {"submission_pk": pk, "challenge_pk": 7, "phase_pk": 3}, "receipt_handle": f"r{pk}"}
+    )
+    if log is not None:
+        platform.files = {f"/media/{name}": log}
+
+
+def test_a_submission_is_fetched_scored_sent_and_only_then_acknowledged(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str
+) -> None:
+    message(platform, log_text.encode())
+    one, _ = worker(platform, phase, tmp_path)
+
+    assert one.once()
+    assert not one.once()  # the queue is empty
+
+    (body,) = platform.taken
+    assert (body["submission"], body["challenge_phase"], body["submission_status"]) == (11, 3, "FINISHED")
+    (row,) = json.loads(body["result"])
+    assert set(row) == {"split", "show_to_participant", "accuracies"}
+    assert set(row["accuracies"]) == set(LABELS)
+    (tmp_path / "kit_1.jsonl").write_text(log_text, encoding="utf-8")
+    assert row["accuracies"]["final"] == float(score_trial(tmp_path / "kit_1.jsonl", RULES).score or 0)
+    assert platform.acknowledged == ["r11"]
+    methods = [method for method, path in platform.requests if "media" not in path]
+    assert methods == ["GET", "GET", "PATCH", "PUT", "POST", "GET"]
+
+
+def test_a_bad_submission_is_a_scored_outcome(platform: Platform, phase: Phase, tmp_path: Path) -> None:
+    message(platform, b"no log")
+    worker(platform, phase, tmp_path)[0].once()
+
+    (row,) = json.loads(platform.taken[0]["result"])
+    assert (row["accuracies"]["final"], row["accuracies"]["status_code"]) == (-1e6, 2)
+    assert "kit_1.jsonl" in platform.taken[0]["stdout"]
+
+
+@pytest.mark.parametrize("status", ["finished", "failed", "cancelled", "FINISHED"])
+def test_a_message_for_what_is_done_is_acknowledged_and_nothing_else(
+    platform: Platform, phase: Phase, tmp_path: Path, status: str
+) -> None:
+    message(platform, b"")
+    platform.status = status
+    worker(platform, phase, tmp_path)[0].once()
+
+    assert platform.taken == []
+    assert platform.acknowledged == ["r11"]
+
+
+def test_a_message_that_comes_twice_is_answered_with_the_same_bytes_without_scoring(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    message(platform, log_text.encode())
+    message(platform, None)
+    one, _ = worker(platform, phase, tmp_path)
+    one.once()
+    platform.status = "running"  # the first worker died before it was acknowledged, or so it seems
+    monkeypatch.setattr(
+        "ariac_score.platforms.evalai.score_submission", lambda *_, **__: pytest.fail("again")
+    )
+    one.once()
+
+    first, second = platform.taken
+    assert first == second
+
+
+def test_a_fault_of_the_platform_is_waited_out(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str
+) -> None:
+    message(platform, log_text.encode())
+    platform.faults = [500, 502]
+    one, pauses = worker(platform, phase, tmp_path)
+    one.once()
+
+    assert pauses == [2.0, 4.0]
+    assert len(platform.taken) == 1
+
+
+def test_a_platform_that_stays_broken_keeps_the_message(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str
+) -> None:
+    message(platform, log_text.encode())
+    platform.faults = [500] * 9
+    with pytest.raises(ApiError, match="HTTP 500"):
+        worker(platform, phase, tmp_path)[0].once()
+    assert platform.acknowledged == []
+
+
+def test_what_the_platform_will_not_have_ends_as_failed_with_its_own_words(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str
+) -> None:
+    message(platform, log_text.encode())
+    platform.faults = [400]
+    worker(platform, phase, tmp_path)[0].once()
+
+    (body,) = platform.taken
+    assert body["submission_status"] == "FAILED"
+    assert "fault" in body["stderr"]
+    assert platform.acknowledged == ["r11"]
+
+
+def test_a_wrong_token_is_told_and_never_shown(platform: Platform, phase: Phase, tmp_path: Path) -> None:
+    message(platform, b"")
+    one, _ = worker(platform, phase, tmp_path, said="wrong-token")
+    with pytest.raises(ApiError, match="HTTP 401") as caught:
+        one.once()
+    assert "wrong-token" not in f"{caught.value}{one.api!r}"
+    assert not caught.value.passes
+
+
+def test_a_download_that_is_cut_off_is_tried_again_later(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str
+) -> None:
+    message(platform, log_text.encode())
+    platform.cut = True
+    one, _ = worker(platform, phase, tmp_path)
+    with pytest.raises(ApiError):
+        one.once()
+    platform.cut = False
+    one.once()
+
+    assert platform.taken[0]["submission_status"] == "FINISHED"
+
+
+@pytest.mark.parametrize("url", ["file:///etc/passwd", "ftp://127.0.0.1/x", "data:,x"])
+def test_a_submission_may_not_name_a_file_of_this_machine(
+    platform: Platform, phase: Phase, tmp_path: Path, url: str
+) -> None:
+    message(platform, None)
+    platform.files = {url: b""}
+    with pytest.raises(ApiError, match="is no address on the web"):
+        worker(platform, phase, tmp_path)[0].once()
+
+
+def test_the_shape_is_the_one_the_code_takes() -> None:
+    scores = PlatformScores("finals", "scored", dict.fromkeys(LABELS, 1.0), "all well", "ab")
+    body = finished_body(scores, phase_pk=3, submission_pk=11)
+
+    assert Platform.accepts(Platform.__new__(Platform), body) == (200, "")
+    assert isinstance(body["result"], str)
+    assert "all well" in body["stdout"]
+    assert failed_body("why", phase_pk=3, submission_pk=11)["result"] == "[]"
+
+
+# The configuration ---------------------------------------------------------------------
+
+
+def config(tmp_path: Path, change: Any = lambda _c: None) -> Path:
+    told = yaml.safe_load(challenge_config(Challenge("Finals", "finals")))
+    change(told)
+    (tmp_path / "challenge_config.yaml").write_text(yaml.safe_dump(told), encoding="utf-8")
+    return tmp_path / "challenge_config.yaml"
+
+
+def test_our_own_configuration_has_no_problem(tmp_path: Path) -> None:
+    assert check_challenge(config(tmp_path)) == []
+
+
+TRAPS = {
+    "hosted": (lambda c: c.update(remote_evaluation=False), "this engine does not run there"),
+    "ascending": (
+        lambda c: c["leaderboard"][0]["schema"]["metadata"]["final"].pop("sort_ascending"),
+        "the worst would lead",
+    ),
+    "suffixes": (
+        lambda c: c["challenge_phases"][0].update(allowed_submission_file_types=".json, .zip"),
+        ".mcap",
+    ),
+    "latest": (
+        lambda c: c["challenge_phase_splits"][0].update(show_leaderboard_by_latest_submission=True),
+        "newest first",
+    ),
+    "labels": (lambda c: c["leaderboard"][0]["schema"]["labels"].append("more"), "not those of the worker"),
+}
+
+
+@pytest.mark.parametrize("trap", TRAPS)
+def test_every_trap_of_the_configuration_is_found(tmp_path: Path, trap: str) -> None:
+    change, words = TRAPS[trap]
+    assert any(words in problem.what for problem in check_challenge(config(tmp_path, change)))
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "a: [", "a: 1\na: 2\n"])
+def test_a_configuration_that_is_none_is_a_problem(tmp_path: Path, text: str) -> None:
+    (tmp_path / "c.yaml").write_text(text, encoding="utf-8")
+    assert check_challenge(tmp_path / "c.yaml")
+    assert check_challenge(tmp_path / "gone.yaml")
+
+
+def test_the_commands(
+    tmp_path: Path, platform: Platform, phase: Phase, log_text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    head = ["platform", "evalai"]
+    file = str(tmp_path / "c.yaml")
+    assert main([*head, "config", "--title", "Finals", "--phase", "finals", "-o", file]) == 0
+    assert main([*head, "check", file]) == 0
+    run = [*head, "worker", str(phase.folder), "--store", str(tmp_path / "store"), "--once"]
+    monkeypatch.delenv("API_SERVER", raising=False)
+    assert main(run) == 4
+    message(platform, log_text.encode())
+    for name, value in {
+        "API_SERVER": f"http://127.0.0.1:{platform.server_address[1]}",
+        "AUTH_TOKEN": "secret",
+        "QUEUE_NAME": "queue",
+        "CHALLENGE_PK": "7",
+    }.items():
+        monkeypatch.setenv(name, value)
+    assert main(run) == 0
+    assert len(platform.taken) == 1
