@@ -124,6 +124,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         "comparison",
         "expression",
         "findings",
+        "jinja2",
+        "markupsafe",
         "ranking",
         "result",
         "ruleset",
@@ -149,7 +151,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
 }
 ANYTHING = {"cli", "__init__"}
-SLOW = {"rosbags", "jsonschema", "rich", "jinja2", "websockets"}
+SLOW = {"rosbags", "jsonschema", "rich", "jinja2", "markupsafe", "websockets"}
 
 
 def _part(path: Path) -> str:

@@ -34,6 +34,7 @@ _COMMANDS = (
     "score",
     "info",
     "explain",
+    "report",
     "price",
     "audit",
     "rank",

@@ -1,0 +1,55 @@
+"""`ariac-score report RESULT -o trial.html`: a result as a page to look at, print and share."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "report",
+        help="a result as a page to look at, print and share",
+        description="Make one self-contained HTML page of a trial's result: no network, no server.",
+    )
+    parser.add_argument(
+        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="write to OUT instead of stdout")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make what the kind of the file asks for."""
+    from ariac_score.cli.output import refuse_inputs  # noqa: PLC0415  # keeps --help quick
+
+    refuse_inputs(arguments.output, arguments.result)
+    return _WRITERS.get(_kind(arguments.result), _trial)(arguments)
+
+
+def _kind(file: Path) -> str:
+    """What a file says it is, such as `ariac-score/result`; empty when it does not say."""
+    try:
+        stored = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return ""  # reading it as a result words the error
+    schema = stored.get("schema") if isinstance(stored, dict) else None
+    return schema.rpartition("/")[0] if isinstance(schema, str) else ""
+
+
+def _trial(arguments: argparse.Namespace) -> int:
+    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.report.html.trial import trial_page  # noqa: PLC0415
+    from ariac_score.result_json import as_json, load_result  # noqa: PLC0415
+
+    result = load_result(arguments.result)
+    write(trial_page(result, as_json(result)), arguments.output)
+    return 0
+
+
+_WRITERS: Mapping[str, Callable[[argparse.Namespace], int]] = {"ariac-score/result": _trial}
+"""What makes a page of which kind of file."""
