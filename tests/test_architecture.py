@@ -87,6 +87,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "errors",
         "expression",
         "logs",
+        "numpy",
         "registry",
         "result",
         "result_json",

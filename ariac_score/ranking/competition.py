@@ -36,12 +36,21 @@ _TRIAL_CONFIGS = ("trials/{trial}.yaml", "trial_config/{trial}.yaml")
 
 @dataclass(frozen=True)
 class Team:
-    """A team: its id in paths, its name for people, its sensor configuration, the judges' marks."""
+    """A team.
+
+    Attributes:
+        id: As in paths.
+        name: For people.
+        config: Its sensor configuration.
+        judges: For each judge the marks given.
+        disqualified: Why it has no rank; empty when it has not been disqualified.
+    """
 
     id: str
     name: str
     config: Path | None = None
     judges: tuple[tuple[float, ...], ...] = ()
+    disqualified: str = ""
 
 
 @dataclass(frozen=True)
@@ -211,7 +220,7 @@ def _team(document: YamlDocument, root: Path, number: int, entry: Mapping[str, A
     if "config" in entry:
         config = _existing(document, root, entry["config"], ("teams", number, "config"))
     marks = tuple(tuple(float(mark) for mark in judge) for judge in entry.get("judges", []))
-    return Team(entry["id"], entry.get("name", entry["id"]), config, marks)
+    return Team(entry["id"], entry.get("name", entry["id"]), config, marks, entry.get("disqualified", ""))
 
 
 def _plain_team(document: YamlDocument, root: Path, name: str) -> Team:

@@ -3,7 +3,9 @@
 For each team and trial the best runs are kept; where the rules compare teams, the kept
 runs make the cohort and are priced with it; their mean is the score of the trial, the
 sum over trials the execution of the team. A run that cannot be read or decided costs
-its own team that run, by name and reason, and nobody else anything.
+its own team that run, by name and reason, and nobody else anything. What has no score
+counts 0, or what the worst run kept in that trial got where that is worse: a run that was
+not made, or that crashed, never puts its team ahead of one that drove.
 """
 
 from __future__ import annotations
@@ -11,19 +13,30 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_HALF_EVEN, Decimal
+from typing import Any
 
 from ariac_score.cohort import Cohort, contributed, make_cohort
 from ariac_score.engine import reprice
 from ariac_score.errors import FormulaError, RunEndedError, ScoreError
 from ariac_score.expression import Expression, Number, add_up
 from ariac_score.ranking.competition import Competition, RunKey, Team
-from ariac_score.ranking.spec import Spec
+from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
 from ariac_score.result import Result
 from ariac_score.ruleset import RuleSet
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import Contributed
 
-__all__ = ["OUTCOMES", "Cell", "Ranking", "RunOutcome", "Standing", "rank_results"]
+__all__ = [
+    "OUTCOMES",
+    "Cell",
+    "Ranking",
+    "RunOutcome",
+    "Standing",
+    "cell_digits",
+    "is_scored",
+    "merit",
+    "rank_results",
+]
 
 OUTCOMES: Mapping[str, str] = {
     "scored": "it has a score",
@@ -79,7 +92,7 @@ class Cell:
     """What one trial brings one team.
 
     Attributes:
-        score: Mean of the runs kept; 0 when there are none.
+        score: Mean of the runs kept; without any 0, or the worst of the trial.
         outcome: `scored`, or why it is 0: one of `OUTCOMES`.
         reason: In words.
         runs: Numbers of the runs that count.
@@ -108,6 +121,10 @@ class Standing:
         ties: The values that separate teams of equal value, by name.
         cells: By trial.
         remarks: What a reader of the ranking must know about this team.
+        places: How many trials it won, in how many it came second, and so on.
+        separated_by: What puts it behind the team before it: `value`, or one of the ties;
+            empty for the first, for one that shares its rank, and for one without any.
+        disqualified: Why it has no rank, where it was disqualified.
     """
 
     rank: int | None
@@ -119,6 +136,9 @@ class Standing:
     ties: Mapping[str, float | None]
     cells: Mapping[str, Cell]
     remarks: tuple[str, ...] = ()
+    places: tuple[int, ...] = ()
+    separated_by: str = ""
+    disqualified: str = ""
 
 
 @dataclass(frozen=True)
@@ -134,6 +154,7 @@ class Ranking:
         runs: Every run, sorted by team, trial and number.
         cohort: The values across teams; `None` when the rules compare none.
         strangers: What lies among the runs and belongs to nobody.
+        worst: By trial what counts where there is no score: 0, or the worst run kept.
     """
 
     competition: str
@@ -144,6 +165,7 @@ class Ranking:
     runs: tuple[RunOutcome, ...]
     cohort: Cohort | None
     strangers: tuple[str, ...] = ()
+    worst: Mapping[str, Decimal] = field(default_factory=dict)
 
 
 def rank_results(
@@ -165,9 +187,14 @@ def rank_results(
     outcomes = [
         _priced(run, kept, rule_set, cohort, pools) for run in sorted(outcomes, key=lambda run: run.key)
     ]
+    worst = _worst(competition, outcomes, spec)
+    outcomes = [_at_worst(run, worst[run.trial]) if run.trial in worst else run for run in outcomes]
+    groups: dict[tuple[str, str], list[RunOutcome]] = {}
+    for run in outcomes:
+        groups.setdefault((run.team, run.trial), []).append(run)
     cells = {
         (team.id, trial.id): _cell(
-            [run for run in outcomes if (run.team, run.trial) == (team.id, trial.id)], spec, rule_set.digits
+            groups.get((team.id, trial.id), []), spec, rule_set.digits, worst[trial.id]
         )
         for team in competition.teams
         for trial in competition.trials
@@ -181,6 +208,7 @@ def rank_results(
         runs=tuple(outcomes),
         cohort=cohort,
         strangers=competition.strangers,
+        worst=worst,
     )
 
 
@@ -244,14 +272,15 @@ def _kept(outcomes: Sequence[RunOutcome], spec: Spec) -> dict[tuple[str, str], t
         if run.task is not None or run.score is not None:
             groups.setdefault((run.team, run.trial), []).append(run)
     return {
-        key: tuple(sorted(runs, key=lambda run: (_sort_key(run, spec), run.number))[: spec.keep])
+        key: tuple(sorted(runs, key=lambda run: merit(run, spec))[: spec.keep])
         for key, runs in groups.items()
     }
 
 
-def _sort_key(run: RunOutcome, spec: Spec) -> list[tuple[int, float | Decimal]]:
+def merit(run: RunOutcome, spec: Spec) -> tuple[bool, list[tuple[int, float | Decimal]], int]:
+    """What runs of a team and trial are sorted by, the best first; one without a score of its own last."""
     own: Mapping[str, float | Decimal | None] = {"task": run.task, "score": run.score, **run.terms}
-    return [key.sortable(own.get(key.name)) for key in spec.by]
+    return run.outcome in _AS_ZERO, [key.sortable(own.get(key.name)) for key in spec.by], run.number
 
 
 def _cohort(
@@ -261,8 +290,9 @@ def _cohort(
 ) -> Cohort:
     """The means over the best run of each team that has one, in the order of the teams."""
     trials: dict[str, list[Contributed]] = {}
+    counting = [team for team in competition.teams if not team.disqualified]
     for trial in competition.trials:
-        best = [kept.get((team.id, trial.id), ())[:1] for team in competition.teams]
+        best = [kept.get((team.id, trial.id), ())[:1] for team in counting]
         trials[trial.id] = [_brought(run, rule_set) for runs in best for run in runs]
     return make_cohort(rule_set, trials)
 
@@ -330,19 +360,44 @@ def _priced(
     return replace(run, score=result.score, result=result, kept=counts)
 
 
-def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int) -> Cell:
+def _worst(competition: Competition, outcomes: Sequence[RunOutcome], spec: Spec) -> dict[str, Decimal]:
+    """For each trial what counts where there is no score: 0, or the worst run kept where that is worse."""
+    out = {team.id for team in competition.teams if team.disqualified}
+    scores: dict[str, list[Decimal]] = {trial.id: [Decimal(0)] for trial in competition.trials}
+    for run in outcomes:
+        known = run.kept and run.score is not None and run.outcome not in _AS_ZERO
+        if known and run.trial in scores and run.team not in out:
+            assert run.score is not None  # just asked
+            scores[run.trial].append(run.score)
+    return {trial: (min if spec.more_is_better else max)(found) for trial, found in scores.items()}
+
+
+def _at_worst(run: RunOutcome, worst: Decimal) -> RunOutcome:
+    if run.outcome not in _AS_ZERO or not worst:
+        return run
+    return replace(run, score=worst, reason=f"{run.reason}; it counts {worst:f}, the worst of the trial")
+
+
+def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int, worst: Decimal) -> Cell:
     kept = [run for run in runs if run.kept and run.score is not None]
     if not kept:
         why = next((run for run in runs if run.outcome not in ("scored", "aborted")), None)
         outcome, reason = (why.outcome, why.reason) if why else ("no_run", OUTCOMES["no_run"])
-        return Cell(Decimal(0), outcome, reason, (), len(runs))
+        counts = f"; it counts {worst:f}, the worst of the trial" if worst else ""
+        return Cell(worst, outcome, f"{reason}{counts}", (), len(runs))
     total = sum((run.score for run in kept if run.score is not None), Decimal(0))
+    if spec.fill:
+        total += worst * (spec.keep - len(kept))
     mean = total / (spec.keep if spec.fill else len(kept))
-    decimals = digits if spec.keep == 1 else max(digits, 9)
-    score = mean.quantize(Decimal(1).scaleb(-decimals), rounding=ROUND_HALF_EVEN)
+    score = mean.quantize(Decimal(1).scaleb(-cell_digits(spec, digits)), rounding=ROUND_HALF_EVEN)
     zeros = [run for run in kept if run.outcome in _AS_ZERO]
     outcome, reason = (zeros[0].outcome, zeros[0].reason) if len(zeros) == len(kept) else ("scored", "")
     return Cell(score, outcome, reason, tuple(sorted(run.number for run in kept)), len(runs))
+
+
+def cell_digits(spec: Spec, digits: int) -> int:
+    """Decimal digits of what a trial brings a team: those of a run, or more for a mean."""
+    return digits if spec.keep == 1 else max(digits, 9)
 
 
 # Teams ---------------------------------------------------------------------------------
@@ -365,21 +420,44 @@ def _standings(
         }
         for team in competition.teams
     ]
+    counting = [number for number, team in enumerate(competition.teams) if not team.disqualified]
+    values = dict(zip(counting, spec.values([totals[number] for number in counting]), strict=True))
+    won = _places([own[competition.teams[number].id] for number in counting], spec)
+    ties = [key.name for key in spec.ties if key.name != COUNT_BACK]
     found = [
         Standing(
             None,
             team.id,
             team.name,
-            value,
+            values.get(number),
             total["execution"] or Decimal(0),
             total["judges"],
-            {key.name: _tie(key.name, team.id, total, outcomes) for key in spec.ties},
+            {name: _tie(name, team.id, total, outcomes) for name in ties},
             own[team.id],
-            _remarks(own[team.id], value, _missing_marks(team, competition.teams)),
+            _remarks(own[team.id], values.get(number), _missing_marks(team, competition.teams), team),
+            won[counting.index(number)] if number in values else (),
+            disqualified=team.disqualified,
         )
-        for team, total, value in zip(competition.teams, totals, spec.values(totals), strict=True)
+        for number, (team, total) in enumerate(zip(competition.teams, totals, strict=True))
     ]
     return _ranked(found, spec)
+
+
+def _places(teams: Sequence[Mapping[str, Cell]], spec: Spec) -> list[tuple[int, ...]]:
+    """For each team how many trials it won, in how many it came second, and so on; equal ones share."""
+    counts = [[0] * len(teams) for _ in teams]
+    for trial in teams[0] if teams else ():
+        scored = [cells[trial].score for cells in teams if is_scored(cells[trial])]
+        for own, cells in zip(counts, teams, strict=True):
+            score = cells[trial].score
+            if is_scored(cells[trial]):
+                own[sum(1 for s in scored if (s > score if spec.more_is_better else s < score))] += 1
+    return [tuple(own) for own in counts]
+
+
+def is_scored(cell: Cell) -> bool:
+    """Whether a team has a run of its own that counts in this trial."""
+    return cell.outcome == "scored"
 
 
 def _judges(team: Team, spec: Spec) -> Decimal | None:
@@ -411,11 +489,15 @@ def _missing_marks(team: Team, teams: Sequence[Team]) -> str:
     return f"marks of {len(team.judges)} judges, {own} in all; others have {judges} and {marks}"
 
 
-def _remarks(cells: Mapping[str, Cell], value: Number | None, missing_marks: str) -> tuple[str, ...]:
+def _remarks(
+    cells: Mapping[str, Cell], value: Number | None, missing_marks: str, team: Team
+) -> tuple[str, ...]:
     remarks = [
         f"{trial}: {cell.outcome}: {cell.reason}" for trial, cell in cells.items() if cell.outcome != "scored"
     ]
-    if value is None:
+    if team.disqualified:
+        remarks.append(f"disqualified: {team.disqualified}")
+    elif value is None:
         remarks.append("no value: the judges' marks are missing")
     elif missing_marks:
         remarks.append(missing_marks)
@@ -425,15 +507,27 @@ def _remarks(cells: Mapping[str, Cell], value: Number | None, missing_marks: str
 def _ranked(found: Sequence[Standing], spec: Spec) -> tuple[Standing, ...]:
     """Best first; teams that nothing separates share a rank, and the next rank counts them all."""
 
-    def place(standing: Standing) -> list[tuple[int, float | Decimal]]:
+    def place(standing: Standing) -> list[Any]:
         value = standing.value
         first = (1, 0.0) if value is None else (0, -value if spec.highest else value)
-        return [first, *(key.sortable(standing.ties[key.name]) for key in spec.ties)]
+        return [first, *(_tie_key(key, standing) for key in spec.ties)]
 
-    ordered = sorted(found, key=place)
+    ordered = sorted(found, key=lambda standing: (bool(standing.disqualified), place(standing)))
+    names = ["value", *(key.name for key in spec.ties)]
     ranked: list[Standing] = []
     for position, standing in enumerate(ordered, start=1):
-        same = bool(ranked) and place(ranked[-1]) == place(standing)
-        rank = None if standing.value is None else ranked[-1].rank if same else position
-        ranked.append(replace(standing, rank=rank))
+        pairs = zip(names, place(ranked[-1]), place(standing), strict=True) if ranked else ()
+        differ = [name for name, before, own in pairs if before != own]
+        if standing.value is None:
+            ranked.append(standing)
+        elif ranked and not differ:
+            ranked.append(replace(standing, rank=ranked[-1].rank))
+        else:
+            ranked.append(replace(standing, rank=position, separated_by=differ[0] if differ else ""))
     return tuple(ranked)
+
+
+def _tie_key(key: Key, standing: Standing) -> Any:
+    if key.name == COUNT_BACK:
+        return tuple(-count for count in standing.places)
+    return key.sortable(standing.ties[key.name])

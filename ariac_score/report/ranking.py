@@ -76,7 +76,8 @@ def _row(standing: Standing, ranking: Ranking, *, judged: bool) -> list[str]:
 def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
     """Every run that did not simply get a score, and every trial without one."""
     lines = [
-        f"  {plain(s.team)}, {plain(trial)}: {OUTCOMES['no_run']}, so the trial brings 0"
+        f"  {plain(s.team)}, {plain(trial)}: {OUTCOMES['no_run']}, "
+        f"so the trial brings {amount_text(cell.score)}"
         for s in ranking.standings
         for trial, cell in s.cells.items()
         if cell.outcome == "no_run"
@@ -87,7 +88,7 @@ def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
         f"  {plain(s.team)}: {plain(remark)}"
         for s in ranking.standings
         for remark in s.remarks
-        if remark.startswith(("no value", "marks of"))
+        if remark.startswith(("no value", "marks of", "disqualified"))
     ]
     if lines:
         yield style("Out of the ordinary", "bold")
