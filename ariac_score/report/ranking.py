@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from ariac_score.ranking.compare import Difference
 from ariac_score.ranking.nist_text import Evaluation
 from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing
+from ariac_score.ranking.statistics import Statistics
 from ariac_score.report.style import Style, plain
 from ariac_score.report.text import amount_text
 
@@ -22,12 +23,14 @@ def ranking_text(
     strict: Evaluation | None = None,
     differences: Sequence[Difference] = (),
     style: Style | None = None,
+    statistics: Statistics | None = None,
 ) -> str:
-    """The leaderboard, then what is out of the ordinary, then what the organisers' program makes of it."""
+    """The leaderboard, how sure it is, what is out of the ordinary, what the organisers' program gives."""
     style = style or Style()
     sections = [
         _head(ranking, style),
         _leaderboard(ranking, style),
+        _sure(ranking, statistics, style) if statistics else (),
         _unusual(ranking, style),
         _cohort(ranking, style),
         _strict(strict, differences, style) if strict else (),
@@ -71,6 +74,49 @@ def _row(standing: Standing, ranking: Ranking, *, judged: bool) -> list[str]:
         for trial in ranking.trials
     ]
     return [rank, plain(standing.name), *([value, execution, judges] if judged else [execution]), *cells]
+
+
+def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[str]:
+    """Where each team may stand, and which cannot be told apart."""
+    names = {standing.team: standing.name for standing in ranking.standings}
+    level = f"{100 * statistics.intervals.level:g} %"
+    yield style("How sure", "bold")
+    if statistics.teams:
+        yield style(
+            f"  {statistics.intervals.draws} competitions drawn by {DRAWN[statistics.resample]}, "
+            f"seed {statistics.intervals.seed}; at {level}, all together",
+            "dim",
+        )
+    for odds in statistics.teams:
+        chances = ", ".join(
+            f"{rank} in {_percent(chance)}" for rank, chance in enumerate(odds.chances, 1) if chance >= 0.005
+        )
+        yield f"  {plain(names[odds.team])}: rank {_from_to(odds.low, odds.high)}; {chances}"
+    for group in statistics.groups:
+        if len(group.teams) > 1:
+            told = ", ".join(plain(names[team]) for team in group.teams)
+            yield f"  cannot be told apart: {told}"
+    yield from (style(f"  {plain(note)}", "dim") for note in statistics.notes)
+    for standing in ranking.standings:
+        if standing.separated_by not in ("", "value"):
+            key = standing.separated_by
+            yield f"  {plain(standing.name)} comes after the team of equal value before it by {key}"
+
+
+DRAWN = {
+    "trials_and_runs": "trial and run",
+    "trials": "trial, each with its runs",
+    "runs": "run",
+}
+"""What was drawn, in words."""
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def _from_to(low: int, high: int) -> str:
+    return f"{low}" if low == high else f"{low} to {high}"
 
 
 def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
@@ -151,15 +197,20 @@ def _strict_stops(strict: Evaluation) -> Iterator[str]:
         yield f"  {where}: {stop.exception}: {plain(stop.cause)}"
 
 
-def ranking_csv(ranking: Ranking) -> str:
+def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
     """One line for each team, best first, with the score and outcome of each trial."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    columns = [f"{trial} {what}" for trial in ranking.trials for what in ("score", "outcome", "runs")]
-    writer.writerow(["rank", "team", "name", "value", "execution", "judges", *columns, "remarks"])
+    columns = [_safe(f"{trial} {what}") for trial in ranking.trials for what in ("score", "outcome", "runs")]
+    head = ["rank", "rank_low", "rank_high", "team", "name", "value", "execution", "judges"]
+    writer.writerow([*head, *columns, "remarks"])
+    odds = {each.team: each for each in statistics.teams} if statistics else {}
     for standing in ranking.standings:
+        own = odds.get(standing.team)
         row: list[str] = [
             "" if standing.rank is None else str(standing.rank),
+            "" if own is None else str(own.low),
+            "" if own is None else str(own.high),
             _safe(standing.team),
             _safe(standing.name),
             "" if standing.value is None else repr(standing.value),
