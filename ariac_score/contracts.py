@@ -18,9 +18,11 @@ from ariac_score.trial.events import Event
 from ariac_score.trial.kits import Kit
 from ariac_score.trial.model import LogDefect, Order, Submission, Trial
 from ariac_score.trial.signals import Sample
+from ariac_score.trial.sketch import Course
 
 __all__ = [
     "GROUPS",
+    "Charting",
     "Decoder",
     "EventMonitor",
     "EventWatch",
@@ -169,6 +171,15 @@ class OnlineMonitor(Protocol):
 
     def begin(self) -> OnlineWatch:
         """A watch for one trial; the monitor itself stays as it is."""
+        ...
+
+
+@runtime_checkable
+class Charting(Protocol):
+    """A monitor that also shows what it judged: what was, beside what may be, over time."""
+
+    def courses(self, trial: Trial) -> Iterable[Course]:
+        """A course for each subject that can be drawn; decides nothing."""
         ...
 
 

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ariac_score.asking import ask, needs_of
+from ariac_score.asking import ask, courses_of, needs_of
 from ariac_score.contracts import Monitor, Reader, Rule, SignalNeed, Wanted
 from ariac_score.errors import (
     DataFileError,
@@ -43,6 +43,7 @@ from ariac_score.trial.derive import Derivation, derive_signals, source_quantiti
 from ariac_score.trial.kits import with_contents
 from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.signals import Signal
+from ariac_score.trial.sketch import Sketch, sketch_of
 from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import QUANTITIES
 
@@ -118,6 +119,7 @@ def score_trial(
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
     trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
     measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
+    measured = replace(measured, sketch=_sketch(trial, checks, measured, registry, rule_set))
     provenance = _provenance(bundle, rule_set, mapping, registry)
     return price_trial(measured, rule_set, provenance)
 
@@ -313,6 +315,29 @@ def measure_trial(
         official=trial.official,
         team=trial.team.name if trial.team else "",
     )
+
+
+def _sketch(
+    trial: Trial,
+    checks: Mapping[str, Rule | Monitor],
+    measured: Measured,
+    registry: Registry,
+    rule_set: RuleSet,
+) -> Sketch:
+    """What a page draws of the trial, finest where the findings are."""
+    courses = {}
+    for name, check in checks.items():
+        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        courses[name] = courses_of(plugin, name, check, trial)
+    found = sorted(
+        (f for f in measured.findings.values() if f.robustness is not None and (f.span or f.evidence)),
+        key=lambda f: f.robustness or 0.0,
+    )
+    moments: dict[tuple[str, str], list[Span]] = {}
+    for finding in found:
+        at_s = finding.evidence[0].t_s if finding.evidence else 0.0
+        moments.setdefault((finding.check, finding.subject), []).append(finding.span or Span(at_s, at_s))
+    return sketch_of(trial, courses, moments)
 
 
 def _scopes(trial: Trial) -> Scope:

@@ -15,6 +15,7 @@ from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.policy import Assumption
 from ariac_score.scoring.scope import Scope
 from ariac_score.trial.model import LogDefect, OfficialResult
+from ariac_score.trial.sketch import Sketch
 from ariac_score.trial.spans import Span
 
 __all__ = [
@@ -87,6 +88,7 @@ class Measured:
         clock: Which clock the times come from.
         official: The official scorer's result, when the bundle holds it.
         team: Name of the team; empty when unknown.
+        sketch: What a page draws beside this; `None` where none was made. Nothing is priced by it.
     """
 
     trial: str
@@ -101,6 +103,7 @@ class Measured:
     clock: str = ""
     official: OfficialResult | None = None
     team: str = ""
+    sketch: Sketch | None = None
 
     def of(self, check: str) -> dict[str, Finding]:
         """The findings of one check, by id."""

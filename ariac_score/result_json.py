@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,10 @@ from ariac_score.scoring.ledger import Line, reconcile
 from ariac_score.scoring.policy import Assumption
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
+from ariac_score.sketch_json import sketch_data, sketch_from
 from ariac_score.trial.model import LogDefect, OfficialOrder, OfficialResult
 from ariac_score.trial.signals import Sample
+from ariac_score.trial.sketch import Sketch
 from ariac_score.trial.spans import Span
 
 __all__ = ["as_json", "findings_json", "load_result"]
@@ -48,7 +51,12 @@ def as_json(result: Result) -> str:
     """
     if result.ledger is not None and result.score is not None:
         reconcile(result.ledger, result.score, digits=result.digits)
-    return _canonical_text(_result_data(result))
+    text = _canonical_text(_result_data(result))
+    if result.measured.sketch is None:
+        return text
+    # Its thousands of numbers stand on one line; no other line of the text can begin like this one.
+    sketch = _encodable(json.dumps(sketch_data(result.measured.sketch), **_COMPACT))
+    return text.replace(_NO_SKETCH, _NO_SKETCH.replace("null", sketch), 1)
 
 
 def findings_json(measured: Measured) -> str:
@@ -56,10 +64,22 @@ def findings_json(measured: Measured) -> str:
     return _canonical_text({key: _finding_data(f) for key, f in measured.findings.items()})
 
 
+_NO_SKETCH = '\n "sketch": null'
+_COMPACT: Mapping[str, Any] = {
+    "sort_keys": True,
+    "separators": (",", ":"),
+    "ensure_ascii": False,
+    "allow_nan": False,
+}
+
+
 def _canonical_text(data: Any) -> str:
-    text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
-    # Half a surrogate pair, which a log may hold in a name, has no place in UTF-8 but has one in JSON.
-    return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
+    return _encodable(json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)) + "\n"
+
+
+def _encodable(text: str) -> str:
+    """Half a surrogate pair, which a log may hold in a name, has no place in UTF-8 but has one in JSON."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _number(value: float | int) -> float | int:
@@ -211,6 +231,7 @@ def _provenance_data(provenance: Provenance) -> dict[str, Any]:
 def _result_data(result: Result) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
+        "sketch": None,
         "rule_set_title": result.rule_set_title,
         "checks": {name: dict(check) for name, check in result.checks.items()},
         "notes": list(result.notes),
@@ -320,7 +341,7 @@ def _result(data: Mapping[str, Any]) -> Result:
     digits = data["rounding"]["score_decimals"]
     unit = Decimal(1).scaleb(-digits)
     return Result(
-        measured=_measured(data["measured"]),
+        measured=replace(_measured(data["measured"]), sketch=_sketch(data.get("sketch"))),
         rule_set_title=data["rule_set_title"],
         checks=_plain(data["checks"]),
         notes=tuple(data["notes"]),
@@ -336,6 +357,10 @@ def _result(data: Mapping[str, Any]) -> Result:
         cohort=CohortValues(data["cohort"]["sha256"], _plain(data["cohort"]["values"])),
         missing=data["missing"],
     )
+
+
+def _sketch(data: Mapping[str, Any] | None) -> Sketch | None:
+    return None if data is None else sketch_from(data)
 
 
 def _exact(value: Any, unit: Decimal) -> Decimal | None:

@@ -19,6 +19,9 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
     )
+    parser.add_argument(
+        "--extract", action="store_true", help="give back the result inside a page (RESULT is the page)"
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="write to OUT instead of stdout")
     parser.set_defaults(run=run)
 
@@ -28,6 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ariac_score.cli.output import refuse_inputs  # noqa: PLC0415  # keeps --help quick
 
     refuse_inputs(arguments.output, arguments.result)
+    if arguments.extract:
+        return _extract(arguments)
     return _WRITERS.get(_kind(arguments.result), _trial)(arguments)
 
 
@@ -48,6 +53,23 @@ def _trial(arguments: argparse.Namespace) -> int:
 
     result = load_result(arguments.result)
     write(trial_page(result, as_json(result)), arguments.output)
+    return 0
+
+
+def _extract(arguments: argparse.Namespace) -> int:
+    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.errors import ResultError  # noqa: PLC0415
+    from ariac_score.report.html.trial import embedded_result  # noqa: PLC0415
+
+    hint = "give a page that 'ariac-score report' made of a trial's result"
+    try:
+        stored = embedded_result(arguments.result.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as cause:
+        reason = getattr(cause, "strerror", None) or "it is not text"
+        raise ResultError(f"cannot be read: {reason}", file=arguments.result, hint=hint) from None
+    if stored is None:
+        raise ResultError("there is no result in it", file=arguments.result, hint=hint)
+    write(stored, arguments.output)
     return 0
 
 

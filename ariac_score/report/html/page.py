@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
 
-__all__ = ["embedded_json", "page", "policy_of"]
+__all__ = ["embedded_json", "page", "policy_of", "shipped"]
 
 _REPORT = Path(__file__).parents[1]
 _TEMPLATES = (_REPORT / "html/templates", _REPORT / "site/templates")
@@ -53,12 +53,12 @@ def _environment() -> Environment:
         seconds=wording.seconds,
         told=wording.told,
     )
-    environment.globals.update(embedded_json=embedded_json, policy_of=policy_of, shipped=_shipped)
+    environment.globals.update(embedded_json=embedded_json, policy_of=policy_of, shipped=shipped)
     return environment
 
 
 @lru_cache(maxsize=8)
-def _shipped(name: str) -> Markup:
+def shipped(name: str) -> Markup:
     """The text of one of our own style sheets or scripts, to stand in a page as it is."""
     from markupsafe import Markup  # noqa: PLC0415  # only pages need it
 
@@ -94,6 +94,5 @@ def embedded_json(text: str) -> Markup:
     from markupsafe import Markup  # noqa: PLC0415  # only pages need it
 
     json.loads(text)
-    # Outside of strings JSON has none of these, so that an escape is right wherever one stands.
-    kept = text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
-    return Markup(kept)  # noqa: S704  # no tag left
+    # Outside of strings JSON has no such sign, so that an escape is right wherever one stands.
+    return Markup(text.replace("<", "\\u003c"))  # noqa: S704  # no tag left

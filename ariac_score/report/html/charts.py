@@ -1,0 +1,191 @@
+"""What was beside what may be, as lines to draw: the shortfall shaded, the closest approach marked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from ariac_score.findings import Finding, Verdict
+from ariac_score.report.html.scale import Scale, ticks
+from ariac_score.trial.sketch import Curve
+
+__all__ = ["Chart", "Mark", "chart_of"]
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A sample worth a mark.
+
+    Attributes:
+        kind: `closest` (the least distance) or `worst` (the least margin).
+        t_s: When, s.
+        value: The number there.
+        limit: Its limit there; `None` where there is none.
+        left: Percent from the left.
+        top: Percent from the top.
+    """
+
+    kind: str
+    t_s: float
+    value: float
+    limit: float | None
+    left: float
+    top: float
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A curve, ready to be drawn into a box of `width` by `height` user units, y downwards.
+
+    Attributes:
+        curve: What it draws.
+        x: The scale of time.
+        top: The largest number of the vertical axis.
+        actual: Path of what was.
+        limit: Path of what may be; empty where nothing limits it.
+        beyond: Path of the areas in which the limit is broken.
+        levels: Round numbers of the vertical axis, and percent from the top.
+        marks: Closest approach and worst moment.
+        findings: Ids of the violations it shows.
+    """
+
+    curve: Curve
+    x: Scale
+    top: float
+    actual: str
+    limit: str
+    beyond: str
+    levels: tuple[tuple[float, float], ...]
+    marks: tuple[Mark, ...]
+    findings: tuple[str, ...]
+
+    @property
+    def width(self) -> float:
+        """Width of the box, s."""
+        return round(self.x.end - self.x.start, 4)
+
+
+def chart_of(curve: Curve, findings: Mapping[str, Finding]) -> Chart | None:
+    """The drawing of a curve; `None` where it is a single moment."""
+    if len(curve.t_s) < 2:
+        return None
+    x = Scale(curve.t_s[0], curve.t_s[-1])
+    high = max(*curve.actual, *(v for v in curve.limit if v is not None), 0.0) or 1.0
+    low = min(*curve.actual, *(v for v in curve.limit if v is not None), 0.0)
+    levels = ticks(low, high * 1.08, 5)
+    top = max(levels[-1], high * 1.08)
+    bottom = min(low, levels[0])
+    broken = [
+        key
+        for key, finding in findings.items()
+        if finding.check == curve.check
+        and finding.subject == curve.subject
+        and finding.verdict is Verdict.VIOLATED
+    ]
+    flip = _Flip(x.start, top, bottom)
+    return Chart(
+        curve,
+        x,
+        round(top - bottom, 4),
+        _path(curve.t_s, curve.actual, curve.holes_s, flip),
+        _path(curve.t_s, curve.limit, curve.holes_s, flip),
+        _areas(curve, flip),
+        tuple((level, flip.percent(level)) for level in levels if bottom <= level <= top),
+        tuple(_marks(curve, x, flip)),
+        tuple(broken),
+    )
+
+
+@dataclass(frozen=True)
+class _Flip:
+    """Numbers to user units: x from the start, y downwards from the top."""
+
+    start: float
+    top: float
+    bottom: float
+
+    def __call__(self, t: float, value: float) -> str:
+        return f"{_short(t - self.start)} {_short(self.top - value)}"
+
+    def percent(self, value: float) -> float:
+        return round(100 * (self.top - value) / (self.top - self.bottom), 3)
+
+
+def _short(value: float) -> str:
+    return f"{value:.3f}".rstrip("0").rstrip(".") or "0"
+
+
+def _path(t_s: Sequence[float], values: Sequence[float | None], holes_s: Sequence[float], flip: _Flip) -> str:
+    """A line through the samples, lifted where nothing is known."""
+    holes, pieces, drawing = frozenset(holes_s), [], False
+    for t, value in zip(t_s, values, strict=True):
+        if value is not None:
+            pieces.append(("L" if drawing else "M") + flip(t, value))
+        drawing = value is not None and t not in holes
+    return "".join(pieces)
+
+
+def _areas(curve: Curve, flip: _Flip) -> str:
+    """Closed shapes between both lines wherever the limit is broken."""
+    return "".join(
+        "M" + "L".join(flip(t, value) for t, value in [*of_actual, *reversed(of_limit)]) + "Z"
+        for of_actual, of_limit in _broken(curve)
+    )
+
+
+def _broken(curve: Curve) -> Iterator[tuple[list[Point], list[Point]]]:
+    """The runs of samples beyond their limit, from crossing to crossing."""
+    sign = -1.0 if curve.at_most else 1.0
+    holes = frozenset(curve.holes_s)
+    of_actual: list[Point] = []
+    of_limit: list[Point] = []
+    before: tuple[float, float, float] | None = None
+    for t, value, limit in zip(curve.t_s, curve.actual, curve.limit, strict=True):
+        if limit is None:
+            here = None
+        else:
+            here = (t, value, limit)
+            margin = sign * (value - limit)
+            if before is not None:
+                crossing = _crossing(before, here, sign)
+                if crossing:
+                    of_actual.append(crossing)
+                    of_limit.append(crossing)
+            if margin < 0:
+                of_actual.append((t, value))
+                of_limit.append((t, limit))
+        ended = here is None or t in holes or (limit is not None and sign * (value - limit) >= 0)
+        if ended and len(of_actual) > 1:
+            yield of_actual, of_limit
+        if ended:
+            of_actual, of_limit = [], []
+            if here is not None and t not in holes and sign * (value - limit) == 0:  # type: ignore[operator]
+                of_actual, of_limit = [(t, value)], [(t, value)]
+        before = None if t in holes else here
+    if len(of_actual) > 1:
+        yield of_actual, of_limit
+
+
+def _crossing(
+    before: tuple[float, float, float], here: tuple[float, float, float], sign: float
+) -> Point | None:
+    """Where the two lines cross between two samples."""
+    first, second = sign * (before[1] - before[2]), sign * (here[1] - here[2])
+    if first * second >= 0:
+        return None
+    share = first / (first - second)
+    return before[0] + share * (here[0] - before[0]), before[1] + share * (here[1] - before[1])
+
+
+def _marks(curve: Curve, x: Scale, flip: _Flip) -> Iterator[Mark]:
+    rows = range(len(curve.t_s))
+    sign = -1.0 if curve.at_most else 1.0
+    closest = min(rows, key=lambda i: sign * curve.actual[i])
+    limited = [i for i in rows if curve.limit[i] is not None]
+    worst = min(limited, key=lambda i: sign * (curve.actual[i] - (curve.limit[i] or 0.0)), default=closest)
+    kinds = {closest: "closest"} if worst == closest else {closest: "closest", worst: "worst"}
+    for row, kind in kinds.items():
+        t, value = curve.t_s[row], curve.actual[row]
+        yield Mark(kind, t, value, curve.limit[row], x.at(t), flip.percent(value))
