@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     ranking = rank_results(competition, spec, rule_set, results)
     shown = _Shown(ranking, spec, rank_statistics(ranking, spec, rule_set.digits))
     stored = _write_more(arguments, ranking)
-    _show(arguments, shown, _evaluation(competition, rule_set, spec), stored)
+    _show(arguments, shown, evaluation_of(competition, rule_set, spec), stored)
     return exit_code(ranking)
 
 
@@ -111,7 +111,7 @@ class _Shown:
     statistics: Statistics
 
 
-def _evaluation(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
+def evaluation_of(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
     """The organisers' own evaluation, where the rules name one and the runs are its texts."""
     from ariac_score.errors import ScoreError  # noqa: PLC0415  # keeps --help quick
     from ariac_score.report.style import plain  # noqa: PLC0415

@@ -111,12 +111,13 @@ class Competition:
     logs: Path | None = None
 
 
-def load_competition(path: Path, rules: str = "") -> Competition:
+def load_competition(path: Path, rules: str = "", *, may_be_empty: bool = False) -> Competition:
     """Read a competition.
 
     Args:
         path: A `competition.yaml`, a folder with one, or a folder with the official layout.
         rules: Rule set to use instead of the one it names.
+        may_be_empty: Whether one without any team, trial or run is fine.
 
     Raises:
         NothingToScoreError: There is no competition at the path, or it has no team or trial.
@@ -131,7 +132,8 @@ def load_competition(path: Path, rules: str = "") -> Competition:
             file=path,
             hint="name a rule set with --rules, or in competition.yaml",
         )
-    if not competition.teams or not competition.trials or not (competition.runs or competition.refused):
+    whole = competition.teams and competition.trials and (competition.runs or competition.refused)
+    if not whole and not may_be_empty:
         missing = "team" if not competition.teams else "trial" if not competition.trials else "run"
         raise NothingToScoreError(
             f"the competition has no {missing}; {_seen(competition)}",

@@ -405,9 +405,20 @@ def _refuse_contradictions(found: Publication, path: Path) -> None:
                 place=f"{place}.execution",
                 hint=hint,
             )
+    outside = [stored.file for stored in found.results.values() if not _stays_inside(stored.file)]
+    if outside:
+        raise DataFileError(
+            f"{outside[0]!r} leads out of the folder of results", file=path, place="$.runs", hint=hint
+        )
     strangers = [run for run in ranking.runs if run.team not in teams or run.trial not in ranking.trials]
     if strangers:
         told = f"{strangers[0].team!r}, {strangers[0].trial!r}"
         raise DataFileError(f"a run of {told} is of nobody listed", file=path, place="$.runs", hint=hint)
     if found.statistics is not None and not {odds.team for odds in found.statistics.teams} <= teams:
         raise DataFileError("its statistics are of other teams", file=path, place="$.statistics", hint=hint)
+
+
+def _stays_inside(name: str) -> bool:
+    parts = name.split("/")
+    plain = not set(name) & set("\\:\0") and name.isprintable()
+    return plain and all(part not in ("", ".", "..") for part in parts)

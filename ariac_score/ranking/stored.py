@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ariac_score.errors import DataFileError, ResultError
 from ariac_score.ranking.competition import RunKey
-from ariac_score.ranking.rank import Ranking
+from ariac_score.ranking.rank import Ranking, RunOutcome
 from ariac_score.ranking.ranking_json import Publication, StoredResult
 from ariac_score.result import Result
 from ariac_score.result_json import as_json, load_result
@@ -61,19 +61,21 @@ def results_folder(publication: Publication, file: Path) -> Path | None:
     return file.parent / publication.folder if publication.folder else None
 
 
-def read_stored(publication: Publication, key: RunKey, folder: Path) -> Result:
-    """The result of one run, checked against the ranking.
+def read_stored(
+    stored: StoredResult, folder: Path, run: RunOutcome, rule_set: tuple[str, str]
+) -> tuple[Result, str]:
+    """The result of one run and its text, checked against the ranking.
 
     Args:
-        publication: The published ranking.
-        key: The run, which has a stored result.
+        stored: Where it is.
         folder: Of the results.
+        run: The run as the ranking has it.
+        rule_set: Id and SHA-256 of the rules of the ranking.
 
     Raises:
-        DataFileError: The file is missing, not the one that was ranked, or under other rules.
-        ResultError: It is not a whole result.
+        DataFileError: The file is missing, or not the one that was ranked.
+        ResultError: It is not a whole result, or under other rules, or of another run.
     """
-    stored = publication.results[key]
     file = folder / stored.file
     hint = "give the results that were written with this ranking"
     if not _is_inside(file, folder):
@@ -90,14 +92,22 @@ def read_stored(publication: Publication, key: RunKey, folder: Path) -> Result:
             hint=hint,
         )
     result = load_result(file)
-    if result.provenance.rule_set != publication.ranking.rule_set:
+    if result.provenance.rule_set != rule_set:
         raise ResultError(
-            f"it was made under {result.provenance.rule_set[0]}, the ranking under "
-            f"{publication.ranking.rule_set[0]}",
+            f"it was made under {result.provenance.rule_set[0]}, the ranking under {rule_set[0]}",
             file=file,
             hint="results of different rule sets are not ranked together: score all runs under one",
         )
-    return result
+    measured = result.measured
+    same_score = run.outcome not in ("scored", "aborted") or result.score == run.score
+    if measured.trial != run.trial or measured.team not in ("", run.team) or not same_score:
+        raise ResultError(
+            f"it is of {measured.team or 'no team'}, trial {measured.trial}, score {result.score}; "
+            f"the ranking says {run.team}, {run.trial}, {run.score}",
+            file=file,
+            hint=hint,
+        )
+    return result, content.decode("utf-8")
 
 
 def _is_inside(file: Path, folder: Path) -> bool:
