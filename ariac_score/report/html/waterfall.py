@@ -57,12 +57,14 @@ class Waterfall:
         zero: Where zero lies, percent of the width.
         left: Where the bar of the sum begins, percent of the width.
         width: How long it is, percent of the width.
+        decimals: Most digits that any of the sums has after its point.
     """
 
     steps: tuple[Step, ...]
     zero: float
     left: float
     width: float
+    decimals: int
 
 
 def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
@@ -99,7 +101,13 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
         100 * float(-low) / room,
         100 * float(start - low) / room,
         100 * abs(float(ledger.amount)) / room,
+        max(_decimals(amount) for line in lines for amount in (line.amount, *running)),
     )
+
+
+def _decimals(amount: Decimal) -> int:
+    """Digits after the point that are not idle zeros."""
+    return len(f"{amount:f}".partition(".")[2].rstrip("0"))
 
 
 def _opened(ledger: Ledger) -> list[Line]:
