@@ -42,7 +42,8 @@ class Chart:
     Attributes:
         curve: What it draws.
         x: The scale of time.
-        top: The largest number of the vertical axis.
+        top: The height of the box, in units of the curve.
+        peak: The number at its upper edge.
         actual: Path of what was.
         limit: Path of what may be; empty where nothing limits it.
         beyond: Path of the areas in which the limit is broken.
@@ -54,6 +55,7 @@ class Chart:
     curve: Curve
     x: Scale
     top: float
+    peak: float
     actual: str
     limit: str
     beyond: str
@@ -89,6 +91,7 @@ def chart_of(curve: Curve, findings: Mapping[str, Finding]) -> Chart | None:
         curve,
         x,
         round(top - bottom, 4),
+        round(top, 4),
         _path(curve.t_s, curve.actual, curve.holes_s, flip),
         _path(curve.t_s, curve.limit, curve.holes_s, flip),
         _areas(curve, flip),

@@ -12,7 +12,7 @@ from ariac_score.scoring.ledger import Ledger, Line
 
 __all__ = ["Step", "Waterfall", "waterfall_of"]
 
-MOST_STEPS = 32
+MOST_STEPS = 24
 """The ledger is opened storey by storey until it would have more steps than this."""
 
 _WORST_FIRST = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE)
@@ -41,6 +41,11 @@ class Step:
     left: float
     width: float
     findings: tuple[str, ...]
+
+    @property
+    def order(self) -> str:
+        """The order it belongs to; empty for the trial."""
+        return self.where.partition("/")[0] or (self.label if self.path.endswith(f"/{self.label}") else "")
 
     @property
     def after(self) -> Decimal:
@@ -131,11 +136,22 @@ def _telling(line: Line) -> Sequence[Line]:
 
 
 def _label(line: Line) -> str:
-    return line.label if line.path.count("/") else "score"
+    """The order or task whose line it is, else what the line says of itself."""
+    return _own(line) if _is_of(line) else line.label
+
+
+def _own(line: Line) -> str:
+    return line.subject.rpartition("/")[2]
+
+
+def _is_of(line: Line) -> bool:
+    return bool(line.subject) and line.path.endswith(f"/{_own(line)}")
 
 
 def _where(line: Line) -> str:
     """Whom a step belongs to; a factor, which has no subject, to the line above it."""
+    if _is_of(line):
+        return line.subject.rpartition("/")[0]
     if line.subject or line.kind == "amount":
         return line.subject
     above = line.path.split("/")[1:-1]
