@@ -120,9 +120,7 @@ def score_trial(
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
     trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
     measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
-    measured = replace(
-        measured, sketch=sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
-    )
+    sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
     provenance = _provenance(bundle, rule_set, mapping, registry)
     return price_trial(replace(measured, sketch=sketch), rule_set, provenance)
 
