@@ -57,6 +57,7 @@ __all__ = [
     "refuse_other_years",
     "reprice",
     "score_trial",
+    "sketch_trial",
 ]
 
 Progress = Callable[[float], None]
@@ -119,9 +120,9 @@ def score_trial(
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
     trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
     measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
-    measured = replace(measured, sketch=_sketch(trial, checks, measured, registry, rule_set))
+    sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
     provenance = _provenance(bundle, rule_set, mapping, registry)
-    return price_trial(measured, rule_set, provenance)
+    return price_trial(replace(measured, sketch=sketch), rule_set, provenance)
 
 
 def refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
@@ -317,14 +318,26 @@ def measure_trial(
     )
 
 
-def _sketch(
+def sketch_trial(
     trial: Trial,
     checks: Mapping[str, Rule | Monitor],
     measured: Measured,
+    *,
     registry: Registry,
     rule_set: RuleSet,
 ) -> Sketch:
-    """What a page draws of the trial, finest where the findings are."""
+    """What a page draws of a trial, finest where something was found.
+
+    Args:
+        trial: With the derived signals.
+        checks: The built plugins by check name.
+        measured: What they found.
+        registry: To name the plugin when one fails.
+        rule_set: Where the checks come from.
+
+    Raises:
+        PluginError: A monitor cannot show what it saw.
+    """
     courses = {}
     for name, check in checks.items():
         plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)

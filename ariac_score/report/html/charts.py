@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 from ariac_score.findings import Finding, Verdict
 from ariac_score.report.html.scale import Scale, ticks
@@ -42,7 +43,8 @@ class Chart:
     Attributes:
         curve: What it draws.
         x: The scale of time.
-        top: The largest number of the vertical axis.
+        top: The height of the box, in units of the curve.
+        peak: The number at its upper edge.
         actual: Path of what was.
         limit: Path of what may be; empty where nothing limits it.
         beyond: Path of the areas in which the limit is broken.
@@ -54,6 +56,7 @@ class Chart:
     curve: Curve
     x: Scale
     top: float
+    peak: float
     actual: str
     limit: str
     beyond: str
@@ -89,6 +92,7 @@ def chart_of(curve: Curve, findings: Mapping[str, Finding]) -> Chart | None:
         curve,
         x,
         round(top - bottom, 4),
+        round(top, 4),
         _path(curve.t_s, curve.actual, curve.holes_s, flip),
         _path(curve.t_s, curve.limit, curve.holes_s, flip),
         _areas(curve, flip),
@@ -136,47 +140,45 @@ def _areas(curve: Curve, flip: _Flip) -> str:
 
 
 def _broken(curve: Curve) -> Iterator[tuple[list[Point], list[Point]]]:
-    """The runs of samples beyond their limit, from crossing to crossing."""
-    sign = -1.0 if curve.at_most else 1.0
-    holes = frozenset(curve.holes_s)
-    of_actual: list[Point] = []
-    of_limit: list[Point] = []
-    before: tuple[float, float, float] | None = None
+    """The runs of samples beyond their limit, from where the lines part to where they meet."""
+    for stretch in _known(curve):
+        for beyond, run in groupby(_with_crossings(stretch), key=lambda row: row.margin <= 0):
+            rows = list(run)
+            below = [i for i, row in enumerate(rows) if row.margin < 0]
+            if beyond and below:
+                shown = rows[max(below[0] - 1, 0) : below[-1] + 2]
+                yield [(row.t_s, row.value) for row in shown], [(row.t_s, row.limit) for row in shown]
+
+
+@dataclass(frozen=True)
+class _Row:
+    t_s: float
+    value: float
+    limit: float
+    margin: float
+
+
+def _known(curve: Curve) -> Iterator[list[_Row]]:
+    """The stretches without a hole in which a limit applies."""
+    sign, holes = (-1.0 if curve.at_most else 1.0), frozenset(curve.holes_s)
+    stretch: list[_Row] = []
     for t, value, limit in zip(curve.t_s, curve.actual, curve.limit, strict=True):
-        if limit is None:
-            here = None
-        else:
-            here = (t, value, limit)
-            margin = sign * (value - limit)
-            if before is not None:
-                crossing = _crossing(before, here, sign)
-                if crossing:
-                    of_actual.append(crossing)
-                    of_limit.append(crossing)
-            if margin < 0:
-                of_actual.append((t, value))
-                of_limit.append((t, limit))
-        ended = here is None or t in holes or (limit is not None and sign * (value - limit) >= 0)
-        if ended and len(of_actual) > 1:
-            yield of_actual, of_limit
-        if ended:
-            of_actual, of_limit = [], []
-            if here is not None and t not in holes and sign * (value - limit) == 0:  # type: ignore[operator]
-                of_actual, of_limit = [(t, value)], [(t, value)]
-        before = None if t in holes else here
-    if len(of_actual) > 1:
-        yield of_actual, of_limit
+        if limit is not None:
+            stretch.append(_Row(t, value, limit, sign * (value - limit)))
+        if limit is None or t in holes:
+            yield stretch
+            stretch = []
+    yield stretch
 
 
-def _crossing(
-    before: tuple[float, float, float], here: tuple[float, float, float], sign: float
-) -> Point | None:
-    """Where the two lines cross between two samples."""
-    first, second = sign * (before[1] - before[2]), sign * (here[1] - here[2])
-    if first * second >= 0:
-        return None
-    share = first / (first - second)
-    return before[0] + share * (here[0] - before[0]), before[1] + share * (here[1] - before[1])
+def _with_crossings(rows: Sequence[_Row]) -> Iterator[_Row]:
+    """The samples, and the points between them in which the lines cross."""
+    for before, row in zip([None, *rows], rows, strict=False):
+        if before is not None and before.margin * row.margin < 0:
+            share = before.margin / (before.margin - row.margin)
+            value = before.value + share * (row.value - before.value)
+            yield _Row(before.t_s + share * (row.t_s - before.t_s), value, value, 0.0)
+        yield row
 
 
 def _marks(curve: Curve, x: Scale, flip: _Flip) -> Iterator[Mark]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ariac_score.findings import Finding, Verdict
 from ariac_score.report.html.scale import ticks
@@ -13,6 +13,8 @@ from ariac_score.trial.sketch import Route, Sketch
 __all__ = ["Pin", "Plan", "Way", "plan_of"]
 
 MOST_PINS = 40
+APART = 3.2
+"""Pins are this far from each other, percent of the box."""
 LEAST_M = 2.0
 """A plan is never less than this wide and high."""
 
@@ -149,8 +151,16 @@ def _pins(routes: Sequence[Route], findings: Mapping[str, Finding], box: _Box) -
             x = (places[0][0] + places[-1][0]) / 2
             y = (places[0][1] + places[-1][1]) / 2
             line = "M" + "L".join(box.units(*place) for place in places) if len(places) > 1 else ""
-            pins.append(Pin(len(pins) + 1, key, *box.percent(x, y), line))
+            pins.append(_beside(pins, Pin(len(pins) + 1, key, *box.percent(x, y), line)))
     return pins, len(broken) - len(pins)
+
+
+def _beside(pins: Sequence[Pin], pin: Pin) -> Pin:
+    """A pin moved to the side until it hides none of those before it."""
+    left = pin.left
+    while any(abs(left - one.left) < APART and abs(pin.top - one.top) < APART for one in pins):
+        left += APART
+    return replace(pin, left=round(left, 3)) if left < 100 else pin
 
 
 def _places(routes: Sequence[Route], finding: Finding) -> Iterator[tuple[float, float]]:

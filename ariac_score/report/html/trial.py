@@ -16,7 +16,7 @@ from ariac_score.report.html.page import page, shipped
 from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.timeline import timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
-from ariac_score.report.html.wording import brief, number, seconds
+from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.result import Result
 from ariac_score.ruleset import rule_set_from_text
 from ariac_score.scoring.policy import POLICIES
@@ -70,13 +70,14 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
     )
 
 
-def anchor(finding: str) -> str:
-    """The id of a finding's place on the page: no space, nothing that a link would have to escape.
+def anchor(name: str, kind: str = "f") -> str:
+    """The id of the place of a finding (or of an order or a check) on the page, safe to link to.
 
-    >>> anchor("separation#1")
-    'f-separation-1'
+    >>> anchor("separation#1"), anchor("order 0", "o")
+    ('f-separation.1', 'o-order-0-202f8b12ba2c')
     """
-    return "f-" + re.sub(r"[^A-Za-z0-9_-]", "-", finding)
+    check, mark, number = name.rpartition("#")
+    return f"{kind}-{file_name(check)}.{number}" if mark else f"{kind}-{file_name(name)}"
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ariac_score.scoring.ledger import Ledger, Line
 
 __all__ = ["Step", "Waterfall", "waterfall_of"]
 
-MOST_STEPS = 32
+MOST_STEPS = 24
 """The ledger is opened storey by storey until it would have more steps than this."""
 
 _WORST_FIRST = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE)
@@ -43,6 +43,11 @@ class Step:
     findings: tuple[str, ...]
 
     @property
+    def order(self) -> str:
+        """The order it belongs to; empty for the trial."""
+        return self.where.partition("/")[0] or (self.label if self.path.endswith(f"/{self.label}") else "")
+
+    @property
     def after(self) -> Decimal:
         """The sum of all steps up to this one."""
         return self.before + self.amount
@@ -57,12 +62,14 @@ class Waterfall:
         zero: Where zero lies, percent of the width.
         left: Where the bar of the sum begins, percent of the width.
         width: How long it is, percent of the width.
+        decimals: Most digits that any of the sums has after its point.
     """
 
     steps: tuple[Step, ...]
     zero: float
     left: float
     width: float
+    decimals: int
 
 
 def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
@@ -99,7 +106,13 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
         100 * float(-low) / room,
         100 * float(start - low) / room,
         100 * abs(float(ledger.amount)) / room,
+        max(_decimals(amount) for line in lines for amount in (line.amount, *running)),
     )
+
+
+def _decimals(amount: Decimal) -> int:
+    """Digits after the point that are not idle zeros."""
+    return len(f"{amount:f}".partition(".")[2].rstrip("0"))
 
 
 def _opened(ledger: Ledger) -> list[Line]:
@@ -123,11 +136,22 @@ def _telling(line: Line) -> Sequence[Line]:
 
 
 def _label(line: Line) -> str:
-    return line.label if line.path.count("/") else "score"
+    """The order or task whose line it is, else what the line says of itself."""
+    return _own(line) if _is_of(line) else line.label
+
+
+def _own(line: Line) -> str:
+    return line.subject.rpartition("/")[2]
+
+
+def _is_of(line: Line) -> bool:
+    return bool(line.subject) and line.path.endswith(f"/{_own(line)}")
 
 
 def _where(line: Line) -> str:
     """Whom a step belongs to; a factor, which has no subject, to the line above it."""
+    if _is_of(line):
+        return line.subject.rpartition("/")[0]
     if line.subject or line.kind == "amount":
         return line.subject
     above = line.path.split("/")[1:-1]

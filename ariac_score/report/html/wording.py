@@ -22,6 +22,7 @@ SHOWN_AT_ONCE = 240
 LONGEST_LABEL = 60
 MINUS = "\u2212"
 NOTHING = "\u2013"
+FIGURE_SPACE, POINT_SPACE = "\u2007", "\u2008"
 _LONGEST_NAME = 48
 _SUFFIX = re.compile(r"-[0-9a-f]{12}$")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|$)")
@@ -81,8 +82,13 @@ def seconds(value: float | None, digits: int = 2) -> str:
     return NOTHING if value is None else f"{value:.{digits}f}\u202fs".replace("-", MINUS)
 
 
-def amount(value: Decimal | float | None, sign: bool = False) -> str:
-    """Points, without the zeros that say nothing.
+def amount(value: Decimal | float | None, sign: bool = False, decimals: int = 0) -> str:
+    """Points, without the zeros that say nothing; blank in their place, so that a column lines up.
+
+    Args:
+        value: The points; a dash stands for none.
+        sign: Whether what is more than 0 has a plus.
+        decimals: So many digits after the point are made room for.
 
     >>> amount(Decimal("3.500")), amount(Decimal("28.0"), sign=True)
     ('3.5', '+28')
@@ -90,7 +96,10 @@ def amount(value: Decimal | float | None, sign: bool = False) -> str:
     if value is None:
         return NOTHING
     points = value if isinstance(value, Decimal) else Decimal(repr(value))
-    return amount_text(points, sign=sign).replace("-", MINUS)
+    text = amount_text(points, sign=sign).replace("-", MINUS)
+    _, point, fraction = text.partition(".")
+    room = decimals - len(fraction)
+    return text + ("" if point or room <= 0 else POINT_SPACE) + FIGURE_SPACE * max(room, 0)
 
 
 def file_name(text: str) -> str:

@@ -6,12 +6,15 @@ for (const chart of document.querySelectorAll(".chart")) {
   const axis = chart.querySelector(".axis");
   const tools = chart.parentElement.querySelector(".tools");
   const begin = Number(chart.dataset.start), end = Number(chart.dataset.end);
-  const high = svg.viewBox.baseVal.height;
-  const whole = [...axis.children];
+  const high = svg.viewBox.baseVal.height, peak = Number(chart.dataset.top), unit = chart.dataset.unit;
+  const levels = chart.querySelector(".levels");
+  const whole = [...axis.children], wholeLevels = [...levels.children];
+  const points = [...svg.querySelectorAll(".line")].flatMap((line) =>
+    [...line.getAttribute("d").matchAll(/[ML](-?[\d.]+) (-?[\d.]+)/g)].map((m) => [Number(m[1]), Number(m[2])]));
   let first = begin, last = end;
 
-  function steps(low, top) {
-    const rough = (top - low) / Math.max(2, Math.min(8, plot.clientWidth / 80));
+  function steps(low, top, most) {
+    const rough = (top - low) / Math.max(2, Math.min(8, most));
     const power = 10 ** Math.floor(Math.log10(rough));
     const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough * 0.999999);
     const found = [];
@@ -19,28 +22,55 @@ for (const chart of document.querySelectorAll(".chart")) {
     return [found, Math.max(0, -Math.floor(Math.log10(step) + 1e-9))];
   }
 
+  /* The part of the height that what is shown needs, with some room; the whole where all is shown. */
+  function heights() {
+    if (first === begin && last === end) return [0, high];
+    let least = high, most = 0;
+    for (const [t, y] of points) {
+      if (t < first - begin || t > last - begin) continue;
+      least = Math.min(least, y);
+      most = Math.max(most, y);
+    }
+    if (most < least) return [0, high];
+    const room = Math.max((most - least) * 0.15, high * 0.01);
+    return [Math.max(least - room, 0), Math.min(most + room, high)];
+  }
+
+  function label(text, name, side, at) {
+    const made = document.createElement("span");
+    if (name) made.className = name;
+    made.textContent = text;
+    made.style[side] = `${100 * at}%`;
+    return made;
+  }
+
   function show(from, to) {
     const least = Math.min(0.05, end - begin);
     const length = Math.min(Math.max(to - from, least), end - begin);
     first = Math.min(Math.max(from, begin), end - length);
     last = first + length;
-    svg.setAttribute("viewBox", `${first - begin} 0 ${length} ${high}`);
+    const [upper, lower] = heights();
+    svg.setAttribute("viewBox", `${first - begin} ${upper} ${length} ${lower - upper}`);
     chart.dataset.from = first.toFixed(3);
     chart.dataset.to = last.toFixed(3);
     for (const mark of plot.querySelectorAll(".mark")) {
       const at = (Number(mark.dataset.t) - first) / length;
       mark.style.left = `${100 * at}%`;
+      mark.style.top = `${(100 * (peak - Number(mark.dataset.y) - upper)) / (lower - upper)}%`;
       mark.hidden = at < 0 || at > 1;
     }
     if (first === begin && last === end) {
       axis.replaceChildren(...whole);
+      levels.replaceChildren(...wholeLevels);
     } else {
-      const [values, digits] = steps(first, last);
-      axis.replaceChildren(...values.map((value) => {
-        const label = document.createElement("span");
-        label.textContent = `${value.toFixed(digits)}\u202fs`;
-        label.style.left = `${(100 * (value - first)) / length}%`;
-        return label;
+      const [times, digits] = steps(first, last, plot.clientWidth / 80);
+      axis.replaceChildren(...times.map((t) =>
+        label(`${t.toFixed(digits)} s`, "", "left", (t - first) / length)));
+      const [values, places] = steps(peak - lower, peak - upper, 5);
+      levels.replaceChildren(...values.flatMap((value) => {
+        const at = (peak - value - upper) / (lower - upper);
+        const text = `${value.toFixed(places)} ${unit}`.replace("-", "\u2212");
+        return [label("", "gridline", "top", at), label(text, "level", "top", at)];
       }));
     }
     const note = tools.querySelector("[role=status]");
