@@ -259,8 +259,13 @@ def _result_data(result: Result) -> dict[str, Any]:
 # From JSON to values -------------------------------------------------------------------
 
 
-def load_result(path: Path) -> Result:
+def load_result(path: Path, *, known: bool = False) -> Result:
     """Read a stored result and check that it is whole.
+
+    Args:
+        path: The file.
+        known: Whether it has the hash of one that was read before, so that its schema
+            need not be looked at again; that takes longer than all else.
 
     Raises:
         ResultError: Missing, not JSON, breaks its schema, or its ledger does not add
@@ -268,15 +273,14 @@ def load_result(path: Path) -> Result:
     """
     try:
         text = path.read_text(encoding="utf-8")
-        plain = json.loads(text)
         exact = json.loads(text, parse_float=Decimal)
+        faults = [] if known else schema_errors(json.loads(text), "result")
     except OSError as cause:
         raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
     except (ValueError, RecursionError) as cause:
         raise ResultError(
             f"not a result: {cause}", file=path, hint="give the JSON that 'score --output-format json' wrote"
         ) from None
-    faults = schema_errors(plain, "result")
     if faults:
         where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in faults[0][0])
         raise ResultError(
@@ -289,7 +293,7 @@ def load_result(path: Path) -> Result:
     except ResultError as error:
         error.file = str(path)
         raise
-    except (KeyError, TypeError, ValueError, RecursionError, ArithmeticError) as cause:
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ArithmeticError) as cause:
         raise ResultError(f"not a whole result: {cause}", file=path, hint="score the trial again") from None
 
 

@@ -91,7 +91,7 @@ def read_stored(
             file=file,
             hint=hint,
         )
-    result = load_result(file)
+    result = load_result(file, known=True)
     if result.provenance.rule_set != rule_set:
         raise ResultError(
             f"it was made under {result.provenance.rule_set[0]}, the ranking under {rule_set[0]}",
