@@ -224,7 +224,7 @@ def adjustments_template(result: Result, *, measured: str) -> str:
         "  - id: decision_1",
         '    author: ""                        # who decides',
         '    reason: ""                        # why, for everyone to read',
-        "    time: 2000-01-01T00:00:00Z        # when it was decided, with its time zone",
+        '    time: ""                          # when it was decided, such as 2024-05-12T14:30:00Z',
         "    target:",
         f"      {{{team}trial: {_quoted(result.measured.trial)},",
         f"       measured: {_quoted(measured)}}}",

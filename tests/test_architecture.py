@@ -91,6 +91,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "websockets",
     },
     "ranking": {
+        "adjustments",
         "cohort",
         "contracts",
         "datafiles",

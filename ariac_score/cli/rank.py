@@ -47,6 +47,12 @@ def register(commands: Any) -> None:
         help="also write the values across teams, for publication",
     )
     parser.add_argument(
+        "--adjustments",
+        type=Path,
+        metavar="FILE",
+        help="adjustments.yaml of the stewards, instead of the competition's own; both rankings are shown",
+    )
+    parser.add_argument(
         "--results",
         type=Path,
         metavar="DIR",
@@ -78,16 +84,36 @@ def run(arguments: argparse.Namespace) -> int:
             rule_set,
             progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
         )
-    ranking = rank_results(competition, spec, rule_set, results)
+    ranking = _adjusted(
+        arguments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)
+    )
     _write_more(arguments, ranking)
     _show(arguments, ranking, _evaluation(competition, rule_set, spec))
-    unsettled = [run for run in ranking.runs if run.outcome in _UNSETTLED]
+    final = ranking.stewarded.ranking if ranking.stewarded else ranking
+    unsettled = [run for run in final.runs if run.outcome in _UNSETTLED]
     if unsettled:
         print(
             f"{len(unsettled)} of {len(ranking.runs)} runs do not count; each is named above", file=sys.stderr
         )
-    placeless = any(standing.rank is None for standing in ranking.standings)
+    placeless = any(standing.rank is None for standing in final.standings)
     return EXIT_UNDECIDED if unsettled or placeless else 0
+
+
+def _adjusted(
+    arguments: argparse.Namespace,
+    competition: Competition,
+    spec: Spec,
+    rule_set: RuleSet,
+    ranking: Ranking,
+) -> Ranking:
+    """The ranking with what the stewards made of it, where they decided something."""
+    from ariac_score.adjustments import load_adjustments  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.ranking.adjusting import adjusted_ranking  # noqa: PLC0415
+
+    file = arguments.adjustments or competition.adjustments
+    if file is None:
+        return ranking
+    return adjusted_ranking(competition, spec, rule_set, ranking, load_adjustments(file))
 
 
 def _evaluation(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
@@ -119,6 +145,10 @@ def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: R
     from ariac_score.ranking.nist_text import results_csv  # noqa: PLC0415
     from ariac_score.report.ranking import strict_text  # noqa: PLC0415
 
+    if arguments.adjustments is not None:
+        raise UsageError(
+            "the organisers' own program knows no stewards", hint="drop --adjustments, or --policy strict"
+        )
     if not spec.strict:
         raise UsageError(
             f"{rule_set.id} names no program of the organisers to reproduce",

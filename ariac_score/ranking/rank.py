@@ -22,14 +22,25 @@ from ariac_score.result import Result
 from ariac_score.ruleset import RuleSet
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import Contributed
+from ariac_score.scoring.steward import Adjustment
 
-__all__ = ["OUTCOMES", "Cell", "Ranking", "RunOutcome", "Standing", "rank_results"]
+__all__ = [
+    "OUTCOMES",
+    "Cell",
+    "Ranking",
+    "RunOutcome",
+    "Standing",
+    "Stewarded",
+    "rank_again",
+    "rank_results",
+]
 
 OUTCOMES: Mapping[str, str] = {
     "scored": "it has a score",
     "crashed": "the simulator died and wrote no score: 0",
     "cancelled": "the run was cancelled and has no score: 0",
     "aborted": "the run ended before all orders were in; its score stands",
+    "disqualified": "the stewards disqualified it: 0",
     "undecided": "something the score depends on is undecided: not counted",
     "unreadable": "the log cannot be read as one trial: not counted",
     "no_value": "the rules have no value for it, such as a division by 0: not counted",
@@ -37,7 +48,7 @@ OUTCOMES: Mapping[str, str] = {
     "no_run": "there is no run",
 }
 """How a run, or a team's trial, can end."""
-_AS_ZERO = ("crashed", "cancelled")
+_AS_ZERO = ("crashed", "cancelled", "disqualified")
 
 
 @dataclass(frozen=True)
@@ -134,6 +145,7 @@ class Ranking:
         runs: Every run, sorted by team, trial and number.
         cohort: The values across teams; `None` when the rules compare none.
         strangers: What lies among the runs and belongs to nobody.
+        stewarded: What the stewards made of it; all the rest is the automatic ranking.
     """
 
     competition: str
@@ -144,6 +156,22 @@ class Ranking:
     runs: tuple[RunOutcome, ...]
     cohort: Cohort | None
     strangers: tuple[str, ...] = ()
+    stewarded: Stewarded | None = None
+
+
+@dataclass(frozen=True)
+class Stewarded:
+    """A ranking after the decisions of stewards.
+
+    Attributes:
+        ranking: The adjusted ranking.
+        adjustments: The decisions, in the order of their file.
+        sha256: Of the file.
+    """
+
+    ranking: Ranking
+    adjustments: tuple[Adjustment, ...]
+    sha256: str
 
 
 def rank_results(
@@ -165,6 +193,43 @@ def rank_results(
     outcomes = [
         _priced(run, kept, rule_set, cohort, pools) for run in sorted(outcomes, key=lambda run: run.key)
     ]
+    return _ranking(competition, spec, rule_set, outcomes, cohort)
+
+
+def rank_again(
+    competition: Competition,
+    spec: Spec,
+    rule_set: RuleSet,
+    ranking: Ranking,
+    changed: Mapping[RunKey, RunOutcome],
+) -> Ranking:
+    """The ranking with other outcomes of some runs; the values across teams stay as they are.
+
+    Args:
+        competition: As for `ranking`.
+        spec: As for `ranking`.
+        rule_set: As for `ranking`.
+        ranking: An automatic ranking.
+        changed: The outcomes that differ.
+    """
+    outcomes = [changed.get(run.key, run) for run in ranking.runs]
+    # Runs are chosen by what was known of them before other teams and runs were looked at.
+    later = rule_set.sheet.needs_cohort or bool(rule_set.sheet.pooled)
+    known = [replace(run, score=None) if later and run.task is not None else run for run in outcomes]
+    kept = {run.key for best in _kept(known, spec).values() for run in best}
+    counting = ("scored", "aborted", *_AS_ZERO)
+    outcomes = [replace(run, kept=run.key in kept and run.outcome in counting) for run in outcomes]
+    return _ranking(competition, spec, rule_set, outcomes, ranking.cohort)
+
+
+def _ranking(
+    competition: Competition,
+    spec: Spec,
+    rule_set: RuleSet,
+    outcomes: Sequence[RunOutcome],
+    cohort: Cohort | None,
+) -> Ranking:
+    """The ranking that priced runs make."""
     cells = {
         (team.id, trial.id): _cell(
             [run for run in outcomes if (run.team, run.trial) == (team.id, trial.id)], spec, rule_set.digits

@@ -10,7 +10,8 @@ from typing import Any
 from ariac_score.cohort import cohort_text
 from ariac_score.ranking.compare import Difference
 from ariac_score.ranking.nist_text import Evaluation
-from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing
+from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing, Stewarded
+from ariac_score.result_json import adjustment_data
 
 __all__ = ["ranking_json"]
 
@@ -39,9 +40,21 @@ def ranking_json(
         "strangers": list(ranking.strangers),
         "strict": None if strict is None else _strict(strict, differences),
     }
+    if ranking.stewarded is not None:
+        data["adjusted"] = _stewarded(ranking.stewarded)
     text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
     # Half a surrogate pair, which a file name may hold, has no place in UTF-8 but has one in JSON.
     return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
+
+
+def _stewarded(stewarded: Stewarded) -> dict[str, Any]:
+    """What the stewards made of it: what remains when this key is taken away is the automatic ranking."""
+    return {
+        "sha256": stewarded.sha256,
+        "adjustments": [adjustment_data(decision) for decision in stewarded.adjustments],
+        "standings": [_standing(standing) for standing in stewarded.ranking.standings],
+        "runs": [_run(run) for run in stewarded.ranking.runs],
+    }
 
 
 def _amount(value: Decimal | None) -> float | None:

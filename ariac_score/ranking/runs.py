@@ -64,6 +64,12 @@ def score_runs(
 def _scored(run: Run, rule_set: RuleSet, registry: Registry, root: Path, also: list[Path]) -> Result:
     if run.path.suffix == ".json" and run.path.is_file():
         stored = load_result(run.path)
+        if stored.adjusted is not None:
+            raise ResultError(
+                "it is adjusted by stewards already",
+                file=run.path,
+                hint="rank the automatic results, and give the decisions with --adjustments",
+            )
         if stored.measured.trial != run.trial or stored.measured.team not in ("", run.team):
             raise ResultError(
                 f"it is of {stored.measured.team or 'no team'}, trial {stored.measured.trial}",

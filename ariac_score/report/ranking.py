@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 
+from ariac_score.ranking.adjusting import decisions_by_run
 from ariac_score.ranking.compare import Difference
 from ariac_score.ranking.nist_text import Evaluation
 from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing
@@ -27,6 +28,7 @@ def ranking_text(
     style = style or Style()
     sections = [
         _head(ranking, style),
+        _stewarded(ranking, style),
         _leaderboard(ranking, style),
         _unusual(ranking, style),
         _cohort(ranking, style),
@@ -39,6 +41,35 @@ def _head(ranking: Ranking, style: Style) -> Iterator[str]:
     yield style(plain(ranking.title), "bold") + f" by {ranking.rule_set[0]}"
     runs = f"{len(ranking.runs)} runs, {sum(run.kept for run in ranking.runs)} of them count"
     yield style(f"{len(ranking.standings)} teams, {len(ranking.trials)} trials, {runs}", "dim")
+
+
+def _stewarded(ranking: Ranking, style: Style) -> Iterator[str]:
+    """The ranking as adjusted, what moved, and every decision; the automatic one follows."""
+    if ranking.stewarded is None:
+        return
+    after = ranking.stewarded.ranking
+    yield style("As adjusted by the stewards", "bold")
+    yield from _leaderboard(after, style)
+    yield ""
+    before = {standing.team: standing for standing in ranking.standings}
+    for standing in after.standings:
+        then = before[standing.team]
+        if (then.rank, then.execution) != (standing.rank, standing.execution):
+            sums = " -> ".join(amount_text(s.execution) for s in (then, standing))
+            yield f"  {plain(standing.name)}: {sums}, rank {_rank_change(then.rank, standing.rank)}"
+    yield style("Decisions", "bold")
+    scores = {run.key: run.score for run in ranking.runs}
+    for (team, trial, number), adjusted in decisions_by_run(ranking).items():
+        told = [
+            "none" if s is None else amount_text(s) for s in (scores[team, trial, number], adjusted.score)
+        ]
+        yield f"  {plain(team)}, {plain(trial)}, run {number}: {' -> '.join(told)}"
+        for decision in adjusted.adjustments:
+            yield f"    {decision.id}: {plain(decision.effect)}"
+            yield f"      {plain(decision.author)}, {decision.time}: {plain(decision.reason)}"
+    yield style(f"adjustments: sha256 {ranking.stewarded.sha256[:16]}…", "dim")
+    yield ""
+    yield style("Automatic", "bold")
 
 
 def _leaderboard(ranking: Ranking, style: Style) -> Iterator[str]:
@@ -151,11 +182,18 @@ def _strict_stops(strict: Evaluation) -> Iterator[str]:
 
 
 def ranking_csv(ranking: Ranking) -> str:
-    """One line for each team, best first, with the score and outcome of each trial."""
+    """One line for each team, best first, with the score and outcome of each trial.
+
+    Where stewards decided, the ranking is the adjusted one, beside each team's automatic rank and value.
+    """
+    automatic = {standing.team: standing for standing in ranking.standings}
+    stewarded = ranking.stewarded
+    ranking = ranking if stewarded is None else stewarded.ranking
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
+    added = [] if stewarded is None else ["automatic rank", "automatic value"]
     columns = [f"{trial} {what}" for trial in ranking.trials for what in ("score", "outcome", "runs")]
-    writer.writerow(["rank", "team", "name", "value", "execution", "judges", *columns, "remarks"])
+    writer.writerow(["rank", "team", "name", "value", "execution", "judges", *columns, "remarks", *added])
     for standing in ranking.standings:
         row: list[str] = [
             "" if standing.rank is None else str(standing.rank),
@@ -168,7 +206,12 @@ def ranking_csv(ranking: Ranking) -> str:
         for trial in ranking.trials:
             cell = standing.cells[trial]
             row += [f"{cell.score:f}", cell.outcome, " ".join(map(str, cell.runs))]
-        writer.writerow([*row, _safe("; ".join(standing.remarks))])
+        row.append(_safe("; ".join(standing.remarks)))
+        if stewarded is not None:
+            then = automatic[standing.team]
+            row.append("" if then.rank is None else str(then.rank))
+            row.append("" if then.value is None else repr(then.value))
+        writer.writerow(row)
     return out.getvalue()
 
 
