@@ -131,6 +131,17 @@ MAY_IMPORT: dict[str, set[str]] = {
         "scoring",
         "trial",
     },
+    "verify": {
+        "adjustments",
+        "datafiles",
+        "engine",
+        "errors",
+        "ranking",
+        "registry",
+        "result",
+        "result_json",
+        "ruleset",
+    },
     "report": {
         "audit",
         "comparison",

@@ -36,6 +36,7 @@ _COMMANDS = (
     "explain",
     "price",
     "adjust",
+    "verify",
     "export",
     "audit",
     "rank",
