@@ -131,6 +131,16 @@ MAY_IMPORT: dict[str, set[str]] = {
         "scoring",
         "trial",
     },
+    "readiness": {
+        "asking",
+        "engine",
+        "findings",
+        "logmap",
+        "registry",
+        "result",
+        "ruleset",
+        "trial",
+    },
     "verify": {
         "adjustments",
         "datafiles",

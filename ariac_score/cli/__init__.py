@@ -31,6 +31,7 @@ EXIT_INTERNAL = 3
 EXIT_USAGE = 4
 
 _COMMANDS = (
+    "check",
     "score",
     "info",
     "explain",
