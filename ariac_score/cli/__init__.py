@@ -39,6 +39,7 @@ _COMMANDS = (
     "adjust",
     "verify",
     "export",
+    "annotate",
     "audit",
     "rank",
     "sensitivity",
