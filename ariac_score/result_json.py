@@ -43,11 +43,9 @@ __all__ = [
     "as_json",
     "check_follows",
     "findings_json",
-    "line_data",
     "load_result",
     "measured_sha256",
     "read_result",
-    "result_data",
 ]
 
 SCHEMA = "ariac-score/result/1"
@@ -61,7 +59,7 @@ def as_json(result: Result) -> str:
     """
     if result.ledger is not None and result.score is not None:
         reconcile(result.ledger, result.score, digits=result.digits)
-    return _canonical_text(result_data(result))
+    return _canonical_text(_result_data(result))
 
 
 def findings_json(measured: Measured) -> str:
@@ -135,8 +133,7 @@ def _traced_data(traced: Traced) -> dict[str, Any]:
     return data
 
 
-def line_data(line: Line) -> dict[str, Any]:
-    """A line of a ledger and all below it, as plain values."""
+def _line_data(line: Line) -> dict[str, Any]:
     data: dict[str, Any] = {
         "path": line.path,
         "label": line.label,
@@ -151,7 +148,7 @@ def line_data(line: Line) -> dict[str, Any]:
     if line.trace is not None:
         data["trace"] = _traced_data(line.trace)
     if line.children:
-        data["children"] = [line_data(child) for child in line.children]
+        data["children"] = [_line_data(child) for child in line.children]
     return data
 
 
@@ -262,14 +259,14 @@ def adjustment_data(adjustment: Adjustment) -> dict[str, Any]:
 def _adjusted_data(adjusted: Adjusted) -> dict[str, Any]:
     return {
         "score": _amount(adjusted.score),
-        "ledger": None if adjusted.ledger is None else line_data(adjusted.ledger),
+        "ledger": None if adjusted.ledger is None else _line_data(adjusted.ledger),
         "sha256": adjusted.sha256,
         "adjustments": [adjustment_data(adjustment) for adjustment in adjusted.adjustments],
     }
 
 
-def result_data(result: Result) -> dict[str, Any]:
-    """A result as the plain values of its JSON; `adjusted` is there only where stewards decided."""
+def _result_data(result: Result) -> dict[str, Any]:
+    # The key is there only where stewards decided: an automatic result has the bytes it always had.
     adjusted = {} if result.adjusted is None else {"adjusted": _adjusted_data(result.adjusted)}
     return {
         **adjusted,
@@ -281,8 +278,8 @@ def result_data(result: Result) -> dict[str, Any]:
         "status": result.status,
         "score": _amount(result.score),
         "possible": _amount(result.possible),
-        "ledger": None if result.ledger is None else line_data(result.ledger),
-        "task": None if result.task is None else line_data(result.task),
+        "ledger": None if result.ledger is None else _line_data(result.ledger),
+        "task": None if result.task is None else _line_data(result.task),
         "cohort": {
             "sha256": result.cohort.sha256,
             "values": {name: dict(values) for name, values in result.cohort.values.items()},
@@ -372,7 +369,7 @@ def check_follows(result: Result) -> None:
     except ScoreError as error:
         raise ResultError(f"its findings cannot be priced by its rules: {error}", hint=hint) from error
     again, stored = (
-        [None if line is None else line_data(line) for line in (of.ledger, of.task)]
+        [None if line is None else _line_data(line) for line in (of.ledger, of.task)]
         for of in (priced, result)
     )
     same = (again, priced.status, priced.missing, priced.possible, priced.assumptions, rule_set.digits) == (

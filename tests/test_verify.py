@@ -53,8 +53,19 @@ def edited(stored: Path, folder: Path, edit: Edit) -> Path:
     data = json.loads(stored.read_text(encoding="utf-8"))
     edit(data)
     file = folder / "edited.json"
-    file.write_text(json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    file.write_text(rewritten(data), encoding="utf-8")
     return file
+
+
+def rewritten(data: dict[str, Any]) -> str:
+    """Changed data in the form in which results are written; what is drawn stands on one line there."""
+    sketch = data.get("sketch")
+    bare = {**data, "sketch": None} if sketch else data
+    text = json.dumps(bare, sort_keys=True, indent=1, ensure_ascii=False) + "\n"
+    if not sketch:
+        return text
+    line = json.dumps(sketch, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return text.replace('\n "sketch": null', f'\n "sketch": {line}', 1)
 
 
 def failed(found: Verification) -> list[str]:
