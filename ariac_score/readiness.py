@@ -107,10 +107,12 @@ def _lacks(
     result: Result, rule_set: RuleSet, log_map: LogMap, registry: Registry, path: Path
 ) -> Iterator[Lack]:
     policies = {assumption.check: assumption.policy for assumption in result.assumptions}
+    everywhere = "; not in the log: " + ", ".join(result.measured.unrecorded)
     causes: dict[str, str] = {}
     for finding in result.measured.findings.values():
         if finding.verdict is Verdict.INCONCLUSIVE:
-            causes.setdefault(finding.check, f"{finding.subject}: {finding.message}")
+            message = finding.message.removesuffix(everywhere)  # the remedy names the topics that matter
+            causes.setdefault(finding.check, f"{finding.subject}: {message}")
     recorded = _recorded(path, registry) if causes else frozenset()
     for check, cause in causes.items():
         policy = policies.get(check)
