@@ -52,6 +52,12 @@ def register(commands: Any) -> None:
         help="also write the values across teams, for publication",
     )
     parser.add_argument(
+        "--adjustments",
+        type=Path,
+        metavar="FILE",
+        help="adjustments.yaml of the stewards, instead of the competition's own; both rankings are shown",
+    )
+    parser.add_argument(
         "--results",
         type=Path,
         metavar="DIR",
@@ -84,21 +90,30 @@ def run(arguments: argparse.Namespace) -> int:
             rule_set,
             progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
         )
-    ranking = rank_results(competition, spec, rule_set, results)
-    shown = _Shown(ranking, spec, rank_statistics(ranking, spec, rule_set.digits))
+    ranking = adjusted_by_stewards(
+        arguments.adjustments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)
+    )
+    statistics = rank_statistics(ranking, spec, rule_set.digits)
+    after = rank_statistics(ranking.stewarded.ranking, spec, rule_set.digits) if ranking.stewarded else None
     stored = _write_more(arguments, ranking)
-    _show(arguments, shown, evaluation_of(competition, rule_set, spec), stored)
+    _show(
+        arguments,
+        _Shown(ranking, spec, statistics, after),
+        evaluation_of(competition, rule_set, spec),
+        stored,
+    )
     return exit_code(ranking)
 
 
 def exit_code(ranking: Ranking) -> int:
     """6 when somebody should look at a run, or a team has no rank for want of something; else 0."""
-    unsettled = [run for run in ranking.runs if run.outcome in _UNSETTLED]
+    final = ranking.stewarded.ranking if ranking.stewarded else ranking
+    unsettled = [run for run in final.runs if run.outcome in _UNSETTLED]
     if unsettled:
         print(
             f"{len(unsettled)} of {len(ranking.runs)} runs do not count; each is named above", file=sys.stderr
         )
-    placeless = any(s.rank is None and not s.disqualified for s in ranking.standings)
+    placeless = any(s.rank is None and not s.disqualified for s in final.standings)
     return EXIT_UNDECIDED if unsettled or placeless else 0
 
 
@@ -109,6 +124,25 @@ class _Shown:
     ranking: Ranking
     spec: Spec
     statistics: Statistics
+    adjusted: Statistics | None
+
+    @property
+    def final(self) -> Statistics:
+        """That of the ranking that counts."""
+        return self.adjusted or self.statistics
+
+
+def adjusted_by_stewards(
+    file: Path | None, competition: Competition, spec: Spec, rule_set: RuleSet, ranking: Ranking
+) -> Ranking:
+    """The ranking with what the stewards made of it, where they decided something."""
+    from ariac_score.adjustments import load_adjustments  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.ranking.adjusting import adjusted_ranking  # noqa: PLC0415
+
+    file = file or competition.adjustments
+    if file is None:
+        return ranking
+    return adjusted_ranking(competition, spec, rule_set, ranking, load_adjustments(file))
 
 
 def evaluation_of(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
@@ -140,6 +174,10 @@ def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: R
     from ariac_score.ranking.nist_text import results_csv  # noqa: PLC0415
     from ariac_score.report.ranking import strict_text  # noqa: PLC0415
 
+    if arguments.adjustments is not None:
+        raise UsageError(
+            "the organisers' own program knows no stewards", hint="drop --adjustments, or --policy strict"
+        )
     if not spec.strict:
         raise UsageError(
             f"{rule_set.id} names no program of the organisers to reproduce",
@@ -177,16 +215,17 @@ def _show(
             ranking,
             shown.spec,
             shown.statistics,
+            shown.adjusted,
             strict,
             found,
             folder=_relative(arguments.results, arguments.output) if stored else "",
             results=stored,
         )
     elif arguments.output_format == "csv":
-        text = ranking_csv(ranking, shown.statistics)
+        text = ranking_csv(ranking, shown.final)
     else:
         style = Style() if arguments.output else style_for(sys.stdout)
-        text = ranking_text(ranking, strict, found, style, shown.statistics)
+        text = ranking_text(ranking, strict, found, style, shown.final)
     write(text, arguments.output)
 
 

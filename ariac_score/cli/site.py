@@ -31,6 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rules", default="", metavar="NAME", help="competition: rule set instead of its own"
     )
     parser.add_argument(
+        "--adjustments",
+        type=Path,
+        metavar="FILE",
+        help="competition: adjustments.yaml of the stewards, instead of the competition's own",
+    )
+    parser.add_argument(
         "--results", type=Path, metavar="DIR", help="ranking: its results, where they are not where it says"
     )
     parser.add_argument(
@@ -57,7 +63,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     from tempfile import TemporaryDirectory  # noqa: PLC0415  # keeps --help quick
 
     from ariac_score.cli.output import counting_bar, write  # noqa: PLC0415
-    from ariac_score.cli.rank import evaluation_of, exit_code  # noqa: PLC0415
+    from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code  # noqa: PLC0415
     from ariac_score.ranking.compare import differences  # noqa: PLC0415
     from ariac_score.ranking.competition import load_competition  # noqa: PLC0415
     from ariac_score.ranking.rank import rank_results  # noqa: PLC0415
@@ -79,16 +85,20 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
             rule_set,
             progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
         )
-    ranking = rank_results(competition, spec, rule_set, results)
+    ranking = adjusted_by_stewards(
+        arguments.adjustments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)
+    )
     strict = evaluation_of(competition, rule_set, spec) if competition.runs else None
     found = differences(strict, ranking) if strict else ()
     sensitivity = _sensitivity(arguments, ranking, competition, rule_set, results)
+    after = ranking.stewarded
     with TemporaryDirectory() as folder:
         stored = write_results(ranking, Path(folder), write)
         text = ranking_json(
             ranking,
             spec,
             rank_statistics(ranking, spec, rule_set.digits),
+            rank_statistics(after.ranking, spec, rule_set.digits) if after else None,
             strict,
             found,
             folder="results" if stored else "",
@@ -114,8 +124,11 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
             "a stored ranking has no runs to vary anything in",
             hint="give the output of 'sensitivity COMPETITION --output-format json'",
         )
-    if arguments.rules:
-        raise UsageError("a stored ranking has its rules", hint="drop --rules, or give the competition")
+    if arguments.rules or arguments.adjustments:
+        given = "--rules" if arguments.rules else "--adjustments"
+        raise UsageError(
+            "a stored ranking has its rules and decisions", hint=f"drop {given}, or give the competition"
+        )
     previous = _previous(arguments)
     sensitivity = _sensitivity(arguments, publication.ranking)
     folder = arguments.results or results_folder(publication, arguments.result)

@@ -86,7 +86,7 @@ class Changes:
 
 def changes_between(before: Publication, now: Publication) -> Changes:
     """What changed from one publication to the next."""
-    old, new = before.ranking, now.ranking
+    old, new = before.final, now.final
     keys = sorted(before.how.keys() | now.how.keys())
     return Changes(
         rules=None if old.rule_set == new.rule_set else (old.rule_set, new.rule_set),
@@ -101,8 +101,8 @@ def changes_between(before: Publication, now: Publication) -> Changes:
 
 
 def _teams(before: Publication, now: Publication) -> Iterator[TeamChange]:
-    old: dict[str, Standing] = {standing.team: standing for standing in before.ranking.standings}
-    for standing in now.ranking.standings:
+    old: dict[str, Standing] = {standing.team: standing for standing in before.final.standings}
+    for standing in now.final.standings:
         was = old.pop(standing.team, None)
         yield TeamChange(
             standing.team,
@@ -118,8 +118,8 @@ def _teams(before: Publication, now: Publication) -> Iterator[TeamChange]:
 
 
 def _runs(before: Publication, now: Publication) -> Iterator[RunChange]:
-    old = {run.key: run for run in before.ranking.runs}
-    new = {run.key: run for run in now.ranking.runs}
+    old = {run.key: run for run in before.final.runs}
+    new = {run.key: run for run in now.final.runs}
     for key in sorted(old.keys() | new.keys()):
         was, is_now = old.get(key), new.get(key)
         if was is None or is_now is None:

@@ -94,6 +94,7 @@ class Competition:
         ranking: What differs from the ranking of the rule set.
         sha256: Hash of the file; empty for the official folders.
         logs: Folder of the teams' folders, where runs lie as `<team>/<trial>_<n>`.
+        adjustments: What the stewards decided, where the file names it.
     """
 
     id: str
@@ -109,6 +110,7 @@ class Competition:
     ranking: Mapping[str, Any] = field(default_factory=dict)
     sha256: str = ""
     logs: Path | None = None
+    adjustments: Path | None = None
 
 
 def load_competition(path: Path, rules: str = "", *, may_be_empty: bool = False) -> Competition:
@@ -191,6 +193,9 @@ def _from_file(file: Path, rules: str) -> Competition:
         ranking=data.get("ranking", {}),
         sha256=document.sha256,
         logs=_logs_folder(root, data["runs"]),
+        adjustments=_existing(document, root, data["adjustments"], ("adjustments",))
+        if "adjustments" in data
+        else None,
     )
 
 

@@ -25,6 +25,7 @@ from ariac_score.result import Result
 from ariac_score.ruleset import RuleSet
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import Contributed
+from ariac_score.scoring.steward import Adjustment
 
 __all__ = [
     "OUTCOMES",
@@ -32,9 +33,12 @@ __all__ = [
     "Ranking",
     "RunOutcome",
     "Standing",
+    "Stewarded",
     "cell_digits",
+    "final_ranking",
     "is_scored",
     "merit",
+    "rank_again",
     "rank_results",
 ]
 
@@ -43,6 +47,7 @@ OUTCOMES: Mapping[str, str] = {
     "crashed": "the simulator died and wrote no score: 0",
     "cancelled": "the run was cancelled and has no score: 0",
     "aborted": "the run ended before all orders were in; its score stands",
+    "disqualified": "the stewards disqualified it: 0",
     "undecided": "something the score depends on is undecided: not counted",
     "unreadable": "the log cannot be read as one trial: not counted",
     "no_value": "the rules have no value for it, such as a division by 0: not counted",
@@ -50,7 +55,7 @@ OUTCOMES: Mapping[str, str] = {
     "no_run": "there is no run",
 }
 """How a run, or a team's trial, can end."""
-_AS_ZERO = ("crashed", "cancelled")
+_AS_ZERO = ("crashed", "cancelled", "disqualified")
 
 
 @dataclass(frozen=True)
@@ -155,6 +160,7 @@ class Ranking:
         cohort: The values across teams; `None` when the rules compare none.
         strangers: What lies among the runs and belongs to nobody.
         worst: By trial what counts where there is no score: 0, or the worst run kept.
+        stewarded: What the stewards made of it; all the rest is the automatic ranking.
     """
 
     competition: str
@@ -166,6 +172,22 @@ class Ranking:
     cohort: Cohort | None
     strangers: tuple[str, ...] = ()
     worst: Mapping[str, Decimal] = field(default_factory=dict)
+    stewarded: Stewarded | None = None
+
+
+@dataclass(frozen=True)
+class Stewarded:
+    """A ranking after the decisions of stewards.
+
+    Attributes:
+        ranking: The adjusted ranking.
+        adjustments: The decisions, in the order of their file.
+        sha256: Of the file.
+    """
+
+    ranking: Ranking
+    adjustments: tuple[Adjustment, ...]
+    sha256: str
 
 
 def rank_results(
@@ -187,6 +209,48 @@ def rank_results(
     outcomes = [
         _priced(run, kept, rule_set, cohort, pools) for run in sorted(outcomes, key=lambda run: run.key)
     ]
+    return _ranking(competition, spec, rule_set, outcomes, cohort)
+
+
+def final_ranking(ranking: Ranking) -> Ranking:
+    """The ranking that counts: the adjusted one, where stewards decided something."""
+    return ranking.stewarded.ranking if ranking.stewarded else ranking
+
+
+def rank_again(
+    competition: Competition,
+    spec: Spec,
+    rule_set: RuleSet,
+    ranking: Ranking,
+    changed: Mapping[RunKey, RunOutcome],
+) -> Ranking:
+    """The ranking with other outcomes of some runs; the values across teams stay as they are.
+
+    Args:
+        competition: As for `ranking`.
+        spec: As for `ranking`.
+        rule_set: As for `ranking`.
+        ranking: An automatic ranking.
+        changed: The outcomes that differ.
+    """
+    outcomes = [changed.get(run.key, run) for run in ranking.runs]
+    # Runs are chosen by what was known of them before other teams and runs were looked at.
+    later = rule_set.sheet.needs_cohort or bool(rule_set.sheet.pooled)
+    known = [replace(run, score=None) if later and run.task is not None else run for run in outcomes]
+    kept = {run.key for best in _kept(known, spec).values() for run in best}
+    counting = ("scored", "aborted", *_AS_ZERO)
+    outcomes = [replace(run, kept=run.key in kept and run.outcome in counting) for run in outcomes]
+    return _ranking(competition, spec, rule_set, outcomes, ranking.cohort)
+
+
+def _ranking(
+    competition: Competition,
+    spec: Spec,
+    rule_set: RuleSet,
+    outcomes: Sequence[RunOutcome],
+    cohort: Cohort | None,
+) -> Ranking:
+    """The ranking that priced runs make."""
     worst = _worst(competition, outcomes, spec)
     outcomes = [_at_worst(run, worst[run.trial]) if run.trial in worst else run for run in outcomes]
     groups: dict[tuple[str, str], list[RunOutcome]] = {}
@@ -372,10 +436,14 @@ def _worst(competition: Competition, outcomes: Sequence[RunOutcome], spec: Spec)
     return {trial: (min if spec.more_is_better else max)(found) for trial, found in scores.items()}
 
 
+_COUNTS = "; it counts "
+
+
 def _at_worst(run: RunOutcome, worst: Decimal) -> RunOutcome:
     if run.outcome not in _AS_ZERO or not worst:
         return run
-    return replace(run, score=worst, reason=f"{run.reason}; it counts {worst:f}, the worst of the trial")
+    reason = run.reason.partition(_COUNTS)[0]
+    return replace(run, score=worst, reason=f"{reason}{_COUNTS}{worst:f}, the worst of the trial")
 
 
 def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int, worst: Decimal) -> Cell:
@@ -383,7 +451,7 @@ def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int, worst: Decimal) -
     if not kept:
         why = next((run for run in runs if run.outcome not in ("scored", "aborted")), None)
         outcome, reason = (why.outcome, why.reason) if why else ("no_run", OUTCOMES["no_run"])
-        counts = f"; it counts {worst:f}, the worst of the trial" if worst else ""
+        counts = f"{_COUNTS}{worst:f}, the worst of the trial" if worst and _COUNTS not in reason else ""
         return Cell(worst, outcome, f"{reason}{counts}", (), len(runs))
     total = sum((run.score for run in kept if run.score is not None), Decimal(0))
     if spec.fill:

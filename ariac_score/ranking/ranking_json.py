@@ -15,9 +15,10 @@ from ariac_score.errors import DataFileError
 from ariac_score.ranking.compare import Difference
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.nist_text import Evaluation
-from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing
+from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing, Stewarded, final_ranking
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec
 from ariac_score.ranking.statistics import Group, Pair, Statistics, TeamOdds
+from ariac_score.result_json import adjustment_data, adjustment_from
 
 __all__ = ["Publication", "StoredResult", "load_publication", "ranking_json"]
 
@@ -44,9 +45,9 @@ class Publication:
     """A ranking as it is published.
 
     Attributes:
-        ranking: The ranking; of its runs all but their results.
+        ranking: The ranking, with what stewards made of it; of its runs all but their results.
         how: How runs became ranks, as the rules say it: `ranking` of the JSON.
-        statistics: How sure it is; `None` where that was not asked.
+        statistics: How sure it is, as stewards left it; `None` where that was not asked.
         folder: Where the results are, relative to the file; empty when they are not given.
         results: For each run its result.
         inputs: For each run SHA-256 of the files it was scored from, by role and name.
@@ -59,11 +60,17 @@ class Publication:
     results: Mapping[RunKey, StoredResult] = field(default_factory=dict)
     inputs: Mapping[RunKey, tuple[tuple[str, str, str], ...]] = field(default_factory=dict)
 
+    @property
+    def final(self) -> Ranking:
+        """The ranking that counts: the adjusted one, where stewards decided something."""
+        return final_ranking(self.ranking)
+
 
 def ranking_json(
     ranking: Ranking,
     spec: Spec,
     statistics: Statistics | None = None,
+    adjusted: Statistics | None = None,
     strict: Evaluation | None = None,
     differences: tuple[Difference, ...] = (),
     *,
@@ -76,6 +83,7 @@ def ranking_json(
         ranking: The ranking.
         spec: How its runs became it.
         statistics: How sure it is.
+        adjusted: How sure it is as stewards left it, where they decided something.
         strict: The organisers' own evaluation beside it, where it was reproduced.
         differences: Between both.
         folder: Where the results are, relative to the file this will be.
@@ -98,9 +106,23 @@ def ranking_json(
         "strangers": list(ranking.strangers),
         "strict": None if strict is None else _strict(strict, differences),
     }
+    if ranking.stewarded is not None:
+        data["adjusted"] = _stewarded(ranking.stewarded, adjusted)
     text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
     # Half a surrogate pair, which a file name may hold, has no place in UTF-8 but has one in JSON.
     return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
+
+
+def _stewarded(stewarded: Stewarded, statistics: Statistics | None) -> dict[str, Any]:
+    """What the stewards made of it: what remains when this key is taken away is the automatic ranking."""
+    return {
+        "sha256": stewarded.sha256,
+        "adjustments": [adjustment_data(decision) for decision in stewarded.adjustments],
+        "standings": [_standing(standing) for standing in stewarded.ranking.standings],
+        "runs": [_run(run, None) for run in stewarded.ranking.runs],
+        "worst": {trial: float(amount) for trial, amount in stewarded.ranking.worst.items()},
+        "statistics": None if statistics is None else _statistics(statistics),
+    }
 
 
 def _amount(value: Decimal | None) -> float | None:
@@ -282,6 +304,7 @@ def _plain(value: Any) -> Any:
 
 def _publication(data: Mapping[str, Any], plain: Mapping[str, Any]) -> Publication:
     runs = tuple(_run_of(run) for run in data["runs"])
+    statistics = plain.get("adjusted", plain)["statistics"]
     return Publication(
         ranking=Ranking(
             competition=data["competition"],
@@ -292,10 +315,11 @@ def _publication(data: Mapping[str, Any], plain: Mapping[str, Any]) -> Publicati
             runs=runs,
             cohort=None,
             strangers=tuple(data["strangers"]),
-            worst={trial: _decimal(amount) or Decimal(0) for trial, amount in data["worst"].items()},
+            worst=_worst_of(data),
+            stewarded=_stewarded_of(data) if "adjusted" in data else None,
         ),
         how=plain["ranking"],
-        statistics=None if plain["statistics"] is None else _statistics_of(plain["statistics"]),
+        statistics=None if statistics is None else _statistics_of(statistics),
         folder=data["results"] or "",
         results={
             run.key: StoredResult(entry["result"]["file"], entry["result"]["sha256"])
@@ -307,6 +331,29 @@ def _publication(data: Mapping[str, Any], plain: Mapping[str, Any]) -> Publicati
             for run, entry in zip(runs, data["runs"], strict=True)
         },
     )
+
+
+def _stewarded_of(data: Mapping[str, Any]) -> Stewarded:
+    adjusted = data["adjusted"]
+    return Stewarded(
+        Ranking(
+            competition=data["competition"],
+            title=data["title"],
+            rule_set=(data["rule_set"]["id"], data["rule_set"]["sha256"]),
+            trials=tuple(data["trials"]),
+            standings=tuple(_standing_of(standing) for standing in adjusted["standings"]),
+            runs=tuple(_run_of(run) for run in adjusted["runs"]),
+            cohort=None,
+            strangers=tuple(data["strangers"]),
+            worst=_worst_of(adjusted),
+        ),
+        tuple(adjustment_from(decision) for decision in adjusted["adjustments"]),
+        adjusted["sha256"],
+    )
+
+
+def _worst_of(data: Mapping[str, Any]) -> dict[str, Decimal]:
+    return {trial: _decimal(amount) or Decimal(0) for trial, amount in data["worst"].items()}
 
 
 def _decimal(value: Any) -> Decimal | None:
@@ -387,7 +434,29 @@ def _refuse_contradictions(found: Publication, path: Path) -> None:
     Raises:
         DataFileError: It does not.
     """
-    ranking = found.ranking
+    for ranking in (found.ranking, found.final):
+        _refuse_wrong_sums(ranking, path)
+    hint = "it was edited or damaged: rank again"
+    if {run.key for run in found.ranking.runs} != {run.key for run in found.final.runs}:
+        raise DataFileError(
+            "its adjusted ranking has other runs", file=path, place="$.adjusted.runs", hint=hint
+        )
+    outside = [stored.file for stored in found.results.values() if not _stays_inside(stored.file)]
+    if outside:
+        raise DataFileError(
+            f"{outside[0]!r} leads out of the folder of results", file=path, place="$.runs", hint=hint
+        )
+    teams = {standing.team for standing in found.final.standings}
+    if found.statistics is not None and not {odds.team for odds in found.statistics.teams} <= teams:
+        raise DataFileError("its statistics are of other teams", file=path, place="$.statistics", hint=hint)
+
+
+def _refuse_wrong_sums(ranking: Ranking, path: Path) -> None:
+    """Trials must add up to the execution of every team, and runs be of teams and trials listed.
+
+    Raises:
+        DataFileError: It is not so.
+    """
     hint = "it was edited or damaged: rank again"
     teams = {standing.team for standing in ranking.standings}
     if len(teams) < len(ranking.standings) or len(set(ranking.trials)) < len(ranking.trials):
@@ -405,17 +474,10 @@ def _refuse_contradictions(found: Publication, path: Path) -> None:
                 place=f"{place}.execution",
                 hint=hint,
             )
-    outside = [stored.file for stored in found.results.values() if not _stays_inside(stored.file)]
-    if outside:
-        raise DataFileError(
-            f"{outside[0]!r} leads out of the folder of results", file=path, place="$.runs", hint=hint
-        )
     strangers = [run for run in ranking.runs if run.team not in teams or run.trial not in ranking.trials]
     if strangers:
         told = f"{strangers[0].team!r}, {strangers[0].trial!r}"
         raise DataFileError(f"a run of {told} is of nobody listed", file=path, place="$.runs", hint=hint)
-    if found.statistics is not None and not {odds.team for odds in found.statistics.teams} <= teams:
-        raise DataFileError("its statistics are of other teams", file=path, place="$.statistics", hint=hint)
 
 
 def _stays_inside(name: str) -> bool:

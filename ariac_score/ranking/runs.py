@@ -87,6 +87,12 @@ def _is_stored(run: Run) -> bool:
 
 def _stored(run: Run) -> Result:
     stored = load_result(run.path)
+    if stored.adjusted is not None:
+        raise ResultError(
+            "it is adjusted by stewards already",
+            file=run.path,
+            hint="rank the automatic results, and give the decisions with --adjustments",
+        )
     if stored.measured.trial != run.trial or stored.measured.team not in ("", run.team):
         raise ResultError(
             f"it is of {stored.measured.team or 'no team'}, trial {stored.measured.trial}",

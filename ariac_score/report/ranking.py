@@ -6,9 +6,10 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 
+from ariac_score.ranking.adjusting import decisions_by_run
 from ariac_score.ranking.compare import Difference
 from ariac_score.ranking.nist_text import Evaluation
-from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing
+from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing, final_ranking
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.report.style import Style, plain
 from ariac_score.report.text import amount_text
@@ -29,6 +30,7 @@ def ranking_text(
     style = style or Style()
     sections = [
         _head(ranking, style),
+        _stewarded(ranking, style),
         _leaderboard(ranking, style),
         _sure(ranking, statistics, style) if statistics else (),
         _unusual(ranking, style),
@@ -42,6 +44,35 @@ def _head(ranking: Ranking, style: Style) -> Iterator[str]:
     yield style(plain(ranking.title), "bold") + f" by {ranking.rule_set[0]}"
     runs = f"{len(ranking.runs)} runs, {sum(run.kept for run in ranking.runs)} of them count"
     yield style(f"{len(ranking.standings)} teams, {len(ranking.trials)} trials, {runs}", "dim")
+
+
+def _stewarded(ranking: Ranking, style: Style) -> Iterator[str]:
+    """The ranking as adjusted, what moved, and every decision; the automatic one follows."""
+    if ranking.stewarded is None:
+        return
+    after = ranking.stewarded.ranking
+    yield style("As adjusted by the stewards", "bold")
+    yield from _leaderboard(after, style)
+    yield ""
+    before = {standing.team: standing for standing in ranking.standings}
+    for standing in after.standings:
+        then = before[standing.team]
+        if (then.rank, then.execution) != (standing.rank, standing.execution):
+            sums = " -> ".join(amount_text(s.execution) for s in (then, standing))
+            yield f"  {plain(standing.name)}: {sums}, rank {_rank_change(then.rank, standing.rank)}"
+    yield style("Decisions", "bold")
+    scores = {run.key: run.score for run in ranking.runs}
+    for (team, trial, number), adjusted in decisions_by_run(ranking).items():
+        told = [
+            "none" if s is None else amount_text(s) for s in (scores[team, trial, number], adjusted.score)
+        ]
+        yield f"  {plain(team)}, {plain(trial)}, run {number}: {' -> '.join(told)}"
+        for decision in adjusted.adjustments:
+            yield f"    {decision.id}: {plain(decision.effect)}"
+            yield f"      {plain(decision.author)}, {decision.time}: {plain(decision.reason)}"
+    yield style(f"adjustments: sha256 {ranking.stewarded.sha256[:16]}…", "dim")
+    yield ""
+    yield style("Automatic", "bold")
 
 
 def _leaderboard(ranking: Ranking, style: Style) -> Iterator[str]:
@@ -80,7 +111,7 @@ def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[st
     """Where each team may stand, and which cannot be told apart."""
     names = {standing.team: standing.name for standing in ranking.standings}
     level = f"{100 * statistics.intervals.level:g} %"
-    yield style("How sure", "bold")
+    yield style("How sure" if ranking.stewarded is None else "How sure, as adjusted", "bold")
     if statistics.teams:
         yield style(
             f"  {statistics.intervals.draws} competitions drawn by {DRAWN[statistics.resample]}, "
@@ -97,7 +128,7 @@ def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[st
             told = ", ".join(plain(names[team]) for team in group.teams)
             yield f"  cannot be told apart: {told}"
     yield from (style(f"  {plain(note)}", "dim") for note in statistics.notes)
-    for standing in ranking.standings:
+    for standing in final_ranking(ranking).standings:
         if standing.separated_by not in ("", "value"):
             key = standing.separated_by
             yield f"  {plain(standing.name)} comes after the team of equal value before it by {key}"
@@ -198,19 +229,24 @@ def _strict_stops(strict: Evaluation) -> Iterator[str]:
 
 
 def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
-    """One line for each team, best first, with the score and outcome of each trial."""
+    """One line for each team, best first, with the score and outcome of each trial.
+
+    Where stewards decided, the ranking is the adjusted one, beside each team's automatic rank and value.
+    """
+    automatic = {standing.team: standing for standing in ranking.standings}
+    stewarded = ranking.stewarded
+    ranking = ranking if stewarded is None else stewarded.ranking
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
+    added = [] if stewarded is None else ["automatic rank", "automatic value"]
     columns = [_safe(f"{trial} {what}") for trial in ranking.trials for what in ("score", "outcome", "runs")]
-    head = ["rank", "rank_low", "rank_high", "team", "name", "value", "execution", "judges"]
-    writer.writerow([*head, *columns, "remarks"])
+    head = ["rank", "team", "name", "value", "execution", "judges", *columns, "remarks"]
+    writer.writerow([*head, "rank low", "rank high", *added])
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     for standing in ranking.standings:
         own = odds.get(standing.team)
         row: list[str] = [
             "" if standing.rank is None else str(standing.rank),
-            "" if own is None else str(own.low),
-            "" if own is None else str(own.high),
             _safe(standing.team),
             _safe(standing.name),
             "" if standing.value is None else repr(standing.value),
@@ -220,7 +256,13 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
         for trial in ranking.trials:
             cell = standing.cells[trial]
             row += [f"{cell.score:f}", cell.outcome, " ".join(map(str, cell.runs))]
-        writer.writerow([*row, _safe("; ".join(standing.remarks))])
+        row.append(_safe("; ".join(standing.remarks)))
+        row += ["", ""] if own is None else [str(own.low), str(own.high)]
+        if stewarded is not None:
+            then = automatic[standing.team]
+            row.append("" if then.rank is None else str(then.rank))
+            row.append("" if then.value is None else repr(then.value))
+        writer.writerow(row)
     return out.getvalue()
 
 

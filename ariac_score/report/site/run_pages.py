@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ariac_score.adjustments import apply
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.rank import RunOutcome
 from ariac_score.ranking.ranking_json import Publication, StoredResult
@@ -15,6 +16,10 @@ from ariac_score.ranking.stored import read_stored
 from ariac_score.ranking.violations import Clause, verdicts_of
 from ariac_score.report.html.trial import trial_page
 from ariac_score.report.html.wording import file_name
+from ariac_score.result import Result
+from ariac_score.result_json import as_json, measured_sha256
+from ariac_score.ruleset import rule_set_from_text
+from ariac_score.scoring.steward import Adjustment, with_verdicts
 
 __all__ = ["RunPage", "make_pages", "page_name"]
 
@@ -43,6 +48,8 @@ class _Task:
     stored: StoredResult
     folder: Path
     rule_set: tuple[str, str]
+    decisions: tuple[Adjustment, ...]
+    decided_in: str
     out: Path
     write: Write
 
@@ -78,8 +85,21 @@ def make_pages(
     """
     runs = {run.key: run for run in publication.ranking.runs}
     rules = publication.ranking.rule_set
+    stewarded = publication.ranking.stewarded
+    decisions = stewarded.adjustments if stewarded else ()
+    decided_in = stewarded.sha256 if stewarded else ""
     tasks = [
-        _Task(runs[key], stored, folder, rules, out, write) for key, stored in publication.results.items()
+        _Task(
+            runs[key],
+            stored,
+            folder,
+            rules,
+            tuple(decision for decision in decisions if decision.trial == key[1]),
+            decided_in,
+            out,
+            write,
+        )
+        for key, stored in publication.results.items()
     ]
     # Made before the processes start, so that no two of them make the same one.
     for parent in sorted({(out / page_name(task.run.key)).parent for task in tasks}):
@@ -112,9 +132,31 @@ def _cores() -> int:
 def _make(task: _Task) -> RunPage:
     result, text = read_stored(task.stored, task.folder, task.run, task.rule_set)
     page = page_name(task.run.key)
-    task.write(trial_page(result, text, HOME), task.out / page)
+    shown = _adjusted(result, task)
+    task.write(trial_page(shown, text if shown is result else as_json(shown), HOME), task.out / page)
     copy = task.out / "results" / task.stored.file
     if copy.resolve() != (task.folder / task.stored.file).resolve():
         task.write(text, copy)
     uses = {name: str(check["use"]) for name, check in result.checks.items()}
-    return RunPage(task.run.key, page, verdicts_of(result.measured, uses))
+    findings = with_verdicts(result.measured.findings, shown.adjusted.adjustments) if shown.adjusted else {}
+    measured = replace(result.measured, findings=findings or result.measured.findings)
+    return RunPage(task.run.key, page, verdicts_of(measured, uses))
+
+
+def _adjusted(result: Result, task: _Task) -> Result:
+    """The result with what stewards decided about it on top; it itself where that is nothing."""
+    if not task.decisions:
+        return result
+    measured = measured_sha256(result)
+    team, trial, number = task.run.key
+    own = [
+        decision
+        for decision in task.decisions
+        if decision.measured == measured
+        and (decision.team, decision.trial) in ((team, trial), ("", trial))
+        and decision.run in (None, number)
+    ]
+    if not own:
+        return result
+    rule_set = rule_set_from_text(result.rules, file="the rules in the result")
+    return replace(result, adjusted=apply(result, own, rule_set, sha256=task.decided_in))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from ariac_score.ranking.changes import Changes
-from ariac_score.ranking.rank import OUTCOMES
+from ariac_score.ranking.rank import OUTCOMES, Stewarded
 from ariac_score.ranking.ranking_json import Publication
 from ariac_score.ranking.violations import Tally
 from ariac_score.sensitivity import RankSensitivity
@@ -94,6 +94,8 @@ def tables_of(
 ) -> tuple[Table, ...]:
     """Every table of a competition; what was not given has none."""
     tables = [_leaderboard(publication), _trials(publication), _runs(publication)]
+    if publication.ranking.stewarded is not None:
+        tables.append(_decisions(publication.ranking.stewarded))
     if publication.statistics is not None:
         tables += [_chances(publication), _pairs(publication), _groups(publication)]
     if tallies is not None:
@@ -109,12 +111,14 @@ def _leaderboard(publication: Publication) -> Table:
     statistics = publication.statistics
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     groups = statistics.groups if statistics else ()
-    ties = list(publication.ranking.standings[0].ties) if publication.ranking.standings else []
+    ties = list(publication.final.standings[0].ties) if publication.final.standings else []
     columns = ["rank", "rank_low", "rank_high", "groups", "team", "name", "value", "execution"]
     columns += ["execution_low", "execution_high", "judges", "runs_made", "runs_counted", "places"]
     columns += [*(f"tie: {name}" for name in ties), "separated_by", "disqualified", "remarks"]
+    columns += ["automatic_rank", "automatic_execution"]
+    automatic = {standing.team: standing for standing in publication.ranking.standings}
     rows: list[tuple[Value, ...]] = []
-    for s in publication.ranking.standings:
+    for s in publication.final.standings:
         own = odds.get(s.team)
         rows.append(
             (
@@ -136,6 +140,8 @@ def _leaderboard(publication: Publication) -> Table:
                 s.separated_by,
                 s.disqualified,
                 "; ".join(s.remarks),
+                automatic[s.team].rank,
+                automatic[s.team].execution,
             )
         )
     return Table("leaderboard", "Leaderboard", tuple(columns), tuple(rows))
@@ -153,7 +159,7 @@ def _trials(publication: Publication) -> Table:
             " ".join(map(str, cell.runs)),
             cell.made,
         )
-        for s in publication.ranking.standings
+        for s in publication.final.standings
         for trial, cell in s.cells.items()
     ]
     columns = ("team", "name", "trial", "score", "outcome", "reason", "runs_counted", "runs_made")
@@ -161,9 +167,9 @@ def _trials(publication: Publication) -> Table:
 
 
 def _runs(publication: Publication) -> Table:
-    terms = list(dict.fromkeys(name for run in publication.ranking.runs for name in run.terms))
+    terms = list(dict.fromkeys(name for run in publication.final.runs for name in run.terms))
     rows: list[tuple[Value, ...]] = []
-    for run in publication.ranking.runs:
+    for run in publication.final.runs:
         stored = publication.results.get(run.key)
         rows.append(
             (
@@ -192,6 +198,26 @@ def _runs(publication: Publication) -> Table:
         *terms,
     )
     return Table("runs", "Every run", columns, tuple(rows))
+
+
+def _decisions(stewarded: Stewarded) -> Table:
+    columns = (
+        "id",
+        "author",
+        "time",
+        "reason",
+        "effect",
+        "team",
+        "trial",
+        "run",
+        "finding",
+        "measured_sha256",
+    )
+    rows: list[tuple[Value, ...]] = [
+        (d.id, d.author, d.time, d.reason, d.effect, d.team, d.trial, d.run, d.finding, d.measured)
+        for d in stewarded.adjustments
+    ]
+    return Table("decisions", "Decisions of the stewards", columns, tuple(rows))
 
 
 def _chances(publication: Publication) -> Table:
@@ -232,7 +258,7 @@ def _violations(publication: Publication, tallies: Sequence[Tally]) -> Table:
             tally.undecided.get(standing.team, 0),
         )
         for tally in tallies
-        for standing in publication.ranking.standings
+        for standing in publication.final.standings
     ]
     columns = ("standard", "clause", "team", "violations", "runs_with_violations", "undecided")
     return Table("violations", "Violations by standard and clause", columns, tuple(rows))

@@ -11,6 +11,7 @@ from ariac_score.ranking.rank import OUTCOMES, Cell, Ranking, RunOutcome, Standi
 from ariac_score.ranking.ranking_json import Publication
 from ariac_score.ranking.statistics import Pair, Statistics, TeamOdds
 from ariac_score.ranking.violations import Tally
+from ariac_score.scoring.steward import Adjustment
 from ariac_score.sensitivity import RankSensitivity, RankShift
 
 __all__ = ["View", "view_of"]
@@ -30,6 +31,7 @@ class TeamRow:
         groups: Labels of the groups it is in.
         made: How many runs it made.
         counted: How many of them count.
+        automatic: The team without the decisions of stewards, where there are any.
     """
 
     standing: Standing
@@ -38,6 +40,15 @@ class TeamRow:
     groups: tuple[str, ...]
     made: int
     counted: int
+    automatic: Standing | None = None
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One decision of the stewards, and the runs it may be about."""
+
+    adjustment: Adjustment
+    runs: tuple[RunLink, ...]
 
 
 @dataclass(frozen=True)
@@ -96,6 +107,8 @@ class View:
     sensitivity: tuple[RankSensitivity, ...] | None
     changes: Changes | None
     outcomes: Mapping[str, str]
+    decisions: tuple[Decision, ...] = ()
+    decided_in: str = ""
 
     @property
     def has_pages(self) -> bool:
@@ -137,7 +150,7 @@ def view_of(
         sensitivity: What the ranks owe to each number; `None` when it was not given.
         changes: Since the previous publication; `None` when none was given.
     """
-    ranking, statistics = publication.ranking, publication.statistics
+    ranking, statistics = publication.final, publication.statistics
     by_cell: dict[tuple[str, str], list[RunLink]] = {}
     for run in ranking.runs:
         by_cell.setdefault((run.team, run.trial), []).append(RunLink(run, links.get(run.key, "")))
@@ -167,15 +180,46 @@ def view_of(
         sensitivity=None if sensitivity is None else tuple(sensitivity),
         changes=changes,
         outcomes=OUTCOMES,
+        decisions=_decisions(publication, by_cell),
+        decided_in=publication.ranking.stewarded.sha256 if publication.ranking.stewarded else "",
+    )
+
+
+def _decisions(
+    publication: Publication, by_cell: Mapping[tuple[str, str], Sequence[RunLink]]
+) -> tuple[Decision, ...]:
+    """Every decision with the run that it changed: its reason stands in the run's."""
+    stewarded = publication.ranking.stewarded
+    if stewarded is None:
+        return ()
+    before = {run.key: run for run in publication.ranking.runs}
+    changed = [
+        link for links in by_cell.values() for link in links if link.run.reason != before[link.run.key].reason
+    ]
+    return tuple(
+        Decision(
+            decision,
+            tuple(
+                link
+                for link in changed
+                if link.run.trial == decision.trial
+                and decision.team in ("", link.run.team)
+                and decision.run in (None, link.run.number)
+                and decision.reason in link.run.reason
+            ),
+        )
+        for decision in stewarded.adjustments
     )
 
 
 def _row(standing: Standing, publication: Publication) -> TeamRow:
-    ranking, statistics = publication.ranking, publication.statistics
+    ranking, statistics = publication.final, publication.statistics
     same = sum(1 for other in ranking.standings if other.rank == standing.rank)
     rank = "" if standing.rank is None else f"{standing.rank}{'=' if same > 1 else ''}"
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     groups = statistics.groups if statistics else ()
+    stewarded = publication.ranking.stewarded is not None
+    automatic = {s.team: s for s in publication.ranking.standings} if stewarded else {}
     return TeamRow(
         standing,
         rank if ranking.runs else "",
@@ -183,6 +227,7 @@ def _row(standing: Standing, publication: Publication) -> TeamRow:
         tuple(group.label for group in groups if standing.team in group.teams),
         sum(cell.made for cell in standing.cells.values()),
         sum(len(cell.runs) for cell in standing.cells.values()),
+        automatic.get(standing.team),
     )
 
 
