@@ -108,7 +108,8 @@ def run(arguments: argparse.Namespace) -> int:
 def exit_code(ranking: Ranking) -> int:
     """6 when somebody should look at a run, or a team has no rank for want of something; else 0."""
     final = ranking.stewarded.ranking if ranking.stewarded else ranking
-    unsettled = [run for run in final.runs if run.outcome in _UNSETTLED]
+    out = {standing.team for standing in final.standings if standing.disqualified}
+    unsettled = [run for run in final.runs if run.outcome in _UNSETTLED and run.team not in out]
     if unsettled:
         print(
             f"{len(unsettled)} of {len(ranking.runs)} runs do not count; each is named above", file=sys.stderr

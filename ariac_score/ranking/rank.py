@@ -354,7 +354,7 @@ def _cohort(
 ) -> Cohort:
     """The means over the best run of each team that has one, in the order of the teams."""
     trials: dict[str, list[Contributed]] = {}
-    counting = [team for team in competition.teams if not team.disqualified]
+    counting = [team for team in competition.teams if not team.disqualified] or competition.teams
     for trial in competition.trials:
         best = [kept.get((team.id, trial.id), ())[:1] for team in counting]
         trials[trial.id] = [_brought(run, rule_set) for runs in best for run in runs]
