@@ -96,6 +96,7 @@ def test_it_says_score_rules_hashes_margins_and_clauses(example: Result) -> None
         "distance 0.031 m (at most 0.03)",
         "delta_m",
         "100 Hz",
+        "/snapshot",
     ):
         assert word in text, word
 
