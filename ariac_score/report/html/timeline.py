@@ -85,6 +85,7 @@ def _orders(result: Result, scale: Scale) -> Iterable[Lane]:
     tasks: dict[str, list[str]] = {}
     for order in result.measured.scopes.inner:
         tasks[order.path] = [task.path.rpartition("/")[2] for task in order.inner]
+    unseen = "never submitted" if "submissions" in result.measured.witnessed else "no submission is recorded"
     brought: dict[str, list[float]] = {}
     for one in sketch.brought if sketch else ():
         brought.setdefault(one.task, []).append(one.submitted_s)
@@ -93,7 +94,7 @@ def _orders(result: Result, scale: Scale) -> Iterable[Lane]:
         start_s = scale.start if announced_s is None else announced_s
         end_s = max(handed, default=scale.end)
         words = "announced at an unknown time" if announced_s is None else f"announced at {seconds(start_s)}"
-        words += f", last submission at {seconds(end_s)}" if handed else ", no submission is known"
+        words += f", last submission at {seconds(end_s)}" if handed else f", {unseen}"
         blocks = [Block("order", *scale.stretch(start_s, end_s), words)]
         blocks += [Block("submitted", scale.at(t), 0.0, f"submitted at {seconds(t)}") for t in sorted(handed)]
         yield Lane(order_id, blocks=tuple(blocks))
