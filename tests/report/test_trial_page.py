@@ -17,9 +17,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Course, Result, Span, Trial, as_json, score_trial
+from ariac_score import (
+    Body,
+    Course,
+    Finding,
+    Limit,
+    OfficialOrder,
+    OfficialResult,
+    Result,
+    Span,
+    Trial,
+    as_json,
+    score_trial,
+)
 from ariac_score.cli import main
 from ariac_score.report.html.charts import HEIGHT, chart_of
+from ariac_score.report.html.orders import grouped
 from ariac_score.report.html.page import embedded_json
 from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.scale import Scale, ticks
@@ -398,6 +411,54 @@ def test_the_timeline_has_a_lane_for_each_monitor_and_order(example: Result) -> 
     )
     submitted = [block.left for block in timeline.orders[0].blocks if block.state == "submitted"]
     assert submitted == [pytest.approx(100 * 13.5 / 37.5, abs=1e-3)]
+
+
+def _words(result: Result) -> str:
+    timeline = timeline_of(result, [])
+    assert timeline is not None
+    return timeline.orders[0].blocks[0].title
+
+
+def test_what_an_official_record_says_of_submissions_is_said_as_its_word(example: Result) -> None:
+    assert _words(example).endswith("last submission at 14.00\u202fs")
+    measured = replace(example.measured, sketch=Sketch())
+
+    def with_record(said: OfficialOrder) -> Result:
+        official = OfficialResult("trial_log.txt", 1.0, None, summaries=(said,))
+        return replace(example, measured=replace(measured, official=official))
+
+    told = with_record(OfficialOrder("order_0", submitted=True, submitted_s=12.5))
+    assert _words(told).endswith("submitted at 12.50\u202fs by the official record")
+    assert _words(with_record(OfficialOrder("order_0", submitted=False))).endswith(
+        "not submitted by the official record"
+    )
+    assert _words(with_record(OfficialOrder("order_7"))).endswith("never submitted")
+
+
+def test_of_a_log_that_shows_no_submissions_it_is_not_said_that_there_were_none(example: Result) -> None:
+    measured = replace(example.measured, sketch=Sketch(), witnessed=())
+
+    assert _words(replace(example, measured=measured)).endswith("no submission is recorded")
+
+
+def test_findings_that_say_the_same_are_told_together() -> None:
+    found = (
+        ("a#1", Finding.satisfied("order_0", "fine")),
+        ("b#1", Finding.inconclusive("order_0", "not recorded")),
+        ("c#1", Finding.violated("order_0", "wrong")),
+        ("d#1", Finding.inconclusive("order_0", "not recorded")),
+        ("e#1", Finding.satisfied("order_0", "also fine")),
+        ("f#1", Finding.from_limits("order_0", Limit("distance", 0.1, "m", at_most=0.2))),
+    )
+
+    told = [(verdict.value, words, [key for key, _ in alike]) for verdict, words, alike in grouped(found)]
+
+    assert told == [
+        ("violated", "wrong", ["c#1"]),
+        ("inconclusive", "not recorded", ["b#1", "d#1"]),
+        ("satisfied", "distance 0.1 m (at most 0.2)", ["f#1"]),
+        ("satisfied", "", ["a#1", "e#1"]),
+    ]
 
 
 @given(st.floats(-1000, 1000), st.floats(0.001, 10_000), st.integers(2, 12))

@@ -11,7 +11,7 @@ from typing import Any
 from ariac_score.findings import Finding, Verdict
 from ariac_score.recoverable import recoverable_losses
 from ariac_score.report.html.charts import Chart, chart_of
-from ariac_score.report.html.orders import orders_of
+from ariac_score.report.html.orders import grouped, orders_of
 from ariac_score.report.html.page import page, shipped
 from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.timeline import timeline_of
@@ -64,6 +64,7 @@ def trial_page(result: Result, stored: str) -> str:
         orders=orders_of(result),
         groups=_groups(result, monitors),
         anchor=anchor,
+        grouped=grouped,
         verdicts=[verdict.value for verdict in Verdict],
     )
 
