@@ -29,12 +29,13 @@ _ESCAPED = re.compile(r"((?<!\\)(?:\\\\)*)\\u003c")
 _EMBEDDED = re.compile(r'<script type="application/json" id="ariac-score-result">\n(.*?)</script>', re.DOTALL)
 
 
-def trial_page(result: Result, stored: str) -> str:
+def trial_page(result: Result, stored: str, *, home: tuple[str, str] | None = None) -> str:
     """The page of a trial: one file that needs nothing else.
 
     Args:
         result: The result.
         stored: The same as canonical JSON, to be taken along.
+        home: Where a page among others leads back to: a relative link, and its words.
     """
     measured, findings = result.measured, result.measured.findings
     rule_set = rule_set_from_text(result.rules, file="the rules in the result")
@@ -43,11 +44,12 @@ def trial_page(result: Result, stored: str) -> str:
     falls = waterfall_of(ledger, findings) if ledger else None
     sketch = measured.sketch
     charts, omitted = _charts(result)
-    losses = recoverable_losses(result)
+    losses = recoverable_losses(result, rule_set)
     return page(
         "trial.html.j2",
         script=shipped("zoom.js"),
         result=result,
+        home=home,
         measured=measured,
         stored=stored,
         counts=Counter(f.verdict.value for f in findings.values()),
