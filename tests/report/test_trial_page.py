@@ -176,9 +176,9 @@ def test_a_trial_without_orders_or_findings_has_a_page(example: Result) -> None:
 
 
 def test_a_page_among_others_leads_back(example: Result) -> None:
-    text = trial_page(example, as_json(example), home=("../index.html", "<All teams>"))
+    text = trial_page(example, as_json(example), home="../index.html")
 
-    assert '<a href="../index.html">&lt;All teams&gt;</a>' in text
+    assert '<a href="../index.html">Competition</a>' in text
     assert "index.html" not in _page(example)
 
 

@@ -29,13 +29,13 @@ _ESCAPED = re.compile(r"((?<!\\)(?:\\\\)*)\\u003c")
 _EMBEDDED = re.compile(r'<script type="application/json" id="ariac-score-result">\n(.*?)</script>', re.DOTALL)
 
 
-def trial_page(result: Result, stored: str, *, home: tuple[str, str] | None = None) -> str:
+def trial_page(result: Result, stored: str, home: str = "") -> str:
     """The page of a trial: one file that needs nothing else.
 
     Args:
         result: The result.
         stored: The same as canonical JSON, to be taken along.
-        home: Where a page among others leads back to: a relative link, and its words.
+        home: Where the page of its competition is; empty for none.
     """
     measured, findings = result.measured, result.measured.findings
     rule_set = rule_set_from_text(result.rules, file="the rules in the result")
@@ -48,8 +48,8 @@ def trial_page(result: Result, stored: str, *, home: tuple[str, str] | None = No
     return page(
         "trial.html.j2",
         script=shipped("zoom.js"),
-        result=result,
         home=home,
+        result=result,
         measured=measured,
         stored=stored,
         counts=Counter(f.verdict.value for f in findings.values()),
