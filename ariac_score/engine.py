@@ -50,6 +50,7 @@ from ariac_score.trial.vocabulary import QUANTITIES
 __all__ = [
     "check_needs",
     "decidable",
+    "file_hashes",
     "find_trial",
     "measure_trial",
     "price_trial",
@@ -482,12 +483,17 @@ def _provenance(bundle: Bundle, rule_set: RuleSet, log_map: LogMap, registry: Re
     ]
     packages = {(p.distribution, p.version, p.package) for p in plugins}
     return Provenance(
-        inputs=tuple(sorted((s for part in bundle.parts for s in _sources(part, bundle.root)), key=_by_role)),
+        inputs=file_hashes(bundle),
         ignored=tuple(sorted(bundle.ignored)),
         rule_set=(rule_set.id, rule_set.sha256),
         log_map=(log_map.id, log_map.sha256),
         code=tuple(sorted({_engine(), *((d, v, p, package_sha256(p)) for d, v, p in packages)})),
     )
+
+
+def file_hashes(bundle: Bundle) -> tuple[Source, ...]:
+    """Every file of a bundle with its hash, sorted by role and name."""
+    return tuple(sorted((s for part in bundle.parts for s in _sources(part, bundle.root)), key=_by_role))
 
 
 def _engine() -> tuple[str, str, str, str]:

@@ -8,17 +8,25 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.site import add_arguments as add_site_arguments
+from ariac_score.cli.site import is_competition, site_of_competition, site_of_ranking
+
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "report",
         help="a result as a page to look at, print and share",
-        description="Make one self-contained HTML page of a trial's result: no network, no server.",
+        description="Make one self-contained HTML page of a trial's result, or a folder of pages of a "
+        "competition: no network, no server.",
     )
     parser.add_argument(
-        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
+        "result",
+        type=Path,
+        metavar="RESULT|RANKING|COMPETITION",
+        help="JSON written by 'score' or 'rank'; or a competition.yaml, or its folder",
     )
+    add_site_arguments(parser)
     parser.add_argument(
         "--extract", action="store_true", help="give back the result inside a page (RESULT is the page)"
     )
@@ -33,6 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_inputs(arguments.output, arguments.result)
     if arguments.extract:
         return _extract(arguments)
+    if is_competition(arguments.result):
+        return site_of_competition(arguments)
     return _WRITERS.get(_kind(arguments.result), _trial)(arguments)
 
 
@@ -73,5 +83,8 @@ def _extract(arguments: argparse.Namespace) -> int:
     return 0
 
 
-_WRITERS: Mapping[str, Callable[[argparse.Namespace], int]] = {"ariac-score/result": _trial}
+_WRITERS: Mapping[str, Callable[[argparse.Namespace], int]] = {
+    "ariac-score/result": _trial,
+    "ariac-score/ranking": site_of_ranking,
+}
 """What makes a page of which kind of file."""
