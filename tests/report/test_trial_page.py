@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -30,6 +31,7 @@ from ariac_score import (
     as_json,
     score_trial,
 )
+from ariac_score.adjustments import adjust, load_adjustments
 from ariac_score.cli import main
 from ariac_score.report.html.charts import HEIGHT, chart_of
 from ariac_score.report.html.orders import grouped
@@ -39,6 +41,7 @@ from ariac_score.report.html.scale import Scale, ticks
 from ariac_score.report.html.timeline import timeline_of
 from ariac_score.report.html.trial import embedded_result, trial_page
 from ariac_score.report.html.waterfall import waterfall_of
+from ariac_score.result_json import measured_sha256
 from ariac_score.scoring.ledger import Line
 from ariac_score.testing import kitting_trial, write_trial_log
 from ariac_score.trial.sketch import Curve, Route, Sketch, sketch_of
@@ -173,6 +176,51 @@ def test_a_trial_without_orders_or_findings_has_a_page(example: Result) -> None:
 
     assert "There was no order" in text
     assert "nothing can be laid out in time" in text
+
+
+def _adjusted(folder: Path, result: Result, **decision: Any) -> Result:
+    about = {"trial": result.measured.trial, "measured": measured_sha256(result)}
+    about |= {"finding": decision.pop("finding")} if "finding" in decision else {}
+    entry = {
+        "id": "protest_3",
+        "author": "<b>A. Steward</b>",
+        "reason": "a marshal had \u202eknocked over the camera",
+        "time": "2024-05-12T14:30:00Z",
+        "target": about,
+        "effect": decision,
+    }
+    (folder / "adjustments.yaml").write_text(yaml.safe_dump({"adjustments": [entry]}), encoding="utf-8")
+    decided, _ = adjust(
+        result, load_adjustments(folder / "adjustments.yaml"), measured=measured_sha256(result)
+    )
+    return decided
+
+
+def test_a_decision_of_a_steward_stands_on_top_and_the_automatic_score_beside_it(
+    tmp_path: Path, example: Result
+) -> None:
+    text = _page(_adjusted(tmp_path, example, finding="separation#1", verdict="satisfied"))
+
+    # Without its one breach the example is worth its 28 task points.
+    assert '<span class="score" id="score">28</span>' in text
+    assert "automatic score 19.761677 of 36 possible" in text
+    assert "+8.238323" in text
+    assert "How the automatic score came about" in text
+    assert "&lt;b&gt;A. Steward&lt;/b&gt;" in text
+    assert "a marshal had \\u202eknocked over the camera" in text
+    assert "2024-05-12T14:30:00Z" in text
+    assert '<a href="#decisions">stewards</a>' in text
+
+
+def test_a_disqualified_trial_says_so_first(tmp_path: Path, example: Result) -> None:
+    text = _page(_adjusted(tmp_path, example, disqualified=True))
+
+    assert ">Disqualified<" in text
+    assert "automatic score 19.761677" in text
+
+
+def test_a_trial_nobody_decided_about_has_no_decisions(example: Result) -> None:
+    assert "stewards" not in _page(example).partition('id="ariac-score-result"')[0]
 
 
 def test_a_page_among_others_leads_back(example: Result) -> None:
