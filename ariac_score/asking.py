@@ -87,15 +87,19 @@ def courses_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Cour
     """
     if not isinstance(check, Charting):
         return []
+    trial = replace(trial)
+    before = _marks(trial)
     try:
         with quiet(plugin.origin):
-            courses = list(check.courses(replace(trial)))
+            courses = list(check.courses(trial))
     except MissingSignalError:
         return []
     except (Exception, SystemExit) as cause:
         raise broken(
             plugin, f"raised {type(cause).__name__} when asked what it saw: {cause}", of=name
         ) from cause
+    if _marks(trial) != before:
+        raise broken(plugin, "changed the trial it was asked about", of=name)
     for course in courses:
         if not isinstance(course, Course):
             raise broken(plugin, f"shows a {type(course).__name__} instead of a Course", of=name)

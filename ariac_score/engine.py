@@ -377,7 +377,8 @@ def _coverage(signal: Signal, window: Span | None) -> Coverage:
     span = signal.span
     long = signal.gaps(window, max_gap_s=0.0) if window else []
     rate = (len(signal) - 1) / span.duration_s if span and span.duration_s > 0 else 0.0
-    return Coverage(signal.name, len(signal), rate, max((gap.duration_s for gap in long), default=0.0))
+    largest_gap_s = max((gap.duration_s for gap in long), default=0.0)
+    return Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source)
 
 
 # Pricing -------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from ariac_score.errors import FormulaError
 from ariac_score.expression import Number
 from ariac_score.findings import Finding, Verdict
 from ariac_score.result import Result
-from ariac_score.ruleset import rule_set_from_text
+from ariac_score.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.ledger import rounded
 from ariac_score.scoring.policy import ideal
 from ariac_score.scoring.pricing import value_of
@@ -39,21 +39,24 @@ class Recoverable:
     gain: Decimal
 
 
-def recoverable_losses(result: Result) -> tuple[Recoverable, ...]:
+def recoverable_losses(result: Result, rule_set: RuleSet | None = None) -> tuple[Recoverable, ...]:
     """What would have earned more, largest first; empty without a score.
 
     Each is tried alone, with everything else as it was, through the formulas of the
     result's own rule set. So gains of things that depend on each other do not add up:
     an order's bonus is in the gain of the order, not in that of its parts.
+
+    Args:
+        result: The result.
+        rule_set: The rules in the result, where the caller has read them already.
     """
     if result.score is None:
         return ()
-    rule_set = rule_set_from_text(result.rules, file="the rules in the result")
+    rules = rule_set or rule_set_from_text(result.rules, file="the rules in the result")
     wrong = {
         key: finding
         for key, finding in result.measured.findings.items()
-        if finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
-        and finding.check in rule_set.sheet.priced
+        if finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE) and finding.check in rules.sheet.priced
     }
 
     def value(findings: Mapping[str, Finding]) -> Number | None:
@@ -61,8 +64,8 @@ def recoverable_losses(result: Result) -> tuple[Recoverable, ...]:
             return value_of(
                 findings,
                 result.measured.scopes,
-                rule_set.sheet,
-                rule_set.policies,
+                rules.sheet,
+                rules.policies,
                 cohort=result.cohort,
             )
         except FormulaError:

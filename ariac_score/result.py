@@ -64,12 +64,14 @@ class Coverage:
         samples: Number of samples.
         rate_hz: Mean rate, Hz; 0 with fewer than two samples.
         largest_gap_s: Longest stretch without a sample, the ends included, s.
+        source: Where it was recorded, such as the topic, or `derived`; empty when nobody says.
     """
 
     signal: str
     samples: int
     rate_hz: float
     largest_gap_s: float
+    source: str = ""
 
 
 @dataclass(frozen=True)

@@ -225,6 +225,7 @@ def _measured_data(measured: Measured) -> dict[str, Any]:
                 "samples": c.samples,
                 "rate_hz": canonical(c.rate_hz),
                 "largest_gap_s": canonical(c.largest_gap_s),
+                "source": c.source,
             }
             for c in measured.coverage
         ],
@@ -580,7 +581,13 @@ def _measured(data: Mapping[str, Any]) -> Measured:
         window=_span_of(data["window_s"]),
         orders={k: None if v is None else float(v) for k, v in data["orders_announced_s"].items()},
         coverage=tuple(
-            Coverage(c["signal"], c["samples"], float(c["rate_hz"]), float(c["largest_gap_s"]))
+            Coverage(
+                c["signal"],
+                c["samples"],
+                float(c["rate_hz"]),
+                float(c["largest_gap_s"]),
+                c.get("source", ""),
+            )
             for c in data["coverage"]
         ),
         log_defects=tuple(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from decimal import Decimal
 from typing import Any
 
 from ariac_score.trial.sketch import AskedPart, AskedTask, Brought, Curve, Route, Sketch
@@ -87,7 +88,7 @@ def sketch_from(data: Mapping[str, Any]) -> Sketch:
         brought=tuple(
             Brought(
                 b["task"],
-                _number(b["submitted_s"]),
+                _numbers([b["submitted_s"]])[0],
                 b["agv"],
                 b["station"],
                 None if b["parts"] is None else tuple(b["parts"]),
@@ -98,7 +99,8 @@ def sketch_from(data: Mapping[str, Any]) -> Sketch:
 
 
 def _curve(data: Mapping[str, Any]) -> Curve:
-    limit = tuple(None if v is None else _number(v) for v in data["limit"])
+    limited = iter(_numbers([v for v in data["limit"] if v is not None]))
+    limit = tuple(None if v is None else next(limited) for v in data["limit"])
     t_s, actual = _numbers(data["t_s"]), _numbers(data["actual"])
     _same_length(t_s, actual, limit)
     return Curve(
@@ -127,10 +129,9 @@ def _same_length(*columns: Sequence[object]) -> None:
 
 
 def _numbers(values: Sequence[Any]) -> tuple[float, ...]:
-    return tuple(_number(value) for value in values)
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, str | bool) or not math.isfinite(float(value)):
-        raise ValueError(f"{value!r} in the sketch is no number")
-    return float(value)
+    if not {*map(type, values)} <= {int, float, Decimal}:
+        raise ValueError("a series of the sketch holds something that is no number")
+    numbers = tuple(map(float, values))
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError("a series of the sketch holds a number that is not finite")
+    return numbers

@@ -36,8 +36,12 @@ STRETCHES = 2400
 MOST_STRETCHES, FEWEST_STRETCHES = 800, 40
 """All curves share the stretches, so that a result stays small however many pairs there are."""
 
-DETAILS, DETAIL_STRETCHES, AROUND_S = 8, 100, 2.0
+DETAILS, AROUND_S = 8, 2.0
 """So many violations of a curve are kept finer, with so much time before and after."""
+
+DETAIL_STRETCHES = 2400
+MOST_DETAIL_STRETCHES, FEWEST_DETAIL_STRETCHES = 100, 10
+"""Those around violations are shared by all curves as well."""
 
 ROUTE_STRETCHES = 300
 MOST_HOLES = 500
@@ -197,11 +201,12 @@ def sketch_of(
         plain = None if f"{robot.id}/{human.id}" in limited else _plain_distance(trial, robot.id, human.id)
         if plain is not None:
             told["", plain.subject] = plain
-    share = STRETCHES // max(len(told), 1)
-    stretches = min(max(share, FEWEST_STRETCHES), MOST_STRETCHES)
+    many = max(len(told), 1)
+    stretches = _share(STRETCHES // many, FEWEST_STRETCHES, MOST_STRETCHES)
+    finer = _share(DETAIL_STRETCHES // (many * DETAILS), FEWEST_DETAIL_STRETCHES, MOST_DETAIL_STRETCHES)
     return Sketch(
         curves=tuple(
-            _curve(check, told[check, subject], moments.get((check, subject), ()), stretches)
+            _curve(check, told[check, subject], moments.get((check, subject), ()), stretches, finer)
             for check, subject in sorted(told)
             if len(told[check, subject].t)
         ),
@@ -256,7 +261,11 @@ def _inside(t: FloatArray, window: Span | None) -> NDArray[np.bool_]:
     return inside
 
 
-def _curve(check: str, course: Course, moments: Sequence[Span], stretches: int) -> Curve:
+def _share(room: int, fewest: int, most: int) -> int:
+    return min(max(room, fewest), most)
+
+
+def _curve(check: str, course: Course, moments: Sequence[Span], stretches: int, finer: int) -> Curve:
     actual, limit = np.round(course.actual, DECIMALS) + 0.0, np.round(course.limit, DECIMALS) + 0.0
     known = np.isfinite(limit)
     margin = np.where(known, actual - limit, 0.0)
@@ -266,9 +275,7 @@ def _curve(check: str, course: Course, moments: Sequence[Span], stretches: int) 
         (rows,) = np.nonzero((course.t >= moment.start_s - AROUND_S) & (course.t <= moment.end_s + AROUND_S))
         if len(rows):
             near = slice(rows[0], rows[-1] + 1)
-            kept.append(
-                rows[0] + extremes(course.t[near], [column[near] for column in columns], DETAIL_STRETCHES)
-            )
+            kept.append(rows[0] + extremes(course.t[near], [column[near] for column in columns], finer))
     beside = _beside_holes(course.t, course.max_gap_s)
     rows = np.unique(np.concatenate([*kept, beside, beside + 1]))
     return Curve(

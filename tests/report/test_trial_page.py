@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,18 +14,34 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Course, Result, Span, Trial, as_json, score_trial
+from ariac_score import (
+    Body,
+    Course,
+    Finding,
+    Limit,
+    OfficialOrder,
+    OfficialResult,
+    Result,
+    Span,
+    Trial,
+    as_json,
+    score_trial,
+)
+from ariac_score.adjustments import adjust, load_adjustments
 from ariac_score.cli import main
-from ariac_score.report.html.charts import chart_of
+from ariac_score.report.html.charts import HEIGHT, chart_of
+from ariac_score.report.html.orders import grouped
 from ariac_score.report.html.page import embedded_json
 from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.scale import Scale, ticks
 from ariac_score.report.html.timeline import timeline_of
 from ariac_score.report.html.trial import embedded_result, trial_page
 from ariac_score.report.html.waterfall import waterfall_of
+from ariac_score.result_json import measured_sha256
 from ariac_score.scoring.ledger import Line
 from ariac_score.testing import kitting_trial, write_trial_log
 from ariac_score.trial.sketch import Curve, Route, Sketch, sketch_of
@@ -96,6 +113,7 @@ def test_it_says_score_rules_hashes_margins_and_clauses(example: Result) -> None
         "distance 0.031 m (at most 0.03)",
         "delta_m",
         "100 Hz",
+        "/snapshot",
     ):
         assert word in text, word
 
@@ -158,6 +176,58 @@ def test_a_trial_without_orders_or_findings_has_a_page(example: Result) -> None:
 
     assert "There was no order" in text
     assert "nothing can be laid out in time" in text
+
+
+def _adjusted(folder: Path, result: Result, **decision: Any) -> Result:
+    about = {"trial": result.measured.trial, "measured": measured_sha256(result)}
+    about |= {"finding": decision.pop("finding")} if "finding" in decision else {}
+    entry = {
+        "id": "protest_3",
+        "author": "<b>A. Steward</b>",
+        "reason": "a marshal had \u202eknocked over the camera",
+        "time": "2024-05-12T14:30:00Z",
+        "target": about,
+        "effect": decision,
+    }
+    (folder / "adjustments.yaml").write_text(yaml.safe_dump({"adjustments": [entry]}), encoding="utf-8")
+    decided, _ = adjust(
+        result, load_adjustments(folder / "adjustments.yaml"), measured=measured_sha256(result)
+    )
+    return decided
+
+
+def test_a_decision_of_a_steward_stands_on_top_and_the_automatic_score_beside_it(
+    tmp_path: Path, example: Result
+) -> None:
+    text = _page(_adjusted(tmp_path, example, finding="separation#1", verdict="satisfied"))
+
+    # Without its one breach the example is worth its 28 task points.
+    assert '<span class="score" id="score">28</span>' in text
+    assert "automatic score 19.761677 of 36 possible" in text
+    assert "+8.238323" in text
+    assert "How the automatic score came about" in text
+    assert "&lt;b&gt;A. Steward&lt;/b&gt;" in text
+    assert "a marshal had \\u202eknocked over the camera" in text
+    assert "2024-05-12T14:30:00Z" in text
+    assert '<a href="#decisions">stewards</a>' in text
+
+
+def test_a_disqualified_trial_says_so_first(tmp_path: Path, example: Result) -> None:
+    text = _page(_adjusted(tmp_path, example, disqualified=True))
+
+    assert ">Disqualified<" in text
+    assert "automatic score 19.761677" in text
+
+
+def test_a_trial_nobody_decided_about_has_no_decisions(example: Result) -> None:
+    assert "stewards" not in _page(example).partition('id="ariac-score-result"')[0]
+
+
+def test_a_page_among_others_leads_back(example: Result) -> None:
+    text = trial_page(example, as_json(example), home="../index.html")
+
+    assert '<a href="../index.html">Competition</a>' in text
+    assert "index.html" not in _page(example)
 
 
 # The command ---------------------------------------------------------------------------
@@ -291,12 +361,17 @@ def _curve(actual: list[float], limit: list[float | None], **more: Any) -> Curve
     return Curve("separation", "a/b", "distance", "m", False, len(t), t, tuple(actual), tuple(limit), **more)
 
 
-def _shapes(path: str) -> list[list[tuple[float, float]]]:
-    return [
-        [tuple(map(float, point.split())) for point in shape.strip("M").split("L")]  # type: ignore[misc]
-        for shape in path.split("Z")
-        if shape
-    ]
+def _shapes(chart: Any) -> list[list[tuple[float, float]]]:
+    """The shaded shapes, in s from the start and in units below the upper edge."""
+    shapes = []
+    for shape in filter(None, chart.beyond.split("z")):
+        x = y = 0
+        points = []
+        for act, right, down in re.findall(r"([Ml])(-?\d+) (-?\d+)", shape):
+            x, y = (int(right), int(down)) if act == "M" else (x + int(right), y + int(down))
+            points.append((x / 1000, y * chart.height / HEIGHT))
+        shapes.append(points)
+    return shapes
 
 
 def _area(points: list[tuple[float, float]]) -> float:
@@ -309,8 +384,8 @@ def test_the_shade_is_the_shortfall_from_crossing_to_crossing() -> None:
     chart = chart_of(_curve([3.0, 1.0, 3.0], [2.0, 2.0, 2.0]), {})
 
     assert chart is not None
-    (shape,) = _shapes(chart.beyond)
-    assert _area(shape) == pytest.approx(0.5)
+    (shape,) = _shapes(chart)
+    assert _area(shape) == pytest.approx(0.5, abs=1e-4)
     assert (min(x for x, _ in shape), max(x for x, _ in shape)) == (0.5, 1.5)
 
 
@@ -329,7 +404,7 @@ def test_the_shade_has_the_area_of_the_shortfall(rows: list[tuple[float, float]]
     depth = np.maximum(np.interp(grid, t, [b - a for a, b in rows]), 0)
     wanted = float(((depth[1:] + depth[:-1]) / 2 * np.diff(grid)).sum())
     assert chart is not None
-    assert sum(map(_area, _shapes(chart.beyond))) == pytest.approx(wanted, abs=0.02 * len(rows))
+    assert sum(map(_area, _shapes(chart))) == pytest.approx(wanted, abs=0.02 * len(rows))
 
 
 def test_there_is_no_shade_at_the_limit_itself_nor_where_none_applies() -> None:
@@ -391,6 +466,54 @@ def test_the_timeline_has_a_lane_for_each_monitor_and_order(example: Result) -> 
     )
     submitted = [block.left for block in timeline.orders[0].blocks if block.state == "submitted"]
     assert submitted == [pytest.approx(100 * 13.5 / 37.5, abs=1e-3)]
+
+
+def _words(result: Result) -> str:
+    timeline = timeline_of(result, [])
+    assert timeline is not None
+    return timeline.orders[0].blocks[0].title
+
+
+def test_what_an_official_record_says_of_submissions_is_said_as_its_word(example: Result) -> None:
+    assert _words(example).endswith("last submission at 14.00\u202fs")
+    measured = replace(example.measured, sketch=Sketch())
+
+    def with_record(said: OfficialOrder) -> Result:
+        official = OfficialResult("trial_log.txt", 1.0, None, summaries=(said,))
+        return replace(example, measured=replace(measured, official=official))
+
+    told = with_record(OfficialOrder("order_0", submitted=True, submitted_s=12.5))
+    assert _words(told).endswith("submitted at 12.50\u202fs by the official record")
+    assert _words(with_record(OfficialOrder("order_0", submitted=False))).endswith(
+        "not submitted by the official record"
+    )
+    assert _words(with_record(OfficialOrder("order_7"))).endswith("never submitted")
+
+
+def test_of_a_log_that_shows_no_submissions_it_is_not_said_that_there_were_none(example: Result) -> None:
+    measured = replace(example.measured, sketch=Sketch(), witnessed=())
+
+    assert _words(replace(example, measured=measured)).endswith("no submission is recorded")
+
+
+def test_findings_that_say_the_same_are_told_together() -> None:
+    found = (
+        ("a#1", Finding.satisfied("order_0", "fine")),
+        ("b#1", Finding.inconclusive("order_0", "not recorded")),
+        ("c#1", Finding.violated("order_0", "wrong")),
+        ("d#1", Finding.inconclusive("order_0", "not recorded")),
+        ("e#1", Finding.satisfied("order_0", "also fine")),
+        ("f#1", Finding.from_limits("order_0", Limit("distance", 0.1, "m", at_most=0.2))),
+    )
+
+    told = [(verdict.value, words, [key for key, _ in alike]) for verdict, words, alike in grouped(found)]
+
+    assert told == [
+        ("violated", "wrong", ["c#1"]),
+        ("inconclusive", "not recorded", ["b#1", "d#1"]),
+        ("satisfied", "distance 0.1 m (at most 0.2)", ["f#1"]),
+        ("satisfied", "", ["a#1", "e#1"]),
+    ]
 
 
 @given(st.floats(-1000, 1000), st.floats(0.001, 10_000), st.integers(2, 12))

@@ -72,6 +72,7 @@ def test_a_label_is_one_short_line() -> None:
 def test_numbers_have_a_true_minus_and_a_dash_for_nothing() -> None:
     assert number(-2) == "\u22122"
     assert number(None) == number(float("nan")) == seconds(None) == amount(None) == "\u2013"
+    assert (number(9_999), number(60_001)) == ("9999", "60\u202f001")
     assert number(1234567.0) == "1\u202f234\u202f567"
     assert amount(Decimal("-3.500")) == "\u22123.5"
     assert seconds(83.4) == "83.40\u202fs"

@@ -14,6 +14,9 @@ __all__ = ["Chart", "Mark", "chart_of"]
 
 Point = tuple[float, float]
 
+HEIGHT = 100_000
+"""A drawing is so many user units high, and a ms wide for each ms."""
+
 
 @dataclass(frozen=True)
 class Mark:
@@ -38,12 +41,12 @@ class Mark:
 
 @dataclass(frozen=True)
 class Chart:
-    """A curve, ready to be drawn into a box of `width` by `height` user units, y downwards.
+    """A curve, ready to be drawn into a box of `width` by `HEIGHT` user units, y downwards.
 
     Attributes:
         curve: What it draws.
         x: The scale of time.
-        top: The height of the box, in units of the curve.
+        height: What the box is high, in units of the curve.
         peak: The number at its upper edge.
         actual: Path of what was.
         limit: Path of what may be; empty where nothing limits it.
@@ -55,7 +58,7 @@ class Chart:
 
     curve: Curve
     x: Scale
-    top: float
+    height: float
     peak: float
     actual: str
     limit: str
@@ -65,9 +68,9 @@ class Chart:
     findings: tuple[str, ...]
 
     @property
-    def width(self) -> float:
-        """Width of the box, s."""
-        return round(self.x.end - self.x.start, 4)
+    def width(self) -> int:
+        """Width of the box, ms."""
+        return max(round((self.x.end - self.x.start) * 1000), 1)
 
 
 def chart_of(curve: Curve, findings: Mapping[str, Finding]) -> Chart | None:
@@ -104,39 +107,43 @@ def chart_of(curve: Curve, findings: Mapping[str, Finding]) -> Chart | None:
 
 @dataclass(frozen=True)
 class _Flip:
-    """Numbers to user units: x from the start, y downwards from the top."""
+    """Numbers to whole user units: x from the start in ms, y downwards from the top."""
 
     start: float
     top: float
     bottom: float
 
-    def __call__(self, t: float, value: float) -> str:
-        return f"{_short(t - self.start)} {_short(self.top - value)}"
+    def x(self, t: float) -> int:
+        return round((t - self.start) * 1000)
+
+    def y(self, value: float) -> int:
+        return round((self.top - value) / (self.top - self.bottom) * HEIGHT)
 
     def percent(self, value: float) -> float:
         return round(100 * (self.top - value) / (self.top - self.bottom), 3)
 
 
-def _short(value: float) -> str:
-    return f"{value:.3f}".rstrip("0").rstrip(".") or "0"
-
-
 def _path(t_s: Sequence[float], values: Sequence[float | None], holes_s: Sequence[float], flip: _Flip) -> str:
-    """A line through the samples, lifted where nothing is known."""
+    """A line through the samples, lifted where nothing is known; whole steps keep a page small."""
     holes, pieces, drawing = frozenset(holes_s), [], False
+    at_x = at_y = 0
     for t, value in zip(t_s, values, strict=True):
         if value is not None:
-            pieces.append(("L" if drawing else "M") + flip(t, value))
+            x, y = flip.x(t), flip.y(value)
+            pieces.append(f"l{x - at_x} {y - at_y}" if drawing else f"M{x} {y}")
+            at_x, at_y = x, y
         drawing = value is not None and t not in holes
     return "".join(pieces)
 
 
 def _areas(curve: Curve, flip: _Flip) -> str:
     """Closed shapes between both lines wherever the limit is broken."""
-    return "".join(
-        "M" + "L".join(flip(t, value) for t, value in [*of_actual, *reversed(of_limit)]) + "Z"
-        for of_actual, of_limit in _broken(curve)
-    )
+    shapes = []
+    for of_actual, of_limit in _broken(curve):
+        points = [*of_actual, *reversed(of_limit)]
+        t_s, values = [t for t, _ in points], [value for _, value in points]
+        shapes.append(_path(t_s, values, (), flip) + "z")
+    return "".join(shapes)
 
 
 def _broken(curve: Curve) -> Iterator[tuple[list[Point], list[Point]]]:

@@ -12,7 +12,7 @@ from ariac_score.scoring.ledger import Ledger
 from ariac_score.scoring.scope import Scope
 from ariac_score.trial.sketch import AskedTask, Brought
 
-__all__ = ["OrderShown", "PartShown", "TaskShown", "orders_of"]
+__all__ = ["OrderShown", "PartShown", "TaskShown", "grouped", "orders_of"]
 
 Told = tuple[str, Finding]
 
@@ -67,6 +67,28 @@ def orders_of(result: Result) -> tuple[OrderShown, ...]:
         )
         for order in measured.scopes.inner
     )
+
+
+_SHOWN = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED)
+
+
+def grouped(found: tuple[Told, ...]) -> list[tuple[Verdict, str, list[Told]]]:
+    """Findings that say the same together, what costs something first.
+
+    A check that was kept and measured nothing needs no words.
+    """
+    groups: dict[tuple[int, str], list[Told]] = {}
+    for key, finding in found:
+        silent = finding.verdict is Verdict.SATISFIED and finding.robustness is None
+        words = "" if silent else finding.message
+        # What was kept and measured stands before what was kept and can be named in one line.
+        place = _SHOWN.index(finding.verdict) + silent
+        groups.setdefault((place, words), []).append((key, finding))
+    return [(alike[0][1].verdict, words, alike) for (_, words), alike in sorted(groups.items(), key=_place)]
+
+
+def _place(group: tuple[tuple[int, str], list[Told]]) -> int:
+    return group[0][0]
 
 
 def _task(

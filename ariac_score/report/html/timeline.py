@@ -81,22 +81,39 @@ def timeline_of(result: Result, monitors: Iterable[str]) -> Timeline | None:
 
 
 def _orders(result: Result, scale: Scale) -> Iterable[Lane]:
-    sketch = result.measured.sketch
-    tasks: dict[str, list[str]] = {}
-    for order in result.measured.scopes.inner:
-        tasks[order.path] = [task.path.rpartition("/")[2] for task in order.inner]
-    brought: dict[str, list[float]] = {}
-    for one in sketch.brought if sketch else ():
-        brought.setdefault(one.task, []).append(one.submitted_s)
     for order_id, announced_s in result.measured.orders.items():
-        handed = [t for task in tasks.get(order_id, []) for t in brought.get(task, [])]
+        handed, otherwise = _handed_in(result, order_id)
         start_s = scale.start if announced_s is None else announced_s
-        end_s = max(handed, default=scale.end)
         words = "announced at an unknown time" if announced_s is None else f"announced at {seconds(start_s)}"
-        words += f", last submission at {seconds(end_s)}" if handed else ", no submission is known"
+        words += f", last submission at {seconds(handed[-1])}" if handed else otherwise
+        end_s = handed[-1] if handed else scale.end
         blocks = [Block("order", *scale.stretch(start_s, end_s), words)]
-        blocks += [Block("submitted", scale.at(t), 0.0, f"submitted at {seconds(t)}") for t in sorted(handed)]
+        blocks += [Block("submitted", scale.at(t), 0.0, f"submitted at {seconds(t)}") for t in handed]
         yield Lane(order_id, blocks=tuple(blocks))
+
+
+def _handed_in(result: Result, order_id: str) -> tuple[list[float], str]:
+    """When an order was handed in, s; where that is not known, what is, as the end of a sentence."""
+    measured = result.measured
+    tasks = {
+        task.path.rpartition("/")[2]
+        for order in measured.scopes.inner
+        if order.path == order_id
+        for task in order.inner
+    }
+    brought = measured.sketch.brought if measured.sketch else ()
+    handed = sorted(one.submitted_s for one in brought if one.task in tasks)
+    if handed:
+        return handed, ""
+    summaries = measured.official.summaries if measured.official else ()
+    for said in summaries:
+        if said.id == order_id and said.submitted_s is not None:
+            return [], f", submitted at {seconds(said.submitted_s)} by the official record"
+        if said.id == order_id and said.submitted is not None:
+            return [], f", {'' if said.submitted else 'not '}submitted by the official record"
+    if tasks and measured.sketch and "submissions" in measured.witnessed:
+        return [], ", never submitted"
+    return [], ", no submission is recorded" if tasks else ""
 
 
 def _monitor(name: str, result: Result, scale: Scale) -> Lane:

@@ -6,12 +6,13 @@ import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any
 
 from ariac_score.findings import Finding, Verdict
 from ariac_score.recoverable import recoverable_losses
 from ariac_score.report.html.charts import Chart, chart_of
-from ariac_score.report.html.orders import orders_of
+from ariac_score.report.html.orders import grouped, orders_of
 from ariac_score.report.html.page import page, shipped
 from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.timeline import timeline_of
@@ -20,6 +21,7 @@ from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.result import Result
 from ariac_score.ruleset import rule_set_from_text
 from ariac_score.scoring.policy import POLICIES
+from ariac_score.scoring.steward import Adjustment
 
 __all__ = ["anchor", "embedded_result", "trial_page"]
 
@@ -44,7 +46,7 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
     falls = waterfall_of(ledger, findings) if ledger else None
     sketch = measured.sketch
     charts, omitted = _charts(result)
-    losses = recoverable_losses(result)
+    losses = recoverable_losses(result, rule_set)
     return page(
         "trial.html.j2",
         script=shipped("zoom.js"),
@@ -52,6 +54,8 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         result=result,
         measured=measured,
         stored=stored,
+        decisions=_decisions(result),
+        decided={one.finding: one for one, _ in _decisions(result) if one.finding},
         counts=Counter(f.verdict.value for f in findings.values()),
         ledger=ledger,
         falls=falls,
@@ -66,6 +70,7 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         orders=orders_of(result),
         groups=_groups(result, monitors),
         anchor=anchor,
+        grouped=grouped,
         verdicts=[verdict.value for verdict in Verdict],
     )
 
@@ -111,6 +116,16 @@ def _groups(result: Result, monitors: list[str]) -> list[_Group]:
             )
         )
     return sorted(groups, key=lambda group: (not group.counts.get("violated"), not group.monitor))
+
+
+def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:
+    """What stewards decided, and what each decision moved; nothing is known of that without a score."""
+    if result.adjusted is None:
+        return []
+    lines = result.adjusted.ledger.children if result.adjusted.ledger else ()
+    moved: list[Decimal | None] = [line.amount for line in lines if line.kind == "factor"]
+    decided = result.adjusted.adjustments
+    return list(zip(decided, moved or [None] * len(decided), strict=True))
 
 
 def _charts(result: Result) -> tuple[list[Chart], int]:

@@ -70,7 +70,9 @@ def number(value: float | int | None, digits: int = 4) -> str:
     """
     if value is None or not math.isfinite(value):
         return NOTHING
-    if abs(value) >= 10**digits and abs(value) < 1e12:
+    if isinstance(value, int):
+        text = _grouped(value) if abs(value) >= 10_000 else str(value)
+    elif abs(value) >= 10**digits and abs(value) < 1e12:
         text = _grouped(round(value))
     else:
         text = f"{value:.{digits}g}"

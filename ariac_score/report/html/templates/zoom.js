@@ -6,11 +6,20 @@ for (const chart of document.querySelectorAll(".chart")) {
   const axis = chart.querySelector(".axis");
   const tools = chart.parentElement.querySelector(".tools");
   const begin = Number(chart.dataset.start), end = Number(chart.dataset.end);
-  const high = svg.viewBox.baseVal.height, peak = Number(chart.dataset.top), unit = chart.dataset.unit;
+  const peak = Number(chart.dataset.top), high = Number(chart.dataset.height), unit = chart.dataset.unit;
+  const scale = svg.viewBox.baseVal.height / high;
   const levels = chart.querySelector(".levels");
   const whole = [...axis.children], wholeLevels = [...levels.children];
-  const points = [...svg.querySelectorAll(".line")].flatMap((line) =>
-    [...line.getAttribute("d").matchAll(/[ML](-?[\d.]+) (-?[\d.]+)/g)].map((m) => [Number(m[1]), Number(m[2])]));
+  /* The samples of both lines: s from the start, and units below the peak. */
+  const points = [];
+  for (const line of svg.querySelectorAll(".line")) {
+    let x = 0, y = 0;
+    for (const [, act, right, down] of line.getAttribute("d").matchAll(/([Ml])(-?\d+) (-?\d+)/g)) {
+      x = (act === "M" ? 0 : x) + Number(right);
+      y = (act === "M" ? 0 : y) + Number(down);
+      points.push([x / 1000, y / scale]);
+    }
+  }
   let first = begin, last = end;
 
   function steps(low, top, most) {
@@ -50,7 +59,8 @@ for (const chart of document.querySelectorAll(".chart")) {
     first = Math.min(Math.max(from, begin), end - length);
     last = first + length;
     const [upper, lower] = heights();
-    svg.setAttribute("viewBox", `${first - begin} ${upper} ${length} ${lower - upper}`);
+    svg.setAttribute("viewBox",
+      [(first - begin) * 1000, upper * scale, length * 1000, (lower - upper) * scale].join(" "));
     chart.dataset.from = first.toFixed(3);
     chart.dataset.to = last.toFixed(3);
     for (const mark of plot.querySelectorAll(".mark")) {
