@@ -83,7 +83,8 @@ def test_the_bars_of_rank_intervals_say_what_the_words_say(open_page: Any, site:
 
     bars = page.eval_on_selector_all(
         ".span",
-        "all => all.map(s => { const w = s.getBoundingClientRect(), i = s.children[0].getBoundingClientRect(),"
+        "all => all.map(s => { const w = s.getBoundingClientRect(),"
+        " i = s.children[0].getBoundingClientRect(),"
         " b = s.children[1].getBoundingClientRect(); return [(i.left - w.left) / w.width,"
         " (i.right - w.left) / w.width, ((b.left + b.right) / 2 - w.left) / w.width]; })",
     )
