@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ariac_score.cohort import Cohort, load_cohort
     from ariac_score.contracts import (
+        Charting,
         Decoder,
         EventMonitor,
         EventWatch,
@@ -67,13 +68,14 @@ if TYPE_CHECKING:
         WantedProduct,
     )
     from ariac_score.trial.signals import Sample, Signal, align
+    from ariac_score.trial.sketch import Course
     from ariac_score.trial.spans import Span, episodes_where, sample_durations, uncovered_spans
     from ariac_score.trial.vocabulary import QUANTITIES, Quantity
 
 _HOME = {
     "ariac_score.contracts": (
-        "Decoder EventMonitor EventWatch LogDescription Monitor OnlineMonitor OnlineWatch Reader Rule "
-        "SignalNeed Standing TopicDescription Wanted"
+        "Charting Decoder EventMonitor EventWatch LogDescription Monitor OnlineMonitor OnlineWatch Reader "
+        "Rule SignalNeed Standing TopicDescription Wanted"
     ),
     "ariac_score.cohort": "Cohort load_cohort",
     "ariac_score.engine": "measure_trial price_trial reprice score_trial",
@@ -97,6 +99,7 @@ _HOME = {
         "Trial WantedProduct"
     ),
     "ariac_score.trial.signals": "Sample Signal align",
+    "ariac_score.trial.sketch": "Course",
     "ariac_score.trial.spans": "Span episodes_where sample_durations uncovered_spans",
     "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
 }
@@ -107,7 +110,9 @@ __all__ = [
     "Alignment",
     "Arrivals",
     "Body",
+    "Charting",
     "Cohort",
+    "Course",
     "Decoder",
     "Event",
     "EventMonitor",

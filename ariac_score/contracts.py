@@ -18,9 +18,11 @@ from ariac_score.trial.events import Event
 from ariac_score.trial.kits import Kit
 from ariac_score.trial.model import Body, LogDefect, Order, Submission, Trial
 from ariac_score.trial.signals import Sample
+from ariac_score.trial.sketch import Course
 
 __all__ = [
     "GROUPS",
+    "Charting",
     "Decoder",
     "EventMonitor",
     "EventWatch",
@@ -157,6 +159,15 @@ class OnlineMonitor(Protocol):
         Args:
             bodies: Those known beforehand; others may only show by their signals.
         """
+        ...
+
+
+@runtime_checkable
+class Charting(Protocol):
+    """A monitor that also shows what it judged: what was, beside what may be, over time."""
+
+    def courses(self, trial: Trial) -> Iterable[Course]:
+        """A course for each subject that can be drawn; decides nothing."""
         ...
 
 

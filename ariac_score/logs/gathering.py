@@ -399,7 +399,8 @@ class _Intake:
                 if len(column.getters) > 1:
                     values = values.reshape(-1, len(column.getters))
                 t = times_s(column.stamps_ns, origin_ns)
-                builder.add_signal(column.field_map.signal, column.field_map.unit, t, values)
+                signal, unit = column.field_map.signal, column.field_map.unit
+                builder.add_signal(signal, unit, t, values, source=self.channel.topic)
 
     def bodies(self) -> frozenset[str]:
         """The bodies that the signals of this channel speak of, when it received anything."""

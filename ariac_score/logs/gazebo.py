@@ -748,4 +748,5 @@ def _add_entity(
         frames, poses = states.pose_in_each_frame(entity.key)
         last_of_stamp = np.append(np.diff(states.t_ns[frames]) != 0, True)
         name = f"position/{body.id}::{entity.link}" if entity.link else f"position/{body.id}"
-        builder.add_signal(name, "m", states.t_s[frames][last_of_stamp], poses[last_of_stamp, :3])
+        t, places = states.t_s[frames][last_of_stamp], poses[last_of_stamp, :3]
+        builder.add_signal(name, "m", t, places, source="Gazebo poses")

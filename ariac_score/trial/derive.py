@@ -203,7 +203,7 @@ class _Deriver:
         derived = derive(subject, max_gap_s) if derive else None
         if derived is None or not len(derived[0]):
             return None
-        self.signals[name] = Signal(name, QUANTITIES[quantity].unit, *derived)
+        self.signals[name] = Signal(name, QUANTITIES[quantity].unit, *derived, source="derived")
         return self.signals[name]
 
     def _velocity(self, point: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
