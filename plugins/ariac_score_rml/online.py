@@ -30,6 +30,8 @@ Fields = Mapping[str, str]
 Wanted = Sequence[tuple[str, Fields]]
 """The topics of one subject: name, and signal by field."""
 
+LATEST_S = 1e12
+"""What is later is no time."""
 PENDING = "the specification still asks for something"
 
 
@@ -96,7 +98,7 @@ class EventsOnline:
         if self._final is not None:
             return self._final
         time = event.get("time")
-        t_s = float(time) if isinstance(time, int | float) else 0.0
+        t_s = float(time) if isinstance(time, int | float) and abs(time) < LATEST_S else 0.0
         trace = self._trace
         try:
             reason = trace.take(event)  # type: ignore[arg-type]  # it was read from JSON
