@@ -140,6 +140,7 @@ class SignalsOnline:
         watch: Callable[[Trial], Iterable[Finding]],
     ) -> None:
         self._arrivals, self._watch = Arrivals(), watch
+        self.undecided = "" if wanted else "whom it is about is not known before the trial"
         self._subjects = [
             _Followed(
                 subject,

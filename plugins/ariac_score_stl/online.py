@@ -73,6 +73,8 @@ class FormulaOnline:
         known = Trial("", bodies=tuple(bodies))
         judged = [] if self.undecided else subjects(known, monitor.sources)
         self._subjects = [_Followed(monitor, subject, self._arrivals) for subject in judged]
+        if not self._subjects:
+            self.undecided = self.undecided or "whom it is about is not known before the trial"
 
     def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
         """Take samples, and judge every instant of which all is known by now."""

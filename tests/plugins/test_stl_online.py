@@ -305,6 +305,12 @@ def test_what_cannot_be_said_before_the_end_is_said_to_be_so(text: str, more: An
     assert ending(monitor, trial) == list(monitor.watch(trial))
 
 
+def test_a_formula_about_nobody_known_says_so() -> None:
+    watch = formula("always v < 1").begin((Body("human", "human"),))
+
+    assert watch.undecided == "whom it is about is not known before the trial"  # type: ignore[attr-defined]
+
+
 @pytest.mark.parametrize("text", ["always v < 1", "historically v < 1", "always eventually[0,9] v < 1"])
 def test_what_can_be_said_is_not_put_off(text: str) -> None:
     assert undecided_online(formula(text)) == ""
