@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.arrivals import Alignment, Arrivals
     from ariac_score.trial.build import TrialBuilder
     from ariac_score.trial.channels import LogMap
-    from ariac_score.trial.events import Event
+    from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
     from ariac_score.trial.kits import Kit
     from ariac_score.trial.model import (
         Body,
@@ -92,7 +92,7 @@ _HOME = {
     "ariac_score.trial.arrivals": "Alignment Arrivals",
     "ariac_score.trial.build": "TrialBuilder",
     "ariac_score.trial.channels": "LogMap",
-    "ariac_score.trial.events": "Event",
+    "ariac_score.trial.events": "COMPETITION_ENDED COMPETITION_STARTED Event",
     "ariac_score.trial.kits": "Kit",
     "ariac_score.trial.model": (
         "Body LogDefect OfficialOrder OfficialResult Order Pose Product Submission Task TeamSetup Tray "
@@ -106,6 +106,8 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
 __all__ = [
+    "COMPETITION_ENDED",
+    "COMPETITION_STARTED",
     "QUANTITIES",
     "Alignment",
     "Arrivals",
