@@ -206,7 +206,7 @@ def _empties(equations: Mapping[str, Equation]) -> dict[str, bool]:
     for name, equation in equations.items():
         for ref in references(equation.body):
             users[ref.name][name] = None
-    todo = dict.fromkeys(reversed(equations))
+    todo: dict[str, None] = dict.fromkeys(reversed(list(equations)))
     while todo:
         again: dict[str, None] = {}
         for name in todo:
