@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from ariac_score.result import Measured, Provenance, Result
     from ariac_score.result_json import as_json, load_result
     from ariac_score.ruleset import RuleSet, load_rule_set
+    from ariac_score.trial.arrivals import Alignment, Arrivals
     from ariac_score.trial.build import TrialBuilder
     from ariac_score.trial.channels import LogMap
     from ariac_score.trial.events import Event
@@ -86,6 +87,7 @@ _HOME = {
     "ariac_score.result": "Measured Provenance Result",
     "ariac_score.result_json": "as_json load_result",
     "ariac_score.ruleset": "RuleSet load_rule_set",
+    "ariac_score.trial.arrivals": "Alignment Arrivals",
     "ariac_score.trial.build": "TrialBuilder",
     "ariac_score.trial.channels": "LogMap",
     "ariac_score.trial.events": "Event",
@@ -102,6 +104,8 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.
 
 __all__ = [
     "QUANTITIES",
+    "Alignment",
+    "Arrivals",
     "Body",
     "Cohort",
     "Decoder",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -15,9 +17,26 @@ from ariac_score.registry import Plugin
 from ariac_score.result import settled
 from ariac_score.trial.model import Trial
 
-__all__ = ["ask", "needs_of"]
+__all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "needs_of"]
 
 Heard = Callable[[str], None]
+
+BUDGET_S = 30.0
+"""Processor time a plugin may take for a million samples, s. Generous: a vectorised monitor takes 0.1 s."""
+
+SMALLEST_LOG_SAMPLES = 100_000
+"""A shorter log is allowed the time of one of this length, for calls and imports cost time too."""
+
+
+def budget_of(trial: Trial, budget_s: float = BUDGET_S) -> float:
+    """Processor time a plugin may take for a trial, s.
+
+    Args:
+        trial: Whose samples count.
+        budget_s: Allowed for a million samples.
+    """
+    samples = sum(len(signal) for signal in trial.signals.values())
+    return budget_s * max(samples, SMALLEST_LOG_SAMPLES) / 1e6
 
 
 def needs_of(plugin: Plugin, name: str, check: Any) -> list[SignalNeed]:
@@ -30,7 +49,7 @@ def needs_of(plugin: Plugin, name: str, check: Any) -> list[SignalNeed]:
         return []
     try:
         with quiet(plugin.origin):
-            needs = list(check.needs())
+            needs = list(_some(check.needs()))
     except (Exception, SystemExit) as cause:
         raise broken(
             plugin, f"raised {type(cause).__name__} when asked what it needs: {cause}", of=name
@@ -59,7 +78,8 @@ def ask(
     trial = replace(trial)  # its own, so that nothing it sets reaches another check
     before = _marks(trial)
     said: list[Finding] = []
-    with quiet(plugin.origin, heard) if heard else quiet(plugin.origin):
+    began_s = time.process_time()
+    with quiet(plugin.origin, heard, deep=True) if heard else quiet(plugin.origin, deep=True):
         try:
             for finding in _answers(plugin, name, check, trial):
                 if not isinstance(finding, Finding):
@@ -69,8 +89,14 @@ def ask(
             said.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
         except PluginError:
             raise
-        except (Exception, SystemExit) as cause:
+        except (Exception, SystemExit, GeneratorExit) as cause:
             raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
+    taken_s, allowed_s = time.process_time() - began_s, budget_of(trial)
+    if taken_s > allowed_s:  # the score stands: it may not depend on how fast a machine is
+        sys.stderr.write(
+            f"notice: plugin {plugin.origin} took {taken_s:.1f} s of processor time for check {name!r}, "
+            f"longer than its budget of {allowed_s:g} s\n"
+        )
     if _marks(trial) != before:
         raise broken(plugin, "changed the trial it was asked about", of=name)
     if not said:
@@ -101,10 +127,17 @@ def _marks(trial: Trial) -> tuple[object, ...]:
     return small_mark, *map(id, same), trial.id, trial.clock, trial.unrecorded, trial.log_defects, *arrays
 
 
+def _some(answer: Any) -> Any:
+    """What a plugin gave back, where that is anything."""
+    if answer is None:
+        raise TypeError("None was returned; yield each, or return a list of them")
+    return answer
+
+
 def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Finding]:
     """What a rule says about each order, or a monitor about the trial."""
     if plugin.group != "ariac_score.rules":
-        yield from check.watch(trial)
+        yield from _some(check.watch(trial))
     elif not trial.orders:
         yield Finding.not_applicable("trial", "no order was announced")
     for order in trial.orders if plugin.group == "ariac_score.rules" else ():
@@ -112,7 +145,7 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Fi
             yield Finding.inconclusive(order.id, "what it asked for is not recorded, only its official score")
             continue
         spoken = False
-        for finding in check.judge(trial, order):
+        for finding in _some(check.judge(trial, order)):
             spoken = True
             yield finding
         if not spoken and not order.tasks:

@@ -99,7 +99,9 @@ class Sum:
         formula: The formula, over printed items.
         relation: `equal`, `at_most` or `at_least`.
         verdict: `agree` or `differ`, or `cannot_be_judged`.
-        reason: Why it cannot be judged, or why the relation is not equality.
+        reason: Why it cannot be judged, why the relation is not equality, or what else may be
+            the cause when it differs.
+        rests_on: Path, label and text of every printed number that `expected` is made of.
     """
 
     level: str
@@ -111,6 +113,7 @@ class Sum:
     relation: str
     verdict: str
     reason: str = ""
+    rests_on: tuple[tuple[str, str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -301,6 +304,7 @@ def _sums(text: PrintedText, block: PrintedBlock) -> Iterator[Sum]:
                 one.relation,
                 CANNOT_BE_JUDGED,
                 one.because,
+                tuple(text.rests_on(inner, one)),
             )
             try:
                 expected = text.expected(inner, one)

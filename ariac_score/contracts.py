@@ -16,7 +16,7 @@ from ariac_score.findings import Finding, Verdict
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.events import Event
 from ariac_score.trial.kits import Kit
-from ariac_score.trial.model import LogDefect, Order, Submission, Trial
+from ariac_score.trial.model import Body, LogDefect, Order, Submission, Trial
 from ariac_score.trial.signals import Sample
 
 __all__ = [
@@ -24,7 +24,6 @@ __all__ = [
     "Decoder",
     "EventMonitor",
     "EventWatch",
-    "Incremental",
     "LogDescription",
     "Monitor",
     "OnlineMonitor",
@@ -35,7 +34,6 @@ __all__ = [
     "Standing",
     "TopicDescription",
     "Wanted",
-    "Watcher",
 ]
 
 
@@ -81,33 +79,6 @@ class Monitor(Protocol):
         ...
 
 
-class Watcher(Protocol):
-    """Watches one trial message by message; made by an incremental monitor."""
-
-    def take(self, signal: str, t_s: float, value: float | tuple[float, ...]) -> None:
-        """Take one sample; they come in order of time, and at one time in order of name."""
-        ...
-
-    def end(self, trial: Trial) -> Iterable[Finding]:
-        """What was found; the trial holds all but the signals."""
-        ...
-
-
-@runtime_checkable
-class Incremental(Protocol):
-    """A monitor that can also be told a trial one message at a time.
-
-    It says so with a class attribute `incremental = True`. Told one by one it finds
-    what it finds when asked about the whole log.
-    """
-
-    incremental: bool
-
-    def begin(self) -> Watcher:
-        """A watcher for one trial."""
-        ...
-
-
 @dataclass(frozen=True)
 class Standing:
     """What a monitor can say of one instant, as soon as it can be said.
@@ -133,16 +104,25 @@ class Standing:
 
 
 class OnlineWatch(Protocol):
-    """One trial, watched while it goes on; made by an `OnlineMonitor`, used once."""
+    """One trial, watched while it goes on; made by an `OnlineMonitor`, used once.
 
-    def step(self, samples: Sequence[Sample]) -> Iterable[Standing]:
-        """Take the samples that have just come, and say what can be said now.
+    A watch of which it is known at once that it says nothing before the end says why,
+    in an attribute `undecided`; absent or empty, it speaks.
+    """
+
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterable[Standing]:
+        """Take what has just come, and say what can be said now.
 
         The cost of a step does not grow with what came before. Every instant is spoken
-        of once, in order of time for each subject.
+        of once, in order of time for each subject. What a monitor can never say before
+        the trial is over it leaves to `end`.
 
         Args:
-            samples: Of the signals the monitor needs; the times of each signal increase.
+            samples: Of the signals the monitor needs.
+            events: What happened besides.
+
+        Raises:
+            ValueError: The times of a signal do not increase.
         """
         ...
 
@@ -150,14 +130,18 @@ class OnlineWatch(Protocol):
         """The findings: those `watch` gives for the same samples, to the bit.
 
         Args:
-            trial: What was not stepped: bodies, events, the recording's ends; no signals.
+            trial: All but the signals: bodies, events, the recording's ends.
         """
         ...
 
 
 @runtime_checkable
 class OnlineMonitor(Protocol):
-    """A monitor that can also watch a trial while it goes on."""
+    """A monitor that can also watch a trial while it goes on.
+
+    Whoever has `begin` claims so, and is held to it: stepped through a recording, one
+    sample at a time or many, it finds what it finds in the whole log.
+    """
 
     def needs(self) -> Iterable[SignalNeed]:
         """As of a `Monitor`; these are the samples it is stepped with."""
@@ -167,8 +151,12 @@ class OnlineMonitor(Protocol):
         """As of a `Monitor`."""
         ...
 
-    def begin(self) -> OnlineWatch:
-        """A watch for one trial; the monitor itself stays as it is."""
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch for one trial; the monitor itself stays as it is.
+
+        Args:
+            bodies: Those known beforehand; others may only show by their signals.
+        """
         ...
 
 

@@ -30,7 +30,7 @@ from ariac_score.guard import GuardedDecoder, open_readers
 from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
 from ariac_score.logs.config_forms import looks_like, years_in
-from ariac_score.logs.shipment_orders import unknown_products
+from ariac_score.logs.product_types import unknown_products
 from ariac_score.registry import Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical
 from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
@@ -40,11 +40,12 @@ from ariac_score.scoring.scope import Scope
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
+from ariac_score.trial.events import ORDER_ANNOUNCED
 from ariac_score.trial.kits import with_contents
 from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
-from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of
 
 __all__ = [
     "check_needs",
@@ -59,9 +60,6 @@ __all__ = [
 ]
 
 Progress = Callable[[float], None]
-
-LAST_EDITION_OF_SHIPMENTS = 2022
-"""From 2023 on product types come out of closed lists, in configurations and in messages."""
 
 ENDED_WITHOUT_SCORE: Mapping[str, str] = {
     "crashed": "the simulator died during this run, and no score was recorded",
@@ -110,6 +108,7 @@ def score_trial(
     bundle, readers = find_trial(path, registry)
     bundle = with_parts(bundle, also, root or path, readers)
     refuse_other_years(bundle, rule_set)
+    refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
     needs = _needs(checks, rule_set, registry)
     trial = read_trial(
         bundle, readers, mapping, registry, quantities=[need.quantity for need in needs], progress=progress
@@ -158,15 +157,16 @@ def _renamed(trial: Trial, trial_id: str, team: str) -> Trial:
 def _with_unknown_products(trial: Trial, rule_set: RuleSet) -> Trial:
     """The trial with the product types nobody knows among its defects, unless its reader has named them."""
     named = any(defect.kind == "unknown_product_type" for defect in trial.log_defects)
-    if named or rule_set.edition is None or rule_set.edition > LAST_EDITION_OF_SHIPMENTS:
+    if named or rule_set.edition is None:
         return trial
-    return replace(trial, log_defects=(*trial.log_defects, *unknown_products(trial.orders)))
+    unknown = unknown_products(trial.orders, rule_set.edition)
+    return replace(trial, log_defects=(*trial.log_defects, *unknown))
 
 
 def check_needs(
     rule_set: RuleSet, checks: Mapping[str, Any], log_map: LogMap, registry: Registry | None = None
 ) -> None:
-    """Find monitors that ask for quantities nobody has heard of, before a log is read.
+    """Find monitors that ask for quantities nobody has heard of, or in another unit, before a log is read.
 
     Raises:
         RuleSetError: Naming the check and the quantity.
@@ -182,6 +182,30 @@ def check_needs(
                     place=rule_set.checks[name].place.get("use", name),
                     hint=did_you_mean(need.quantity, known, what="known")
                     + "; declare it under 'quantities:' in the log map",
+                )
+    refuse_other_units(rule_set, checks, known, registry)
+
+
+def refuse_other_units(
+    rule_set: RuleSet, checks: Mapping[str, Any], known: Mapping[str, Quantity], registry: Registry
+) -> None:
+    """Refuse a monitor that would read a quantity in another unit than it is measured in.
+
+    Raises:
+        RuleSetError: Naming the check, its plugin and both units.
+    """
+    for name in checks:
+        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        for need in _needs({name: checks[name]}, rule_set, registry):
+            measured = known.get(need.quantity)
+            if measured is not None and measured.unit != need.unit:
+                raise RuleSetError(
+                    f"check {name!r}: plugin {plugin.origin} reads {need.quantity!r} in {need.unit!r}, "
+                    f"but it is measured in {measured.unit!r}",
+                    file=rule_set.file,
+                    place=rule_set.checks[name].place.get("use", name),
+                    hint=f"read it in {measured.unit!r}: in its parameters where they name the unit, "
+                    f"else in the code of {plugin.distribution}",
                 )
 
 
@@ -293,10 +317,12 @@ def measure_trial(
 
     Raises:
         PluginError: A plugin raised, said nothing, or yielded something else.
+        LogError: A signal is recorded in another unit than a check reads it in.
     """
     findings: dict[str, Finding] = {}
     for name, check in checks.items():
         plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        _refuse_recorded_units(trial, name, needs_of(plugin, name, check))
         for number, finding in enumerate(ask(plugin, name, check, trial), start=1):
             findings[f"{name}#{number}"] = finding
     return Measured(
@@ -315,16 +341,29 @@ def measure_trial(
     )
 
 
+def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed]) -> None:
+    """Refuse a log of which a check would take numbers in one unit for numbers in another."""
+    units = {need.quantity: need.unit for need in needs}
+    for signal in trial.signals.values():
+        unit = units.get(quantity_of(signal.name), signal.unit)
+        if unit != signal.unit:
+            raise LogError(
+                f"signal {signal.name!r} is in {signal.unit!r}, but check {name!r} reads it in {unit!r}",
+                file=trial.id,
+                hint="name the unit of the log in the rule set, or record the signal in that of the check",
+            )
+
+
 def _scopes(trial: Trial) -> Scope:
-    orders = []
-    for index, order in enumerate(trial.orders):
+    orders, index = [], _announced_as(trial)
+    for order in trial.orders:
         tasks = []
         for task in order.tasks:
             path = f"{order.id}/{task.id}"
             parts = tuple(Scope("part", f"{path}/{wanted.slot}") for wanted in task.products)
             tasks.append(Scope("submission", path, {"parts": len(parts)}, parts))
         facts: dict[str, float] = {
-            "index": index,
+            "index": index[order.id],
             "parts": sum(len(task.products) for task in order.tasks),
         }
         if order.priority_said:
@@ -332,6 +371,22 @@ def _scopes(trial: Trial) -> Scope:
         orders.append(Scope("order", order.id, facts, tuple(tasks)))
     whole: dict[str, float] = {"duration_s": canonical(trial.duration_s), "orders": len(orders)}
     return Scope("trial", "", whole, tuple(orders))
+
+
+def _announced_as(trial: Trial) -> dict[str, int]:
+    """Which order came first, by id: 0 for the first one announced, whatever changed it afterwards.
+
+    Those that were never announced come after the others; where no times are known, and
+    among equals, they come as the log or the configuration lists them.
+    """
+    first_s: dict[str, float] = {}
+    for event in trial.events_of(ORDER_ANNOUNCED):
+        first_s.setdefault(event.subject, event.t_s)
+    times = {order.id: first_s.get(order.id, order.announced_s) for order in trial.orders}
+    announced = sorted((time_s, place) for place, time_s in enumerate(times.values()) if time_s is not None)
+    never = [place for place, time_s in enumerate(times.values()) if time_s is None]
+    names = list(times)
+    return {names[place]: i for i, place in enumerate([*(place for _, place in announced), *never])}
 
 
 def _coverage(signal: Signal, window: Span | None) -> Coverage:

@@ -55,7 +55,7 @@ class GuardedReader:
             PluginError: It raised something other than an error for the user.
         """
         try:
-            with quiet(self.plugin.origin):
+            with quiet(self.plugin.origin, deep=True):
                 return self.reader.describe(path)
         except ScoreError:
             raise
@@ -70,7 +70,7 @@ class GuardedReader:
                 brought something other than a trial.
         """
         try:
-            with quiet(self.plugin.origin):
+            with quiet(self.plugin.origin, deep=True):
                 trial = self.reader.read(path, wanted)
         except ScoreError:
             raise

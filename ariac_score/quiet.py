@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 
 __all__ = ["quiet"]
+
+_STDOUT = 1
+"""The descriptor that everything ends in which a process prints, whichever way it takes."""
 
 
 def _to_stderr(words: str) -> None:
@@ -15,12 +20,14 @@ def _to_stderr(words: str) -> None:
 
 
 @contextmanager
-def quiet(origin: str, say: Callable[[str], None] = _to_stderr) -> Iterator[None]:
+def quiet(origin: str, say: Callable[[str], None] = _to_stderr, *, deep: bool = False) -> Iterator[None]:
     """Hold back what is printed meanwhile, and say who printed it.
 
     Args:
         origin: The plugin that has the word, with its distribution and version.
         say: Where the notice goes; by default to standard error.
+        deep: Whether what goes past `print` is held back too: libraries in C, other
+            processes. It takes a temporary file, so not for every message of a log.
 
     >>> said = []
     >>> with quiet("loud.rule (loud-rules 1.0)", said.append):
@@ -29,12 +36,44 @@ def quiet(origin: str, say: Callable[[str], None] = _to_stderr) -> Iterator[None
     ["plugin loud.rule (loud-rules 1.0) printed 'hello'; plugins speak through findings alone"]
     """
     heard = io.StringIO()
+    below: list[str] = []
     try:
         with redirect_stdout(heard):
-            yield
+            if deep:
+                with _diverted(below):
+                    yield
+            else:
+                yield
     finally:
-        lines = [line for line in heard.getvalue().splitlines() if line.strip()]
+        lines = [line for line in [*heard.getvalue().splitlines(), *below] if line.strip()]
         if lines:
             more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
             first = lines[0].strip()[:80]
             say(f"plugin {origin} printed {first!r}{more}; plugins speak through findings alone")
+
+
+@contextmanager
+def _diverted(lines: list[str]) -> Iterator[None]:
+    """What reaches the descriptor of standard output, as lines; nothing where there is none."""
+    try:
+        kept = os.dup(_STDOUT)
+    except OSError:  # closed, as for a daemon
+        yield
+        return
+    with tempfile.TemporaryFile() as below:
+        _flush()
+        os.dup2(below.fileno(), _STDOUT)
+        try:
+            yield
+        finally:
+            _flush()
+            os.dup2(kept, _STDOUT)
+            os.close(kept)
+            below.seek(0)
+            lines += below.read().decode("utf-8", "replace").splitlines()
+
+
+def _flush() -> None:
+    """What was printed so far goes where it belongs."""
+    if sys.__stdout__ is not None and not sys.__stdout__.closed:
+        sys.__stdout__.flush()

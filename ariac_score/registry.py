@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -69,7 +70,7 @@ class Plugin:
             PluginError: The import fails, for whatever reason.
         """
         try:
-            with quiet(self.origin):
+            with quiet(self.origin, deep=True):
                 return EntryPoint(self.name, self.target, self.group).load()
         except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
             raise PluginError(
@@ -112,8 +113,9 @@ class Plugin:
                     place=place(name),
                     hint=_remedy(value, fields[name]),
                 ) from None
+        self._refuse_by_position(kind)
         try:
-            with quiet(self.origin):
+            with quiet(self.origin, deep=True):
                 plugin = kind(**values)
         except ValueError as cause:
             raise RuleSetError(
@@ -130,6 +132,32 @@ class Plugin:
                 hint="see ariac_score.contracts for the methods it must have",
             )
         return plugin
+
+    def _refuse_by_position(self, kind: Any) -> None:
+        problem = not_by_name(kind)
+        if problem:
+            raise PluginError(
+                f"plugin {self.origin} cannot be built: its constructor {problem}",
+                hint="parameters must be keyword arguments with a default or a value in the rule set",
+            )
+
+
+def not_by_name(kind: Any) -> str:
+    """Which argument of a class cannot be given by name, as rule sets give them; empty when all can.
+
+    >>> class Odd:
+    ...     def __init__(self, limit, /): ...
+    >>> not_by_name(Odd)
+    "takes 'limit' by position alone, and a rule set gives parameters by name"
+    """
+    try:
+        parameters = inspect.signature(kind).parameters.values()
+    except (TypeError, ValueError):  # not every class tells
+        return ""
+    for parameter in parameters:
+        if parameter.kind is parameter.POSITIONAL_ONLY:
+            return f"takes {parameter.name!r} by position alone, and a rule set gives parameters by name"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -148,6 +176,8 @@ class Parameter:
 
 
 def _remedy(value: Any, wanted: Parameter) -> str:
+    if value not in get_args(wanted.type) and str(value) in get_args(wanted.type):
+        return f"it is text, not a number: write '{value}' in quotes"
     hint = f"its default is {wanted.default!r}"
     if isinstance(value, str) and _NUMBER.fullmatch(value):
         hint += "; YAML takes a number with an exponent for text unless it has a point and a sign: 3.0e-2"

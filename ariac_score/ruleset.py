@@ -128,6 +128,7 @@ class RuleSet:
         printed: What the official text of the edition prints, and how it adds up.
         differs: In what it differs from another rule set, as the file names it; `None` when it does not.
         ranges: Lowest and highest reasonable value of parameters, as the file says them.
+        breaks: Why a law of `rules check` is known not to be kept, by its name.
     """
 
     id: str
@@ -146,6 +147,7 @@ class RuleSet:
     printed: PrintedText = field(default_factory=PrintedText)
     differs: Differences | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    breaks: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def policies(self) -> dict[str, str]:
@@ -325,8 +327,8 @@ def _beside(file: str, name: str) -> str:
 
 def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     """The base with what is new or changed; a check moved between rules and monitors moves."""
-    # What a base differs in is said of the base alone.
-    merged = {**{key: value for key, value in base.items() if key != "differs"}, **own}
+    # What a base differs in, and which laws it breaks, is said of the base alone.
+    merged = {**{key: value for key, value in base.items() if key not in ("differs", "breaks")}, **own}
     merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
     for key in ("parameters", "rules", "monitors", "cohort"):
         merged[key] = {**base.get(key, {}), **own.get(key, {})}
@@ -404,6 +406,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
         edition=data.get("edition"),
         differs=_differs(data["differs"]) if "differs" in data else None,
         ranges=_ranges(document, checks),
+        breaks=data.get("breaks", {}),
         printed=printed,
     )
 

@@ -14,7 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from ariac_score.contracts import Monitor
+from ariac_score.contracts import Monitor, SignalNeed
 from ariac_score.engine import find_trial, measure_trial, read_trial, reprice
 from ariac_score.errors import FormulaError, PluginError, ResultError, RuleSetError, ScoreError
 from ariac_score.logmap import load_log_map
@@ -207,14 +207,27 @@ class _Log:
         self.trial: Trial = read_trial(
             bundle, readers, self.mapping, registry, quantities=[need.quantity for need in needs]
         )
+        self._last: tuple[tuple[Derivation, ...], Trial] | None = None
 
-    def measure(self, rule_set: RuleSet) -> Measured:
-        """What the checks of a rule set find in it."""
+    def measure(self, rule_set: RuleSet, only: str = "") -> Measured:
+        """What the checks of a rule set find in it, or one of them alone."""
         checks = rule_set.build(self.registry)
+        # What is derived depends on the needs of all, so it is that of all even for one.
         needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
-        wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
-        trial = derive_signals(self.trial, wanted, speed_window_s=self.mapping.speed_window_s)
-        return measure_trial(trial, checks, registry=self.registry, rule_set=rule_set)
+        asked = {only: checks[only]} if only else checks
+        return measure_trial(self._derived(needs), asked, registry=self.registry, rule_set=rule_set)
+
+    def measure_again(self, measured: Measured, rule_set: RuleSet, check: str) -> Measured:
+        """What was measured, with what one check finds now."""
+        kept = {name: f for name, f in measured.findings.items() if f.check != check}
+        return replace(measured, findings={**kept, **self.measure(rule_set, check).findings})
+
+    def _derived(self, needs: list[SignalNeed]) -> Trial:
+        wanted = tuple(Derivation(need.quantity, need.max_gap_s) for need in needs)
+        if self._last is None or self._last[0] != wanted:
+            trial = derive_signals(self.trial, wanted, speed_window_s=self.mapping.speed_window_s)
+            self._last = wanted, trial
+        return self._last[1]
 
 
 def score_sensitivity(
@@ -258,7 +271,9 @@ def _scorer(
 ) -> Callable[[float], float | None]:
     def score(value: float) -> float | None:
         rules = turned(rule_set, knob, value)
-        measured = log.measure(rules) if knob.check and log is not None else result.measured
+        measured = result.measured
+        if knob.check and log is not None:
+            measured = log.measure_again(measured, rules, knob.check)
         return _score(measured, rules, result)
 
     return score
@@ -416,7 +431,7 @@ def _ranker(
         except (PluginError, RuleSetError):
             return None
         ranking = rank_results(
-            competition, ranking_spec(rules, competition.ranking, file=rules.file), rules, priced
+            competition, ranking_spec(rules, competition.ranking, file=str(competition.file)), rules, priced
         )
         return _ranks(ranking)
 
@@ -432,9 +447,7 @@ def _under(rules: RuleSet, knob: Knob, result: Result | ScoreError, log: _Log | 
             name: {**stored, "with": dict(rules.checks[name].parameters)} if name == knob.check else stored
             for name, stored in result.checks.items()
         }
-        measured = (
-            result.measured if log is None else replace(result.measured, findings=log.measure(rules).findings)
-        )
+        measured = result.measured if log is None else log.measure_again(result.measured, rules, knob.check)
         result = replace(result, measured=measured, checks=checks)
     try:
         return reprice(result, rules)

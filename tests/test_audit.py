@@ -250,12 +250,12 @@ def test_the_only_public_run_agrees_as_far_as_it_can_be_judged(shared: Path) -> 
 
 
 FOUND = {
-    "osrf_docker_2017_score_block.log": ("ariac2017.as_coded", 4),
-    "osrf_docker_2018_example_team_performance_tail.log": ("ariac2018.as_coded", 4),
-    "sandeep_kota_group1_2020_score_block.log": ("ariac2020.as_coded", 12),
-    "usnist_2021_automated_evaluation_tail.log": ("ariac2021.finals_as_coded", 6),
-    "usnist_2021_finals_practice1_console.log": ("ariac2021.finals_as_coded", 10),
-    "usnist_2021_finals_practice2_console.log": ("ariac2021.finals_as_coded", 12),
+    "osrf_docker_2017_score_block.log": ("ariac2017.as_coded", 5),
+    "osrf_docker_2018_example_team_performance_tail.log": ("ariac2018.as_coded", 5),
+    "sandeep_kota_group1_2020_score_block.log": ("ariac2020.as_coded", 13),
+    "usnist_2021_automated_evaluation_tail.log": ("ariac2021.finals_as_coded", 7),
+    "usnist_2021_finals_practice1_console.log": ("ariac2021.finals_as_coded", 11),
+    "usnist_2021_finals_practice2_console.log": ("ariac2021.finals_as_coded", 13),
 }
 # Its author left out an order: 27 points are printed, and one order of 12 is shown.
 ODD = {"osrf_docker_2017_score_block.log": {"total_score"}}
@@ -441,6 +441,7 @@ def test_a_kit_of_2024_agrees_down_to_its_quadrants(tmp_path: Path) -> None:
             "number_of_submitted_orders",
             "number_of_submitted_orders",
         ),
+        ("Completion time: 90.0", "Completion time: 79.0", "completion_time", "completion_time"),
     ],
 )
 def test_a_falsified_item_of_2024_is_named(tmp_path: Path, old: str, new: str, item: str, sums: str) -> None:
@@ -448,6 +449,29 @@ def test_a_falsified_item_of_2024_is_named(tmp_path: Path, old: str, new: str, i
 
     assert told(audited, DIFFER) == {item}
     assert wrong_sums(audited) == listed(sums)
+
+
+def test_a_sum_is_told_with_the_numbers_it_is_made_of_as_they_stand_in_the_text(tmp_path: Path) -> None:
+    falsified = TEXT_2024.replace("task score: 6", "task score: 7").replace("time: 90.0", "time: 79.9")
+    told_text = audit_text(audit(kit_of_2024(tmp_path / "run", falsified), "ariac2024.release_5"))
+
+    (sums,) = [part for part in told_text.split("\n\n") if part.startswith("Does not add up")]
+    assert "but it is at least max(order.submission_time) = 80; nothing is handed in after" in sums
+    assert "      KIT00001: submission_time: 80.000000\n" in sums
+    assert "- KIT00001: score in the summary " in sums
+    assert "      KIT00001/quadrant_4: score: 3" in sums
+    assert "summary_" not in sums.replace("it is summary_score", "")
+
+
+@pytest.mark.parametrize(("last_s", "sums"), [("75.143", ""), ("75.144", "total_process_time")])
+def test_no_order_takes_longer_than_the_competition(tmp_path: Path, last_s: str, sums: str) -> None:
+    text = "<game_score>\nTotal score: [12]\nTotal process time: [75.143]\nPart travel time: [1]\n"
+    text += f"<order_score order_0>\nTotal score: [12]\nTime taken: [{last_s}]\nComplete: [true]\n"
+    text += "<tray_score order_0_kit_0>\nTotal score: [12]\nComplete: [true]\nSubmitted: [true]\n"
+    text += "Part presence score: [4]\nAll parts bonus: [4]\nPart pose score: [4]\n</tray_score>\n"
+    (tmp_path / "performance.log").write_text(text + "</order_score>\n</game_score>\n", encoding="utf-8")
+
+    assert wrong_sums(audit(tmp_path)) == listed(sums)
 
 
 # What is no score, and which rule set --------------------------------------------------

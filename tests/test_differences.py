@@ -36,15 +36,16 @@ MARKED = {
     "ariac2023.evaluation": {"cost_average", "time_average", "priority_order", "no_clamp"},
     "ariac2024.evaluation": {"cost_average", "time_average", "priority_order", "no_clamp"},
 }
-# What no single trial can show: how contacts are recorded, tests that are not built, a price per dollar
-# that the document leaves open and so is the code's, and (of the evaluation scripts) averages across
-# teams, which tests/test_trial_scores.py has.
+# What no case can show, because both sides give one number: how contacts are recorded, tests that are
+# not built, a price per dollar that the document leaves open and so is the code's, and (of the
+# evaluation scripts) whose times count and in which order, where the page is silent or has two answers,
+# and kits below 0, which cannot be in 2023.
 WITHOUT_CASE = {
     "ariac2019.as_documented": {"gantry_models"},
     "ariac2020.as_documented": {"shipped_tests"},
     "ariac2025.as_documented": {"over_budget"},
-    "ariac2023.evaluation": {"cost_average", "time_average", "priority_order", "no_clamp"},
-    "ariac2024.evaluation": {"cost_average", "time_average", "priority_order"},
+    "ariac2023.evaluation": {"time_average", "priority_order", "no_clamp"},
+    "ariac2024.evaluation": {"time_average", "priority_order"},
 }
 
 SAYING = [name for name in rule_set_names() if load_rule_set(name).differs]

@@ -36,7 +36,7 @@ from ariac_score import (
     score_trial,
 )
 from ariac_score.engine import decidable
-from ariac_score.errors import DataFileError, PluginError
+from ariac_score.errors import DataFileError, LogError, PluginError
 from ariac_score.logmap import load_log_map
 from ariac_score.registry import Plugin, Registry, _installed
 from ariac_score.result import Provenance
@@ -410,7 +410,8 @@ BROKEN = {
         "RecursionError",
     ),
     "returns no iterable": ("return Finding.satisfied('t', 'x')", "raised TypeError"),
-    "returns nothing": ("pass", "raised TypeError"),
+    "returns nothing": ("pass", "raised TypeError: None was returned; yield each, or return a list of them"),
+    "ends its generator": ("raise GeneratorExit\nyield", "raised GeneratorExit"),
     "yields a word": ("yield 'satisfied'", "yields a str instead of a Finding"),
     "yields nothing at all": ("yield None", "yields a NoneType instead of a Finding"),
     "yields a verdict": ("yield Verdict.SATISFIED", "yields a Verdict instead of a Finding"),
@@ -468,6 +469,57 @@ def test_what_a_plugin_prints_is_kept_out_of_the_result_and_its_name_said(
     assert out == ""
     assert err.startswith("notice: plugin odd.check (odd-rules 6.6) printed 'here' and ")
     assert err.endswith("plugins speak through findings alone\n")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "import sys; sys.__stdout__.write('here\\n')",
+        "import os; os.write(1, b'here\\n')",
+        "import subprocess; subprocess.run(['echo', 'here'])",
+    ],
+)
+def test_what_goes_past_print_is_kept_out_too(
+    play: Played, line: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    sys.stdout.write("before\n")
+    play(f"{line}\nyield Finding.satisfied('t', 'x')")
+    sys.stdout.write("after\n")
+
+    out, err = capfd.readouterr()
+    assert out == "before\nafter\n"
+    assert err.startswith("notice: plugin odd.check (odd-rules 6.6) printed 'here'; ")
+
+
+def test_a_check_that_takes_longer_than_its_budget_is_named_and_its_findings_stand(
+    play: Played, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = count(0.0, 2.0)  # s; each look at it is 2 s later
+    monkeypatch.setattr("ariac_score.asking.time.process_time", lambda: next(clock))
+    monkeypatch.setattr("ariac_score.asking.budget_of", lambda _trial: 1.0)
+
+    assert play("yield Finding.satisfied('t', 'x')").score == 1
+    assert capsys.readouterr().err == (
+        "notice: plugin odd.check (odd-rules 6.6) took 2.0 s of processor time for check 'oddity', "
+        "longer than its budget of 1 s\n"
+    )
+
+
+def test_a_log_in_another_unit_than_a_check_reads_is_refused_and_no_fault_of_the_plugin(
+    tmp_path: Path,
+) -> None:
+    rules = tmp_path / "rules.yaml"
+    rules.write_text(
+        "{id: r, title: R, source: test, log_map: ariac2020, score: holds(slow), monitors: {slow: "
+        "{use: formula.always, with: {holds: p < 2, signals: {p: 'pressure/{robot} [bar]'}}}}}"
+    )
+    speed = TRIAL.signals["speed/robot"]
+    grip = Signal("pressure/robot", "Pa", speed.t, speed.values)
+
+    with pytest.raises(LogError) as refused:
+        priced(replace(TRIAL, signals={grip.name: grip}), load_rule_set(str(rules)), Registry())
+    assert "'pressure/robot' is in 'Pa', but check 'slow' reads it in 'bar'" in str(refused.value)
+    assert "name the unit of the log in the rule set" in refused.value.hint
 
 
 def test_a_monitor_that_says_nothing_stops_the_score(play: Played) -> None:
@@ -649,6 +701,39 @@ def test_a_product_that_no_edition_has_is_named_with_the_one_that_was_meant(tmp_
     )
 
 
+@pytest.mark.parametrize(
+    ("rules", "kind", "said"),
+    [
+        (
+            "ariac2024.release_5",
+            "pmp_red",
+            ["'pmp_red' is no product type of 2023 and 2024; did you mean 'pump_red'?"],
+        ),
+        ("ariac2024.release_5", "pump_red", []),
+        ("ariac2023.as_coded", "gear_part_red", ["'gear_part_red' is no product type of 2023 and 2024; "]),
+        ("ariac2020.as_coded", "pump_red", ["'pump_red' is no product type of 2017 to 2022; "]),
+        ("ariac2025.as_coded", "pmp_red", []),
+    ],
+)
+def test_a_log_asks_only_for_products_of_the_edition(
+    tmp_path: Path, rules: str, kind: str, said: list[str]
+) -> None:
+    text = write_trial_log(tmp_path / "trial.jsonl", kitting_trial()).read_text(encoding="utf-8")
+    lines = [json.loads(line) for line in text.splitlines()]
+    for line in lines:
+        if line["record"] == "order":
+            for task in line["tasks"]:
+                task["products"] = [{**task["products"][0], "type": kind}]
+    (tmp_path / "trial.jsonl").write_text(
+        "".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8"
+    )
+    defects = score_trial(tmp_path / "trial.jsonl", rules).measured.log_defects
+
+    named = [defect.message for defect in defects if defect.kind == "unknown_product_type"]
+    assert len(named) == 2 * len(said)
+    assert all(message.startswith(said[0]) for message in named)
+
+
 def test_a_record_before_the_trial_and_a_pose_that_is_none_are_named(tmp_path: Path) -> None:
     text = write_trial_log(tmp_path / "trial.jsonl", kitting_trial()).read_text(encoding="utf-8")
     lines = [json.loads(line) for line in text.splitlines()]
@@ -668,3 +753,29 @@ def test_a_record_before_the_trial_and_a_pose_that_is_none_are_named(tmp_path: P
     )
     with pytest.raises(ScoreError, match=r"t_s is -14\.0, before the trial"):
         score_trial(tmp_path / "trial.jsonl", "ariac2020.as_coded")
+
+
+def test_orders_are_numbered_as_they_were_announced_and_those_never_announced_come_last() -> None:
+    orders = (
+        Order("never"),
+        Order("second", announced_s=9.0),
+        Order("first", announced_s=20.0),
+        Order("nor"),
+    )
+    events = (Event(3.0, "order_announced", "first"), Event(20.0, "order_announced", "first_update_0"))
+    trial = Trial("t", orders, events=events)
+    measured = measure_trial(trial, {}, registry=Registry(), rule_set=load_rule_set("paper2020"))
+
+    assert {scope.path: scope.facts["index"] for scope in measured.scopes.inner} == {
+        "first": 0,
+        "second": 1,
+        "never": 2,
+        "nor": 3,
+    }
+
+
+def test_where_no_announcement_is_known_orders_are_numbered_as_listed() -> None:
+    trial = Trial("t", (Order("b"), Order("a")))
+    measured = measure_trial(trial, {}, registry=Registry(), rule_set=load_rule_set("paper2020"))
+
+    assert [scope.facts["index"] for scope in measured.scopes.inner] == [0, 1]

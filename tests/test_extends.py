@@ -167,6 +167,25 @@ def test_diff_of_a_rule_set_with_itself_is_empty(capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().out == ""
 
 
+def test_of_a_list_only_what_one_of_the_two_has_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = "id: ours\ntitle: Ours\nsource: us\nextends: paper2020\nnotes: [{0}]\n"
+    for name, notes in (("a", "both, first alone"), ("b", "both, second alone"), ("c", "first alone, both")):
+        (tmp_path / f"{name}.yaml").write_text(text.format(notes), encoding="utf-8")
+    a, b, c = (str(tmp_path / f"{name}.yaml") for name in "abc")
+
+    assert main(["rules", "diff", a, b]) == 0
+    assert capsys.readouterr().out == "$.notes\n  - first alone\n  + second alone\n"
+    assert main(["rules", "diff", a, c]) == 0
+    assert 'first alone", "both' in capsys.readouterr().out  # the order alone differs: told whole
+
+
+def test_what_only_one_of_the_two_has_stands_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rules", "diff", "ariac2017.as_coded", "ariac2018.as_coded"]) == 0
+    assert "None" not in capsys.readouterr().out
+
+
 def test_diff_over_a_folder_without_results_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from ariac_score.cli import main
+from ariac_score.datafiles import schema
 from ariac_score.laws.cases import Case, Violation, World
 from ariac_score.laws.laws import LAWS
 from ariac_score.laws.proving import Outcome, check_laws
@@ -240,3 +241,68 @@ def test_a_number_of_cases_that_is_none_is_a_usage_error(cases: str) -> None:
         main(["rules", "check", DEFAULT, "--cases", cases])
 
     assert stopped.value.code == 4
+
+
+# What shipped rule sets say of themselves ------------------------------------------------
+
+
+@pytest.mark.parametrize("name", rule_set_names())
+def test_a_shipped_rule_set_breaks_the_laws_it_says_it_breaks_and_no_other(name: str) -> None:
+    rule_set = load_rule_set(name)
+    said = set(rule_set.breaks)
+
+    if said:
+        # The rarest of them shows itself in one case of five hundred.
+        found = check_laws(rule_set, cases=3000, seed=7, registry=REGISTRY, only=said, smallest=False)
+        assert {o.law.name for o in found if o.verdict == "broken"} == said
+    # Few cases, for there are many rule sets; `rules check` without a name tries 400.
+    others = check_laws(rule_set, cases=25, seed=1, registry=REGISTRY, smallest=False)
+    assert {o.law.name for o in others if o.verdict == "broken"} <= said
+
+
+def test_what_is_broken_and_said_to_be_is_told_with_its_reason_and_fails_all_the_same(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["rules", "check", "ariac2024.release_5"]) == 1
+    out = capsys.readouterr().out
+
+    assert (
+        "BROKEN          more task points never hurt\n      the rule set says so itself: the score of a"
+        in out
+    )
+    assert "does not say" not in out
+
+
+def test_a_file_that_is_silent_about_what_it_breaks_is_told_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.yaml").write_text("id: mine\ntitle: M\nsource: a test\nextends: ariac2024.release_5\n")
+
+    # `breaks` is not inherited: what a rule set changes may mend it.
+    assert main(["rules", "check", str(tmp_path / "mine.yaml")]) == 1
+    out = capsys.readouterr().out
+    assert "its file does not say under 'breaks' that it breaks: more task points never hurt\n" in out
+
+
+def test_a_law_that_is_said_to_be_broken_and_is_not_is_told_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = MADE.replace("SCORE", "earned").replace("POLICY", "withhold")
+    (tmp_path / "made.yaml").write_text(text + "breaks: {waiting: a slip}\n")
+
+    assert main(["rules", "check", str(tmp_path / "made.yaml"), "--cases", "20"]) == 0
+    assert "the rule set says so itself: a slip; no counter-example was found" in capsys.readouterr().out
+
+
+def test_a_law_that_does_not_exist_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = MADE.replace("SCORE", "earned").replace("POLICY", "withhold")
+    (tmp_path / "made.yaml").write_text(text + "breaks: {gravity: it is strong}\n")
+
+    assert main(["rules", "validate", str(tmp_path / "made.yaml")]) == 4
+    assert "'gravity'" in capsys.readouterr().err
+
+
+def test_the_schema_knows_every_law() -> None:
+    pattern = next(iter(schema("ruleset")["properties"]["breaks"]["patternProperties"]))
+
+    assert pattern == f"^({'|'.join(law.name for law in LAWS)})$"

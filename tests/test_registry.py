@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score import load_log_map, load_rule_set
+from ariac_score.cli import main
 from ariac_score.contracts import GROUPS
 from ariac_score.engine import check_needs
 from ariac_score.errors import (
@@ -21,6 +22,7 @@ from ariac_score.errors import (
 )
 from ariac_score.registry import Plugin, Registry, package_sha256, parameters_of
 
+EXAMPLE = Path(__file__).parents[1] / "examples/kitting_near_miss.mcap"
 RULES, MONITORS = "ariac_score.rules", "ariac_score.monitors"
 
 SHIPPED = {
@@ -264,6 +266,12 @@ def test_a_plugin_that_cannot_be_imported_is_named_with_its_distribution(
 
 
 UNBUILDABLE = {
+    "class Rule:\n    def __init__(self, limit, /): ...\n    def judge(self, t, o): ...": (
+        "takes 'limit' by position alone"
+    ),
+    "class Rule:\n    def __init__(self, limit=1.0, /): ...\n    def judge(self, t, o): ...": (
+        "takes 'limit' by position alone"
+    ),
     "class Rule:\n    def __init__(self, wanted): ...\n    def judge(self, t, o): ...": "cannot be built",
     "class Rule:\n    def watch(self, trial): ...": "does not keep the contract of a Rule",
     "Rule = 3": "cannot be built",
@@ -374,6 +382,15 @@ def test_a_number_is_taken_exactly_when_it_is_finite(value: float) -> None:
             pose.build({"max_distance_m": value})
 
 
+def test_a_choice_that_looks_like_a_number_needs_its_quotes_and_is_told_so() -> None:
+    plugin = Registry().find(MONITORS, "iso_13855.safeguard_distance")
+
+    with pytest.raises(RuleSetError, match="2024 is not one of 2010, 2024") as refused:
+        plugin.build({"edition": 2024})
+    assert refused.value.hint == "it is text, not a number: write '2024' in quotes"
+    assert plugin.build({"edition": "2024"}).edition == "2024"
+
+
 def test_an_unknown_parameter_is_refused_with_the_nearest_known_one(fine: Plugin) -> None:
     with pytest.raises(RuleSetError, match=r"fair\.play has no parameter 'limit_mm'") as error:
         fine.build({"limit_mm": 1.0})
@@ -431,6 +448,49 @@ def test_the_hash_of_a_package_tells_contents_and_names_apart(
 def test_a_package_that_is_not_on_disk_has_no_hash() -> None:
     with pytest.raises(PluginError, match="not on disk"):
         package_sha256("a_package_that_nobody_has")
+
+
+OTHER_UNITS = """
+from ariac_score import Finding, SignalNeed
+class Speed:
+    def needs(self): yield SignalNeed('speed', 'km/h')
+    def watch(self, trial):
+        yield Finding.satisfied('trial', f"{trial.signal('speed/robot', unit='km/h')}")
+"""
+
+
+def test_a_monitor_that_reads_another_unit_is_refused_with_a_remedy(
+    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install("slow-rules", {"slow.speed": "Speed"}, source=OTHER_UNITS, version="6.6", group=MONITORS)
+    rules = tmp_path / "rules.yaml"
+    rules.write_text(
+        "id: r\ntitle: R\nsource: a test\nextends: paper2020\nmonitors: {slow: {use: slow.speed}}\n"
+    )
+
+    for arguments in (["score", str(EXAMPLE), "--rules"], ["rules", "validate"]):
+        assert main([*arguments, str(rules)]) == 4
+        said = capsys.readouterr().err
+        assert "check 'slow': plugin slow.speed (slow-rules 6.6) reads 'speed' in 'km/h'" in said
+        assert "but it is measured in 'm/s'" in said
+        assert "hint: read it in 'm/s'" in said
+
+
+@pytest.mark.parametrize(("unit", "code"), [("bar", 4), ("Pa", 0)])
+def test_a_quantity_of_the_log_map_has_the_unit_that_the_map_gives_it(
+    unit: str, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "map.yaml").write_text(
+        "id: m\ntitle: M\nsource: a test\nquantities: {pressure: {unit: Pa, of: body}}\n"
+    )
+    (tmp_path / "rules.yaml").write_text(
+        "id: r\ntitle: R\nsource: a test\nlog_map: ./map.yaml\nscore: holds(grip)\nmonitors:\n  grip:\n"
+        "    use: formula.always\n"
+        f"    with: {{holds: p > 1, signals: {{p: 'pressure/{{robot}} [{unit}]'}}}}\n"
+    )
+
+    assert main(["rules", "validate", str(tmp_path / "rules.yaml")]) == code
+    assert ("'pressure' in 'bar', but it is measured in 'Pa'" in capsys.readouterr().err) is (code != 0)
 
 
 def test_a_monitor_that_asks_for_an_unknown_quantity_is_named_before_a_log_is_read(

@@ -111,6 +111,14 @@ def test_every_shipped_rule_set_names_a_log_map_that_exists(name: str) -> None:
 # The sound one -------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("name", [name for name in rule_set_names() if name.startswith("ariac")])
+def test_a_rule_set_reads_recordings_by_the_log_map_of_its_own_edition(name: str) -> None:
+    rule_set = load_rule_set(name)
+    has_its_own = (Path(rule_set.file).parent / "log_map.yaml").is_file()
+
+    assert not has_its_own or rule_set.log_map == f"ariac{rule_set.edition}"
+
+
 def test_a_sound_rule_set_is_read_as_written(written: Path) -> None:
     written.write_text(SOUND, encoding="utf-8")
 

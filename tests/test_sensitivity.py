@@ -14,7 +14,7 @@ from ariac_score.cli import main
 from ariac_score.errors import ResultError, RuleSetError
 from ariac_score.registry import Registry
 from ariac_score.sensitivity import NEEDS_LOG, UNUSED, ScoreSensitivity, knobs_of, score_sensitivity
-from ariac_score.testing import kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 from ariac_score.testing.competitions import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 
 ROOT = Path(__file__).parents[1]
@@ -258,3 +258,80 @@ def test_the_text_of_a_score_names_what_matters_most_first(
 
     assert out.index("separation_weight") < out.index("separation.delta_m") < out.index("contact_distance_m")
     assert "one percent more of it: -0.294 percent" in out
+
+
+# Ranks, and what monitors are given ------------------------------------------------------
+
+SEPARATION = """\
+id: near
+title: The paper's rules, ranked
+source: a test
+extends: paper2020
+"""
+# The example is worth 28 points and has one near miss: 4.50249528 m at its closest, where 2.85849528 m
+# and delta_m are asked for. Without a breach it is ahead of 21 points; with one it is not, however shallow.
+BREACHES_AT_M = 4.50249528 - 2.85849528
+
+
+@pytest.fixture
+def logged(tmp_path: Path) -> Path:
+    """Near has all points and a near miss, far has one order only and keeps far away."""
+    trial = kitting_trial()
+    apart = trial.signals["centre_distance/robot/human"]
+    far = replace(
+        trial,
+        submissions=trial.submissions[1:],
+        signals={**trial.signals, apart.name: replace(apart, values=apart.values + 10.0)},
+    )
+    for team, ran in (("near", trial), ("far", far)):
+        folder = tmp_path / "logs" / team / "kit_1"
+        folder.mkdir(parents=True)
+        # At 20 Hz, which is just often enough for the monitors; 20.00 s is among the samples kept.
+        kept = {
+            n: replace(s, t=s.t[::5], values=s.values[::5])
+            for n, s in ran.signals.items()
+            if n in SNAPSHOT_SIGNALS
+        }
+        write_trial_log(folder / "trial.jsonl", replace(ran, signals=kept))
+    (tmp_path / "rules.yaml").write_text(SEPARATION)
+    (tmp_path / "competition.yaml").write_text(
+        "id: two\nrules: ./rules.yaml\nruns: logs/{team}/{trial}_{run}\n"
+    )
+    return tmp_path
+
+
+def test_the_parameter_of_a_monitor_at_which_two_teams_change_places_is_found(
+    logged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    numbers = _ranks(logged, capsys, "--rules", str(logged / "rules.yaml"))
+
+    (shift,) = numbers["separation.delta_m"]["shifts"]
+    assert shift["value"] == pytest.approx(BREACHES_AT_M, abs=1e-5)
+    assert shift["before"] == {"far": 2, "near": 1}
+    assert shift["after"] == {"far": 1, "near": 2}
+    # The human does not come nearer than 4.5 m, and the range of the contact distance ends at 1 m.
+    assert numbers["human_contact.contact_distance_m"]["shifts"] == []
+    assert not any("skipped" in number for number in numbers.values())
+
+
+def test_a_value_that_a_monitor_refuses_leaves_no_ranking_there(
+    logged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (logged / "rules.yaml").write_text(SEPARATION + "ranges: {separation.delta_m: [-1.0, 1.0]}\n")
+
+    (shift,) = _ranks(logged, capsys, "--rules", str(logged / "rules.yaml"))["separation.delta_m"]["shifts"]
+    assert shift["value"] == pytest.approx(0.0, abs=1e-5)
+    assert shift["before"] == {}
+    assert shift["after"] == {"far": 2, "near": 1}
+
+
+def test_results_without_their_logs_leave_the_parameters_of_monitors_alone(
+    logged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rules = str(logged / "rules.yaml")
+    assert main(["rank", str(logged), "--rules", rules, "--results", str(logged / "out")]) == 0
+    capsys.readouterr()
+
+    numbers = _ranks(logged / "out", capsys)
+    assert numbers["separation.delta_m"]["skipped"] == NEEDS_LOG
+    assert "shifts" in numbers["separation_weight"]

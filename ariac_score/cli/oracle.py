@@ -25,6 +25,22 @@ def register(commands: Any) -> None:
     by = parser.add_mutually_exclusive_group(required=True)
     by.add_argument("--rules", metavar="NAME", help="rule set: a name ('rules list') or a .yaml file")
     by.add_argument("--spec", type=Path, metavar="FILE", help="specification of events, such as RML")
+    parser.add_argument(
+        "--after-violation",
+        choices=("once", "resume", "restart"),
+        default="once",
+        help="with --spec: a rejected event is final (default), passed over, or where the specification "
+        "begins anew",
+    )
+    parser.add_argument(
+        "--dialect",
+        choices=("2024", "rosmonitoring"),
+        default="2024",
+        help="with --spec: which form of the language (default: 2024)",
+    )
+    parser.add_argument(
+        "--exact", action="store_true", help="with --spec: numbers are compared without tolerance"
+    )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
     parser.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
@@ -80,7 +96,8 @@ def _bench(arguments: argparse.Namespace, rule_set: RuleSet | None) -> Bench:
     from ariac_score.registry import Registry  # noqa: PLC0415
 
     if rule_set is None:
-        return SpecBench(arguments.spec, Registry())
+        chosen = {name: getattr(arguments, name) for name in ("after_violation", "dialect", "exact")}
+        return SpecBench(arguments.spec, Registry(), chosen)
     return RulesBench(rule_set, Registry(), log_map=arguments.log_map)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,7 +34,8 @@ def register(commands: Any) -> None:
         "check",
         help="try on random findings whether violations can help, and other laws",
         description="Try eight laws on thousands of random findings; print which hold, and the smallest "
-        "counter-example found for one that does not. Exit code 1 when one does not hold.",
+        "counter-example found for one that does not. Exit code 1 when one does not hold, even where "
+        "the rule set says so itself under 'breaks'.",
     )
     check.add_argument(
         "names",
@@ -76,16 +78,34 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 
 def run_diff(arguments: argparse.Namespace) -> int:
-    """Print what differs, one line a difference; nothing when the two are alike."""
+    """Print what differs, each place with what only one of the two has; nothing when they are alike."""
     from ariac_score.ruleset import differences, load_rule_set  # noqa: PLC0415  # keeps --help quick
 
     first, second = load_rule_set(arguments.first), load_rule_set(arguments.second)
     for place, before, after in differences(first.expanded, second.expanded):
-        print(f"{place}\n  - {before}\n  + {after}")
+        print(place)
+        for sign, value, other in (("-", before, after), ("+", after, before)):
+            for line in _only_here(value, other):
+                print(f"  {sign} {line}")
     if arguments.results is not None:
         for line in _changed_scores(arguments.results, first, second):
             print(line)
     return 0
+
+
+def _only_here(value: Any, other: Any) -> Iterator[str]:
+    """What a value has that the other has not, as YAML; of two lists the items, of nothing nothing."""
+    if isinstance(value, list) and isinstance(other, list):
+        here = [item for item in value if item not in other]
+        alike = not here and all(item in value for item in other)  # but for their order or number
+        yield from map(_in_yaml, [value] if alike else here)
+    elif value is not None:
+        yield _in_yaml(value)
+
+
+def _in_yaml(value: Any) -> str:
+    """A value in one line, text without quotes."""
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
 def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
@@ -106,7 +126,7 @@ def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
         raise UsageError(
             "no stored result is here",
             file=folder,
-            hint="give the folder of 'score -o' results, or the one 'rank --results' wrote",
+            hint="give a folder of results of 'score --output-format json', or what 'rank --results' wrote",
         )
     for file in files:
         try:
@@ -177,8 +197,11 @@ def run_check(arguments: argparse.Namespace) -> int:
         where = f"{name} on the made competition of docs/penalties.md" if is_penalty else rule_set.id
         print(f"{where}: {tried} random cases, seed {arguments.seed}")
         for outcome in outcomes:
-            for line in outcome_lines(outcome):
+            for line in outcome_lines(outcome, rule_set.breaks.get(outcome.law.name, "")):
                 print(f"  {line}")
         sys.stdout.flush()
         broken |= any(outcome.verdict == "broken" for outcome in outcomes)
+        surprises = [o.law.says for o in outcomes if o.broken and o.law.name not in rule_set.breaks]
+        if surprises and not is_penalty:
+            print(f"  its file does not say under 'breaks' that it breaks: {'; '.join(surprises)}")
     return 1 if broken else 0

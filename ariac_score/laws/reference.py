@@ -10,7 +10,7 @@ from ariac_score.laws.proving import Outcome, check_laws
 from ariac_score.laws.words import outcome_lines
 from ariac_score.penalties import Penalty, load_penalty, penalty_names
 from ariac_score.registry import Registry
-from ariac_score.ruleset import RuleSet, draft_rule_set
+from ariac_score.ruleset import RuleSet, draft_rule_set, load_rule_set, rule_set_names
 
 __all__ = ["DEFAULT", "penalties_page", "reference_rules"]
 
@@ -59,7 +59,7 @@ def penalties_page(*, cases: int = 120, seed: int = 0) -> str:
         )
         for name in sorted(penalty_names(), key=lambda name: (name != DEFAULT, name))
     ]
-    return "".join([_INTRODUCTION, *_table(found), *_laws(), *_pages(found)])
+    return "".join([_INTRODUCTION, *_table(found), *_laws(), *_shipped(), *_pages(found)])
 
 
 def _table(found: list[tuple[Penalty, tuple[Outcome, ...]]]) -> Iterator[str]:
@@ -76,6 +76,15 @@ def _laws() -> Iterator[str]:
         yield f"| {law.says} | {law.how} |\n"
 
 
+def _shipped() -> Iterator[str]:
+    """What shipped rule sets say of themselves."""
+    yield _SHIPPED
+    laws = {law.name: law.says for law in LAWS}
+    for name in rule_set_names():
+        for law, because in load_rule_set(name).breaks.items():
+            yield f"| `{name}` | {laws[law]} | {because} |\n"
+
+
 def _pages(found: list[tuple[Penalty, tuple[Outcome, ...]]]) -> Iterator[str]:
     yield "\n## The penalties\n"
     for penalty, outcomes in found:
@@ -88,6 +97,17 @@ def _pages(found: list[tuple[Penalty, tuple[Outcome, ...]]]) -> Iterator[str]:
             yield "".join(f"{line}\n" for line in outcome_lines(outcome))
         yield "```\n" if broken else ""
 
+
+_SHIPPED = """
+## Which shipped rule sets break a law
+
+A rule set repeats what a competition did, faults included. Those that break a law say so in their file, under
+`breaks`; `rules check` repeats it beside the counter-example, and fails all the same. Of the others no
+counter-example is known. `extends` does not take `breaks` over.
+
+| rule set | law | because |
+|---|---|---|
+"""
 
 _INTRODUCTION = """\
 # Penalties

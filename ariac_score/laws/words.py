@@ -13,10 +13,18 @@ __all__ = ["outcome_lines"]
 _VERDICTS = {"holds": "holds", "broken": "BROKEN", "not_applicable": "not applicable", "untried": "not tried"}
 
 
-def outcome_lines(outcome: Outcome) -> Iterator[str]:
-    """How a law fared, in a line; the counter-example below it."""
+def outcome_lines(outcome: Outcome, known: str = "") -> Iterator[str]:
+    """How a law fared, in a line; the counter-example below it.
+
+    Args:
+        outcome: How it fared.
+        known: Why the rule set says that it breaks this law; empty when it does not.
+    """
     reason = f": {outcome.reason}" if outcome.reason else ""
     yield f"{_VERDICTS[outcome.verdict]:<15} {outcome.law.says}{reason}"
+    if known:
+        found = "" if outcome.broken else "; no counter-example was found"
+        yield f"    the rule set says so itself: {known}{found}"
     if outcome.broken and outcome.situation:
         broken = outcome.broken
         yield f"    {_trial(outcome.situation.case)}"

@@ -12,12 +12,14 @@ from ariac_score.errors import did_you_mean
 from ariac_score.logs.config_values import MAX_COUNT, ConfigPath, ConfigValues
 from ariac_score.trial.model import Order, Task, Tray, WantedProduct
 
-__all__ = ["listed_orders"]
+__all__ = ["PRODUCT_TYPES", "listed_orders"]
 
 _HIGH_PRIORITY = 3
 _KINDS = ("kitting", "assembly", "combined")
 _TYPES = ("battery", "pump", "sensor", "regulator")
 _COLORS = ("red", "green", "blue", "orange", "purple")
+PRODUCT_TYPES = tuple(f"{kind}_{color}" for kind in _TYPES for color in _COLORS)
+"""Product types of 2023 and 2024."""
 _DESTINATIONS = ("kitting", "assembly_front", "assembly_back", "warehouse")
 _STATIONS = ("as1", "as2", "as3", "as4")
 _CONDITIONS = ("time_condition", "part_place_condition", "submission_condition")

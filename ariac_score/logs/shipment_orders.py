@@ -6,15 +6,14 @@ Source: `nist_gear/script/gear.py`; ARIAC notes on log formats, sections 7.1 and
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from ariac_score.errors import did_you_mean
 from ariac_score.logs.config_values import MAX_COUNT, ConfigPath, ConfigValues, shown
-from ariac_score.trial.model import LogDefect, Order, Pose, Task, Tray, WantedProduct
+from ariac_score.trial.model import Order, Pose, Task, Tray, WantedProduct
 
-__all__ = ["PRODUCT_TYPES", "shipment_orders", "unknown_products"]
+__all__ = ["PRODUCT_TYPES", "shipment_orders"]
 
 _UPDATE = re.compile(r"^(?P<order>.+)_update_\d+$")
 _HIGH_PRIORITY = 3
@@ -209,18 +208,3 @@ def _note_unknown(values: ConfigValues, kind: str, aliases: Mapping[str, str], p
         f"{shown(wanted)}{stands_for} is no product type of 2017 to 2022",
         did_you_mean(wanted, known),
     )
-
-
-def unknown_products(orders: Iterable[Order]) -> list[LogDefect]:
-    """The product types of orders, wherever they come from, that no edition of 2017 to 2022 has."""
-    asked = [(order.id, wanted.type) for order in orders for task in order.tasks for wanted in task.products]
-    return [
-        LogDefect(
-            "unknown_product_type",
-            order_id,
-            count,
-            f"{shown(kind)} is no product type of 2017 to 2022; {did_you_mean(kind, PRODUCT_TYPES)}",
-        )
-        for (order_id, kind), count in sorted(Counter(asked).items())
-        if kind not in PRODUCT_TYPES
-    ]

@@ -10,6 +10,7 @@ Source: ARIAC notes on log formats, sections 5.1 to 5.3.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -251,9 +252,10 @@ class _Values:
         for label in labels:
             line = self._lines.get(label)
             if line is not None and line.value.upper() != "N/A":
-                if not _NUMBER.fullmatch(line.value):
+                number = float(line.value) if _NUMBER.fullmatch(line.value) else math.nan
+                if not math.isfinite(number):
                     raise self.fault(line, "is not a number")
-                return float(line.value)
+                return number
         return None
 
     def time(self, *labels: str) -> float | None:
@@ -444,14 +446,14 @@ def _order_2024(path: Path, order_id: str, values: _Values, details: Mapping[str
         max_score=values.number("max_task_score"),
         announced_s=_announced_s(path, order_id, submitted_s, duration_s),
         submitted_s=submitted_s,
-        items=MappingProxyType(detail.values.printed() | _printed_duration(values)),
+        items=MappingProxyType(detail.values.printed() | _printed_times(values)),
     )
 
 
-def _printed_duration(values: _Values) -> dict[str, str]:
-    """The time an order took, as printed: times are rounded, so their difference can be another."""
-    printed = values.text("submission_duration")
-    return {} if printed.upper() == "N/A" else {"submission_duration": printed}
+def _printed_times(values: _Values) -> dict[str, str]:
+    """When an order was handed in and how long it took, as printed: rounded, so differences can be others."""
+    printed = {label: values.text(label) for label in ("submission_time", "submission_duration")}
+    return {label: text for label, text in printed.items() if text.upper() != "N/A"}
 
 
 def _announced_s(

@@ -46,7 +46,7 @@ class Conversation:
         self.first_fault = ""
         self.ended = ""
         self._judge = judge
-        self._out = log.open("w", encoding="utf-8", newline="\n", buffering=1)
+        self._out = log.open("wb", buffering=0)  # each event is there as soon as it is answered
 
     def answer(self, frame: str | bytes) -> str:
         """The reply to a frame."""
@@ -56,7 +56,7 @@ class Conversation:
         except ValueError as fault:
             self.bad_frames += 1
             return self._answered(Opinion(UNKNOWN), '{"verdict": "unknown"}', f"no event: {fault}")
-        self._keep(text)
+        self._keep(frame)
         fault_words = ""
         try:
             if not channel_of(event):
@@ -77,10 +77,10 @@ class Conversation:
         self.first_fault = self.first_fault or fault
         return reply
 
-    def _keep(self, text: str) -> None:
+    def _keep(self, frame: str | bytes) -> None:
+        line = frame if isinstance(frame, bytes) else frame.encode("utf-8")
         # Outside strings a line end is white space, and inside it is written as an escape.
-        line = text.replace("\n", " ").replace("\r", " ")
-        self._out.write(line + "\n")
+        self._out.write(line.replace(b"\n", b" ").replace(b"\r", b" ") + b"\n")
         self.events += 1
 
 

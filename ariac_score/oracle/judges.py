@@ -1,7 +1,7 @@
 """What an oracle thinks of a trace: the standing of every check after each event.
 
-The verdict of an event is that of the trace up to and including it. A standing counts
-for as long as its monitor accepts a gap; after that nothing is known, and nothing is
+The verdict of an event is that of the trace up to and including it. What a monitor has
+said counts for as long as it accepts a gap; after that nothing is known, and nothing is
 claimed. A check whose monitor cannot watch online, or whose signals the log map does
 not give as they are, has its say when the trace is over.
 """
@@ -12,18 +12,22 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from ariac_score.contracts import EventMonitor, EventWatch, Monitor, OnlineMonitor, OnlineWatch, Standing
 from ariac_score.engine import check_needs
 from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
 from ariac_score.findings import Verdict
-from ariac_score.guard import broken
+from ariac_score.guard import GuardedDecoder, broken
 from ariac_score.logmap import load_log_map
-from ariac_score.logs.rosmonitoring import channel_of, clock_of, stamp_s
+from ariac_score.logs.rosmonitoring import channel_of, clock_of, fields_of, stamp_s
+from ariac_score.logs.salvage import normalised_type
 from ariac_score.registry import Plugin, Registry
 from ariac_score.ruleset import RuleSet
 from ariac_score.trial.channels import FieldMap, LogMap
+from ariac_score.trial.events import Event as Happened
+from ariac_score.trial.model import Body
 from ariac_score.trial.signals import LARGEST_VALUE, Sample
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 
@@ -81,7 +85,15 @@ class Bench(Protocol):
 
 @dataclass(frozen=True)
 class _Live:
-    """A check that is judged event by event."""
+    """A check that is judged event by event.
+
+    Attributes:
+        name: The check.
+        plugin: What it uses.
+        monitor: Built.
+        signals: Those of the log map that it needs.
+        max_gap_s: How long what it says counts, s; without end where it speaks of events alone.
+    """
 
     name: str
     plugin: Plugin
@@ -112,19 +124,23 @@ class RulesBench:
         for name, check in checks.items():
             used = rule_set.checks[name]
             why_not = _why_later(check, self._map)
+            if not why_not:
+                gap_s = min((need.max_gap_s for need in check.needs()), default=math.inf)
+                plugin = registry.find(used.group, used.use)
+                live = _Live(name, plugin, check, _signals_for(check, self._map), gap_s)
+                why_not = str(getattr(_begun(live, self._map.bodies), "undecided", ""))
             if why_not:
                 later[name] = why_not
-                continue
-            gap_s = min((need.max_gap_s for need in check.needs()), default=0.0)
-            plugin = registry.find(used.group, used.use)
-            self._lives.append(_Live(name, plugin, check, _signals_for(check, self._map), gap_s))
+            else:
+                self._lives.append(live)
         self.live = tuple(live.name for live in self._lives)
         self.later: Mapping[str, str] = later
+        wanted = frozenset(signal for live in self._lives for signal in live.signals)
+        self._topics = _topics(self._map, wanted, registry)
 
     def judge(self) -> Judge:
         """A judge who knows nothing yet."""
-        wanted = frozenset(signal for live in self._lives for signal in live.signals)
-        return _RulesJudge(self._lives, _sources(self._map, wanted))
+        return _RulesJudge(self._lives, self._topics, self._map.bodies)
 
 
 def _why_later(check: object, log_map: LogMap) -> str:
@@ -160,29 +176,65 @@ class _Source:
         Raises:
             ValueError: It holds none that can be one.
         """
+        if len(self.paths) == 1:
+            return Sample(self.signal, t_s, self._number(event, self.paths[0]), self.unit)
         numbers = tuple(self._number(event, path) for path in self.paths)
-        return Sample(self.signal, t_s, numbers[0] if len(numbers) == 1 else numbers, self.unit)
+        return Sample(self.signal, t_s, numbers, self.unit)
 
     def _number(self, event: Event, path: tuple[str, ...]) -> float:
         value: Any = event
         for name in path:
-            if not isinstance(value, Mapping) or name not in value:
+            if not isinstance(value, dict) or name not in value:
                 raise ValueError(f"field {'.'.join(path)!r} is missing")
             value = value[name]
         if not isinstance(value, int | float):
             raise ValueError(f"field {'.'.join(path)!r} is no number")
-        if not (-LARGEST_VALUE <= value <= LARGEST_VALUE and value >= self.at_least):  # NaN keeps neither
+        # NaN keeps neither limit.
+        if not (-LARGEST_VALUE <= value <= LARGEST_VALUE and value >= self.at_least):
             raise ValueError(f"field {'.'.join(path)!r} is {value!r}, which {self.signal} cannot be")
         return float(value)
 
 
-def _sources(log_map: LogMap, wanted: frozenset[str]) -> dict[str, tuple[_Source, ...]]:
-    found: dict[str, tuple[_Source, ...]] = {}
+@dataclass(frozen=True)
+class _Topic:
+    """What the events of one topic hold.
+
+    Attributes:
+        sources: Its signals.
+        decoders: Who understands its messages, each with the type that the log map gives them.
+    """
+
+    sources: tuple[_Source, ...] = ()
+    decoders: tuple[tuple[str, GuardedDecoder], ...] = ()
+
+    def events(self, event: Event, t_s: float) -> list[Happened]:
+        """What an event tells that happened; what cannot be understood is left to the end."""
+        found = []
+        for type_, decoder in self.decoders:
+            try:
+                item = decoder.decode(type_, fields_of(event), t_s)
+            except (ValueError, AttributeError):
+                continue
+            if isinstance(item, Happened):
+                found.append(item)
+        return found
+
+
+_NOTHING = _Topic()
+
+
+def _topics(log_map: LogMap, wanted: frozenset[str], registry: Registry) -> dict[str, _Topic]:
+    found: dict[str, _Topic] = {}
     for channel in log_map.channels:
         own = tuple(_source(f) for f in channel.signals if f.signal in wanted)
-        if own:
+        decoders: tuple[tuple[str, GuardedDecoder], ...] = ()
+        if channel.decoder:
+            plugin = registry.find("ariac_score.decoders", channel.decoder)
+            decoders = ((normalised_type(channel.type), GuardedDecoder(plugin, plugin.build({}))),)
+        if own or decoders:
             topic = "/" + channel.topic.strip("/")
-            found[topic] = (*found.get(topic, ()), *own)
+            known = found.get(topic, _NOTHING)
+            found[topic] = _Topic((*known.sources, *own), (*known.decoders, *decoders))
     return found
 
 
@@ -192,70 +244,101 @@ def _source(field_map: FieldMap) -> _Source:
     return _Source(field_map.signal, field_map.unit, paths, known.at_least if known else -math.inf)
 
 
+class _Said:
+    """What one check says by now, by subject, each with the time at which it said so."""
+
+    def __init__(self, live: _Live, bodies: Sequence[Body]) -> None:
+        self.live, self.watch = live, _begun(live, bodies)
+        self.standings: dict[str, tuple[Standing, float | None]] = {}
+        self.longest_s = live.max_gap_s + 1e-9
+
+    def step(self, samples: Sequence[Sample], events: Sequence[Happened], t_s: float | None) -> None:
+        """Have it take what has come."""
+        signals = self.live.signals
+        own = [sample for sample in samples if sample.signal in signals]
+        if not own and not events:
+            return
+        try:
+            for standing in self.watch.step(own, events):
+                self.standings[standing.subject] = standing, t_s
+        except Exception as cause:
+            live = self.live
+            raise broken(live.plugin, f"raised {type(cause).__name__}: {cause}", of=live.name) from cause
+
+    def known(self, t_s: float | None) -> Iterator[Standing]:
+        """What still counts at the time of an event, as far as that has one."""
+        for standing, said_s in self.standings.values():
+            if (
+                standing.final
+                or t_s is None
+                or said_s is None
+                or t_s - said_s <= self.longest_s
+                or clock_of(t_s) != clock_of(said_s)
+            ):
+                yield standing
+
+
 class _RulesJudge:
     """The state of one trace under the monitors of a rule set."""
 
-    def __init__(self, lives: Sequence[_Live], sources: Mapping[str, tuple[_Source, ...]]) -> None:
-        self._sources = sources
-        self._watches: list[tuple[_Live, OnlineWatch]] = [(live, _begun(live)) for live in lives]
-        self._standings: dict[str, dict[str, Standing]] = {live.name: {} for live in lives}
+    def __init__(self, lives: Sequence[_Live], topics: Mapping[str, _Topic], bodies: Sequence[Body]) -> None:
+        self._topics = topics
+        self._said = [_Said(live, bodies) for live in lives]
         self._latest: dict[str, float] = {}
 
     def take(self, event: Event) -> Opinion:
         """Judge the trace up to and including an event."""
-        sources = self._sources.get(channel_of(event), ())
+        topic = self._topics.get(channel_of(event), _NOTHING)
         t_s = stamp_s(event)
-        if sources:
+        samples: list[Sample] = []
+        if topic.sources:
             if t_s is None:
                 raise ValueError("the event has no time")
-            self._step([source.sample(event, t_s) for source in sources], t_s)
+            samples = [source.sample(event, t_s) for source in topic.sources]
+            self._check_times(samples, t_s)
+        events = topic.events(event, 0.0 if t_s is None else t_s) if topic.decoders else []
+        if samples or events:
+            for said in self._said:
+                said.step(samples, events, t_s)
         return self._opinion(t_s)
 
-    def _step(self, samples: Sequence[Sample], t_s: float) -> None:
+    def _check_times(self, samples: Sequence[Sample], t_s: float) -> None:
+        latest = self._latest
         for sample in samples:
-            if not t_s > self._latest.get(sample.signal, -math.inf):
-                raise ValueError(f"{sample.signal} was at {self._latest[sample.signal]} s and is at {t_s} s")
-        self._latest.update((sample.signal, t_s) for sample in samples)
-        for live, watch in self._watches:
-            own = [sample for sample in samples if sample.signal in live.signals]
-            if not own:
-                continue
-            standings = self._standings[live.name]
-            try:
-                for standing in watch.step(own):
-                    standings[standing.subject] = standing
-            except Exception as cause:
-                raise broken(live.plugin, f"raised {type(cause).__name__}: {cause}", of=live.name) from cause
+            before_s = latest.get(sample.signal)
+            if before_s is not None and not t_s > before_s:
+                raise ValueError(f"{sample.signal} was at {before_s} s and is at {t_s} s")
+        for sample in samples:
+            latest[sample.signal] = t_s
 
     def _opinion(self, t_s: float | None) -> Opinion:
-        known = [
-            (live.name, standing)
-            for live, _ in self._watches
-            for standing in self._standings[live.name].values()
-            if standing.final or _holds(standing, t_s, live.max_gap_s)
-        ]
-        violated = [(name, s) for name, s in known if s.verdict is Verdict.VIOLATED]
+        violated: list[tuple[str, Standing]] = []
+        undecided = nothing = False
+        everything_final = True
+        for said in self._said:
+            speaks = not said.live.signals  # of an event that did not come nothing has to be said
+            for standing in said.known(t_s):
+                speaks = True
+                everything_final = everything_final and standing.final
+                if standing.verdict is Verdict.VIOLATED:
+                    violated.append((said.live.name, standing))
+                elif standing.verdict is Verdict.INCONCLUSIVE:
+                    undecided = True
+            everything_final = everything_final and bool(said.live.signals)
+            nothing = nothing or not speaks
         if violated:
             words = "; ".join(f"{name}: {s.subject}: {s.message}" for name, s in violated)
             return Opinion(FALSE if any(s.final for _, s in violated) else CURRENTLY_FALSE, words)
-        silent = {live.name for live, _ in self._watches} - {name for name, _ in known}
-        if silent or not known or any(s.verdict is Verdict.INCONCLUSIVE for _, s in known):
+        if undecided or nothing or not any(said.standings for said in self._said):
             return Opinion(UNKNOWN)
-        return Opinion(TRUE if all(s.final for _, s in known) else CURRENTLY_TRUE)
+        return Opinion(TRUE if everything_final else CURRENTLY_TRUE)
 
 
-def _begun(live: _Live) -> OnlineWatch:
+def _begun(live: _Live, bodies: Sequence[Body]) -> OnlineWatch:
     try:
-        return live.monitor.begin()
+        return live.monitor.begin(bodies)
     except Exception as cause:
         raise broken(live.plugin, f"raised {type(cause).__name__}: {cause}", of=live.name) from cause
-
-
-def _holds(standing: Standing, t_s: float | None, max_gap_s: float) -> bool:
-    """Whether a standing still says something at the time of an event, as far as that has one."""
-    if t_s is None or clock_of(t_s) != clock_of(standing.t_s):
-        return True
-    return t_s - standing.t_s <= max_gap_s + 1e-9
 
 
 # Specifications --------------------------------------------------------------------------
@@ -270,12 +353,16 @@ class SpecBench:
     Args:
         file: The specification.
         registry: The installed plugins.
+        parameters: Of the monitor, besides the file. A rejected event is final unless
+            `after_violation` says otherwise, as it is for the oracles of ROSMonitoring.
 
     Raises:
         ScoreError: No installed plugin reads specifications, or this one cannot be used.
     """
 
-    def __init__(self, file: Path, registry: Registry) -> None:
+    def __init__(
+        self, file: Path, registry: Registry, parameters: Mapping[str, object] = MappingProxyType({})
+    ) -> None:
         self.live: tuple[str, ...] = (file.name,)
         self.later: Mapping[str, str] = {}
         if not file.is_file():
@@ -288,7 +375,11 @@ class SpecBench:
                 file=file,
                 hint=f"install the distribution that brings {SPEC_MONITOR!r}, or judge by --rules",
             ) from error
-        monitor = self._plugin.build({"spec": str(file)})
+        try:
+            text = file.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as cause:
+            raise UsageError(f"cannot be read: {cause}", file=file, hint="is it a specification?") from cause
+        monitor = self._built({"after_violation": "once", **parameters, "spec": text}, file)
         if not isinstance(monitor, EventMonitor):
             raise RuleSetError(
                 f"{self._plugin.origin} cannot judge event by event",
@@ -296,6 +387,16 @@ class SpecBench:
                 hint="update it, or judge the event log afterwards",
             )
         self._monitor: EventMonitor = monitor
+        try:
+            self._guarded(monitor.begin_events)
+        except ValueError as cause:
+            raise RuleSetError(f"nothing can be judged by it: {cause}", file=file) from cause
+
+    def _built(self, parameters: Mapping[str, object], file: Path) -> object:
+        try:
+            return self._plugin.build(parameters)
+        except RuleSetError as error:
+            raise RuleSetError(error.cause, file=file, hint=error.hint) from error
 
     def judge(self) -> Judge:
         """A judge who knows nothing yet."""

@@ -1,15 +1,20 @@
-"""The WebSocket side of the oracle: connections, limits, and an end in which nothing is lost."""
+"""The WebSocket side of the oracle: connections, limits, and an end in which nothing is lost.
+
+The protocol is that of the library `websockets`, without its input and output: one thread
+for each connection waits for the client, judges, and replies, and nobody else touches its
+socket. So an event is answered without passing from thread to thread, and what a flood
+brings at once is answered at once.
+"""
 
 from __future__ import annotations
 
-import contextlib
 import socket
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ariac_score.errors import UsageError
 from ariac_score.logs.rosmonitoring import MAX_LINE_BYTES
@@ -17,8 +22,7 @@ from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import Bench
 
 if TYPE_CHECKING:
-    from websockets.http11 import Request, Response
-    from websockets.sync.server import Server, ServerConnection
+    from websockets.server import ServerProtocol
 
 __all__ = ["Limits", "Oracle"]
 
@@ -26,6 +30,11 @@ _TOO_BIG, _GOING_AWAY = 1009, 1001
 _LAST_PORT = 65_535
 _OPENING_S = 5.0
 """How long one who has connected may take to say that it speaks the protocol, s."""
+_STRANGERS = 16
+"""How many may be about to say so, beyond the connections that are taken."""
+_LOOK_EVERY_S = 0.05
+"""How often one who waits looks whether it is time to stop, s."""
+_CHUNK_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -109,109 +118,270 @@ class Oracle:
         self.conversations: list[Conversation] = []
         self.refused = 0
         self._bench, self._limits = bench, limits or Limits()
+        self._protocol = _library()
         self._folder = _empty_folder(folder)
-        self._open: dict[ServerConnection, Conversation] = {}
-        self._forced: set[ServerConnection] = set()
+        self._open: set[Conversation] = set()
+        self._threads: set[threading.Thread] = set()
         self._changed = threading.Condition()
         self._stopping = threading.Event()
-        self._server = self._listening(host, port)
+        self._stopped_at_s = float("inf")
+        self._socket = _bound(host, port)
+        self._socket.settimeout(_LOOK_EVERY_S)
 
     @property
     def url(self) -> str:
         """Where it is reached."""
-        host, port = self._server.socket.getsockname()[:2]
+        host, port = self._socket.getsockname()[:2]
         return f"ws://{f'[{host}]' if ':' in host else host}:{port}"
 
     def serve(self) -> None:
         """Answer until `stop` is called from another thread, or an interrupt comes."""
-        self._server.serve_forever()
+        while not self._stopping.is_set():
+            try:
+                client, _ = self._socket.accept()
+            except TimeoutError:
+                continue
+            except OSError:  # closed by `stop`; or out of handles, which a connection that ends gives back
+                self._stopping.wait(_LOOK_EVERY_S)
+                continue
+            with self._changed:
+                crowded = len(self._threads) >= self._limits.connections + _STRANGERS
+                if crowded:
+                    self.refused += 1
+                    client.close()
+                    continue
+                thread = threading.Thread(target=self._attend, args=(client,), daemon=True)
+                self._threads.add(thread)
+            thread.start()
 
     def stop(self) -> None:
         """Take no more connections, end those that are open, and complete their logs."""
+        self._stopped_at_s = time.monotonic()
         self._stopping.set()
-        # Where it waits for those who are connected, and some versions do, nobody else has to.
-        closing = [threading.Thread(target=self._server.shutdown, daemon=True)]
+        self._socket.close()
+        patience_s = 2 * self._limits.closing_s + 4 * _LOOK_EVERY_S
         with self._changed:
-            still_open = list(self._open)
-        closing += [threading.Thread(target=_say_goodbye, args=(ws,), daemon=True) for ws in still_open]
-        for thread in closing:
-            thread.start()
-        with self._changed:
-            self._changed.wait_for(lambda: not self._open, timeout=self._limits.closing_s)
-            self._forced |= self._open.keys()
-        for ws in self._forced:  # a client that does not read keeps the goodbye from being sent
-            with contextlib.suppress(OSError):
-                ws.socket.shutdown(socket.SHUT_RDWR)
-        with self._changed:
-            self._changed.wait_for(lambda: not self._open, timeout=self._limits.closing_s)
-        for thread in closing:
-            thread.join(self._limits.closing_s)
+            self._changed.wait_for(lambda: not self._open, timeout=patience_s)
+            threads = list(self._threads)
+        for thread in threads:
+            thread.join(max(0.0, self._stopped_at_s + patience_s - time.monotonic()))
 
-    def _listening(self, host: str, port: int) -> Server:
+    def _late(self) -> bool:
+        """Whether clients have had all the time to say goodbye."""
+        return time.monotonic() > self._stopped_at_s + self._limits.closing_s
+
+    # One connection, in a thread of its own ----------------------------------------------
+
+    def _attend(self, client: socket.socket) -> None:
         try:
-            from websockets.sync.server import serve  # noqa: PLC0415  # only those who serve need it
-        except ImportError as cause:
-            raise UsageError(
-                "the library `websockets` is not installed", hint="pip install 'ariac-score[live]'"
-            ) from cause
-        return serve(
-            self._converse,
-            sock=_bound(host, port),
-            compression=None,
-            max_size=self._limits.frame_bytes,
-            process_request=self._admit,
-            server_header=None,
-            # A monitor reads only while it waits for a reply: it would answer no ping in between.
-            ping_interval=None,
-            open_timeout=_OPENING_S,
-            close_timeout=self._limits.closing_s,
-        )
-
-    def _admit(self, ws: ServerConnection, _request: Request) -> Response | None:
-        with self._changed:
-            full = len(self._open) >= self._limits.connections or self._stopping.is_set()
-            self.refused += full
-        return ws.respond(503, "the oracle has all the connections it takes\n") if full else None
-
-    def _converse(self, ws: ServerConnection) -> None:
-        conversation = self._begin(ws)
-        ended = "the oracle failed"
-        try:
-            ended = self._answer_all(ws, conversation)
-        except OSError as cause:
-            ended = f"its log cannot be written: {cause.strerror}"
+            with client:
+                wire = _Wire(client, self._protocol(max_size=self._limits.frame_bytes), self._late)
+                conversation = self._greeted(wire)
+                if conversation is not None:
+                    self._converse(wire, conversation)
+                wire.say_goodbye(self._limits.closing_s)
+        except OSError:
+            pass  # it has gone
         finally:
             with self._changed:
-                conversation.close(ended)
-                del self._open[ws]
-                self._changed.notify_all()
+                self._threads.discard(threading.current_thread())
 
-    def _begin(self, ws: ServerConnection) -> Conversation:
-        ws.socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    def _greeted(self, wire: _Wire) -> Conversation | None:
+        """The conversation with one who asked for it; `None` where it did not, or cannot be had."""
+        until_s = time.monotonic() + _OPENING_S
+        while not self._stopping.is_set() and time.monotonic() < until_s and not wire.ended:
+            wire.receive()
+            for request in wire.protocol.events_received():
+                response = wire.protocol.accept(request)  # type: ignore[arg-type]  # that comes first
+                conversation = self._begun() if response.status_code == _SWITCHING else None
+                if response.status_code == _SWITCHING and conversation is None:
+                    response = wire.protocol.reject(503, "the oracle has all the connections it takes\n")
+                wire.protocol.send_response(response)
+                try:
+                    wire.flush()
+                except OSError:
+                    if conversation is not None:
+                        self._over(conversation, "lost")
+                    raise
+                return conversation
+            wire.flush()
+        return None
+
+    def _begun(self) -> Conversation | None:
         with self._changed:
+            if len(self._open) >= self._limits.connections or self._stopping.is_set():
+                self.refused += 1
+                return None
             number = len(self.conversations) + 1
             log = self._folder / f"connection_{number:03}.jsonl"
             conversation = Conversation(self._bench.judge(), log)
             self.conversations.append(conversation)
-            self._open[ws] = conversation
+            self._open.add(conversation)
         return conversation
 
-    def _answer_all(self, ws: ServerConnection, conversation: Conversation) -> str:
-        from websockets.exceptions import ConnectionClosed  # noqa: PLC0415  # as above
+    def _over(self, conversation: Conversation, ended: str) -> None:
+        with self._changed:
+            conversation.close(ended)
+            self._open.discard(conversation)
+            self._changed.notify_all()
 
-        pace = Pace(self._limits.events_per_s, self._stopping.wait)
+    def _converse(self, wire: _Wire, conversation: Conversation) -> None:
+        ended = "the oracle failed"
         try:
-            while True:
-                # Bytes, so that text that is no UTF-8 is answered like any other bad frame.
-                frame = ws.recv(decode=False)
+            self._answer_all(wire, conversation)
+            ended = self._how(wire.protocol)
+        except ConnectionError:
+            ended = "stopped by the oracle" if self._stopping.is_set() else "lost"
+        except OSError as cause:
+            ended = f"its log cannot be written: {cause.strerror}"
+        finally:
+            self._over(conversation, ended)
+
+    def _answer_all(self, wire: _Wire, conversation: Conversation) -> None:
+        def wait(seconds: float) -> None:
+            wire.flush()  # what was answered is not kept back with what has to wait
+            self._stopping.wait(seconds)
+
+        pace, message = Pace(self._limits.events_per_s, wait), _Message()
+        while not wire.ended and not self._stopping.is_set():
+            for frame in wire.protocol.events_received():
+                whole = message.take(frame)
+                if whole is None:
+                    continue
                 pace.step()
-                ws.send(conversation.answer(frame))
-        except ConnectionClosed as closed:
-            if closed.rcvd_then_sent:
-                return "closed by the client"
-            if closed.sent is not None and closed.sent.code == _TOO_BIG:
-                return f"a frame was longer than {self._limits.frame_bytes:,} bytes"
-            return "stopped by the oracle" if closed.sent is not None or ws in self._forced else "lost"
+                if self._stopping.is_set():
+                    break
+                wire.protocol.send_text(conversation.answer(whole).encode("utf-8"))
+            wire.flush()
+            if wire.closing:
+                return
+            wire.receive()
+
+    def _how(self, protocol: ServerProtocol) -> str:
+        """How a connection came to its end."""
+        sent = protocol.close_sent
+        if protocol.close_rcvd_then_sent:
+            return "closed by the client"
+        if sent is not None and sent.code == _TOO_BIG:
+            return f"a frame was longer than {self._limits.frame_bytes:,} bytes"
+        if sent is not None:
+            return f"the client broke the protocol: {sent.reason or sent.code}"
+        return "stopped by the oracle" if self._stopping.is_set() else "lost"
+
+
+_SWITCHING = 101
+
+
+class _Wire:
+    """The bytes of one connection, in both directions.
+
+    Args:
+        client: Its socket.
+        protocol: What they mean.
+        late: Whether the oracle stops and has waited long enough.
+
+    Attributes:
+        ended: Whether the client sends no more.
+    """
+
+    def __init__(self, client: socket.socket, protocol: ServerProtocol, late: Callable[[], bool]) -> None:
+        self.protocol, self.ended = protocol, False
+        self._socket, self._late = client, late
+        client.settimeout(_LOOK_EVERY_S)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+
+    @property
+    def closing(self) -> bool:
+        """Whether either side has said goodbye."""
+        return self.protocol.close_rcvd is not None or self.protocol.close_sent is not None
+
+    def receive(self) -> None:
+        """Wait a little while for what comes."""
+        try:
+            came = self._socket.recv(_CHUNK_BYTES)
+        except TimeoutError:
+            return
+        if came:
+            self.protocol.receive_data(came)
+        else:
+            self.ended = True
+            self.protocol.receive_eof()
+
+    def flush(self) -> None:
+        """Send what is to be sent; a client that does not read is waited for.
+
+        Raises:
+            ConnectionError: It does not take it, and the oracle stops; or it has gone.
+        """
+        parts = self.protocol.data_to_send()
+        if not parts:
+            return
+        left = memoryview(b"".join(parts))
+        while left:
+            try:
+                left = left[self._socket.send(left) :]
+            except TimeoutError:
+                if self._late():
+                    raise ConnectionAbortedError("the client does not read") from None
+            except ConnectionError:
+                raise
+            except OSError as cause:
+                raise ConnectionResetError(cause.strerror) from cause
+        if parts[-1] == b"":  # the protocol's word for the end
+            self._socket.shutdown(socket.SHUT_WR)
+
+    def say_goodbye(self, within_s: float) -> None:
+        """Say that the oracle stops, where nobody has said goodbye, and let the client finish.
+
+        What it still sends is read, for otherwise it could lose what it has not read yet.
+        """
+        if self.protocol.state.name == "OPEN":
+            self.protocol.send_close(_GOING_AWAY, "the oracle stops")
+        self.flush()
+        until_s = time.monotonic() + within_s
+        while not self.ended and time.monotonic() < until_s and not self._late():
+            self.receive()
+            self.flush()
+
+
+class _Message:
+    """Puts a message together from its frames; others may stand between them."""
+
+    def __init__(self) -> None:
+        from websockets.frames import DATA_OPCODES  # noqa: PLC0415  # only those who serve need it
+
+        self._parts: list[bytes] = []
+        self._opcodes = DATA_OPCODES
+
+    def take(self, frame: Any) -> bytes | None:
+        """The message that a frame completes; `None` where none is complete."""
+        if frame.opcode not in self._opcodes:
+            return None
+        data = bytes(frame.data)
+        if frame.fin and not self._parts:
+            return data
+        self._parts.append(data)
+        if not frame.fin:
+            return None
+        whole = b"".join(self._parts)
+        self._parts = []
+        return whole
+
+
+def _library() -> type[ServerProtocol]:
+    """The protocol, from the library that speaks it.
+
+    Raises:
+        UsageError: It is not installed.
+    """
+    try:
+        from websockets.server import ServerProtocol  # noqa: PLC0415  # only those who serve need it
+    except ImportError as cause:
+        raise UsageError(
+            "the library `websockets` is not installed", hint="pip install 'ariac-score[live]'"
+        ) from cause
+    return ServerProtocol
 
 
 def _bound(host: str, port: int) -> socket.socket:
@@ -230,11 +400,6 @@ def _bound(host: str, port: int) -> socket.socket:
         raise UsageError(
             f"cannot listen on {host}:{port}: {reason}", hint="choose another --port, or stop what uses it"
         ) from cause
-
-
-def _say_goodbye(ws: ServerConnection) -> None:
-    with contextlib.suppress(Exception):
-        ws.close(_GOING_AWAY, "the oracle stops")
 
 
 def _empty_folder(folder: Path) -> Path:

@@ -57,8 +57,16 @@ def score_runs(
         try:
             results[run.key] = _scored(run, rule_set, registry, competition.root, also)
         except ScoreError as error:
-            results[run.key] = error
+            results[run.key] = _within(error, competition.root)
     return results
+
+
+def _within(error: ScoreError, root: Path) -> ScoreError:
+    """The error with its file named from the competition's folder: the same bytes wherever that lies."""
+    file = Path(error.file) if error.file else None
+    if file is not None and file.is_relative_to(root):
+        error.file = file.relative_to(root).as_posix()
+    return error
 
 
 def _scored(run: Run, rule_set: RuleSet, registry: Registry, root: Path, also: list[Path]) -> Result:

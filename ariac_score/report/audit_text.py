@@ -12,6 +12,8 @@ from ariac_score.scoring.printed import RELATIONS, number_of
 __all__ = ["audit_text"]
 
 _LABEL = 44
+_SUMMARY = "summary_"
+"""What labels begin with that were taken out of a text's summary."""
 
 
 def audit_text(audit: Audit, style: Style | None = None) -> str:
@@ -71,6 +73,8 @@ def _not_adding_up(audit: Audit, style: Style) -> Iterator[str]:
         yield style("Does not add up in the text", "bold")
     for one in found:
         yield _line("-", one, style, "red") + _sum_words(one)
+        for path, label, printed in one.rests_on if one.expected is not None else ():
+            yield style(f"      {plain(_name(path, label))}: {plain(printed)}", "dim")
 
 
 def _sum_words(one: Sum) -> str:
@@ -121,8 +125,14 @@ def _both(item: Item) -> str:
 
 
 def _line(mark: str, one: Item | Sum, style: Style, look: str) -> str:
-    name = f"{one.path}: {one.label}" if one.path else one.label
-    return style(f"  {mark} {plain(name):<{_LABEL}} ", look)
+    return style(f"  {mark} {plain(_name(one.path, one.label)):<{_LABEL}} ", look)
+
+
+def _name(path: str, label: str) -> str:
+    """An item as a reader of the text finds it: where, and under which words."""
+    if label.startswith(_SUMMARY):
+        label = f"{label.removeprefix(_SUMMARY)} in the summary"
+    return f"{path}: {label}" if path else label
 
 
 def _within(item: Item) -> str:

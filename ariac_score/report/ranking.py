@@ -37,8 +37,21 @@ def ranking_text(
 
 def _head(ranking: Ranking, style: Style) -> Iterator[str]:
     yield style(plain(ranking.title), "bold") + f" by {ranking.rule_set[0]}"
-    runs = f"{len(ranking.runs)} runs, {sum(run.kept for run in ranking.runs)} of them count"
-    yield style(f"{len(ranking.standings)} teams, {len(ranking.trials)} trials, {runs}", "dim")
+    counted = (
+        _many(len(ranking.standings), "team"),
+        _many(len(ranking.trials), "trial"),
+        _many(len(ranking.runs), "run"),
+    )
+    yield style(f"{', '.join(counted)}, {sum(run.kept for run in ranking.runs)} of them count", "dim")
+
+
+def _many(number: int, what: str) -> str:
+    """A number of things.
+
+    >>> _many(1, "trial"), _many(3, "trial")
+    ('1 trial', '3 trials')
+    """
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _leaderboard(ranking: Ranking, style: Style) -> Iterator[str]:
@@ -109,13 +122,15 @@ def _cohort(ranking: Ranking, style: Style) -> Iterator[str]:
     if ranking.cohort is None:
         return
     yield style("Across teams", "bold")
+    if not any(means for values in ranking.cohort.trials.values() for means in values.values()):
+        yield "  nothing: no run counts"
     for trial, values in ranking.cohort.trials.items():
         for name, means in values.items():
             for path, mean in means.items():
                 where = f"{plain(trial)}{'/' + plain(path) if path else ''}"
                 value = "none" if mean.value is None else f"{mean.value:.10g}"
                 left_out = f", {mean.left_out} left out" if mean.left_out else ""
-                yield f"  {where}: mean {name} {value} ({mean.teams} teams{left_out})"
+                yield f"  {where}: mean {name} {value} ({_many(mean.teams, 'team')}{left_out})"
 
 
 def _strict(strict: Evaluation, differences: Sequence[Difference], style: Style) -> Iterator[str]:

@@ -82,6 +82,8 @@ def _official(result: Result, total: float, style: Style) -> Iterator[str]:
     same = ours is not None and ours == Decimal(repr(total))
     whose = "our task score" if result.task is not None else "ours"
     words = f"the same as {whose}" if same else f"not {whose}: rules or log differ from the official scorer's"
+    if ours is None:
+        words = "ours is withheld, so nothing says whether it is the same"
     yield style(f"official total {total:g}: {words}", *([] if same else ["yellow"]))
     if official is not None and official.process_time_s:
         own = f"; from this log {result.measured.window.duration_s:.3f} s" if result.measured.window else ""

@@ -173,6 +173,17 @@ class PrintedText:
         """
         return one.formula.evaluate(_PrintedNumbers(self, block)).value
 
+    def rests_on(self, block: PrintedBlock, one: PrintedSum) -> Iterator[tuple[str, str, str]]:
+        """Path, label and text of every printed number that a sum is made of, in the order of the formula."""
+        told = set()
+        for dotted in _names(one.formula):
+            level, _, name = dotted.rpartition(".")
+            for inner in block.each(level) if level else [block]:
+                line = (inner.path, *self.printed(inner, name))
+                if line not in told:
+                    told.add(line)
+                    yield line
+
     def knows(self, block: PrintedBlock) -> bool:
         """Whether every label of a text is an item here."""
         return not any(self.unknown(inner) for inner in block.walk())

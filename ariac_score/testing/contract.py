@@ -20,11 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.asking import ask, needs_of
-from ariac_score.contracts import GROUPS, Incremental, Monitor, Reader, Rule
+from ariac_score.asking import BUDGET_S, ask, budget_of, needs_of
+from ariac_score.contracts import GROUPS, Monitor, Reader, Rule
 from ariac_score.errors import PluginError
 from ariac_score.findings import Finding, Verdict
-from ariac_score.registry import Plugin, Registry
+from ariac_score.registry import Plugin, Registry, not_by_name
+from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.testing.variants import HOLLOW, SIGNAL_VARIANTS, bare, only, reordered, shifted, without
 from ariac_score.trial.derive import Derivation, derive_signals
@@ -40,12 +41,6 @@ __all__ = [
     "snapshot",
     "undocumented",
 ]
-
-BUDGET_S = 30.0
-"""Processor time a plugin may take for a million samples, s. Generous: a vectorised monitor takes 0.1 s."""
-
-SMALLEST_LOG_SAMPLES = 100_000
-"""A shorter log is allowed the time of one of this length, for calls and imports cost time too."""
 
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "ariac_score.rules": ("Measures", "Violated when", "Source"),
@@ -151,13 +146,14 @@ def undocumented(plugin: Plugin, kind: Any) -> list[str]:
 
 def built_by_name(kind: type) -> str:
     """Why a class cannot be built from the `with:` block of a rule set; empty when it can."""
+    problem = not_by_name(kind)
+    if problem:
+        return problem
     try:
         parameters = inspect.signature(kind).parameters.values()
     except (TypeError, ValueError):
         return ""
     for parameter in parameters:
-        if parameter.kind is parameter.POSITIONAL_ONLY:
-            return f"takes {parameter.name!r} by position alone, and a rule set gives parameters by name"
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             return f"takes *{parameter.name}, so that a misspelt parameter would pass"
     return ""
@@ -220,8 +216,14 @@ class _Checked:
             ]
         else:
             named.append(("missing_submissions", "what is not recorded is not assumed", self.submissions))
-        if getattr(self.check, "incremental", False):
-            named.append(("one_by_one", "one message at a time equals the whole log", self.one_by_one))
+        if hasattr(self.check, "begin"):
+            named += [
+                ("one_by_one", "one sample at a time equals the whole log", self.one_by_one),
+                ("instant_by_instant", "samples that come together are as samples alone", self.instants),
+                ("standings", "what is said on the way fits what is found", self.standings),
+                ("nothing_stepped", "a trial in which nothing comes ends like an empty log", self.unstepped),
+                ("repeated_time", "a time that does not increase is refused", self.repeated_time),
+            ]
         return [ContractCheck(*each) for each in named]
 
     # Asking
@@ -244,8 +246,7 @@ class _Checked:
 
     def ask(self, trial: Trial, check: Any = None) -> list[Finding]:
         """What it says, under the clock."""
-        samples = sum(len(signal) for signal in trial.signals.values())
-        watch = Stopwatch(self.budget_s * max(samples, SMALLEST_LOG_SAMPLES) / 1e6)
+        watch = Stopwatch(budget_of(trial, self.budget_s))
         try:
             with watch.running():
                 return ask(
@@ -394,12 +395,15 @@ class _Checked:
         if not self.needed():
             return
         blind = self.ask(without(self.trial, self.needed()))
+        inconclusive = any(finding.verdict is Verdict.INCONCLUSIVE for finding in blind)
         for finding in blind:
-            if finding.verdict is Verdict.SATISFIED:
+            # What rests on parameters alone, such as where a line is drawn, needs no signal.
+            drawn = inconclusive and finding.span is None and finding in self.said
+            if finding.verdict is Verdict.SATISFIED and not drawn:
                 raise self.broken(
                     f"is satisfied although every signal it needs is missing: {finding.message!r}"
                 )
-        if _decided(self.said) and not any(f.verdict is Verdict.INCONCLUSIVE for f in blind):
+        if _decided(self.said) and not inconclusive:
             raise self.broken("is never inconclusive although every signal it needs is missing")
         for quantity in self.needed():
             self.ask(without(self.trial, [quantity]))
@@ -429,24 +433,37 @@ class _Checked:
                     f"decides {finding.subject!r} although no submission is recorded: {finding.message!r}"
                 )
 
+    @property
+    def online(self) -> OnlineChecks:
+        """The monitor stepped through the trial."""
+        return OnlineChecks(self.check, self.trial, self.needed(), self.broken)
+
     def one_by_one(self) -> None:
-        if not isinstance(self.check, Incremental):
-            raise self.broken("claims to be incremental and has no begin()")
-        watcher = self.check.begin()
-        rows = [
-            (t_s, name, value)
-            for name, signal in self.trial.signals.items()
-            for t_s, value in zip(signal.t.tolist(), signal.values.tolist(), strict=True)
-        ]
-        for t_s, name, value in sorted(rows, key=lambda row: row[:2]):
-            watcher.take(name, t_s, tuple(value) if isinstance(value, list) else value)
-        blind = replace(self.trial, signals={})
-        told = _Told(watcher.end(blind))
-        self._same(self.ask(blind, told), "says something else when told one message at a time")
+        self._same(self._told(self.online.one_by_one()), "says something else when told one sample at a time")
+
+    def instants(self) -> None:
+        found = self._told(self.online.instant_by_instant())
+        self._same(found, "says something else when told one instant at a time")
+
+    def standings(self) -> None:
+        self.online.standings(self.said)
+
+    def unstepped(self) -> None:
+        blind = self.ask(replace(self.trial, signals={}))
+        difference = _difference(blind, self._told(self.online.nothing_stepped()))
+        if difference:
+            raise self.broken(f"says something else when nothing comes than of an empty log: {difference}")
+
+    def repeated_time(self) -> None:
+        self.online.repeated_time()
+
+    def _told(self, findings: list[Finding]) -> list[Finding]:
+        """Findings of a watch, looked at as those of any monitor."""
+        return self.ask(replace(self.trial, signals={}), _Told(findings))
 
 
 class _Told:
-    """What an incremental monitor found, as a monitor to be asked."""
+    """What a watch found, as a monitor to be asked."""
 
     def __init__(self, findings: Iterable[Finding]) -> None:
         self._findings = findings

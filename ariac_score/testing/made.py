@@ -40,9 +40,12 @@ _EVENTS = (
     Event(6.0, "emergency_stop", "robot"),
     Event(9.0, "emergency_stop_reset", "robot"),
     Event(10.0, "start", "robot"),
+    Event(12.0, "pose_attained", "robot"),
     Event(16.0, "protective_stop", "robot"),
+    Event(20.0, "pose_attained", "robot"),
     Event(21.0, "quality_check", "ABCD1234"),
     Event(25.0, PART_DROPPED),
+    Event(28.0, "pose_attained", "robot"),
 )
 _FLAG_PERIODS_S = (10.0, 14.0)
 
@@ -169,4 +172,7 @@ def _official(orders: tuple[Order, ...]) -> OfficialResult:
         )
         for order in orders
     )
-    return OfficialResult("made", 20.0, 37.5, {o.id: o.score or 0.0 for o in summaries}, summaries=summaries)
+    scores = {order.id: order.score or 0.0 for order in summaries}
+    return OfficialResult(
+        "made", 20.0, 37.5, scores, summaries=summaries, items={"was_arm_arm_collision": "1"}
+    )

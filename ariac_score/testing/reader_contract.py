@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ariac_score.asking import SMALLEST_LOG_SAMPLES, budget_of
 from ariac_score.contracts import LogDescription, Reader, Wanted
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.guard import GuardedDecoder, GuardedReader
@@ -17,7 +18,6 @@ from ariac_score.quiet import quiet
 from ariac_score.registry import Plugin, Registry
 from ariac_score.testing.contract import (
     HINT,
-    SMALLEST_LOG_SAMPLES,
     ContractCheck,
     ContractError,
     built_by_name,
@@ -135,8 +135,7 @@ class _CheckedReader:
                 trial = self.read()
         except OutOfTime:
             raise self.late(watch.limit_s) from None
-        samples = sum(len(signal) for signal in trial.signals.values())
-        limit_s = self.budget_s * max(samples, SMALLEST_LOG_SAMPLES) / 1e6
+        limit_s = budget_of(trial, self.budget_s)
         if watch.taken_s > limit_s:
             raise self.late(limit_s)
 

@@ -41,14 +41,16 @@ class Presence:
         Fewer products of the type (or of the type in that colour) were delivered
         than ordered, or the shipment was never submitted. With `without_color:
         aborts` a name without `_` that the comparison of types meets is
-        inconclusive: the simulator would have aborted.
+        inconclusive: the simulator would have aborted. With `aborts_unless_exact` it
+        looks for the exact name first, which compares no types.
     Source:
         ARIAC 2017-2022, scoring: product presence; as coded, min(ordered, delivered)
-        for each type. The abort: rulebook, section 4, code.
+        for each type. The abort: rulebook, section 4, code; that of 2020 as in
+        AriacScorer.cpp of usnistgov/ARIAC@da4d2a8.
     """
 
     compare: Literal["type", "type_and_color"] = "type_and_color"
-    without_color: Literal["whole_name", "aborts"] = "whole_name"
+    without_color: Literal["whole_name", "aborts", "aborts_unless_exact"] = "whole_name"
     type_names: TypeNames = "whole"
     counts_from: CountsFrom = "update"
 
@@ -74,7 +76,9 @@ class Presence:
 
     def _present(self, subject: str, task: Task, types: Sequence[str], clause: str) -> Iterator[Finding]:
         key: Callable[[str], str] = base_type if self.compare == "type" else _full_type
-        aborting = _first_without_color(task, types) if self.without_color == "aborts" else None
+        exact_first = self.without_color == "aborts_unless_exact"
+        aborts = self.without_color != "whole_name"
+        aborting = _first_without_color(task, types, exact_first=exact_first) if aborts else None
         left = Counter(key(kind) for kind in types)
         delivered = ", ".join(sorted(types)) or "nothing"
         for wanted in task.products:
@@ -92,16 +96,20 @@ class Presence:
                 yield Finding.violated(slot, f"no {kind} for it; delivered: {delivered}", clause=clause)
 
 
-def _first_without_color(task: Task, types: Sequence[str]) -> str | None:
+def _first_without_color(task: Task, types: Sequence[str], *, exact_first: bool = False) -> str | None:
     """The first name without `_` that the simulator's comparison of base types would meet.
 
     It takes each ordered product in turn and scans what is left of the delivered ones
-    up to the first of its base type.
+    up to the first of its base type; with `exact_first` only where none of its exact
+    name is left.
     """
     left = list(types)
     for wanted in task.products:
         if "_" not in wanted.type:
             return wanted.type
+        if exact_first and wanted.type in left:
+            left.remove(wanted.type)
+            continue
         for i, kind in enumerate(left):
             if "_" not in kind:
                 return kind

@@ -12,6 +12,7 @@ from ariac_score_kitting.claims import (
     CountsFrom,
     KindOfTask,
     claimed,
+    first_announced_s,
     kitting_tasks,
     not_kits,
 )
@@ -117,7 +118,8 @@ class OrderTime:
     """The order was completed, and how long that took.
 
     Measures:
-        `time_taken_s`: from the announcement to the last counted submission. With
+        `time_taken_s`: from the announcement of the order's latest version (`since:
+        announcement`: of its first) to the last counted submission. With
         `until: last_complete_kind` that of one kind of task: of several kinds the last in
         the list that the order asks for and that is complete gives the time. With
         `until: all_complete` that of all tasks of these kinds, once none is missing.
@@ -127,18 +129,21 @@ class OrderTime:
     Source:
         ARIAC 2019-2022, coded section: "time taken"; in 2021 as of a931894 and in 2022
         the time of the assemblies replaces that of the kits. As documented: the time
-        taken to complete the order; 2023 and 2024: its submission duration.
+        taken to complete the order, measured from when it was first requested; 2023 and
+        2024: its submission duration.
     """
 
     max_time_s: float = 0.0
     kinds: tuple[str, ...] = ("kitting",)
     until: Literal["last_complete_kind", "all_complete"] = "last_complete_kind"
+    since: CountsFrom = "update"
+    counts_from: CountsFrom = "update"
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for the order."""
         clause = "ARIAC scoring, order time"
         claims = {
-            kind: [claimed(trial, order, task) for _, task in kitting_tasks(order, kind)]
+            kind: [claimed(trial, order, task, self.counts_from) for _, task in kitting_tasks(order, kind)]
             for kind in self.kinds
         }
         everything = [submission for found in claims.values() for submission in found]
@@ -149,15 +154,16 @@ class OrderTime:
         message = f"{len(everything) - missing} of {len(everything)} shipments were submitted"
         together = self.until == "all_complete"
         end_s = _last_complete_s([everything] if together else list(claims.values()))
+        start_s = order.announced_s if self.since == "update" else first_announced_s(trial, order)
         if not everything:
             yield Finding.not_applicable(order.id, "the order asks for no kit", clause=clause)
         elif end_s is None:
             yield Finding.violated(order.id, message, clause=clause)
-        elif order.announced_s is None:
+        elif start_s is None:
             yield Finding.inconclusive(order.id, "the log does not show when it was announced", clause=clause)
         else:
             limit = self.max_time_s if self.max_time_s > 0 else float("inf")
-            taken = Limit("time taken", end_s - order.announced_s, "s", at_most=limit)
+            taken = Limit("time taken", end_s - start_s, "s", at_most=limit)
             verdict = Finding.violated(order.id, "") if missing else Finding.from_limits(order.id, taken)
             yield Finding(
                 order.id,

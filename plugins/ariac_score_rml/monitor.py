@@ -9,13 +9,17 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ariac_score import (
     QUANTITIES,
+    Body,
+    EventWatch,
     Finding,
     MissingSignalError,
+    OnlineWatch,
     Sample,
     Signal,
     SignalNeed,
@@ -28,9 +32,10 @@ from ariac_score import (
 )
 from ariac_score_rml.automaton import AfterViolation, Watch, margins, watch_stream
 from ariac_score_rml.columns import Columns, FloatArray, IntArray, Match, Stream, Topic
-from ariac_score_rml.faults import RmlError
+from ariac_score_rml.faults import RmlError, RmlRunError
 from ariac_score_rml.guards import TOLERANCE
-from ariac_score_rml.machine import MAX_STATE
+from ariac_score_rml.machine import MAX_STATE, Machine
+from ariac_score_rml.online import EventsOnline, SignalsOnline, Wanted
 from ariac_score_rml.running import Program, compile_rml
 from ariac_score_rml.syntax import Literal_, OrPattern, Pattern, RecordPattern
 from ariac_score_rml.tokens import Dialect
@@ -70,6 +75,11 @@ class RmlSpec:
         Programming 205, 2021). What follows a violation is our choice: in the
         reference a rejection is final.
     """
+
+    example: ClassVar[Mapping[str, Any]] = {
+        "spec": "apart matches {topic: 'snapshot', distance: d} with d >= 5.0; Main = apart*;",
+        "events": {"snapshot": {"distance": "centre_distance/{robot}/{human}"}},
+    }
 
     spec: str = ""
     events: Mapping[str, Mapping[str, str]] = field(default_factory=lambda: _NO_EVENTS)
@@ -122,11 +132,42 @@ class RmlSpec:
         if not subjects:
             yield _nobody(trial)
         for subject, names in subjects:
-            yield from self._watch_one(trial, program, subject, names)
+            yield from self._watch_one(trial, subject, names)
 
-    def _watch_one(
-        self, trial: Trial, program: Program, subject: str, names: Mapping[str, str]
-    ) -> Iterator[Finding]:
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that judges every sample, as soon as all topics have reached it."""
+        topics = self._topics()
+        program: Program | None = getattr(self, "_program", None)
+        known = _subjects(Trial("", bodies=tuple(bodies)), topics) if program and topics else ()
+        wanted: dict[str, Wanted] = {
+            subject: [
+                (topic.name, {key: source.signal.format(**names) for key, source in topic.fields.items()})
+                for topic in topics
+            ]
+            for subject, names in known
+        }
+        return SignalsOnline(
+            self._machine, self.after_violation, wanted, max_gap_s=self.max_gap_s, watch=self.watch
+        )
+
+    def begin_events(self) -> EventWatch:
+        """A watch for events as they are recorded; `events` and what is about episodes play no part.
+
+        Raises:
+            ValueError: No specification is given, or nothing can be said before any event.
+        """
+        try:
+            return EventsOnline(self._machine(), self.after_violation)
+        except RmlRunError as error:
+            raise ValueError(str(error)) from error
+
+    def _machine(self) -> Machine:
+        program: Program | None = getattr(self, "_program", None)
+        if program is None:
+            raise ValueError("no specification is given")
+        return program.machine(tolerance=0.0 if self.exact else TOLERANCE, max_state=self.max_state)
+
+    def _watch_one(self, trial: Trial, subject: str, names: Mapping[str, str]) -> Iterator[Finding]:
         try:
             recorded = [_Recorded.of(trial, topic, names, self.max_gap_s) for topic in self._topics()]
         except MissingSignalError as missing:
@@ -137,7 +178,7 @@ class RmlSpec:
         stream = Stream([item.topic for item in recorded])
         if not len(stream):
             return
-        machine = program.machine(tolerance=0.0 if self.exact else TOLERANCE, max_state=self.max_state)
+        machine = self._machine()
         columns = Columns(machine.matcher, stream)
         watch = watch_stream(machine, stream, self.after_violation, columns)
         judged = _Judged(self, subject, recorded, stream, watch, margins(machine, stream, watch, columns))

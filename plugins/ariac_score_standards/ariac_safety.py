@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import floor
+from math import floor, inf
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score import (
+    Arrivals,
     Body,
+    Event,
     Finding,
+    OnlineWatch,
+    Sample,
     SignalNeed,
     Span,
+    Standing,
     Trial,
     Verdict,
     check_parameters,
@@ -23,6 +28,7 @@ from ariac_score import (
     sample_durations,
     uncovered_spans,
 )
+from ariac_score_standards.online import PairsOnline
 from ariac_score_standards.severity import episodes_below
 from ariac_score_standards.watching import ENVIRONMENT, OFF, ON, FloatArray, Watched, looked_for, watch_pairs
 
@@ -46,17 +52,17 @@ class HumanContact:
         between centres is our choice.
     """
 
-    distance: Literal["centre_distance", "centre_distance_2d", "separation"] = "separation"
-    contact_distance_m: float = 0.0
-    max_gap_s: float = 0.05
-    t_off_s: float = 1.0
+    distance: Literal["centre_distance", "centre_distance_2d", "separation"] = parameter(
+        "separation", source="what a log has; surface to surface is the one that needs no allowance"
+    )
+    contact_distance_m: float = parameter(
+        0.0, unit="m", at_least=0, at_most=100, source="0 between surfaces; between centres set per log"
+    )
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
+    t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
 
     def __post_init__(self) -> None:
-        for name in ("contact_distance_m", "t_off_s"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} is {getattr(self, name):g} but cannot be negative")
-        if not self.max_gap_s > 0:
-            raise ValueError(f"max_gap_s is {self.max_gap_s:g} but must be positive")
+        check_parameters(self)
 
     def needs(self) -> Iterator[SignalNeed]:
         """The distance between the two."""
@@ -66,6 +72,17 @@ class HumanContact:
         """Findings for every pair: its contacts, or its closest moment."""
         wanted = {f"{self.distance}/{{robot}}/{{human}}": "m"}
         return watch_pairs(trial, wanted, max_gap_s=self.max_gap_s, clause=_CONTACT_CLAUSE, judge=self._judge)
+
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that says of every instant whether the two touch."""
+        wanted = {f"{self.distance}/{{robot}}/{{human}}": "m"}
+        return PairsOnline(wanted, bodies, max_gap_s=self.max_gap_s, judge=self._stand, watch=self.watch)
+
+    def _stand(self, subject: str, t_s: float, values: tuple[float, ...]) -> Standing:
+        margin_m = values[0] - self.contact_distance_m
+        if margin_m > 0:
+            return Standing(subject, t_s, Verdict.SATISFIED, f"{values[0]:.3f} m apart", margin_m, "m")
+        return Standing(subject, t_s, Verdict.VIOLATED, f"contact: {values[0]:.3f} m", margin_m, "m")
 
     def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
         (distance_m,) = watched.columns.values()
@@ -115,8 +132,8 @@ class NoEvent:
         dropped product costs a point.
     """
 
-    kind: str = "arm_collision"
-    critical: bool = False
+    kind: str = parameter("arm_collision", source="which events; ARIAC 2019-2022")
+    critical: bool = parameter(False, source="whether each is a critical event")
 
     def needs(self) -> Iterator[SignalNeed]:
         """No signal: events come with every log."""
@@ -141,6 +158,32 @@ class NoEvent:
             yield Finding.inconclusive(
                 "trial", f"the log does not show whether there was any {name}", clause="ARIAC scoring"
             )
+
+    def begin(self, _bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that says so when there is such an event, and nothing before."""
+        return _EventsOnline(self)
+
+
+class _EventsOnline:
+    """One trial, watched for events of a kind."""
+
+    def __init__(self, monitor: NoEvent) -> None:
+        self._monitor, self._arrivals = monitor, Arrivals()
+        self._told_s: dict[str, float] = {}
+
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
+        """Say that there was such an event; several of one time are one thing to say."""
+        self._arrivals.take(samples)
+        for event in events:
+            subject = event.subject or "trial"
+            if event.kind == self._monitor.kind and event.t_s > self._told_s.get(subject, -inf):
+                self._told_s[subject] = event.t_s
+                words = f"{event.kind.replace('_', ' ')} at {event.t_s:.3f} s"
+                yield Standing(subject, event.t_s, Verdict.VIOLATED, words)
+
+    def end(self, trial: Trial) -> Iterator[Finding]:
+        """What is found in the trial, whose events are all there."""
+        return self._monitor.watch(self._arrivals.complete(trial))
 
 
 # Collisions that cost per occurrence -----------------------------------------------------------

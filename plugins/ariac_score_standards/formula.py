@@ -21,7 +21,7 @@ from __future__ import annotations
 import ast
 import keyword
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from string import Formatter
@@ -31,18 +31,22 @@ import numpy as np
 
 from ariac_score import (
     QUANTITIES,
+    Body,
     Expression,
     Finding,
     FormulaError,
+    OnlineWatch,
     Sample,
     SignalNeed,
     Span,
+    Standing,
     Trial,
     Verdict,
     check_parameters,
     episodes_where,
     parameter,
 )
+from ariac_score_standards.online import Judge, SubjectsOnline
 from ariac_score_standards.severity import Episode, episodes_of
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, watch_subjects
 
@@ -318,8 +322,42 @@ class Always(Formula):
         """For every subject where it did not hold, or its closest moment."""
         return self._watch(trial)
 
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that says of every instant whether the formula holds; for the bodies known beforehand."""
+        templates = [source.template for source in self._sources.values()]
+        known, _ = self._subjects(Trial("", bodies=tuple(bodies)))
+        subjects = {subject.name: [subject.fill(template) for template in templates] for subject in known}
+        if not all(self._texts):
+            return SubjectsOnline({}, max_gap_s=self.max_gap_s, judge=_nobody_asked, watch=self.watch)
+        return SubjectsOnline(subjects, max_gap_s=self.max_gap_s, judge=self._stander(), watch=self.watch)
+
+    def _stander(self) -> Judge:
+        """What holds at one instant."""
+        formula, axes = Expression.parse(self.holds), {n: source.axis for n, source in self._sources.items()}
+        numbers, words = dict(self._numbers), "" if self.unit == "1" else f" {self.unit}"
+
+        def stand(subject: str, t_s: float, values: tuple[Any, ...]) -> Standing:
+            row: dict[str, Any] = dict(numbers)
+            for (name, axis), value in zip(axes.items(), values, strict=True):
+                row[name] = np.array([value if axis is None else value[axis]])
+            try:
+                now = self._sided(judge_columns(formula, row, 1))
+            except FormulaError as wrong:
+                message = f"the formula has no value: {wrong.cause}"
+                return Standing(subject, t_s, Verdict.INCONCLUSIVE, message)
+            margin, holds = float(now.margin[0]), bool(now.true[0])
+            says = f"{self._says} {'holds' if holds else 'does not hold'} by {abs(margin):.3f}{words}"
+            verdict = Verdict.SATISFIED if holds else Verdict.VIOLATED
+            return Standing(subject, t_s, verdict, says, margin, self.unit)
+
+        return stand
+
     def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
-        yield from self._findings(subject, watched, self._of(self.holds, watched))
+        yield from self._findings(subject, watched, self._sided(self._of(self.holds, watched)))
+
+    def _sided(self, found: Judged) -> Judged:
+        """What the formula says, as what has to hold."""
+        return found
 
     def _findings(self, subject: Subject, watched: Watched, found: Judged) -> Iterator[Finding]:
         limit = np.zeros(len(watched.t)) if found.limit is None else found.limit
@@ -365,6 +403,11 @@ class Always(Formula):
         return f"'{self.holds}'"
 
 
+def _nobody_asked(subject: str, t_s: float, _values: tuple[Any, ...]) -> Standing:
+    """Where no formula is given nobody is watched."""
+    return Standing(subject, t_s, Verdict.INCONCLUSIVE, "no formula is given")
+
+
 @dataclass(frozen=True)
 class Never(Always):
     """A formula over signals never holds during the competition.
@@ -384,9 +427,8 @@ class Never(Always):
         "unit": "m/s",
     }
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
-        found = self._of(self.holds, watched)
-        yield from self._findings(subject, watched, Judged(~found.true, -found.margin, found.limit))
+    def _sided(self, found: Judged) -> Judged:
+        return Judged(~found.true, -found.margin, found.limit)
 
     @property
     def _says(self) -> str:

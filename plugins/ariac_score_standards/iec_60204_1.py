@@ -227,6 +227,10 @@ class StopPerformance:
         return stop_category(float(watched.t[rows[off[0]]]) if len(off) else None, reached)
 
 
+def _words(stop: Event) -> str:
+    return stop.kind.replace("_", " ")
+
+
 def events_about(trial: Trial, machine: str, kinds: Sequence[str]) -> list[Event]:
     """The events of some kinds that concern a machine, in order of time."""
     found = [e for kind in kinds for e in trial.events_of(kind) if e.subject in ("", machine)]
@@ -253,7 +257,8 @@ class EstopRestart:
 
     Measures:
         For every machine, from the time it has to come to rest after `emergency_stop`
-        until `start` (after `emergency_stop_reset`): its speed, and the way it covers.
+        (or whatever `after` names) until `start` (after `emergency_stop_reset`): its
+        speed, and the way it covers.
     Violated when:
         It moves faster than standstill: in LATCHED, before the reset, or in READY,
         after the reset and before a start. Reset alone must not start motion. Every
@@ -265,6 +270,10 @@ class EstopRestart:
     """
 
     kind: Literal["robot", "agv"] = parameter("robot", source="which machines")
+    after: tuple[str, ...] = parameter(
+        (EMERGENCY_STOP,),
+        source="events that latch; for trucks ISO 3691-4 adds bumper contact and power interruption",
+    )
     stop_within_s: float = parameter(1.0, source="STOPPING: until rest at the latest; our choice", **_TIME)
     hold_s: float = parameter(0.1, source="at rest for this long is LATCHED; catalogue, M8", **_TIME)
     standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **_SPEED)
@@ -275,6 +284,8 @@ class EstopRestart:
 
     def __post_init__(self) -> None:
         check_parameters(self)
+        if not self.after or not all(self.after):
+            raise ValueError("after names no event: give the kinds that latch, such as emergency_stop")
 
     def needs(self) -> Iterator[SignalNeed]:
         """The speed."""
@@ -293,9 +304,9 @@ class EstopRestart:
         )
 
     def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
-        stops = events_about(trial, subject.name, (EMERGENCY_STOP,))
+        stops = events_about(trial, subject.name, self.after)
         if not stops:
-            yield nothing_happened(trial, subject, (EMERGENCY_STOP,), self._clause)
+            yield nothing_happened(trial, subject, self.after, self._clause)
         for number, stop in enumerate(stops):
             following = stops[number + 1].t_s if number + 1 < len(stops) else np.inf
             yield from self._after(trial, subject, watched, stop, following)
@@ -323,7 +334,7 @@ class EstopRestart:
         ]
         if spans and silent:
             message = (
-                f"moved at {spans[0].start_s:.3f} s after the emergency stop at {stop.t_s:.3f} s, "
+                f"moved at {spans[0].start_s:.3f} s after the {_words(stop)} at {stop.t_s:.3f} s, "
                 f"but the log does not show whether there was any {silent[0].replace('_', ' ')}"
             )
             yield Finding.inconclusive(subject.name, message, span=spans[0], clause=self._clause)
@@ -343,7 +354,7 @@ class EstopRestart:
             yield Finding(
                 subject.name,
                 Verdict.VIOLATED,
-                f"moved at {span.start_s:.3f} s in {phase}, after the emergency stop at {stop.t_s:.3f} s",
+                f"moved at {span.start_s:.3f} s in {phase}, after the {_words(stop)} at {stop.t_s:.3f} s",
                 span=span,
                 robustness=float(self.standstill_speed_m_s - speed[worst]),
                 unit="m/s",
@@ -358,7 +369,7 @@ class EstopRestart:
             yield Finding(
                 subject.name,
                 Verdict.SATISFIED,
-                f"at rest from the emergency stop at {stop.t_s:.3f} s until the next start",
+                f"at rest from the {_words(stop)} at {stop.t_s:.3f} s until the next start",
                 quantities={"time_in_violation_s": 0.0, "speed_max_m_s": 0.0, "travel_m": 0.0},
                 clause=self._clause,
             )

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -115,13 +115,15 @@ class SpaceLimit:
 
     Measures:
         For every robot (or AGV) the signed distance of each point to the border of the
-        space: positive inside `box` and `area` and outside every zone of `keep_out`,
-        in m; for a joint the angle left to its nearer limit, in rad.
+        space: positive inside `box` and `area` and outside every zone of `keep_out`
+        (within its heights `keep_out_z_m`), in m; for a joint the angle left to its nearer limit, in rad.
     Violated when:
         It is negative: the point or the angle is outside. The border itself is inside.
     Source:
         ISO 10218-1, soft axis and space limiting. All limits are for the cell to set.
     """
+
+    example: ClassVar[Mapping[str, Any]] = {"link": "tcp", "box_high_m": [2.5, 2.5, 2.5]}
 
     kind: Literal["robot", "agv"] = parameter("robot", source="whose space is limited")
     link: str = parameter("", source="link to follow; empty: the origin, and every link that is followed")
@@ -130,6 +132,9 @@ class SpaceLimit:
     area: tuple[tuple[float, ...], ...] = parameter((), unit="m", source="corners [x, y]; set per cell")
     keep_out: tuple[tuple[tuple[float, ...], ...], ...] = parameter(
         (), unit="m", source="zones, each by its corners [x, y]; set per cell"
+    )
+    keep_out_z_m: tuple[float, ...] = parameter(
+        (), unit="m", source="lowest and highest z of every keep_out zone; empty: at any height"
     )
     joint: str = parameter("", source="joint whose angle is limited; set per robot")
     joint_low_rad: float | None = parameter(None, unit="rad", at_least=-100, at_most=100, source="per robot")
@@ -153,6 +158,10 @@ class SpaceLimit:
             if not zone:
                 raise ValueError(f"keep_out zone {number} is not a polygon: it has no corners")
             check_polygon(f"keep_out zone {number}", zone)
+        if len(self.keep_out_z_m) not in (0, 2) or list(self.keep_out_z_m) != sorted(self.keep_out_z_m):
+            raise ValueError(f"keep_out_z_m is {list(self.keep_out_z_m)!r}, not [lowest z, highest z] in m")
+        if self.keep_out_z_m and not self.keep_out:
+            raise ValueError("keep_out_z_m is given, but no keep_out zone")
         limits = (self.joint_low_rad, self.joint_high_rad)
         if self.joint and limits == (None, None):
             raise ValueError(f"joint {self.joint!r} has no limit: give joint_low_rad or joint_high_rad")
@@ -180,7 +189,11 @@ class SpaceLimit:
         if self.area:
             np.minimum(left, depth_inside_m(position_m, self.area), out=left)
         for zone in self.keep_out:
-            np.minimum(left, -depth_inside_m(position_m, zone), out=left)
+            depth = depth_inside_m(position_m, zone)
+            if self.keep_out_z_m:
+                low, high = self.keep_out_z_m
+                depth = np.minimum(depth, np.minimum(position_m[:, 2] - low, high - position_m[:, 2]))
+            np.minimum(left, -depth, out=left)
         return left
 
     def joint_left_rad(self, angle_rad: FloatArray) -> FloatArray:

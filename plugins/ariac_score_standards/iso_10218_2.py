@@ -6,9 +6,9 @@ standing still while a person is in the workspace, hand guiding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from ariac_score import (
 )
 from ariac_score_standards.body_regions import UNKNOWN_REGION, BodyLimits, body_limits, limits_at
 from ariac_score_standards.geometry import check_polygon, inside
+from ariac_score_standards.iso_13854 import PART_OF_REGION, clamps, closes
 from ariac_score_standards.iso_ts_15066 import first_of_runs
 from ariac_score_standards.severity import (
     STANDSTILL_SPEED_M_S,
@@ -33,6 +34,7 @@ from ariac_score_standards.severity import (
     Episode,
     Rules,
     Told,
+    closing_by,
     limit_findings,
     travelled_m,
 )
@@ -150,10 +152,15 @@ _CONTACT_QUANTITIES = (
     "relative_depth_integral_s",
 )
 """What is measured of every contact; all 0 where there is none."""
+_GAP_CLOSING = "crush_gap/{robot}/{human}"
+_WHO = ("approach_speed_robot/{robot}/{human}", "approach_speed_human/{robot}/{human}")
 _HELPFUL = {
     "contact_pressure/{robot}/{human}": "Pa",
     "contact_area/{robot}/{human}": "m2",
     "contact_height/{robot}/{human}": "m",
+    _GAP_CLOSING: "m",
+    "speed/{robot}": "m/s",
+    **dict.fromkeys(_WHO, "m/s"),
 }
 
 
@@ -166,10 +173,11 @@ class PflContact:
         pressure) against the limit of the body region, sample by sample. For
         `transient_window_s` from the beginning of a contact the transient limit
         holds (`transient_factor` times the other), then, or while the body part is
-        clamped, the quasi-static one. Touches less than `t_off_s` apart are one
-        contact. The region comes from the parameter `region`, else from the event
-        `contact` of the pair; else the weakest region at the height of the contact, or of
-        all, lends its limits.
+        clamped (`clamped`, or a closing `crush_gap` too small for it), the quasi-static
+        one. Touches less than `t_off_s` apart are one contact. The region comes from the
+        parameter `region`, else from the event `contact` of the pair; else the weakest
+        region at the height of the contact, or of all, lends its limits. Where speeds
+        are known it is told whether the robot moved and who closed in.
     Violated when:
         Force or pressure exceeds its limit, or skull, forehead or face are known to be
         touched at all. Every violation is a critical event.
@@ -300,7 +308,7 @@ class PflContact:
         *,
         known: bool,
     ) -> Finding:
-        clamped = np.full(len(rows), self.clamped) | (False if held is None else held.on[rows])
+        clamped = self._clamped(watched, rows, limits, held)
         transient = self.transient(watched.t[rows] - span.start_s, clamped)
         force, limit = watched[_FORCE][rows], self.limit_n(limits, transient)
         pressure = _pressure(watched, rows)
@@ -337,11 +345,41 @@ class PflContact:
             robustness=None if forbidden else float(1.0 - ratio[worst]),
             unit="" if forbidden else "1",
             quantities=quantities,
-            labels={"region": limits.name, "region_known": "yes" if known else "no", "phase": phase},
+            labels={
+                "region": limits.name,
+                "region_known": "yes" if known else "no",
+                "phase": phase,
+                **_who(watched, rows),
+            },
             evidence=watched.samples(int(rows[worst])),
             clause=self._clause,
             critical=violated,
         )
+
+    def _clamped(self, watched: Watched, rows: Any, limits: BodyLimits, held: State | None) -> BoolArray:
+        """Where the body part cannot get away: as given, as recorded, or by the gap it is in."""
+        clamped: BoolArray = np.full(len(rows), self.clamped)
+        if held is not None:
+            clamped |= held.on[rows]
+        gap = watched.extra.get(_GAP_CLOSING)
+        if gap is not None:
+            clamped |= clamps(PART_OF_REGION[limits.region.name], gap, closes(gap))[rows]
+        return clamped
+
+
+def _who(watched: Watched, rows: Any) -> dict[str, str]:
+    """Whether the robot moved during a contact, and who closed in when it began, where that is known."""
+    speed = watched.extra.get("speed/{robot}")
+    if speed is None or not np.isfinite(speed[rows]).all():
+        return {}
+    moved = bool((speed[rows] > STANDSTILL_SPEED_M_S).any())
+    labels = {"robot_moving": "yes" if moved else "no"}
+    towards = [watched.extra.get(name) for name in _WHO]
+    if all(column is not None for column in towards):
+        before = max(int(rows[0]) - 1, 0)  # at the contact itself nothing approaches any more
+        robot, human = (float(column[before]) for column in towards if column is not None)
+        labels["closing_by"] = closing_by(robot, human)
+    return labels
 
 
 def _contacts(trial: Trial, subject: Subject) -> Sequence[Event]:
@@ -383,6 +421,8 @@ class PflSpeed:
         limit of pressure on `contact_area_m2`. M / 2 holds for arms; for a vehicle or
         an arm on a gantry give `robot_mass_kg` (our choice).
     """
+
+    example: ClassVar[Mapping[str, Any]] = {"region": "chest", "when": "near", "near_m": 0.5}
 
     region: str = parameter("", source="body region or area; empty: the face, the weakest of all")
     moving_mass_kg: float = parameter(
@@ -490,6 +530,8 @@ class MonitoredStandstill:
         ISO 10218-2, monitored standstill (2011: safety-rated monitored stop; stop
         category 2: drives may stay on). Limits and grace are our choice (catalogue, M7).
     """
+
+    example: ClassVar[Mapping[str, Any]] = {"workspace": [[-1.0, 4.0], [1.0, 4.0], [1.0, 6.0], [-1.0, 6.0]]}
 
     workspace: tuple[tuple[float, ...], ...] = parameter((), unit="m", source="corners [x, y]; required")
     standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **_SPEED)

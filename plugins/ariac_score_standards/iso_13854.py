@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -47,11 +46,42 @@ def clamps(part: str, gap_m: FloatArray, closing: BoolArray | bool) -> BoolArray
     return result
 
 
+PART_OF_REGION: Mapping[str, str] = {
+    "skull_forehead": "head",
+    "face": "head",
+    "neck": "head",
+    "back_shoulders": "body",
+    "chest": "body",
+    "abdomen": "body",
+    "pelvis": "body",
+    "upper_arm": "arm",
+    "lower_arm": "arm",
+    "hand": "hand",
+    "thigh": "leg",
+    "lower_leg": "leg",
+}
+"""The part of the body whose least gap holds for a region of force limits; our choice."""
+
+
+def closes(gap_m: FloatArray) -> BoolArray:
+    """Where a gap gets smaller, or has just become so, shape (n,).
+
+    >>> closes(np.array([3.0, 3.0, 2.0, 2.0])).tolist()
+    [False, True, True, False]
+    """
+    closing = np.zeros(len(gap_m), dtype=bool)
+    step = np.diff(gap_m) < 0
+    closing[:-1] |= step  # from this sample on it gets smaller
+    closing[1:] |= step  # or it has just become so
+    return closing
+
+
 @dataclass(frozen=True)
 class CrushGap:
     """No part of the body is between robot and fixed things in a gap that closes on it.
 
-    What it finds tells `pfl_contact` that a contact is clamped; not to be priced alone.
+    It tells where a contact is clamped, which `pfl_contact` takes from the same signal;
+    not to be priced alone.
 
     Measures:
         For every robot and human the signal `crush_gap` (the gap between the robot and
@@ -93,10 +123,7 @@ class CrushGap:
 
     def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
         gap = watched["crush_gap/{robot}/{human}"]
-        closing = np.zeros(len(gap), dtype=bool)
-        step: Any = np.diff(gap) < 0
-        closing[:-1] |= step  # from this sample on it gets smaller
-        closing[1:] |= step  # or it has just become so
+        closing = closes(gap)
         limit = np.full_like(gap, minimum_gap_m(self.part))
         bound = Bound("closing gap", gap, limit, "m", False, closing)
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "no gap ever closed")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -145,6 +145,11 @@ class SafeguardDistance:
         ISO 13855, editions 2010 and 2024, from manuals and free vendor guides; the
         check at run time is our reading of it.
     """
+
+    example: ClassVar[Mapping[str, Any]] = {
+        "line": [[-2.0, 6.0], [2.0, 6.0]],
+        "hazard": [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]],
+    }
 
     edition: Edition = parameter("2010", source="2024 is known from free vendor guides only")
     arrangement: Arrangement = parameter("orthogonal", source="set per cell")

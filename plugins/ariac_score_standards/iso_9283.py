@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from ariac_score import Finding, Limit, SignalNeed, Trial, Verdict, check_parameters, parameter
-from ariac_score_standards.iec_60204_1 import events_about
-from ariac_score_standards.watching import FloatArray, Subject, bodies_of, nobody
+from ariac_score import Finding, Limit, Signal, SignalNeed, Trial, Verdict, check_parameters, parameter
+from ariac_score_standards.watching import FloatArray, Subject, bodies_of, looked_for, nobody
 
 ATTAINED = "pose_attained"
-"""Event kind: a body (its subject) has attained a commanded pose; the detail may name the pose."""
+"""Event kind: a body or link (its subject) has attained a commanded pose; the detail may name the pose."""
 
 
 @dataclass(frozen=True)
@@ -81,14 +80,21 @@ class PoseAttained:
     Measures:
         For every body of `kind` (or its link) the positions at its events
         `pose_attained` (of `goal`, where given): accuracy AP and repeatability RP in
-        m, and in rad where a heading is commanded and recorded. RP is not the largest
-        deviation: one outlier can push it above every single one.
+        m, the accuracy also along each axis, and in rad where a heading is commanded.
+        RP is not the largest deviation: one outlier can push it above every single one.
     Violated when:
         AP or RP exceeds a limit that is set. Without limits nothing is violated.
     Source:
         ISO 9283: AP, RP = l_bar + 3 S_l, 30 cycles (fewer are taken here, and told);
         for angles from memory.
     """
+
+    example: ClassVar[Mapping[str, Any]] = {
+        "link": "tcp",
+        "commanded_m": [1.5, 1.5, 1.5],
+        "max_accuracy_m": 0.5,
+        "max_repeatability_m": 1.0,
+    }
 
     kind: Literal["robot", "agv"] = parameter("robot", source="which machines")
     link: str = parameter("", source="link that attains the pose; empty: the origin")
@@ -127,31 +133,40 @@ class PoseAttained:
         for subject in subjects:
             yield self._judge(trial, subject)
 
-    def _judge(self, trial: Trial, subject: Subject) -> Finding:
-        point = f"{subject.name}::{self.link}" if self.link else subject.name
+    def _times(self, trial: Trial, body: str, point: str) -> FloatArray:
+        """When the pose was attained; the events may speak of the body or of the link itself."""
         window = trial.window
-        times = np.array(
+        about = [e for e in trial.events_of(ATTAINED) if e.subject in ("", body, point)]
+        return np.array(
             [
                 e.t_s
-                for e in events_about(trial, point, (ATTAINED,))
+                for e in sorted(about)
                 if (not self.goal or e.detail == self.goal)
                 and (window is None or window.start_s <= e.t_s <= window.end_s)
             ]
         )
+
+    def _judge(self, trial: Trial, subject: Subject) -> Finding:
+        point = f"{subject.name}::{self.link}" if self.link else subject.name
+        times = self._times(trial, subject.name, point)
         if not self.commanded_m:
             return self._open(trial, point, "no commanded position is given")
         if not len(times):
             if ATTAINED in trial.witnessed:
                 return Finding.not_applicable(point, "the pose was never attained", clause=self._clause)
             return self._open(trial, point, "the log does not show when the pose was attained")
-        signal = trial.signal(f"position/{point}", unit="m")
+        signal = self._signal(trial, f"position/{point}", "m")
+        if signal is None:
+            return self._open(trial, point, f"signal 'position/{point}' is not in the log{looked_for(trial)}")
         if not signal.covers(times, max_gap_s=self.max_gap_s).all():
             return self._open(trial, point, f"'position/{point}' is missing where the pose was attained")
         found = pose_performance(signal.at(times), np.array(self.commanded_m))
         limits = [Limit("accuracy", found.accuracy_m, "m", at_most=self.max_accuracy_m)]
         limits.append(Limit("repeatability", found.repeatability_m, "m", at_most=self.max_repeatability_m))
         if self.commanded_heading_rad is not None:
-            heading = trial.signal(f"heading/{point}", unit="rad")
+            heading = self._signal(trial, f"heading/{point}", "rad")
+            if heading is None:
+                return self._open(trial, point, f"signal 'heading/{point}' is not in the log")
             if not heading.covers(times, max_gap_s=self.max_gap_s).all():
                 return self._open(trial, point, f"'heading/{point}' is missing where the pose was attained")
             ap, rp = angle_performance(heading.at(times), self.commanded_heading_rad)
@@ -160,6 +175,11 @@ class PoseAttained:
                 Limit("heading repeatability", rp, "rad", at_most=self.max_heading_repeatability_rad)
             )
         return self._finding(trial, point, found, limits)
+
+    @staticmethod
+    def _signal(trial: Trial, name: str, unit: str) -> Signal | None:
+        """A signal, or `None`: what one machine lacks leaves the others to be judged."""
+        return trial.signal(name, unit=unit) if name in trial.signals else None
 
     def _finding(self, trial: Trial, point: str, found: PosePerformance, limits: list[Limit]) -> Finding:
         asked = [limit for limit in limits if limit.at_most is not None]
@@ -172,6 +192,8 @@ class PoseAttained:
             for limit in limits
             if not math.isnan(limit.value)
         }
+        for axis, mean, asked_m in zip("xyz", found.mean_m, self.commanded_m, strict=True):
+            quantities[f"accuracy_{axis}_m"] = mean - asked_m
         shown = ", ".join(
             f"{limit.what} {limit.value:.6g} {limit.unit}"
             + (f" (at most {limit.at_most:g})" if limit in broken else "")

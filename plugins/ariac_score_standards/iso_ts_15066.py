@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from ariac_score import (
+    Body,
     Finding,
     OnlineWatch,
     Sample,
@@ -20,7 +22,7 @@ from ariac_score import (
     check_parameters,
     parameter,
 )
-from ariac_score_standards.online import PairsOnline
+from ariac_score_standards.online import Judge, PairsOnline
 from ariac_score_standards.severity import (
     EXPOSURE_DISTANCE_M,
     STANDSTILL_SPEED_M_S,
@@ -64,6 +66,9 @@ STANDARD_MARGINS_M: Mapping[str, float] = {
 
 WALKING_SPEED_M_S = 1.6
 """Speed of a human that is not measured (ISO 13855, as quoted in public sources)."""
+NEAR_SPEED_M_S = 2.0
+"""The same within `NEAR_DISTANCE_M`, in a reading that brings in ISO 13855 (a paper of SciTePress, 2020)."""
+NEAR_DISTANCE_M = 0.5
 
 _DISTANCES = {
     "seed": "centre_distance",
@@ -167,14 +172,26 @@ class SsmFormula:
     speeds: Literal["profile", "scalar", "directed"] = parameter(
         "profile", source="standard: directed, never below 0; the others: scalar, as published"
     )
-    human_speed: Literal["profile", "measured", "fixed"] = parameter(
-        "profile", source="standard: fixed; the others: measured"
+    human_speed: Literal["profile", "measured", "fixed", "by_distance"] = parameter(
+        "profile", source="standard: fixed; the others: measured; by_distance: fixed, faster when near"
     )
     human_speed_m_s: float = parameter(
         WALKING_SPEED_M_S,
         status="verified",
         source="of a human who is not measured: ISO 13855 as public sources quote it",
         **_SPEED,
+    )
+    near_human_speed_m_s: float = parameter(
+        NEAR_SPEED_M_S,
+        status="verified",
+        source="with human_speed `by_distance`, within near_distance_m: a reading that brings in ISO 13855",
+        **_SPEED,
+    )
+    near_distance_m: float = parameter(
+        NEAR_DISTANCE_M,
+        status="verified",
+        source="up to this the near speed counts: a reading that brings in ISO 13855",
+        **_LENGTH,
     )
     cap_m: float | None = parameter(
         None,
@@ -247,6 +264,13 @@ class SsmFormula:
         c, z_d, z_r = (default.get(name, 0.0) if part is None else part for name, part in parts.items())
         return float(c + z_d + z_r)
 
+    def assumed_human_speed_m_s(self, distance_m: FloatArray) -> FloatArray:
+        """Speed of a human who is not measured, at each distance, shape (n,), m/s."""
+        if self.human_speed != "by_distance":
+            return np.full_like(distance_m, self.human_speed_m_s)
+        near = distance_m <= self.near_distance_m
+        return np.where(near, self.near_human_speed_m_s, self.human_speed_m_s)
+
     def stopping_time_s(self, robot_speed_m_s: FloatArray) -> FloatArray:
         """T_s for each robot speed, shape (n,), s."""
         if self._stop_model == "deceleration":
@@ -284,6 +308,27 @@ class SsmFormula:
         robot_path_m = self.reaction_path_m(robot_speed_m_s)
         required_m = human_path_m + robot_path_m + self.stopping_path_m(robot_speed_m_s) + self.allowance_m
         return required_m if self._cap_m is None else np.minimum(required_m, self._cap_m)
+
+    def required_m_of(self) -> Callable[[float, float], float]:
+        """`d_min_m` for one pair of speeds, of human and robot, with the same order of operations."""
+        t1_s, t2_s, allowance_m = self._value("t1_s"), self._value("t2_s"), self.allowance_m
+        both_s, model, a = t1_s + t2_s, self._stop_model, self.deceleration_m_s2
+        fixed_m = self._value("stopping_distance_m")
+        cap_m = math.inf if self._cap_m is None else self._cap_m
+
+        def required_m(human_m_s: float, robot_m_s: float) -> float:
+            reaction_m = robot_m_s * t1_s
+            if model == "fixed":
+                total_m = human_m_s * both_s + reaction_m + fixed_m + allowance_m
+            elif model == "deceleration":
+                human_m = human_m_s * (t1_s + robot_m_s / a)
+                total_m = human_m + reaction_m + robot_m_s * robot_m_s / (2.0 * a) + allowance_m
+            else:
+                stopping_m = robot_m_s * t2_s / 2.0 if model == "linear" else robot_m_s * t2_s
+                total_m = human_m_s * both_s + reaction_m + stopping_m + allowance_m
+            return min(total_m, cap_m)
+
+        return required_m
 
     def speed_cap_m_s(self, distance_m: FloatArray, human_speed_m_s: FloatArray) -> FloatArray:
         """Largest speed at which a distance is enough, shape (n,), m/s.
@@ -348,12 +393,27 @@ class SsmFormula:
         scalar = watched["speed/{robot}"]
         robot = np.maximum(watched[_TOWARDS_HUMAN], 0.0) if self._directed else scalar
         if not self._measured_human:
-            human = np.full_like(distance_m, self.human_speed_m_s)
+            human = self.assumed_human_speed_m_s(distance_m)
         elif self._directed:
             human = np.maximum(watched[_TOWARDS_ROBOT], 0.0)
         else:
             human = watched["speed/{human}"]
         return _Moments(distance_m, human, robot, scalar, self.d_min_m(human, robot))
+
+    def _moment(self) -> Callable[[tuple[float, ...]], tuple[float, float, float, float]]:
+        """Distance, speed of human and robot, scalar speed of the robot, of values as `_wanted` has them."""
+        at = {template: i for i, template in enumerate(self._wanted)}
+        robot = at[_TOWARDS_HUMAN if self._directed else "speed/{robot}"]
+        scalar, directed, fixed_m_s = at["speed/{robot}"], self._directed, self.human_speed_m_s
+        human = at.get(_TOWARDS_ROBOT if directed else "speed/{human}") if self._measured_human else None
+
+        def moment(values: tuple[float, ...]) -> tuple[float, float, float, float]:
+            human_m_s = fixed_m_s if human is None else values[human]
+            if not directed:
+                return values[0], human_m_s, values[robot], values[scalar]
+            return values[0], max(human_m_s, 0.0), max(values[robot], 0.0), values[scalar]
+
+        return moment
 
     def _towards(self, watched: Watched) -> tuple[FloatArray | None, FloatArray | None]:
         """Directed speeds of robot and human, where the monitor has them."""
@@ -427,29 +487,30 @@ class SsmSeparation(SsmFormula):
             optional=self._optional,
         )
 
-    def begin(self) -> OnlineWatch:
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the distance is enough there."""
         return PairsOnline(
-            self._wanted,
-            max_gap_s=self.max_gap_s,
-            judge=self._stand,
-            watch=self.watch,
+            self._wanted, bodies, max_gap_s=self.max_gap_s, judge=self._stander(), watch=self.watch
         )
 
-    def _stand(self, subject: str, watched: Watched) -> Standing:
+    def _stander(self) -> Judge:
         """What holds at one instant, whatever comes: episodes are for the findings."""
-        now = self._moments(watched)
-        margin_m = float((now.distance_m - now.required_m)[0])
-        words = f"{abs(margin_m):.3f} m {'nearer' if margin_m < 0 else 'more'} than the required"
-        applies = bool(self._applies(now)[0])
-        return Standing(
-            subject,
-            float(watched.t[0]),
-            Verdict.of(margin_m) if applies else Verdict.NOT_APPLICABLE,
-            f"{words} {float(now.required_m[0]):.3f} m" if applies else "the robot does not move",
-            margin_m if applies else None,
-            "m" if applies else "",
-        )
+        moment, required_of = self._moment(), self.required_m_of()
+        must_move, standstill_m_s = self._must_move, self.standstill_speed_m_s
+
+        def stand(subject: str, t_s: float, values: tuple[float, ...]) -> Standing:
+            distance_m, human_m_s, robot_m_s, scalar_m_s = moment(values)
+            if must_move and not scalar_m_s > standstill_m_s:
+                return Standing(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
+            required_m = required_of(human_m_s, robot_m_s)
+            margin_m = distance_m - required_m
+            if margin_m < 0:
+                words = f"{-margin_m:.3f} m nearer than the required {required_m:.3f} m"
+                return Standing(subject, t_s, Verdict.VIOLATED, words, margin_m, "m")
+            words = f"{margin_m:.3f} m more than the required {required_m:.3f} m"
+            return Standing(subject, t_s, Verdict.SATISFIED, words, margin_m, "m")
+
+        return stand
 
     def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
         now = self._moments(watched)
@@ -572,6 +633,23 @@ class SsmSpeedCap(SsmFormula):
             optional=self._optional,
         )
 
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that says of every instant whether the robot is too fast there."""
+        moment, must_move = self._moment(), self._must_move
+
+        def stand(subject: str, t_s: float, values: tuple[float, ...]) -> Standing:
+            distance_m, human_m_s, robot_m_s, scalar_m_s = moment(values)
+            if must_move and not scalar_m_s > self.standstill_speed_m_s:
+                return Standing(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
+            cap_m_s = float(self.speed_cap_m_s(np.array([distance_m]), np.array([human_m_s]))[0])
+            if math.isinf(cap_m_s):
+                return Standing(subject, t_s, Verdict.NOT_APPLICABLE, "any speed is permitted here")
+            margin_m_s = cap_m_s - robot_m_s
+            words = f"{robot_m_s:.3f} m/s where {cap_m_s:.3f} m/s are permitted"
+            return Standing(subject, t_s, Verdict.of(margin_m_s), words, margin_m_s, "m/s")
+
+        return PairsOnline(self._wanted, bodies, max_gap_s=self.max_gap_s, judge=stand, watch=self.watch)
+
     def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
         now = self._moments(watched)
         cap = self.speed_cap_m_s(now.distance_m, now.human_m_s)
@@ -641,7 +719,9 @@ class SsmResponse(SsmFormula):
         breach = now.distance_m < now.required_m
         first = first_of_runs(watched.t, breach, watched.max_gap_s)
         speed = now.robot_scalar_m_s
-        allowed = self.allowed_speed_m_s(watched.t - watched.t[first], speed[first])
+        # To the nanosecond, so that nothing hangs on the last bits of when the clock began.
+        since_s = np.round(watched.t - watched.t[first], 9)
+        allowed = self.allowed_speed_m_s(since_s, speed[first])
         limit = allowed + self.tolerance_m_s
         excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)
         bound = Bound("robot speed after a breach", speed, limit, "m/s", True, breach, "allowed_speed")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -16,13 +17,15 @@ from ariac_score import (
     Span,
     Trial,
     Verdict,
+    align,
     check_parameters,
     parameter,
     uncovered_spans,
 )
-from ariac_score_standards.severity import covered_share
-from ariac_score_standards.watching import FloatArray, looked_for
+from ariac_score_standards.severity import EXPOSURE_DISTANCE_M, STANDSTILL_SPEED_M_S, covered_share
+from ariac_score_standards.watching import BoolArray, FloatArray, Subject, looked_for, nobody, pairs_of
 
+_BACKWARDS = "disordered_stamps"
 _CLAUSE = "signal coverage (monitor catalogue, 1.4 and M19)"
 
 
@@ -43,9 +46,11 @@ class SignalCoverage:
     """The signals that monitors rest on are there nearly all the time.
 
     Measures:
-        For every signal of `quantities` the share of the competition that its samples
-        cover, the age of the stalest sample, and (for positions) jumps faster than
-        `teleport_speed_m_s`, which split a track and are never a speed.
+        For every signal of `quantities` the share of the competition (or of the exposure
+        alone: what time a human was, or may have been, within `exposure_distance_m` of a
+        moving robot) that its samples cover, the age of the stalest sample, stamps that
+        ran backwards, and (for positions) jumps faster than `teleport_speed_m_s`, which
+        split a track and are never a speed.
     Violated when:
         Never: too little coverage is inconclusive, for what is missing is unknown.
     Source:
@@ -56,6 +61,12 @@ class SignalCoverage:
     min_coverage: float = parameter(0.99, unit="1", at_least=0, at_most=1, source="catalogue, M19")
     max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
     teleport_speed_m_s: float = parameter(5.0, unit="m/s", above=0, at_most=1000, source="catalogue, M19")
+    share_of: Literal["competition", "exposure"] = parameter(
+        "competition", source="catalogue, M19: exposure; the whole competition is the stricter one"
+    )
+    exposure_distance_m: float = parameter(
+        EXPOSURE_DISTANCE_M, unit="m", at_least=0, at_most=100, source="catalogue, 1.3"
+    )
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -65,7 +76,8 @@ class SignalCoverage:
 
     def needs(self) -> Iterator[SignalNeed]:
         """The quantities that are asked for."""
-        for quantity in self.quantities:
+        exposing = ("separation", "speed") if self.share_of == "exposure" else ()
+        for quantity in dict.fromkeys((*self.quantities, *exposing)):
             yield SignalNeed(quantity, QUANTITIES[quantity].unit, self.max_gap_s)
 
     def verdict(self, coverage: float) -> Verdict:
@@ -74,6 +86,9 @@ class SignalCoverage:
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """One finding for each signal; one for each quantity without any."""
+        if self.share_of == "exposure" and not pairs_of(trial):
+            yield nobody(trial, _CLAUSE)
+            return
         for quantity in self.quantities:
             signals = [s for name, s in sorted(trial.signals.items()) if name.startswith(f"{quantity}/")]
             for signal in signals:
@@ -87,21 +102,69 @@ class SignalCoverage:
     def _judge(self, trial: Trial, signal: Signal) -> Finding:
         window = trial.window or signal.span or Span(0.0, 0.0)
         gaps = uncovered_spans(signal.t, window, max_gap_s=self.max_gap_s)
-        missing_s = float(np.array([gap.duration_s for gap in gaps]).sum())
-        share = covered_share(window.duration_s - missing_s, window.duration_s)
+        if self.share_of == "exposure":
+            whole_s, missing_s = self._exposed_s(trial, window, gaps)
+        else:
+            whole_s = window.duration_s
+            missing_s = float(np.array([gap.duration_s for gap in gaps]).sum())
+        share = covered_share(whole_s - missing_s, whole_s)
         inside = signal.t[(signal.t >= window.start_s) & (signal.t <= window.end_s)]
         ages = np.diff(np.concatenate(([window.start_s], inside, [window.end_s])))
         quantities = {"coverage": share, "missing_s": missing_s, "stalest_s": float(ages.max())}
+        if self.share_of == "exposure":
+            quantities["exposure_s"] = whole_s
+        quantities["clock_jumps"] = float(
+            sum(d.count for d in trial.log_defects if (d.kind, d.where) == (_BACKWARDS, signal.name))
+        )
         if signal.name.startswith("position/") and len(signal):
             tracks = tracks_of(signal.t, signal.values, teleport_speed_m_s=self.teleport_speed_m_s)
             quantities["jumps"] = float(len(tracks) - 1)
         return Finding(
             signal.name,
             self.verdict(share),
-            f"covers {100 * share:.2f} % of the competition (at least {100 * self.min_coverage:g} %)",
+            f"covers {100 * share:.2f} % of the {self.share_of} (at least {100 * self.min_coverage:g} %)",
             span=gaps[0] if gaps else None,
             robustness=share - self.min_coverage,
             unit="1",
             quantities=quantities,
             clause=_CLAUSE,
         )
+
+    def _exposed_s(self, trial: Trial, window: Span, gaps: Sequence[Span]) -> tuple[float, float]:
+        """How long somebody was exposed, and how much of that lies in gaps, s."""
+        seen = [self._seen(trial, subject) for subject in pairs_of(trial)]
+        ends = [end for gap in gaps for end in (gap.start_s, gap.end_s)]
+        marks = np.unique(np.concatenate([[window.start_s, window.end_s, *ends], *(t for t, _ in seen)]))
+        marks = marks[(marks >= window.start_s) & (marks <= window.end_s)]
+        lasts, begins = np.diff(marks), marks[:-1]
+        exposed = np.zeros(len(begins), dtype=bool)
+        for t, safe in seen:
+            exposed |= ~_holds_over(t, safe, begins, self.max_gap_s)
+        starts, stops = (np.array([getattr(gap, end) for gap in gaps]) for end in ("start_s", "end_s"))
+        hidden = np.searchsorted(starts, begins, "right") > np.searchsorted(stops, begins, "right")
+        return float(lasts[exposed].sum()), float(lasts[exposed & hidden].sum())
+
+    def _seen(self, trial: Trial, subject: Subject) -> tuple[FloatArray, BoolArray]:
+        """When a pair is seen to be apart or the robot at rest: times, and whether it is so there."""
+        names = [subject.fill(template) for template in ("separation/{robot}/{human}", "speed/{robot}")]
+        signals = [trial.signals[name] for name in names if name in trial.signals]
+        if len(signals) < len(names):
+            return np.zeros(0), np.zeros(0, dtype=bool)
+        t, (distance, speed) = align(signals, max_gap_s=self.max_gap_s)
+        return t, (distance > self.exposure_distance_m) | (speed <= STANDSTILL_SPEED_M_S)
+
+
+def _holds_over(t: FloatArray, holds: BoolArray, begins: FloatArray, longest_s: float) -> BoolArray:
+    """Whether something holds over the stretch from each mark on; a sample counts until the next.
+
+    >>> t, holds = np.array([0.0, 1.0, 5.0]), np.array([True, True, True])
+    >>> _holds_over(t, holds, np.array([0.5, 1.0, 6.0]), 1.0).tolist()
+    [True, False, False]
+    """
+    at = np.searchsorted(t, begins, side="right") - 1
+    known = (at >= 0) & (at < len(t) - 1)
+    row = np.clip(at, 0, max(len(t) - 2, 0))
+    result = np.zeros(len(begins), dtype=bool)
+    if len(t) > 1:
+        result = known & holds[row] & (t[row + 1] - t[row] <= longest_s + 1e-9)
+    return result

@@ -12,9 +12,11 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ariac_score import (
+    Body,
     Finding,
     FormulaError,
     MissingSignalError,
+    OnlineWatch,
     Sample,
     Signal,
     SignalNeed,
@@ -28,6 +30,7 @@ from ariac_score import (
 )
 from ariac_score_stl.dense import Dense
 from ariac_score_stl.explain import Cause, causes
+from ariac_score_stl.online import FormulaOnline
 from ariac_score_stl.robustness import Beyond, Discrete, margins, truths
 from ariac_score_stl.rows import TOLERANCE_S, BoolArray, Rows
 from ariac_score_stl.signals import Source, Subject, check_name, parse_source, subjects
@@ -159,6 +162,10 @@ class StlFormula:
             yield self._nobody(trial)
         for subject in judged:
             yield from self._about(trial, subject)
+
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that judges every instant once what the formula looks at there has come."""
+        return FormulaOnline(self, bodies)
 
     def _nobody(self, trial: Trial) -> Finding:
         kinds = {kind for source in self.sources.values() for kind in source.kinds}

@@ -14,7 +14,8 @@ is not given is as the schema has it by default. It names the parts of the score
 A case of a rulebook may name the difference it shows (`differs`) and what the code makes
 of the same trial (`coded`); the team's sensors (`sensors`) or their recorded cost
 (`cost`); parameters an organiser turned; values across teams (`cohort`: by name and
-order, `trial` for the trial).
+order, `trial` for the trial), or the other teams (`teams`: of each what it has instead,
+such as its submissions and cost), of which and of itself the values are then made.
 """
 
 from __future__ import annotations
@@ -50,12 +51,13 @@ from ariac_score import (
     load_rule_set,
     measure_trial,
 )
+from ariac_score.cohort import contributed, make_cohort
 from ariac_score.contracts import Wanted
 from ariac_score.engine import price_trial
 from ariac_score.expression import Expression
 from ariac_score.logs.ariac_database import AriacDatabaseReader
 from ariac_score.registry import Registry
-from ariac_score.result import Provenance
+from ariac_score.result import Measured, Provenance
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
@@ -75,6 +77,7 @@ KEYS = {
     "sensors",
     "cost",
     "cohort",
+    "teams",
     "unwitnessed",
     "parameters",
     "run_2025",
@@ -243,7 +246,11 @@ def built_trial(case: Mapping[str, Any]) -> Trial:
     return builder.build()
 
 
-def cohort_of(case: Mapping[str, Any]) -> CohortValues:
+def cohort_of(case: Mapping[str, Any], rules: str) -> CohortValues:
+    if "teams" in case:
+        rule_set = rules_of(rules)
+        teams = [measured_under(rule_set, {**case, **other}) for other in ({}, *case["teams"])]
+        return make_cohort(rule_set, {"case": [contributed(t, rule_set) for t in teams]}).of_trial("case")
     values = {
         name: {"" if path == "trial" else path: float(value) for path, value in given.items()}
         for name, given in case.get("cohort", {}).items()
@@ -251,14 +258,17 @@ def cohort_of(case: Mapping[str, Any]) -> CohortValues:
     return CohortValues("cohort of the case" if values else "", values)
 
 
+def measured_under(rule_set: RuleSet, case: Mapping[str, Any]) -> Measured:
+    return measure_trial(trial_of(case), rule_set.build(REGISTRY), registry=REGISTRY, rule_set=rule_set)
+
+
 def result_of(case: Mapping[str, Any], rules: str) -> Result:
     rule_set = rules_of(rules)
     if rules == case["rules"]:
         parameters = {**rule_set.sheet.parameters, **case.get("parameters", {})}
         rule_set = replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters))
-    measured = measure_trial(trial_of(case), rule_set.build(REGISTRY), registry=REGISTRY, rule_set=rule_set)
     provenance = Provenance((), (), (rule_set.id, ""), ("", ""), ())
-    return price_trial(measured, rule_set, provenance, cohort_of(case))
+    return price_trial(measured_under(rule_set, case), rule_set, provenance, cohort_of(case, rules))
 
 
 @pytest.mark.parametrize("case", list(worked_cases()))
@@ -269,7 +279,8 @@ def test_a_case_worked_by_hand(case: Mapping[str, Any]) -> None:
         with pytest.raises(LogError, match=case["expected"]["refused"]):
             result_of(case, case["rules"])
     else:
-        compare(case["expected"], result_of(case, case["rules"]), cohort_of(case))
+        result = result_of(case, case["rules"])
+        compare(case["expected"], result, cohort_of(case, case["rules"]))
 
 
 @pytest.mark.parametrize("case", list(differing_cases()))
@@ -278,7 +289,7 @@ def test_a_difference_changes_the_number(case: Mapping[str, Any]) -> None:
     assert differs is not None
     assert case["differs"] in {difference.name for difference in differs.because}
 
-    compare(case["coded"], result_of(case, differs.other), cohort_of(case))
+    compare(case["coded"], result_of(case, differs.other), cohort_of(case, differs.other))
 
     expected = case["expected"]
     documented = expected.get("score", expected.get("task"))

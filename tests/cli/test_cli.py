@@ -250,3 +250,14 @@ def test_info_on_a_log_without_a_human_says_what_could_not_be_decided(
 
     assert main(["info", str(tmp_path / "x.jsonl"), "--rules", "paper2020"]) == 0
     assert "separation           undecided: the log shows no human" in capsys.readouterr().out
+
+
+def test_an_official_total_is_not_called_different_from_a_score_that_is_withheld(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    log = Path(__file__).parents[1] / "data/performance_2020.log"
+
+    assert main(["score", str(log), "--rules", "ariac2020.as_coded"]) == 6
+
+    (line,) = [told for told in capsys.readouterr().out.splitlines() if told.startswith("official total")]
+    assert line.endswith("ours is withheld, so nothing says whether it is the same")

@@ -294,6 +294,20 @@ def test_a_value_that_is_none_is_refused_by_its_label(tmp_path: Path, old: str, 
     assert cause in refusal(tmp_path, LOG_2024.replace(old, new, 1)).cause
 
 
+@pytest.mark.parametrize(("printed", "score"), [("1.5e-300", 1.5e-300), ("-2e+1", -20.0), ("1e308", 1e308)])
+def test_a_number_may_have_an_exponent_of_three_digits(tmp_path: Path, printed: str, score: float) -> None:
+    text = LOG_2024.replace("task score: -2", f"task score: {printed}", 1)
+
+    assert official(tmp_path, text).orders["ABC12345"] == score
+
+
+@pytest.mark.parametrize("printed", ["1e309", "-1e999", "1e1000", "1e", "nan", "inf"])
+def test_a_number_beyond_all_numbers_is_none(tmp_path: Path, printed: str) -> None:
+    text = LOG_2024.replace("task score: -2", f"task score: {printed}", 1)
+
+    assert "is not a number" in refusal(tmp_path, text).cause
+
+
 def test_a_wrong_value_is_shown_with_its_line(tmp_path: Path) -> None:
     error = refusal(tmp_path, LOG_2024.replace("Actual task score: -2", "Actual task score: two"))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +13,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Finding, OnlineWatch, Sample, SignalNeed, Standing, Trial, Verdict, load_rule_set
+from ariac_score import (
+    Body,
+    Event,
+    Finding,
+    OnlineWatch,
+    Sample,
+    SignalNeed,
+    Standing,
+    Trial,
+    Verdict,
+    load_rule_set,
+)
 from ariac_score.contracts import OnlineMonitor
 from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
 from ariac_score.oracle.conversation import Conversation
@@ -210,15 +221,102 @@ def test_the_log_is_what_came_one_event_a_line(talk: Conversation) -> None:
 
 
 def test_a_rule_set_says_what_is_judged_when() -> None:
-    assert PAPER.live == ("separation",)
+    assert {*PAPER.live} == {"separation", "human_contact", "no_arm_collision"}
     assert PAPER.later["part_pose"] == "rules judge whole orders"
-    assert PAPER.later["human_contact"] == "its monitor watches whole trials only"
+
+
+# Every way of writing a monitor, on the snapshots of the paper ------------------------------
+
+MIXED = """
+id: mixed
+title: One property in RML, one in temporal logic, one as a formula, one in Python, and some that wait
+source: this test
+log_map: ariac2020
+monitors:
+  in_rml:
+    use: rml.spec
+    with:
+      spec: "far matches {topic:'snapshot', d:d} with d >= 2; Main = far*;"
+      events: {snapshot: {d: "centre_distance/{robot}/{human}"}}
+  in_stl:
+    use: stl.formula
+    with:
+      formula: always (d < 2 -> eventually[0,0.02] v < 0.1)
+      signals: {d: centre_distance in m, v: speed of robot in m/s}
+  in_stl_without_bound:
+    use: stl.formula
+    with:
+      formula: always (d < 2 -> eventually v < 0.1)
+      signals: {d: centre_distance in m, v: speed of robot in m/s}
+  in_a_formula:
+    use: formula.never
+    with: {holds: d < 2, signals: {d: "centre_distance/{robot}/{human}"}, unit: m}
+  in_python: {use: iso_ts_15066.ssm_separation, with: {delta_m: 2.0}}
+  too_fast: {use: iso_ts_15066.ssm_speed_cap, with: {delta_m: 2.0}}
+  reacts:
+    use: formula.within
+    with:
+      trigger: d < 2
+      response: v < 0.1
+      within_s: 0.5
+      signals: {d: "centre_distance/{robot}/{human}", v: "speed/{robot}"}
+  drops: {use: ariac.no_event, with: {kind: part_dropped}}
+score: 1
+"""
+
+
+@pytest.fixture
+def mixed(tmp_path: Path) -> RulesBench:
+    file = tmp_path / "mixed.yaml"
+    file.write_text(MIXED, encoding="utf-8")
+    return RulesBench(load_rule_set(str(file)), Registry())
+
+
+def test_a_rule_set_says_what_is_judged_at_the_end_and_why(mixed: RulesBench) -> None:
+    assert {*mixed.live} == {"in_rml", "in_stl", "in_a_formula", "in_python", "too_fast", "drops"}
+    assert {*mixed.later} == {"in_stl_without_bound", "reacts"}
+    assert (
+        "'eventually v < 0.1' (column 18) looks ahead without a bound" in mixed.later["in_stl_without_bound"]
+    )
+    assert mixed.later["reacts"] == "its monitor watches whole trials only"
+
+
+def test_every_way_of_writing_a_monitor_is_answered_live(mixed: RulesBench, tmp_path: Path) -> None:
+    talk = Conversation(mixed.judge(), tmp_path / "log.jsonl")
+    distances = [3.0, 3.0, 1.5, 3.0, 3.0, 3.0]
+    said = [ask(talk, snapshot(k / 100, d, robot_speed=0.5)).get("spec", "") for k, d in enumerate(distances)]
+    talk.close("tested")
+
+    at_once = {"in_rml", "in_a_formula", "in_python", "too_fast"}
+    broken = [{part.partition(":")[0] for part in spec.split("; ")} - {""} for spec in said]
+    # What was promised for the next two samples is known after these, and for that instant alone.
+    assert broken == [set(), set(), at_once, set(), {"in_stl"}, set()]
+    assert "in_rml: robot/human: 'snapshot' is rejected: it is no 'far'" in said[2]
+    assert "in_a_formula: robot/human: 'not (d < 2)' does not hold by 0.500 m" in said[2]
+
+
+def test_something_that_happened_is_said_until_the_end(mixed: RulesBench, tmp_path: Path) -> None:
+    talk = Conversation(mixed.judge(), tmp_path / "log.jsonl")
+    for k in range(3):
+        ask(talk, snapshot(k / 100))
+    assert verdict(talk, snapshot(0.03)) == "currently_true"
+
+    dropped = {
+        "topic": "/ariac_score/events",
+        "time": 0.035,
+        "kind": "part_dropped",
+        "subject": "",
+        "detail": "",
+    }
+    assert "drops: trial: part dropped at 0.035 s" in ask(talk, dropped)["spec"]
+    assert "drops: trial: part dropped" in ask(talk, snapshot(0.04))["spec"]
+    talk.close("tested")
 
 
 def test_a_monitor_whose_signals_have_to_be_derived_judges_at_the_end() -> None:
     bench = RulesBench(load_rule_set("paper2020"), Registry(), log_map="ariac2022")
 
-    assert bench.live == ()
+    assert bench.live == ("no_arm_collision",)  # which needs no signal
     assert bench.later["separation"] == "no topic gives its centre_distance and speed as they are"
     assert bench.judge().take(snapshot(1.0)) == Opinion("unknown")
 
@@ -238,10 +336,10 @@ class Scripted:
     def watch(self, _trial: Trial) -> Iterator[Finding]:
         yield Finding.satisfied("trial", "fine")
 
-    def begin(self) -> OnlineWatch:
+    def begin(self, _bodies: Sequence[Body] = ()) -> OnlineWatch:
         left = list(self.said)
 
-        def step(_samples: list[Sample]) -> Iterator[Standing]:
+        def step(_samples: list[Sample], _events: Sequence[Event] = ()) -> Iterator[Standing]:
             said = left.pop(0)
             if isinstance(said, Exception):
                 raise said

@@ -115,6 +115,22 @@ def test_nodes_of_both_generations_understand_every_reply(running: Running) -> N
     client.close()
 
 
+def test_services_are_answered_to_both_generations(running: Running) -> None:
+    request = {"service": "add_two_ints", "request": {"a": 2, "b": 3}, "time": 1782458599.13}
+    response = {"service": "add_two_ints", "response": {"sum": 5}, "time": 1782458599.14}
+    client = connect(running())
+
+    for event in (request, response):
+        client.send(json.dumps(event))
+        reply = client.recv()
+        assert as_a_node_of_version_3_reads(reply) == ("unknown", False)
+        found = json.loads(reply)
+        # An older node makes the event of the response from the reply to the request.
+        left = {name: value for name, value in found.items() if name not in ("request", "verdict")}
+        assert left == {name: value for name, value in event.items() if name != "request"}
+    client.close()
+
+
 # What is left ----------------------------------------------------------------------------
 
 
@@ -297,6 +313,86 @@ def test_a_client_that_goes_half_way_through_a_frame_leaves_its_events(running: 
     assert len(oracle.conversations[0].log.read_text().splitlines()) == 2
 
 
+def test_a_client_that_stalls_within_a_frame_disturbs_nobody_and_can_go_on(running: Running) -> None:
+    oracle = running()
+    stalled, other = connect(oracle), connect(oracle)
+    frame = websocket.ABNF.create_frame(json.dumps(snapshot(1.0)), websocket.ABNF.OPCODE_TEXT).format()
+    stalled.sock.sendall(frame[:20])
+
+    assert exchange(other, [snapshot(1.0), snapshot(1.01)])[-1]["verdict"] == "currently_true"
+    stalled.sock.sendall(frame[20:])
+    assert json.loads(stalled.recv())["time"] == 1.0
+    for client in (stalled, other):
+        client.close()
+
+
+def test_one_who_stalls_for_ever_within_a_frame_ends_with_the_oracle(running: Running) -> None:
+    oracle = running(closing_s=0.2)
+    client = connect(oracle)
+    exchange(client, [snapshot(1.0)])
+    client.sock.sendall(b"\x81\xfe\x10\x00half")
+
+    oracle.stop()
+
+    (conversation,) = oracle.conversations
+    assert conversation.ended == "stopped by the oracle"
+    assert len(conversation.log.read_text().splitlines()) == 1
+    client.shutdown()
+
+
+def test_one_who_sends_too_fast_is_answered_more_slowly_and_in_order(running: Running) -> None:
+    client = connect(running(events_per_s=400.0))
+    times = [t / 100 for t in range(1, 451)]  # more than a burst of one second
+
+    for time in times:
+        client.send(json.dumps(snapshot(time)))
+
+    assert [json.loads(client.recv())["time"] for _ in times] == times
+    client.close()
+
+
+def test_what_is_no_frame_ends_its_connection_and_is_said(running: Running) -> None:
+    oracle = running()
+    client = connect(oracle)
+    exchange(client, [snapshot(1.0)])
+
+    client.sock.sendall(b"\x81\x02{}")  # a client has to mask what it sends
+
+    assert client.recv_data()[0] == websocket.ABNF.OPCODE_CLOSE
+    client.shutdown()
+    oracle.stop()
+    assert oracle.conversations[0].ended.startswith("the client broke the protocol")
+
+
+def test_pings_are_answered_between_events(running: Running) -> None:
+    client = connect(running())
+    client.ping("there?")
+
+    assert client.recv_data(control_frame=True) == (websocket.ABNF.OPCODE_PONG, b"there?")
+    assert exchange(client, [snapshot(1.0)])[0]["verdict"] == "currently_true"
+    client.close()
+
+
+def test_so_many_who_only_connect_do_not_keep_a_monitor_out_for_ever(running: Running) -> None:
+    oracle = running(connections=1)
+    host, port = oracle.url.removeprefix("ws://").split(":")
+    with ExitStack() as strangers:
+        for _ in range(40):
+            strangers.enter_context(socket.create_connection((host, int(port)), timeout=TIMEOUT_S))
+    client = next(filter(None, (_tried(oracle) for _ in range(100))))
+
+    assert exchange(client, [snapshot(1.0)])[0]["verdict"] == "currently_true"
+    client.close()
+
+
+def _tried(oracle: Oracle) -> Any:
+    """A client, unless there are too many just now."""
+    try:
+        return connect(oracle)
+    except (OSError, websocket.WebSocketException):
+        return None
+
+
 @pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\n", b"\x00" * 2000])
 def test_one_who_is_no_client_disturbs_nobody(running: Running, said: bytes) -> None:
     oracle = running()
@@ -394,7 +490,7 @@ def test_results_are_never_written_over(tmp_path: Path) -> None:
 
 
 def test_without_its_library_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "websockets.sync.server", None)
+    monkeypatch.setitem(sys.modules, "websockets.server", None)
 
     with pytest.raises(UsageError, match="not installed") as refused:
         Oracle(BENCH, tmp_path / "results")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from ariac_score import (
     score_trial,
 )
 from ariac_score.cohort import contributed, make_cohort
-from ariac_score.errors import FormulaError, RuleSetError
+from ariac_score.errors import RuleSetError
 from ariac_score.registry import Registry
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.trial.model import TeamSetup
@@ -254,6 +255,22 @@ def test_2022_cameras_of_the_gantry_have_prices_of_their_own(tmp_path: Path) -> 
     assert amounts(priced(tmp_path, 2022, text, team, cohort(order_0=30))) == (28, 8)
 
 
+def test_2022_penalties_are_given_back_by_hand_and_no_more_than_were_taken(tmp_path: Path) -> None:
+    # TC = 3500 + 200 + 300 + 100 = 4100, CF = 2: 2 x 8 + 8 = 24, less 3 as printed; 0, 2 or 5 given back
+    team = sensors(*["logical_camera"] * 7, "depth_camera", "rgbd_camera", "camera")
+    text = printed_2021((8, 20, 1, True), dropped=3).replace("[trial_score]", "Final Score: 5")
+    rule_set = load_rule_set("ariac2022.official")
+    result = priced(tmp_path, 2022, text, team, cohort(order_0=20))
+
+    def given_back(number: int) -> float | None:
+        sheet = replace(
+            rule_set.sheet, parameters={**rule_set.sheet.parameters, "penalties_given_back": number}
+        )
+        return amounts(reprice(result, replace(rule_set, sheet=sheet), cohort(order_0=20)))[0]
+
+    assert [given_back(number) for number in (0, 2, 5)] == [21, 23, 24]
+
+
 def test_2022_nothing_handed_in_is_worth_nothing(tmp_path: Path, shared: Path) -> None:
     trial = shared / "ariac" / "data" / "nist_team_2022"
     team = (trial / "config" / "team_config.yaml").read_text(encoding="utf-8")
@@ -293,9 +310,31 @@ def test_what_only_all_teams_can_say_is_asked_for(tmp_path: Path, edition: int) 
     assert "cohort." in result.missing
 
 
-def test_a_team_without_sensors_has_no_cost_factor(tmp_path: Path) -> None:
-    with pytest.raises(FormulaError, match="division by zero"):
-        priced(tmp_path, 2018, printed_2018((6, 30, True)), "sensors: {}\n", cohort(order_0=30))
+def test_a_team_without_sensors_pays_for_the_cheapest_one(tmp_path: Path) -> None:
+    # Counted as 100: CF = 1700/100 = 17; 17 x 6 + 30/30 x 6
+    result = priced(tmp_path, 2018, printed_2018((6, 30, True)), "sensors: {}\n", cohort(order_0=30))
+
+    assert amounts(result) == (108, 6)
+
+
+def test_2017_a_team_without_sensors_counts_as_0_in_the_average(tmp_path: Path) -> None:
+    # CF = 4 x (200/100 - 1) + 1 = 5; 5 x 6 + 6
+    text = printed_2017((6, 30, True))
+    result = priced(tmp_path, 2017, text, "sensors: {}\n", cohort(200, order_0=30))
+    rule_set = load_rule_set("ariac2017.official")
+    teams = {"a": [contributed(result.measured, rule_set)]}
+
+    assert amounts(result) == (36, 6)
+    assert make_cohort(rule_set, teams).of_trial("a").values["sensor_cost"] == {"": 0}
+
+
+@pytest.mark.parametrize(("edition", "printed"), [(2017, printed_2017), (2018, printed_2018)])
+def test_a_third_order_has_no_factor(tmp_path: Path, edition: int, printed: Any) -> None:
+    # CF = 1 and EF = 1 each: mean(3, 3, 3) + 3 + 3 x 3 + 3; the documents give the factor to the second.
+    text = printed((3, 10, True), (3, 10, True), (3, 10, True))
+    across = cohort(1600, order_0=10, order_1=10, order_2=10)  # the camera costs 100 less in 2017
+
+    assert amounts(priced(tmp_path, edition, text, TEAM_1700, across))[0] == 18
 
 
 # The evaluation of 2023 and 2024 -------------------------------------------------------

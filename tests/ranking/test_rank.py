@@ -20,6 +20,7 @@ from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.runs import score_runs, strict_evaluation
 from ariac_score.ranking.spec import ranking_spec
+from ariac_score.report.ranking import ranking_text
 from ariac_score.testing.competitions import (
     Outcome,
     PlannedOrder,
@@ -312,6 +313,39 @@ def test_a_team_folder_that_is_a_link_out_of_the_competition_is_named(tmp_path: 
     assert len(found.strangers) == 2
     assert all("a link to" in stranger for stranger in found.strangers)
     assert any(stranger.startswith("logs/beta: ") for stranger in found.strangers)
+
+
+def test_like_outcomes_share_a_line_and_each_says_what_to_do(tmp_path: Path) -> None:
+    run(tmp_path, "whole", 1)
+    for number in (1, 2, 3):
+        cut = run(tmp_path, "cut", number, text="Process cancelled by user") / "trial_log.txt"
+        if number == 3:
+            cut.write_text("Trial file: kit.yaml\n", encoding="utf-8")
+    lines = ranking_text(ranking(tmp_path)).splitlines()
+
+    assert (
+        "  cut, kit, runs 1, 2: cancelled: the run was cancelled by its user, and no score was recorded"
+        in lines
+    )
+    (other,) = [line for line in lines if line.startswith("  cut, kit, run 3: unreadable: ")]
+    assert other.startswith(
+        "  cut, kit, run 3: unreadable: logs/cut/kit_3/trial_log.txt: this is no score text"
+    )
+    assert other.endswith("; expected are 'Trial Summary' (2024), 'END OF TRIAL' (2023) or a crash text")
+
+
+def test_a_link_within_a_run_that_leads_out_of_it_is_not_followed(tmp_path: Path) -> None:
+    run(tmp_path / "outside", "beta", 1)
+    text = run(tmp_path, "alpha", 1) / "trial_log.txt"
+    text.unlink()
+    text.symlink_to(tmp_path / "outside/logs/beta/kit_1/trial_log.txt")
+    run(tmp_path, "beta", 1)
+
+    found = ranking(tmp_path)
+
+    assert outcomes(found) == {("alpha", 1): "unreadable"}
+    (reason,) = [r.reason for r in found.runs if r.team == "alpha"]
+    assert "link" in reason
 
 
 def test_a_team_with_fewer_judges_is_told_about(tmp_path: Path) -> None:

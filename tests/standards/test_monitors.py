@@ -10,6 +10,7 @@ import dataclasses
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +28,16 @@ from ariac_score import (
     Trial,
     Verdict,
     parameter_facts,
+    score_trial,
 )
 from ariac_score.engine import measure_trial
 from ariac_score.errors import RuleSetError
+from ariac_score.expression import Expression
 from ariac_score.registry import Registry
 from ariac_score.ruleset import load_rule_set
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, recorded_messages, write_bag
 from ariac_score.trial.derive import Derivation, centred_velocity, derive_signals
+from ariac_score.trial.model import LogDefect
 from ariac_score_standards import (
     AgvProtectiveField,
     AgvSpeedClearance,
@@ -41,6 +46,7 @@ from ariac_score_standards import (
     CrushGap,
     EstopRestart,
     HandGuiding,
+    HumanContact,
     MonitoredStandstill,
     Never,
     PflContact,
@@ -59,10 +65,11 @@ from ariac_score_standards import (
 )
 from ariac_score_standards.ariac_safety import occurrences
 from ariac_score_standards.body_regions import AREAS, REGIONS, body_limits, limits_at
+from ariac_score_standards.formula import judge_columns
 from ariac_score_standards.iec_60204_1 import stop_category
 from ariac_score_standards.iso_9283 import angle_performance, pose_performance
 from ariac_score_standards.iso_10218_2 import permitted_speed_m_s, reduced_mass_kg
-from ariac_score_standards.iso_13854 import MINIMUM_GAP_M, clamps
+from ariac_score_standards.iso_13854 import MINIMUM_GAP_M, PART_OF_REGION, clamps
 from ariac_score_standards.iso_13855 import minimum_distance
 from ariac_score_standards.iso_ts_15066 import approach_of
 from ariac_score_standards.proxemics import time_to_collision_s, zone_of, zone_shares
@@ -181,6 +188,38 @@ def test_the_separation_limit(shift: Callable[[float], float], broken: bool) -> 
     monitor = SsmSeparation(profile="standard")
 
     assert violated(monitor, separated(shift(required(0.5)))) is broken
+
+
+@pytest.mark.parametrize(("distance", "human"), [(below(0.5), 2.0), (0.5, 2.0), (above(0.5), 1.6)])
+def test_a_human_who_is_near_may_be_taken_for_faster(distance: float, human: float) -> None:
+    # Catalogue, M1: 1.6 m/s beyond 0.5 m, 2.0 m/s up to it. P1.1 with C + Z = 0: v_h 0.4 + 1.0 * 0.25.
+    monitor = SsmSeparation(profile="standard", human_speed="by_distance", delta_m=0.0)
+    found = only(monitor, separated(distance, robot=1.0))
+
+    assert found.verdict is VIOLATED
+    assert found.robustness == pytest.approx(distance - (0.4 * human + 0.25))
+    fixed = only(replace(monitor, human_speed="fixed"), separated(distance, robot=1.0))
+    assert fixed.robustness == pytest.approx(distance - (0.4 * 1.6 + 0.25))
+
+
+@pytest.mark.parametrize(("speed", "broken"), [(0.0, False), (0.02, True)])
+def test_the_speed_cap_takes_the_near_speed_too(speed: float, broken: bool) -> None:
+    # Up to 0.5 m a robot at rest needs 0.4 * 2.0 = 0.8 m, so that it may not move at all.
+    given: Any = {"profile": "standard", "delta_m": 0.0, "robot_must_move": "no"}
+    trial = separated(0.45, robot=speed)
+
+    assert violated(SsmSpeedCap(human_speed="by_distance", **given), trial) is broken
+    assert not violated(SsmSpeedCap(human_speed="fixed", human_speed_m_s=1.0, **given), trial)
+
+
+def test_the_near_speed_may_be_set_and_is_checked() -> None:
+    near = SsmSeparation(
+        profile="standard", human_speed="by_distance", near_human_speed_m_s=2.5, near_distance_m=1.0
+    )
+
+    assert near.assumed_human_speed_m_s(np.array([0.0, 1.0, 1.1])).tolist() == [2.5, 2.5, 1.6]
+    with pytest.raises(ValueError, match="near_human_speed_m_s is 2000 but must be at most 20 m/s"):
+        SsmSeparation(near_human_speed_m_s=2000.0)
 
 
 @pytest.mark.parametrize(("speed", "broken"), [(2.0, False), (above(2.0), True), (below(2.0), False)])
@@ -473,6 +512,19 @@ def test_the_border_of_a_zone_to_keep_out_of(x: float, broken: bool) -> None:
     trial = trial_of({"position/r": ("m", [x, 1.0, 0.0])})
 
     assert violated(SpaceLimit(keep_out=(SQUARE,)), trial) is broken
+
+
+@pytest.mark.parametrize(
+    ("z", "broken"), [(0.5, True), (1.0, False), (above(1.0), False), (0.0, False), (below(1.0), True)]
+)
+def test_a_zone_to_keep_out_of_may_have_heights(z: float, broken: bool) -> None:
+    limit = SpaceLimit(keep_out=(SQUARE,), keep_out_z_m=(0.0, 1.0))
+    trial = trial_of({"position/r": ("m", np.tile([2.0, 2.0, z], (101, 1)))})
+
+    assert violated(limit, trial) is broken
+    assert violated(SpaceLimit(keep_out=(SQUARE,)), trial)
+    if broken:  # the way out is up or down, which is nearer than any side
+        assert only(limit, trial).robustness == pytest.approx(-min(z, 1.0 - z))
 
 
 @pytest.mark.parametrize(("angle", "broken"), [(2.0, False), (above(2.0), True), (below(-1.0), True)])
@@ -864,6 +916,65 @@ def test_a_clamped_hand_has_the_lower_limit_from_the_beginning() -> None:
     assert violated(PflContact(region="hand"), trial_of({**columns, "clamped/r/h": ("1", 1.0)}, n=20))
 
 
+@pytest.mark.parametrize(
+    ("region", "gap_mm", "clamped"),
+    [
+        ("hand", 90.0, True),  # W15.1, W15.2
+        ("hand", 110.0, False),
+        ("hand", 100.0, False),
+        ("chest", 499.0, True),
+        ("chest", 500.0, False),
+        ("lower_leg", 179.0, True),
+        ("neck", 299.0, True),
+    ],
+)
+def test_a_gap_that_closes_on_a_body_part_clamps_it(region: str, gap_mm: float, clamped: bool) -> None:
+    t = np.arange(20) / 100
+    force = 1.5 * REGIONS[region].force_n  # below the limit of a short contact, above the other
+    columns = {
+        "contact_force/r/h": ("N", np.full(20, force)),
+        "crush_gap/r/h": ("m", gap_mm / 1000 + 1e-6 * (t[-1] - t)),
+    }
+
+    assert violated(PflContact(region=region), trial_of(columns, t=t)) is clamped
+    opens = {**columns, "crush_gap/r/h": ("m", gap_mm / 1000 + 1e-6 * t)}
+    assert not violated(PflContact(region=region), trial_of(opens, t=t))
+
+
+def test_every_region_of_the_body_has_a_least_gap() -> None:
+    assert set(PART_OF_REGION) == set(REGIONS)
+    assert set(PART_OF_REGION.values()) <= set(MINIMUM_GAP_M)
+
+
+@pytest.mark.parametrize(
+    ("speed", "robot", "human", "labels"),
+    [
+        (0.5, 0.5, 0.0, {"robot_moving": "yes", "closing_by": "robot"}),
+        (0.0, 0.0, 1.2, {"robot_moving": "no", "closing_by": "human"}),
+        (above(0.01), 0.3, 0.3, {"robot_moving": "yes", "closing_by": "both"}),
+        (0.01, 0.0, 0.0, {"robot_moving": "no", "closing_by": "neither"}),
+    ],
+)
+def test_a_contact_says_whether_the_robot_moved_and_who_closed_in(
+    speed: float, robot: float, human: float, labels: dict[str, str]
+) -> None:
+    columns = {
+        "contact_force/r/h": ("N", np.where(np.arange(20) < 5, 0.0, 100.0)),
+        "speed/r": ("m/s", speed),
+        "approach_speed_robot/r/h": ("m/s", robot),
+        "approach_speed_human/r/h": ("m/s", human),
+    }
+    found = only(PflContact(region="hand"), trial_of(columns, n=20))
+
+    assert {name: found.labels[name] for name in labels} == labels
+
+
+def test_a_contact_without_speeds_blames_nobody() -> None:
+    found = only(PflContact(region="hand"), trial_of({"contact_force/r/h": ("N", 100.0)}, n=20))
+
+    assert not {"robot_moving", "closing_by"} & set(found.labels)
+
+
 # Verdicts ------------------------------------------------------------------------------------------
 
 
@@ -978,6 +1089,21 @@ def test_a_robot_that_starts_again_while_somebody_is_inside_is_told_so() -> None
     finding = only(MonitoredStandstill(workspace=SQUARE), trial_of(columns, t=t))
 
     assert finding.labels == {"resumed": "yes"}
+
+
+@pytest.mark.parametrize("kind", ["bumper_contact", "power_interruption"])
+def test_a_truck_may_not_start_again_after_what_else_latches(kind: str) -> None:
+    # W9.2, with another reason: reset at 45.0, start at 46.0, motion at 45.1
+    t = 30.0 + np.arange(1701) / 100
+    events = [Event(30.0, kind), Event(45.0, "emergency_stop_reset"), Event(46.0, "start")]
+    columns = {"speed/a": ("m/s", np.where(t >= 45.1 - 1e-9, 0.3, 0.0))}
+    trial = trial_of(columns, t=t, events=events, bodies=(Body("a", "agv"),))
+    found = only(EstopRestart(kind="agv", after=("emergency_stop", kind)), trial)
+
+    assert (found.verdict, found.critical, found.labels["state"]) == (VIOLATED, True, "READY")
+    assert f"after the {kind.replace('_', ' ')} at 30.000 s" in found.message
+    assert found.quantities["before_start_s"] == pytest.approx(0.9)
+    assert verdicts(EstopRestart(kind="agv"), trial) == [INCONCLUSIVE]  # no emergency stop is recorded
 
 
 @pytest.mark.parametrize("missing", ["emergency_stop_reset", "start"])
@@ -1227,6 +1353,13 @@ def test_a_collision_is_seen_by_geometry_where_no_contact_is_recorded() -> None:
         (lambda: SpaceLimit(joint="j"), "joint 'j' has no limit"),
         (lambda: SpaceLimit(joint_low_rad=1.0), "joint does not say whose"),
         (lambda: SpaceLimit(keep_out=((),)), "keep_out zone 0 is not a polygon: it has no corners"),
+        (
+            lambda: SpaceLimit(keep_out=(SQUARE,), keep_out_z_m=(1.0, 0.0)),
+            r"keep_out_z_m is \[1.0, 0.0\], not",
+        ),
+        (lambda: SpaceLimit(keep_out_z_m=(0.0, 1.0)), "keep_out_z_m is given, but no keep_out zone"),
+        (lambda: EstopRestart(after=()), "after names no event"),
+        (lambda: HumanContact(contact_distance_m=500.0), "contact_distance_m is 500 but must be at most 100"),
         (lambda: AgvSpeedClearance(obstacles=(((0.0, 0.0),),)), "obstacle 0 is not a polygon: it has 1"),
         (lambda: SafeguardDistance(line=((0.0, 0.0),)), "line is .* not two different ends"),
         (
@@ -1361,6 +1494,49 @@ def test_d_min_in_four_lines_of_yaml_finds_what_the_seed_profile_finds(seed: int
     assert [what(f) for f in formula.watch(trial)] == [what(f) for f in SsmSeparation().watch(trial)]
 
 
+ROOT = Path(__file__).parents[2]
+RECORDED = ROOT / "examples/kitting_near_miss.mcap"
+
+
+@pytest.mark.parametrize("motion", ["recorded", "human_state", "frames"])
+def test_d_min_in_four_lines_of_yaml_is_the_seed_profile_on_every_sample_of_the_example(
+    motion: Any, tmp_path: Path
+) -> None:
+    log = RECORDED
+    if motion != "recorded":
+        log = write_bag(
+            tmp_path / "trial.mcap", recorded_messages(kitting_trial(), motion=motion), storage="mcap"
+        )
+    rules = tmp_path / "seed.yaml"
+    rules.write_text(D_MIN.replace("ariac2020", "ariac2023" if motion == "human_state" else "ariac2020"))
+    measured = score_trial(log, str(rules)).measured
+
+    def said(check: str) -> list[Any]:
+        found = measured.of(check).values()  # in order of their words, which are not the same
+        told = [(f.subject, f.span, f.verdict, f.robustness, dict(f.quantities)) for f in found]
+        return sorted(told, key=lambda each: (each[0], each[1].start_s, each[2].value))
+
+    assert VIOLATED in [verdict for _, _, verdict, *_ in said("formula")]
+    assert said("formula") == said("separation")
+
+
+def test_the_margin_of_d_min_in_yaml_is_that_of_the_seed_profile_bit_for_bit() -> None:
+    trial = kitting_trial()
+    distance, human, robot = (trial.signals[name].values for name in SNAPSHOT_SIGNALS)
+    formula = Expression.parse("distance >= k_H * (t1 + t2) + k_R * t1 + B + delta")
+    numbers = {"t1": 1.0, "t2": 1.5, "B": 0.0, "delta": 2.6}
+    judged = judge_columns(
+        formula, {"distance": distance, "k_H": human, "k_R": robot, **numbers}, len(distance)
+    )
+    required = SsmSeparation().d_min_m(human, robot)
+
+    assert judged.margin.tobytes() == (distance - required).tobytes()
+    assert judged.limit is not None
+    assert judged.limit.tobytes() == required.tobytes()
+    assert judged.true.tolist() == (distance >= required).tolist()
+    assert 0 < (~judged.true).sum() < len(distance)
+
+
 def test_d_min_in_a_rule_set(tmp_path: Path) -> None:
     (tmp_path / "seed.yaml").write_text(D_MIN, encoding="utf-8")
     rule_set, registry = load_rule_set(str(tmp_path / "seed.yaml")), Registry()
@@ -1451,3 +1627,103 @@ def test_a_response_that_the_log_does_not_reach_is_undecided() -> None:
     monitor = Within(trigger="v > 0.5", response="v < 0.5", within_s=0.5, signals={"v": "speed/{robot}"})
 
     assert only(monitor, trial_of(columns, t=t)).verdict is INCONCLUSIVE
+
+
+# Coverage of what was exposed ----------------------------------------------------------------------
+
+
+def _watched(distance: float, speed: float, *, seen_s: float = 10.0) -> Trial:
+    """10 s at 100 Hz; the human's position is missing from 4.0 s to 4.2 s."""
+    t = np.arange(1001) / 100
+    held = t[(t <= 4.0) | (t >= 4.2)]
+    seen = t[t <= seen_s]
+    signals = {
+        "position/h": Signal("position/h", "m", held, np.zeros((len(held), 3))),
+        "separation/r/h": Signal("separation/r/h", "m", seen, np.full(len(seen), distance)),
+        "speed/r": Signal("speed/r", "m/s", seen, np.full(len(seen), speed)),
+    }
+    return replace(trial_of({}, t=t), signals=signals)
+
+
+@pytest.mark.parametrize(
+    ("distance", "speed", "exposure_s", "coverage"),
+    [
+        (5.0, 0.5, 10.0, 0.98),  # W19.1
+        (above(5.0), 0.5, 0.0, 1.0),
+        (1.0, 0.01, 0.0, 1.0),
+        (1.0, above(0.01), 10.0, 0.98),
+    ],
+)
+def test_the_share_of_exposure_leaves_out_who_is_far_or_robots_at_rest(
+    distance: float, speed: float, exposure_s: float, coverage: float
+) -> None:
+    found = only(SignalCoverage(share_of="exposure"), _watched(distance, speed))
+
+    assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
+    assert found.quantities["coverage"] == pytest.approx(coverage)
+    assert found.verdict is (SATISFIED if coverage == 1.0 else INCONCLUSIVE)
+    assert only(SignalCoverage(), _watched(distance, speed)).quantities["coverage"] == pytest.approx(0.98)
+
+
+@pytest.mark.parametrize(("seen_s", "exposure_s"), [(10.0, 0.0), (3.0, 7.0), (-1.0, 10.0)])
+def test_who_is_not_seen_may_be_exposed(seen_s: float, exposure_s: float) -> None:
+    found = only(SignalCoverage(share_of="exposure"), _watched(9.0, 0.5, seen_s=seen_s))
+
+    assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
+    assert found.quantities["missing_s"] == pytest.approx(0.2 if exposure_s else 0.0)
+
+
+def test_stamps_that_ran_backwards_are_counted_for_their_signal() -> None:
+    trial = replace(
+        _watched(1.0, 0.5),
+        log_defects=(
+            LogDefect("disordered_stamps", "position/h", 3, "x"),
+            LogDefect("disordered_stamps", "position/r", 5, "x"),
+        ),
+    )
+
+    assert only(SignalCoverage(), trial).quantities["clock_jumps"] == 3.0
+
+
+def test_nobody_is_exposed_without_a_robot_or_a_human() -> None:
+    alone = replace(_watched(1.0, 0.5), bodies=(Body("h", "human"),))
+
+    assert verdicts(SignalCoverage(share_of="exposure"), alone) == [INCONCLUSIVE]
+    recorded = replace(alone, witnessed=frozenset({"bodies"}))
+    assert verdicts(SignalCoverage(share_of="exposure"), recorded) == [NOT_APPLICABLE]
+
+
+# Attained poses ------------------------------------------------------------------------------------
+
+
+def _attained(subject: str) -> tuple[Event, ...]:
+    return tuple(Event(t_s, "pose_attained", subject) for t_s in (0.2, 0.5))
+
+
+@pytest.mark.parametrize("subject", ["", "r", "r::tcp"])
+def test_a_pose_of_a_link_may_be_attained_by_the_body_or_the_link(subject: str) -> None:
+    columns = {"position/r::tcp": ("m", np.tile([1.0, 2.0, 3.0], (101, 1)))}
+    trial = trial_of(columns, events=_attained(subject))
+    found = only(PoseAttained(link="tcp", commanded_m=(1.1, 2.0, 2.8), max_accuracy_m=1.0), trial)
+
+    assert found.verdict is SATISFIED
+    assert [found.quantities[f"accuracy_{axis}_m"] for axis in "xyz"] == pytest.approx([-0.1, 0.0, 0.2])
+
+
+def test_a_pose_that_another_body_attained_is_not_this_ones() -> None:
+    columns = {"position/r::tcp": ("m", np.zeros((101, 3)))}
+    found = only(
+        PoseAttained(link="tcp", commanded_m=(0.0, 0.0, 0.0)), trial_of(columns, events=_attained("q"))
+    )
+
+    assert found.verdict is INCONCLUSIVE
+
+
+def test_a_machine_without_positions_leaves_the_poses_of_the_others_decided() -> None:
+    trial = replace(
+        trial_of({"position/r": ("m", np.zeros((101, 3)))}, events=_attained("")),
+        bodies=(Body("a", "robot"), Body("r", "robot")),
+    )
+    monitor = PoseAttained(commanded_m=(0.0, 0.0, 0.0), max_accuracy_m=0.01)
+
+    assert [(f.subject, f.verdict) for f in monitor.watch(trial)] == [("a", INCONCLUSIVE), ("r", SATISFIED)]

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, OnlineMonitor, Sample, Signal, Span, Standing, Trial, Verdict, align
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial
-from ariac_score_standards import SsmSeparation
+from ariac_score import Body, Event, OnlineMonitor, Sample, Signal, Span, Standing, Trial, Verdict, align
+from ariac_score.testing import SNAPSHOT_SIGNALS, contract_checks, kitting_trial, made_trial
+from ariac_score_standards import HumanContact, NoEvent, SsmSeparation, SsmSpeedCap
+from ariac_score_standards.formula import Always, Never
+
+MADE = made_trial()
 
 MAX_GAP_S = 0.05
 MONITOR = SsmSeparation(max_gap_s=MAX_GAP_S)
@@ -180,3 +184,162 @@ def test_several_humans_are_watched_each_with_the_robot() -> None:
 def test_the_contract_is_kept_by_structure() -> None:
     assert isinstance(MONITOR, OnlineMonitor)
     assert not isinstance(object(), OnlineMonitor)
+
+
+# The others ------------------------------------------------------------------------------
+
+DIRECTED = {
+    "separation/robot/human": "m",
+    "speed/robot": "m/s",
+    "speed/human": "m/s",
+    "approach_speed_robot/robot/human": "m/s",
+    "approach_speed_human/robot/human": "m/s",
+}
+SIGNS = {"approach_speed_robot/robot/human", "approach_speed_human/robot/human"}
+
+
+@st.composite
+def directed(draw: st.DrawFn) -> Trial:
+    """Everything the monitors of separation read, sampled together."""
+    n = draw(st.integers(1, 12))
+    signals = {}
+    for name, unit in DIRECTED.items():
+        low = -2.0 if name in SIGNS else 0.0
+        values = draw(st.lists(st.floats(low, 4.0, allow_nan=False), min_size=n, max_size=n))
+        signals[name] = Signal(name, unit, np.arange(n) / 100, np.array(values))
+    bodies = (Body("human", "human"), Body("robot", "robot"))
+    return Trial("t", bodies=bodies, signals=signals, recorded=Span(0.0, (n - 1) / 100))
+
+
+MODELS = st.sampled_from(["profile", "fixed", "linear", "deceleration", "constant_speed"])
+CHOICES = st.fixed_dictionaries(
+    {
+        "profile": st.sampled_from(["seed", "ariac2023_agent", "standard"]),
+        "stop_model": MODELS,
+        "speeds": st.sampled_from(["scalar", "directed"]),
+        "human_speed": st.sampled_from(["measured", "fixed"]),
+        "robot_must_move": st.sampled_from(["yes", "no"]),
+    }
+)
+
+
+def whole(trial: Trial, monitor: SsmSeparation) -> list[Standing]:
+    watch = monitor.begin(trial.bodies)
+    every = (signal.sample(i) for signal in trial.signals.values() for i in range(len(signal)))
+    return [s for sample in sorted(every, key=lambda one: one.t_s) for s in watch.step([sample])]
+
+
+@given(trial=directed(), choices=CHOICES)
+@settings(max_examples=80, derandomize=True, deadline=None)
+def test_whatever_the_formula_every_margin_is_that_of_the_whole_log(trial: Trial, choices: Any) -> None:
+    monitor = SsmSeparation(**choices, distance="separation", max_gap_s=MAX_GAP_S)
+    column = {name: signal.values for name, signal in trial.signals.items()}
+    robot, human = column["speed/robot"], column["speed/human"]
+    if choices["speeds"] == "directed":
+        robot = np.maximum(column["approach_speed_robot/robot/human"], 0.0)
+        human = np.maximum(column["approach_speed_human/robot/human"], 0.0)
+    if choices["human_speed"] == "fixed":
+        human = np.full_like(robot, monitor.human_speed_m_s)
+    margins = column["separation/robot/human"] - monitor.d_min_m(human, robot)
+    counts = choices["robot_must_move"] == "no"
+
+    said = whole(trial, monitor)
+
+    wanted = [
+        margin if counts or moves > monitor.standstill_speed_m_s else None
+        for margin, moves in zip(margins.tolist(), column["speed/robot"].tolist(), strict=True)
+    ]
+    assert [s.robustness for s in said] == wanted
+
+
+@pytest.mark.parametrize(
+    ("monitor", "below", "limit"),
+    [
+        (SsmSpeedCap(delta_m=1.0), False, 2.0 - 1.0),
+        (Never(holds="v > 0.5", signals={"v": "speed/{robot}"}, unit="m/s", max_gap_s=1.0), False, 0.5),
+        (Always(holds="v <= 0.5", signals={"v": "speed/{robot}"}, unit="m/s", max_gap_s=1.0), False, 0.5),
+        (Always(holds="v >= 0.5", signals={"v": "speed/{robot}"}, unit="m/s", max_gap_s=1.0), True, 0.5),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_limit_on_the_speed_is_kept_at_the_limit_and_not_beyond(
+    monitor: Any, below: bool, limit: float
+) -> None:
+    """With a human at rest 2 m away; of `ssm_speed_cap` what is left for t1 = 1 s."""
+    watch = monitor.begin((Body("human", "human"), Body("robot", "robot")))
+    beyond = float(np.nextafter(limit, 0 if below else 9))
+
+    said = [
+        standing
+        for k, speed in enumerate((limit, beyond))
+        for standing in watch.step(snapshot(k / 100, 2.0, 0.0, speed))
+    ]
+
+    assert [s.verdict for s in said] == [Verdict.SATISFIED, Verdict.VIOLATED]
+    assert said[0].robustness == 0.0
+
+
+def test_contact_is_said_when_it_comes_and_the_limit_is_contact_too() -> None:
+    watch = HumanContact(distance="centre_distance", contact_distance_m=0.3).begin()
+    said = [
+        s
+        for k, d in enumerate((0.5, 0.3, float(np.nextafter(0.3, 1))))
+        for s in watch.step([Sample(DISTANCE, k / 100, d, "m")])
+    ]
+
+    assert [s.verdict for s in said] == [Verdict.SATISFIED, Verdict.VIOLATED, Verdict.SATISFIED]
+
+
+def test_events_of_the_kind_are_said_and_no_others() -> None:
+    watch = NoEvent(kind="part_dropped").begin()
+    events = [
+        Event(1.0, "arm_collision", "gantry"),
+        Event(2.0, "part_dropped", "gantry"),
+        Event(2.0, "part_dropped", "gantry"),
+        Event(2.0, "part_dropped"),
+        Event(3.0, "part_dropped", "gantry"),
+    ]
+
+    said = [s for event in events for s in watch.step([], [event])]
+
+    assert [(s.subject, s.t_s) for s in said] == [("gantry", 2.0), ("trial", 2.0), ("gantry", 3.0)]
+
+
+def test_a_formula_without_value_is_undecided_there_and_only_there() -> None:
+    monitor = Always(holds="1 / v > 0.1", signals={"v": "speed/{robot}"}, max_gap_s=1.0)
+    watch = monitor.begin((Body("robot", "robot"),))
+
+    said = [s for k, v in enumerate((1.0, 0.0, 1.0)) for s in watch.step([Sample(ROBOT, k / 100, v, "m/s")])]
+
+    assert [s.verdict for s in said] == [Verdict.SATISFIED, Verdict.INCONCLUSIVE, Verdict.SATISFIED]
+    assert "division by zero" in said[1].message
+
+
+def test_who_is_known_to_be_no_robot_is_not_watched() -> None:
+    watch = MONITOR.begin((Body("robot", "agv"), Body("human", "human")))
+
+    assert list(watch.step(snapshot(1.0, 1.0))) == []
+
+
+ONLINE = ("one_by_one", "instant_by_instant", "standings", "nothing_stepped", "repeated_time")
+
+
+@pytest.mark.parametrize(
+    "monitor",
+    [
+        SsmSeparation(),
+        SsmSeparation(profile="standard"),
+        SsmSpeedCap(),
+        HumanContact(),
+        NoEvent(kind="part_dropped"),
+        Always(holds="v <= 0.5", signals={"v": "speed/{robot}"}, unit="m/s"),
+        Never(holds="v > 0.5", signals={"v": "speed/{robot}"}, unit="m/s"),
+        Always(),
+    ],
+    ids=lambda monitor: type(monitor).__name__,
+)
+def test_every_one_keeps_the_contract_online(monitor: Any) -> None:
+    checks = [check for check in contract_checks(monitor, MADE) if check.name in ONLINE]
+    assert len(checks) == len(ONLINE)
+    for check in checks:
+        check()

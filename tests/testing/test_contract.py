@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sqlite3
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ariac_score import QUANTITIES, Finding, SignalNeed, Trial, Verdict
+from ariac_score import (
+    QUANTITIES,
+    Body,
+    Event,
+    Finding,
+    Sample,
+    SignalNeed,
+    Span,
+    Standing,
+    Trial,
+    Verdict,
+)
 from ariac_score.errors import LogError, PluginError
 from ariac_score.registry import Registry
 from ariac_score.testing import (
@@ -70,6 +81,29 @@ def test_every_monitor_of_ours_keeps_the_contract(name: str) -> None:
         for trial in (MADE, kitting_trial()):
             for check in contract_checks(plugin, trial):
                 check()
+
+
+FURTHER: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("iso_ts_15066.ssm_separation", {"profile": "standard", "human_speed": "by_distance"}),
+    ("iso_ts_15066.ssm_response", {"profile": "standard", "stop_model": "deceleration"}),
+    (
+        "iso_ts_15066.ssm_response",
+        {"profile": "standard", "stop_model": "deceleration", "human_speed": "measured"},
+    ),
+    ("iso_10218_2.pfl_contact", {"region": "hand"}),
+    ("iso_10218_2.pfl_speed", {"region": "hand"}),
+    ("iso_10218_1.space_limit", {"keep_out": [[[0, 0], [2, 0], [2, 2], [0, 2]]], "keep_out_z_m": [0, 1]}),
+    ("iso_10218_1.reduced_speed", {"applies": "manual_mode", "speed": "tcp_speed"}),
+    ("iso_13850.estop_restart", {"after": ["emergency_stop", "protective_stop"]}),
+    ("log.signal_coverage", {"share_of": "exposure", "quantities": ["position", "speed"]}),
+)
+"""Monitors that work in another way with these parameters."""
+
+
+@pytest.mark.parametrize(("name", "parameters"), FURTHER)
+def test_the_contract_is_kept_with_other_parameters_too(name: str, parameters: dict[str, Any]) -> None:
+    for check in contract_checks(REGISTRY.find(MONITORS, name).build(parameters), MADE):
+        check()
 
 
 @pytest.mark.parametrize("name", first_party(RULES))
@@ -384,13 +418,18 @@ BAD: dict[str, tuple[str, str, str, str]] = {
         "empty_signal",
         "raised ValueError",
     ),
-    "claims to be incremental": (FIELD, FIELD + "    incremental = True\n", "one_by_one", "has no begin()"),
+    "begins nothing": (
+        FIELD,
+        FIELD + "    def begin(self, bodies=()):\n        return None\n",
+        "one_by_one",
+        "begins a NoneType",
+    ),
 }
 
 
 def stranger(install: Install, source: str, version: str = "6.6") -> Any:
     install("odd-monitors", {"odd.monitor": "Plugin"}, source=source, version=version, group=MONITORS)
-    return Registry().find(MONITORS, "odd.monitor").build({})
+    return Registry().find(MONITORS, "odd.monitor").load()()
 
 
 def checks_of(plugin: Any, **options: Any) -> dict[str, ContractCheck]:
@@ -480,69 +519,110 @@ def test_a_check_has_the_name_by_which_pytest_calls_it() -> None:
 
 @dataclass
 class Fastest:
-    """The watcher of `FastestSeen`."""
+    """The watch of `FastestSeen`."""
 
-    forgetful: bool
+    fault: str
     seen: list[tuple[float, float]] = dataclasses.field(default_factory=list)
 
-    def take(self, signal: str, t_s: float, value: float | tuple[float, ...]) -> None:
-        if signal == "speed/robot" and isinstance(value, float):
-            self.seen = [*([] if self.forgetful else self.seen), (value, t_s)]
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
+        del events
+        for sample in samples:
+            if sample.signal != "speed/robot":
+                continue
+            if self.seen and not sample.t_s > self.seen[-1][1] and self.fault != "takes any time":
+                raise ValueError("the time does not increase")
+            assert isinstance(sample.value, float)
+            self.seen = [*([] if self.fault == "forgets" else self.seen), (sample.value, sample.t_s)]
+            yield from self._said(sample.value, sample.t_s, len(samples))
+
+    def _said(self, value: float, t_s: float, together: int) -> Iterator[Standing]:
+        verdict = Verdict.VIOLATED if value > MEDIAN_M_S else Verdict.SATISFIED
+        said = Standing("robot", t_s, verdict, f"{value} m/s", value, "m/s")
+        match self.fault:
+            case "sees what is to come":
+                said = replace(said, t_s=t_s + 1.0)
+            case "goes back":
+                said = replace(said, t_s=-t_s)
+            case "has no unit":
+                said = replace(said, unit="")
+            case "changes its mind":
+                said = replace(said, final=True)
+            case "says nothing of it":
+                said = replace(said, verdict=Verdict.SATISFIED)
+            case "counts what comes":
+                said = replace(said, message=f"{together} at once")
+        yield said
 
     def end(self, trial: Trial) -> Iterator[Finding]:
         if not self.seen:
-            yield Finding.inconclusive("robot", "no speed", span=trial.window)
+            message = "no speed" if self.fault != "is unlike an empty log" else "nothing"
+            yield Finding.inconclusive("robot", message, span=trial.window)
             return
         speed, t_s = max(self.seen, key=lambda row: (row[0], -row[1]))
-        yield Finding("robot", Verdict.SATISFIED, f"{speed:.3f} m/s at {t_s:.3f} s")
+        yield Finding("robot", Verdict.VIOLATED, f"{speed:.3f} m/s at {t_s:.3f} s", span=Span(t_s, t_s))
 
 
 @dataclass(frozen=True)
 class FastestSeen:
-    """The fastest moment of the robot."""
+    """The fastest moment of the robot, told while it is watched; or with a fault."""
 
-    forgetful: bool = False
-    incremental = True
+    fault: str = ""
 
     def needs(self) -> Iterator[SignalNeed]:
         yield SignalNeed("speed", "m/s")
 
-    def begin(self) -> Fastest:
-        return Fastest(self.forgetful)
+    def begin(self, _bodies: Sequence[Body] = ()) -> Fastest:
+        return Fastest(self.fault)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
-        watcher, speed = Fastest(forgetful=False), trial.signals.get("speed/robot")
-        for t_s, value in zip(
-            *((speed.t.tolist(), speed.values.tolist()) if speed else ((), ())), strict=True
-        ):
-            watcher.take("speed/robot", t_s, value)
+        watcher, speed = Fastest(""), trial.signals.get("speed/robot")
+        if speed:
+            list(watcher.step([speed.sample(i) for i in range(len(speed))]))
         yield from watcher.end(trial)
 
 
 WAVES = replace(
     MADE, signals={**MADE.signals, "speed/robot": replace(MADE.signals["speed/agv1"], name="speed/robot")}
 )
+MEDIAN_M_S = float(np.median(WAVES.signals["speed/robot"].values))
+ONLINE = ["one_by_one", "instant_by_instant", "standings", "nothing_stepped", "repeated_time"]
 
 
-def test_a_monitor_told_one_by_one_finds_what_it_finds_in_the_whole_log() -> None:
+@pytest.mark.parametrize("name", ONLINE)
+def test_a_monitor_that_is_stepped_finds_what_it_finds_in_the_whole_log(name: str) -> None:
     checks = {check.name: check for check in contract_checks(FastestSeen(), WAVES)}
 
-    checks["one_by_one"]()
+    checks[name]()
 
 
-def test_a_monitor_that_forgets_is_found_out() -> None:
-    checks = {check.name: check for check in contract_checks(FastestSeen(forgetful=True), WAVES)}
+@pytest.mark.parametrize(
+    ("fault", "name", "words"),
+    [
+        ("forgets", "one_by_one", r"told one sample at a time: .* then "),
+        ("forgets", "instant_by_instant", r"told one instant at a time: .* then "),
+        ("counts what comes", "instant_by_instant", "when the samples of an instant come together"),
+        ("sees what is to come", "standings", "when only .* has come"),
+        ("goes back", "standings", "and then at"),
+        ("has no unit", "standings", "no unit"),
+        ("changes its mind", "standings", "for good"),
+        ("says nothing of it", "standings", "said so of no instant"),
+        ("is unlike an empty log", "nothing_stepped", "when nothing comes"),
+        ("takes any time", "repeated_time", "two samples of one time without a word"),
+    ],
+)
+def test_a_watch_with_a_fault_is_found_out(fault: str, name: str, words: str) -> None:
+    checks = {check.name: check for check in contract_checks(FastestSeen(fault), WAVES)}
 
-    with pytest.raises(ContractError, match=r"told one message at a time: .* then "):
-        checks["one_by_one"]()
+    with pytest.raises(ContractError, match=words):
+        checks[name]()
 
 
-def test_only_who_claims_to_be_incremental_is_held_to_it() -> None:
+def test_only_who_can_begin_is_held_to_it() -> None:
     names = {
         check.name for check in contract_checks(REGISTRY.find(MONITORS, "ariac.no_event").build({}), MADE)
     }
 
-    assert "one_by_one" not in names
+    assert not names & {*ONLINE}
 
 
 # Readers -------------------------------------------------------------------------------

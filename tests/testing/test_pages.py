@@ -125,3 +125,11 @@ def test_the_example_of_a_class_stands_before_that_of_a_rule_set() -> None:
     assert parameters("monitors", "formula.never")["holds"] == "v > 0.4"
     assert parameters("monitors", "iso_ts_15066.ssm_separation")["profile"] == "seed"
     assert parameters("rules", "run.order") == {}
+
+
+@pytest.mark.parametrize("name", REGISTRY.names("ariac_score.monitors"))
+def test_every_monitor_of_ours_shows_an_example_that_is_decided(name: str) -> None:
+    page = (DOCS / f"monitors/{name}.md").read_text(encoding="utf-8")
+    shown = page.partition("## Example")[2].split("```")[1]
+
+    assert re.search(r"^(satisfied|violated) ", shown, re.MULTILINE), shown

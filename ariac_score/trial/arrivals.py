@@ -1,0 +1,155 @@
+"""Signals while they are recorded: sample by sample, with what `align` makes of them afterwards.
+
+A watch that is stepped keeps its samples here. An instant is there as soon as every
+signal has reached it, with the values that `align` gives it in the whole log, to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ariac_score.trial.model import Trial
+from ariac_score.trial.signals import Sample, Signal
+
+__all__ = ["Alignment", "Arrivals", "Value"]
+
+Value = float | tuple[float, ...]
+
+_TOLERANCE_S = 1e-9  # as in `Signal.covers`
+
+
+@dataclass
+class _Track:
+    """The samples of one signal so far."""
+
+    unit: str = ""
+    t: list[float] = field(default_factory=list)
+    values: list[Value] = field(default_factory=list)
+
+
+class Arrivals:
+    """The samples of a trial that have come so far.
+
+    >>> arrivals = Arrivals()
+    >>> speeds = arrivals.aligned(["speed/human", "speed/robot"], max_gap_s=0.05)
+    >>> arrivals.take([Sample("speed/human", 0.0, 1.0, "m/s"), Sample("speed/robot", 0.0, 0.5, "m/s")])
+    >>> arrivals.take([Sample("speed/human", 0.02, 1.4, "m/s")])
+    >>> list(speeds.rows())
+    [(0.0, (1.0, 0.5))]
+    >>> arrivals.take([Sample("speed/robot", 0.01, 0.6, "m/s")])
+    >>> list(speeds.rows())
+    [(0.01, (1.2, 0.6))]
+    """
+
+    def __init__(self) -> None:
+        self._tracks: dict[str, _Track] = {}
+
+    def take(self, samples: Iterable[Sample]) -> None:
+        """Take what has just come.
+
+        Raises:
+            ValueError: The times of a signal do not increase; what came before that sample is taken.
+        """
+        tracks = self._tracks
+        for sample in samples:
+            track = tracks.get(sample.signal)
+            if track is None:
+                track = tracks[sample.signal] = _Track()
+            t = track.t
+            if t and not sample.t_s > t[-1]:
+                raise ValueError(f"{sample.signal} was at {t[-1]} s and is at {sample.t_s} s now")
+            track.unit = sample.unit
+            t.append(sample.t_s)
+            track.values.append(sample.value)
+
+    def __contains__(self, signal: str) -> bool:
+        track = self._tracks.get(signal)
+        return track is not None and bool(track.t)
+
+    def aligned(self, signals: Sequence[str], *, max_gap_s: float) -> Alignment:
+        """Signals on one time base, whether they have samples already or not.
+
+        Args:
+            signals: At least one.
+            max_gap_s: Longest stretch between two samples that is interpolated, s.
+        """
+        return Alignment([self._tracks.setdefault(name, _Track()) for name in signals], max_gap_s)
+
+    def complete(self, trial: Trial) -> Trial:
+        """A trial with the signals that have come."""
+        signals = {
+            name: Signal(name, track.unit, np.array(track.t), np.array(track.values))
+            for name, track in sorted(self._tracks.items())
+            if track.t
+        }
+        return replace(trial, signals={**trial.signals, **signals})
+
+
+class Alignment:
+    """Some signals on one time base, as far as all of them have come.
+
+    Args:
+        tracks: Of the signals.
+        max_gap_s: Longest stretch between two samples that is interpolated, s.
+    """
+
+    def __init__(self, tracks: Sequence[_Track], max_gap_s: float) -> None:
+        self._tracks, self._longest_s = tuple(tracks), max_gap_s + _TOLERANCE_S
+        self._at = [0] * len(tracks)
+        self._together = True
+
+    @property
+    def reached_s(self) -> float:
+        """The last time up to which every signal has come, s; minus infinity before."""
+        return min((track.t[-1] if track.t else -math.inf) for track in self._tracks)
+
+    def rows(self) -> Iterator[tuple[float, tuple[Value, ...]]]:
+        """The instants that all signals have reached since this was last asked, with their values."""
+        if self._together:
+            yield from self._rows_together()
+        while (t_s := self._next_s()) is not None:
+            values = tuple(self._value(i, t_s) for i in range(len(self._tracks)))
+            if None not in values:
+                yield t_s, values  # type: ignore[misc]  # there is no None among them
+
+    def _rows_together(self) -> Iterator[tuple[float, tuple[Value, ...]]]:
+        """Rows for as long as all signals have had samples at the same times, as those of one message."""
+        tracks, first, at = self._tracks, self._tracks[0].t, self._at
+        k = at[0]
+        while True:
+            for track in tracks:
+                if len(track.t) <= k:
+                    return
+            t_s = first[k]
+            for track in tracks:
+                if track.t[k] != t_s:
+                    self._together = False
+                    return
+            k += 1
+            at[:] = [k] * len(tracks)
+            yield t_s, tuple([track.values[k - 1] for track in tracks])
+
+    def _next_s(self) -> float | None:
+        first_s = math.inf
+        for track, at in zip(self._tracks, self._at, strict=True):
+            if at == len(track.t):
+                return None
+            first_s = min(first_s, track.t[at])
+        return first_s
+
+    def _value(self, i: int, t_s: float) -> Value | None:
+        """The value at an instant that the signal has reached; `None` in a gap."""
+        track, at = self._tracks[i], self._at[i]
+        t = track.t
+        if t[at] == t_s:
+            self._at[i] = at + 1
+            return track.values[at]
+        if at == 0 or not t[at] - t[at - 1] <= self._longest_s:
+            return None
+        around = Signal("", "", np.array(t[at - 1 : at + 1]), np.array(track.values[at - 1 : at + 1]))
+        value = around.at(np.array([t_s]))[0]
+        return float(value) if np.ndim(value) == 0 else tuple(value.tolist())

@@ -1,0 +1,223 @@
+"""`rml.spec` while a trial goes on: over signals as they come, and over events as they are recorded."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from math import inf
+
+from ariac_score import Alignment, Arrivals, Event, Finding, Sample, Standing, Trial, Verdict
+from ariac_score_rml.automaton import AfterViolation
+from ariac_score_rml.faults import RmlRunError
+from ariac_score_rml.machine import Letter, Machine
+from ariac_score_rml.terms import Term
+from ariac_score_rml.values import Json
+
+__all__ = ["EventsOnline", "SignalsOnline", "Trace", "Wanted"]
+
+Fields = Mapping[str, str]
+Wanted = Sequence[tuple[str, Fields]]
+"""The topics of one subject: name, and signal by field."""
+
+PENDING = "the specification still asks for something"
+
+
+class Trace:
+    """A specification on events, one after another.
+
+    Attributes:
+        letter: What may be said of the events so far.
+        over: Whether nothing that may come is judged any more.
+    """
+
+    def __init__(self, machine: Machine, after: AfterViolation) -> None:
+        self._machine, self._after = machine, after
+        self._state = machine.start
+        self.letter: Letter = machine.letter(self._state)
+        self._initial = self.letter
+        self.over = False
+
+    def take(self, event: Json) -> str:
+        """Take an event: why it is rejected; empty when it is accepted.
+
+        Raises:
+            RmlRunError: It cannot be judged; everything is as before.
+        """
+        state = self._state
+        found = self._machine.after(state, event)
+        if found is not None:
+            self.letter = self._machine.letter(found)
+            self._state = found
+            return ""
+        reason = self._reason(state, event)
+        if self._after == "once":
+            self.over = True
+        elif self._after == "restart":
+            self._state, self.letter = self._machine.start, self._initial
+        return reason
+
+    def _reason(self, state: Term, event: Json) -> str:
+        """What the event would have had to be, as far as that hangs on its type alone."""
+        types = self._machine.asked(state)
+        try:
+            others = {t.name for t in types or () if self._machine.solutions(t, event).get(0) is None}
+        except RmlRunError:
+            others = set()
+        return f"is rejected{': it is no ' + ' and no '.join(map(repr, sorted(others))) if others else ''}"
+
+
+# Events ----------------------------------------------------------------------------------
+
+
+class EventsOnline:
+    """Judges a trace of events as they are; a rejected one is final unless the policy says otherwise."""
+
+    def __init__(self, machine: Machine, after: AfterViolation) -> None:
+        self._trace = Trace(machine, after)
+        self._final: Standing | None = None
+
+    def take(self, event: Mapping[str, object]) -> Standing:
+        """Judge the trace up to and including an event.
+
+        Raises:
+            ValueError: The event cannot be judged.
+        """
+        if self._final is not None:
+            return self._final
+        time = event.get("time")
+        t_s = float(time) if isinstance(time, int | float) else 0.0
+        trace = self._trace
+        try:
+            reason = trace.take(event)  # type: ignore[arg-type]  # it was read from JSON
+        except RmlRunError as error:
+            raise ValueError(str(error)) from error
+        if reason:
+            channel = event.get("topic", event.get("service", "the event"))
+            said = Standing("trace", t_s, Verdict.VIOLATED, f"{channel!r} {reason}", final=trace.over)
+        elif trace.letter == "f":
+            said = Standing("trace", t_s, Verdict.VIOLATED, f"the trace may not end here: {PENDING}")
+        else:
+            final = trace.letter == "T"
+            said = Standing("trace", t_s, Verdict.SATISFIED, "the trace may end here", final=final)
+        self._final = said if said.final else None
+        return said
+
+
+# Signals ---------------------------------------------------------------------------------
+
+
+class SignalsOnline:
+    """One trial, watched by a specification on every sample of its topics.
+
+    Args:
+        machine: Makes a machine in its first state.
+        after: What follows a rejection.
+        wanted: The topics of every subject.
+        max_gap_s: Longest stretch between two samples that is interpolated, s.
+        watch: What the monitor finds in a whole trial.
+    """
+
+    def __init__(
+        self,
+        machine: Callable[[], Machine],
+        after: AfterViolation,
+        wanted: Mapping[str, Wanted],
+        *,
+        max_gap_s: float,
+        watch: Callable[[Trial], Iterable[Finding]],
+    ) -> None:
+        self._arrivals, self._watch = Arrivals(), watch
+        self._subjects = [
+            _Followed(
+                subject,
+                machine(),
+                after,
+                [_Topic(*topic, self._arrivals, max_gap_s) for topic in topics],
+            )
+            for subject, topics in wanted.items()
+        ]
+
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
+        """Take samples, and judge every instant that all topics have reached by now."""
+        del events  # the specification speaks of samples
+        self._arrivals.take(samples)
+        for followed in self._subjects:
+            yield from followed.judged()
+
+    def end(self, trial: Trial) -> Iterable[Finding]:
+        """What the monitor finds in the trial with the samples that were stepped."""
+        return self._watch(self._arrivals.complete(trial))
+
+
+class _Topic:
+    """The events of one topic, as its signals make them."""
+
+    def __init__(self, name: str, fields: Fields, arrivals: Arrivals, max_gap_s: float) -> None:
+        self.name, self.fields = name, tuple(fields)
+        self.alignment: Alignment = arrivals.aligned(list(fields.values()), max_gap_s=max_gap_s)
+        self.waiting: deque[tuple[float, dict[str, Json]]] = deque()
+
+    def come(self) -> None:
+        """Take the events that have come."""
+        for t_s, values in self.alignment.rows():
+            event: dict[str, Json] = {"time": t_s}
+            event.update(zip(self.fields, values, strict=True))  # type: ignore[arg-type]  # they are numbers
+            event["topic"] = self.name
+            self.waiting.append((t_s, event))
+
+
+class _Followed:
+    """The specification for one robot, human or pair, or for the trial."""
+
+    def __init__(
+        self, subject: str, machine: Machine, after: AfterViolation, topics: Sequence[_Topic]
+    ) -> None:
+        self.subject, self.topics = subject, topics
+        self.broken: RmlRunError | None = None
+        try:
+            self.trace: Trace | None = Trace(machine, after)
+        except RmlRunError as error:
+            self.trace, self.broken = None, error
+        self.over = False
+
+    def judged(self) -> Iterator[Standing]:
+        """What can be said by now."""
+        for topic in self.topics:
+            topic.come()
+        while (t_s := self._next_s()) < inf:
+            events = [
+                topic.waiting.popleft()[1]
+                for topic in self.topics
+                if topic.waiting and topic.waiting[0][0] == t_s
+            ]
+            if not self.over:
+                yield self._said(t_s, events)
+
+    def _next_s(self) -> float:
+        """The next instant with an event, once no other topic can have one before it."""
+        t_s = min((topic.waiting[0][0] for topic in self.topics if topic.waiting), default=inf)
+        if all(topic.waiting or topic.alignment.reached_s >= t_s for topic in self.topics):
+            return t_s
+        return inf
+
+    def _said(self, t_s: float, events: Sequence[dict[str, Json]]) -> Standing:
+        reasons = []
+        try:
+            if self.trace is None:
+                raise self.broken or AssertionError
+            for event in events:
+                if not self.trace.over and (reason := self.trace.take(event)):
+                    reasons.append(f"{event['topic']!r} {reason}")
+        except RmlRunError as error:
+            self.over = True
+            words = f"cannot be judged from here: {error}"
+            return Standing(self.subject, t_s, Verdict.INCONCLUSIVE, words, final=True)
+        if reasons:
+            self.over = self.trace.over
+            return Standing(self.subject, t_s, Verdict.VIOLATED, " and ".join(reasons), final=self.trace.over)
+        return self._standing(t_s, self.trace.letter)
+
+    def _standing(self, t_s: float, letter: Letter) -> Standing:
+        if letter == "f":
+            return Standing(self.subject, t_s, Verdict.INCONCLUSIVE, PENDING)
+        return Standing(self.subject, t_s, Verdict.SATISFIED, "is accepted", final=letter == "T")
