@@ -260,8 +260,9 @@ def run_lines(machine: Machine, file: BinaryIO) -> Run | None:
 def _letters(machine: Machine, watch: Watch) -> str:
     """The letter after each event: that of the state before the next one."""
     letters: list[Letter] = [machine.letter(state) for state in watch.states]
-    before = watch.before[watch.before >= 0]
-    if not len(before):
+    judged = int(np.count_nonzero(watch.before >= 0))  # all of them up to a rejection
+    before = watch.before[:judged]
+    if not judged:
         return ""
     table = np.frombuffer("".join(letters).encode(), dtype=np.uint8)
     return table[before[1:]].tobytes().decode() + watch.end

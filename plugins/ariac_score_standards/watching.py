@@ -242,7 +242,7 @@ def _watched(
     window = trial.window
     gaps: list[Span] = []
     if window is not None:
-        inside = (t >= window.start_s) & (t <= window.end_s)
+        inside = slice(t.searchsorted(window.start_s), t.searchsorted(window.end_s, side="right"))
         t, columns = t[inside], [column[inside] for column in columns]
         gaps = uncovered_spans(t, window, max_gap_s=max_gap_s)
     units = {signal.name: signal.unit for signal in signals}
