@@ -121,6 +121,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "pyarrow",
         "ranking",
         "registry",
+        "result",
         "result_json",
         "ruleset",
     },

@@ -63,6 +63,12 @@ def register(commands: Any) -> None:
         metavar="DIR",
         help="also write every run's result as DIR/<team>/<trial>_<n>.json",
     )
+    parser.add_argument(
+        "--batch",
+        type=Path,
+        metavar="DIR",
+        help="take the results from this folder, which 'batch' wrote, instead of scoring",
+    )
     parser.set_defaults(run=run)
 
 
@@ -84,12 +90,17 @@ def run(arguments: argparse.Namespace) -> int:
     spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
     if arguments.policy == "strict":
         return _strict(arguments, competition, rule_set, spec)
-    with counting_bar("scoring", len(competition.runs)) as step:
-        results = score_runs(
-            competition,
-            rule_set,
-            progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
-        )
+    if arguments.batch is not None:
+        from ariac_score.batch.results import results_of_batch  # noqa: PLC0415
+
+        results = results_of_batch(arguments.batch, competition, rule_set)
+    else:
+        with counting_bar("scoring", len(competition.runs)) as step:
+            results = score_runs(
+                competition,
+                rule_set,
+                progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
+            )
     ranking = adjusted_by_stewards(
         arguments.adjustments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)
     )
