@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Numbers", "Text"]
+__all__ = ["PADDING", "Numbers", "Text"]
 
 _Words = NDArray[np.uint64]
 _Places = NDArray[np.intp]
 
-_PADDING = 64
-"""Reading on behind the last byte meets zeros."""
+PADDING = 64
+"""Reading goes on so far behind the last byte."""
 
 _DIGITS_AT_ONCE = 8
 _MAX_WORDS = 3
@@ -55,14 +55,20 @@ class Text:
     """A block of text of which eight bytes can be had at any place.
 
     Args:
-        block: The text.
+        padded: The text and at least `PADDING` bytes more, which nobody may change meanwhile;
+            a whole number of words.
+        length: Of the text.
     """
 
-    def __init__(self, block: bytes) -> None:
-        self.length = len(block)
-        self.padded = block + bytes(_PADDING - len(block) % 8)
+    def __init__(self, padded: bytes | bytearray, length: int) -> None:
+        self.padded, self.length = padded, length
         self.bytes = np.frombuffer(self.padded, dtype=np.uint8)
         self.words: _Words = np.frombuffer(self.padded, dtype="<u8")
+
+    @classmethod
+    def of(cls, block: bytes) -> Text:
+        """A text on its own."""
+        return cls(block + bytes(PADDING + -len(block) % 8), len(block))
 
     def words_from(self, at: _Places) -> Iterator[_Words]:
         """Eight bytes from each place, the first of them lowest; then the next eight, and so on."""
