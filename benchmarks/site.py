@@ -142,7 +142,8 @@ def measure_site(arguments: argparse.Namespace) -> None:
     cores = len(os.sched_getaffinity(0))
     print(f"site, {cores} cores                 {all_cores:7.1f} s, processor {work:.1f} s")
     print(f"site, 1 core                  {single:7.1f} s, {ratio:.2f} times as long")
-    met = "met" if all_cores <= WANTED_SITE_S else "missed"
+    share = work / cores
+    met = "met" if all_cores <= WANTED_SITE_S else f"missed; its processor time on idle cores: {share:.1f} s"
     print(f"wanted                        {WANTED_SITE_S:7.1f} s: {met}")
 
 
@@ -178,12 +179,12 @@ def made_ranking(teams: int, trials: int, runs: int, draws: int) -> tuple[Rankin
 
 
 def floor(teams: int, trials: int, runs: int, draws: int) -> float:
-    """Seconds for as many random words alone: what no bootstrap that draws them can be faster than."""
-    started = time.perf_counter()
+    """Processor time of as many random words alone: no bootstrap that draws them can be faster."""
+    started = time.process_time()
     source = np.random.PCG64(1)
     for _ in range(trials):
         source.random_raw(teams * runs * draws // 2)
-    return time.perf_counter() - started
+    return time.process_time() - started
 
 
 def measure_bootstrap(arguments: argparse.Namespace) -> None:
@@ -191,12 +192,13 @@ def measure_bootstrap(arguments: argparse.Namespace) -> None:
     ranking, spec = made_ranking(teams, arguments.trials, arguments.runs, arguments.draws)
     rounds: list[tuple[float, float]] = []
     for _ in range(max(arguments.rounds, 3)):
-        started = time.perf_counter()
+        started = time.process_time()
         rank_statistics(ranking, spec, 3)
-        took = time.perf_counter() - started
+        took = time.process_time() - started
         rounds.append((took, floor(teams, arguments.trials, arguments.runs, arguments.draws)))
     ours, words = (statistics.median(column) for column in zip(*rounds, strict=True))
     print(f"{arguments.draws} draws of {teams} teams, {arguments.trials} trials, {arguments.runs} runs")
+    print("one core, processor time")
     ratio = statistics.median(a / b for a, b in rounds)
     print(f"all statistics of the ranking {ours:7.2f} s, {ratio:.1f} times the random words")
     print(f"random words alone            {words:7.2f} s")
