@@ -12,13 +12,11 @@ from pathlib import Path, PurePath
 from ariac_score.datafiles import load_yaml
 from ariac_score.errors import DataFileError, LogError
 from ariac_score.logs.mcap import McapScan
+from ariac_score.logs.opening import METADATA, METADATA_KEY
 from ariac_score.logs.salvage import Batch, Connection, Message, Scan, inflate
 from ariac_score.logs.sqlite_bag import SqliteScan
 
-__all__ = ["METADATA", "METADATA_KEY", "FolderScan"]
-
-METADATA = "metadata.yaml"
-METADATA_KEY = "rosbag2_bagfile_information"
+__all__ = ["FolderScan"]
 
 _REINDEX = "`ros2 bag reindex FOLDER` writes it anew from the storage files; or name one of these instead"
 
@@ -34,12 +32,14 @@ class _Metadata:
 class FolderScan:
     """One rosbag2 folder; see `ariac_score.logs.salvage.Scan`."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, jobs: int = 0) -> None:
         self.path = path
         self._metadata = _read_metadata(path)
-        scan = McapScan if self._metadata.storage == "mcap" else SqliteScan
-        self.format = scan.format
-        self._scans: list[Scan] = [scan(file) for file in self._metadata.files]
+        mcap = self._metadata.storage == "mcap"
+        self.format = (McapScan if mcap else SqliteScan).format
+        self._scans: list[Scan] = [
+            McapScan(file, jobs=jobs) if mcap else SqliteScan(file) for file in self._metadata.files
+        ]
         self._current = 0
 
     @property

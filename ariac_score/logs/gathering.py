@@ -87,14 +87,10 @@ class Gathering:
                 self.flush()
 
     def _take_many(self, batch: Batch) -> None:
-        wanted = np.array([connection in self._routes for connection in batch.connections], dtype=bool)
-        kept = np.flatnonzero(wanted[batch.sources])
-        numbers = self._number + 1 + kept
+        first = self._number + 1
         self._number += len(batch)
-        for some in self._pending.portions(batch, kept):
-            self._pending.add_many(batch, kept[some], numbers[some])
-            if self._pending.full:
-                self.flush()
+        for waiting in self._pending.take(batch, self._routes, first):
+            self._decode_waiting(waiting)
 
     def _connect(self, connection: Connection) -> None:
         intakes = [intake for intake in self._intakes if intake.accepts(connection)]
@@ -114,7 +110,9 @@ class Gathering:
         Raises:
             LogError: Header and log stamps come from two clocks.
         """
-        waiting = self._pending.empty()
+        self._decode_waiting(self._pending.empty())
+
+    def _decode_waiting(self, waiting: Mapping[Connection, Waiting]) -> None:
         alone = self._one_by_one(waiting)
         errors: list[MixedClocksError] = []
         together = Together()

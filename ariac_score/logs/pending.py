@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -71,14 +71,31 @@ class Pending:
             self._buffer = larger
         return start
 
-    def portions(self, batch: Batch, kept: IntArray) -> Iterator[slice]:
-        """The wanted messages of a batch in portions that fit."""
-        sizes = batch.payloads.ends[kept] - batch.payloads.starts[kept]
-        total = np.cumsum(sizes) // SLAB_BYTES
-        bounds = [0, *(np.flatnonzero(np.diff(total)) + 1).tolist(), len(kept)]
-        for first, last in pairwise(bounds):
-            if last > first:
-                yield slice(first, last)
+    def take(
+        self, batch: Batch, wanted: Container[Connection], first: int
+    ) -> Iterator[dict[Connection, Waiting]]:
+        """Take the wanted messages of a batch; what is to be decoded now comes back.
+
+        Where they are many they are not copied, so what comes back holds until the next
+        batch is asked for.
+
+        Args:
+            batch: Some messages.
+            wanted: The connections whose messages are wanted.
+            first: The number of the first message in the recording.
+        """
+        good = np.array([connection in wanted for connection in batch.connections], dtype=bool)
+        kept = np.arange(len(batch)) if good.all() else np.flatnonzero(good[batch.sources])
+        for some in _portions(batch, kept):
+            rows = kept[some]
+            if _size(batch, rows) >= SLAB_BYTES // 8:
+                if self._count:
+                    yield self.empty()
+                yield _in_place(batch, rows, first)
+                continue
+            self.add_many(batch, rows, rows + first)
+            if self.full:
+                yield self.empty()
 
     def add_many(self, batch: Batch, kept: IntArray, numbers: IntArray) -> None:
         """Take copies of some messages of a batch."""
@@ -119,3 +136,28 @@ class Pending:
             waiting[connection] = Waiting(numbers, stamps_ns, Payloads(buffer, starts, ends))
         self._used, self._rows, self._count = 0, {}, 0
         return waiting
+
+
+def _size(batch: Batch, rows: IntArray) -> int:
+    return int((batch.payloads.ends[rows] - batch.payloads.starts[rows]).sum())
+
+
+def _portions(batch: Batch, kept: IntArray) -> Iterator[slice]:
+    """The wanted messages of a batch in portions that fit."""
+    sizes = batch.payloads.ends[kept] - batch.payloads.starts[kept]
+    total = np.cumsum(sizes) // SLAB_BYTES
+    bounds = [0, *(np.flatnonzero(np.diff(total)) + 1).tolist(), len(kept)]
+    for first, last in pairwise(bounds):
+        if last > first:
+            yield slice(first, last)
+
+
+def _in_place(batch: Batch, rows: IntArray, first: int) -> dict[Connection, Waiting]:
+    """Messages of a batch by connection, where they are."""
+    waiting, sources, payloads = {}, batch.sources[rows], batch.payloads
+    for place, connection in enumerate(batch.connections):
+        own = rows[sources == place]
+        if len(own):
+            found = Payloads(payloads.buffer, payloads.starts[own], payloads.ends[own])
+            waiting[connection] = Waiting(own + first, batch.stamps_ns[own], found)
+    return waiting

@@ -55,7 +55,7 @@ def recorded(path: Path) -> dict[str, list[Message]]:
             found[item.topic] = found[item.topic]
             continue
         for message in item.messages() if isinstance(item, Batch) else (item,):
-            found[message.connection.topic].append(message)
+            found[message.connection.topic].append(message._replace(payload=bytes(message.payload)))
     return found
 
 
