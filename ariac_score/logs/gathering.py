@@ -97,12 +97,14 @@ class Gathering:
         if not intakes:
             return
         try:
-            decode = decoder_for(connection)
+            columns = columns_for(connection, [i.needs for i in intakes])
+            # Where columns can be decoded its definition is understood, and rosbags may never be needed.
+            decode = decoder_for(connection) if columns is None else _when_needed(connection)
         except UnknownTypeError as error:
             for intake in intakes:
                 intake.unknown[connection.type] = str(error)
             return
-        self._routes[connection] = Route(intakes, decode, columns_for(connection, [i.needs for i in intakes]))
+        self._routes[connection] = Route(intakes, decode, columns)
 
     def flush(self) -> None:
         """Decode what waits.
@@ -234,6 +236,13 @@ class Gathering:
             self._models.settle(builder, origin_ns)
         records = (frames.record(origin_ns) for frames in self._kits.values())
         builder.kit_records.extend(record for record in records if record is not None)
+
+
+def _when_needed(connection: Connection) -> Decode:
+    def decode(payload: bytes | memoryview) -> object:
+        return decoder_for(connection)(payload)  # which remembers definitions it has compiled
+
+    return decode
 
 
 def _stamp_ns(item: Message, number: int, message: object, channel: Channel) -> int:
