@@ -5,7 +5,7 @@ Source: rosbag2_storage, bag metadata versions 1 to 9.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
@@ -32,13 +32,15 @@ class _Metadata:
 class FolderScan:
     """One rosbag2 folder; see `ariac_score.logs.salvage.Scan`."""
 
-    def __init__(self, path: Path, *, jobs: int = 0) -> None:
+    def __init__(self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> None:
         self.path = path
         self._metadata = _read_metadata(path)
+        self._topics = topics
         mcap = self._metadata.storage == "mcap"
         self.format = (McapScan if mcap else SqliteScan).format
         self._scans: list[Scan] = [
-            McapScan(file, jobs=jobs) if mcap else SqliteScan(file) for file in self._metadata.files
+            McapScan(file, jobs=jobs, topics=topics) if mcap else SqliteScan(file, topics=topics)
+            for file in self._metadata.files
         ]
         self._current = 0
 
@@ -86,6 +88,8 @@ class FolderScan:
             )
 
     def _unpacked(self, message: Message) -> Message:
+        if self._topics is not None and message.connection.topic not in self._topics:
+            return message._replace(payload=b"")
         try:
             return message._replace(payload=inflate(message.payload, "zstd"))
         except ValueError as error:

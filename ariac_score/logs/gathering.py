@@ -68,6 +68,12 @@ class Gathering:
         self._pending = Pending()
         self._number = 0
 
+    @property
+    def topics(self) -> frozenset[str]:
+        """The topics it takes messages of, with and without leading slash."""
+        names = {intake.channel.topic.lstrip("/") for intake in self._intakes}
+        return frozenset(name for plain in names for name in (plain, f"/{plain}"))
+
     def take(self, item: Connection | Message | Batch) -> None:
         """Take one item of a scan, in recorded order.
 

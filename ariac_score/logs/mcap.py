@@ -6,7 +6,7 @@ Source: MCAP format specification, version 0 (mcap.dev/spec).
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ import numpy as np
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.columns import Bytes, IntArray, Payloads
 from ariac_score.logs.salvage import (
+    MAX_PEEK_BYTES,
     Batch,
     Connection,
     FileScan,
@@ -55,6 +56,8 @@ _MESSAGE_WORDS = np.dtype(
     }
 )
 _LONGEST_COMPRESSION = 64
+_WORTH_LEAVING_OUT_BYTES = 1 << 17
+_LARGE_MESSAGE_BYTES = 1 << 16
 _LATEST_NS = 1 << 63
 
 
@@ -96,9 +99,11 @@ class McapScan(FileScan):
 
     format = "ROS 2 bag (MCAP)"
 
-    def __init__(self, path: Path, *, jobs: int = 0) -> None:
+    def __init__(self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> None:
         super().__init__(path)
-        self._jobs = jobs
+        self._jobs, self._topics = jobs, topics
+        self._channels_in_summary: frozenset[int] | None = None
+        self._deaf: set[int] = set()
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._channels: dict[int, tuple[tuple[int, str], Connection]] = {}
         self._messages = 0
@@ -119,6 +124,8 @@ class McapScan(FileScan):
             if magic != MAGIC:
                 raise source.damaged("the file does not start as an MCAP file does (wrong magic)", at=0)
             self._data_crc_wanted = _announces_data_crc(source)
+            if self._topics is not None:
+                self._channels_in_summary = _channels_in_summary(source)
             self._crc_of_file = crc32(magic)
             yield from self._records(source)
             if source.take(len(MAGIC), "closing magic") != MAGIC:
@@ -181,26 +188,117 @@ class McapScan(FileScan):
         """Read a chunk; its records are inflated and verified on the way."""
         end = source.offset + length
         try:
-            chunk = _ChunkHead.read(source, length)
-            self._add_to_crcs(_CHUNK, chunk.raw)
-            check_announced(chunk.size)
-            packed = 0 if chunk.plain else end - source.offset
-            yield from self._settled(source, slabs.turn(chunk.size, packed))
-            slabs.add(chunk.size, packed, start, lambda room: self._filled(source, chunk, room)).end = end
+            head = _ChunkHead.read(source, length)
+            self._add_to_crcs(_CHUNK, head.raw)
+            check_announced(head.size)
+            index, behind = self._index_if_large(source, head, end)
+            if not {int.from_bytes(body[:2], "little") for body in index} <= self._channels.keys():
+                # They are declared in what was read and not looked at yet.
+                yield from self._settled(source, slabs.rest())
+            unread = self._unread(index) if index and self._is_unwanted(index) else None
+            if unread is not None:
+                yield from self._settled(source, slabs.rest())
+                self._messages += len(unread)
+                yield unread
+                source.skip(behind - source.offset)
+                self._reached(source.offset)
+                return
+            packed = 0 if head.plain else end - source.offset
+            yield from self._settled(source, slabs.turn(head.size, packed))
+            left_out = self._left_out(index, head) if head.plain else []
+            if left_out:
+                self._hold_parts(source, slabs, head, left_out, start)
+            else:
+                slabs.add(head.size, packed, start, lambda room: self._filled(source, head, room)).end = end
         except (struct.error, ValueError) as error:
             yield from self._settled(source, slabs.rest())
             raise source.damaged(str(error), what="chunk", at=start) from error
 
-    def _filled(self, source: Source, chunk: _ChunkHead, room: memoryview) -> Callable[[], None]:
+    def _filled(self, source: Source, head: _ChunkHead, room: memoryview) -> Callable[[], None]:
         """Read the records of a chunk; returns the job that completes and verifies them."""
-        what = f"record 0x{_CHUNK:02x}"
-        if chunk.plain:
-            source.take_into(room, what)
+        if head.plain:
+            source.take_into(room, "chunk")
             self._add_to_crcs(_CHUNK, room)
-            return partial(chunk.verify, room)
-        packed = source.take(chunk.packed, what)
+            return partial(head.verify, room)
+        packed = source.take(head.packed, "chunk")
         self._add_to_crcs(_CHUNK, packed)
-        return partial(chunk.inflate, room, packed)
+        return partial(head.inflate, room, packed)
+
+    def _hold_parts(
+        self, source: Source, slabs: Slabs, head: _ChunkHead, left_out: Sequence[tuple[int, int]], start: int
+    ) -> None:
+        """Read a chunk but for large messages that nobody wants."""
+        records = source.offset
+
+        def filled(room: memoryview) -> Callable[[], None]:
+            at = 0
+            for first, last in [*left_out, (head.size, head.size)]:
+                source.take_into(room[at:first], "chunk")
+                source.skip(last - first)
+                at = last
+            return _nothing
+
+        chunk = slabs.add(head.size, 0, start, filled)
+        room = slabs.room_of(chunk)
+
+        def complete() -> None:
+            source.read_at(records, room, "chunk")
+            head.verify(room)
+
+        chunk.end, chunk.complete = source.offset, complete
+
+    def _index_if_large(self, source: Source, head: _ChunkHead, end: int) -> tuple[list[bytes], int]:
+        """The index records behind a chunk of which parts might be left out, and where they end."""
+        found: list[bytes] = []
+        if self._topics is None or self._data_crc_wanted or head.size < _WORTH_LEAVING_OUT_BYTES:
+            return found, end
+        at = end
+        while True:
+            record = source.at(at, _RECORD.size)
+            if len(record) < _RECORD.size or record[0] != _MESSAGE_INDEX:
+                return found, at
+            length = int.from_bytes(record[1:], "little")
+            body = source.at(at + _RECORD.size, length)
+            if len(body) != length or length > MAX_PEEK_BYTES:
+                return [], end
+            found.append(body)
+            at += _RECORD.size + length
+
+    def _is_unwanted(self, index: Sequence[bytes]) -> bool:
+        """Whether a chunk holds no wanted message, and cannot declare anything either."""
+        declared = self._channels.keys()
+        if not self._channels_in_summary or not self._channels_in_summary <= declared:
+            return False
+        return {int.from_bytes(body[:2], "little") for body in index} <= self._deaf
+
+    def _unread(self, index: Sequence[bytes]) -> Batch | None:
+        """What the index says of a chunk that is not read: senders and times, in recorded order."""
+        try:
+            heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, 0, _nothing, list(index))])
+        except (struct.error, ValueError):
+            return None
+        channels = np.repeat(np.array(heads, dtype=np.int64), counts)
+        order = np.argsort(pairs[:, 1], kind="stable")
+        nowhere = np.zeros(len(order), dtype=np.int64)
+        nothing = np.zeros(0, dtype=np.uint8)
+        places = _Places(nothing, channels[order], pairs[order, 0], nowhere, nowhere, ())
+        return self._batch_of(places, slice(0, len(order)), np.flatnonzero(np.bincount(channels)))
+
+    def _left_out(self, index: Sequence[bytes], head: _ChunkHead) -> list[tuple[int, int]]:
+        """The payloads of large messages that nobody wants, if the index is right: their heads will tell."""
+        if not index or not self._deaf:
+            return []
+        try:
+            heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, head.size, _nothing, list(index))])
+        except (struct.error, ValueError):
+            return []
+        deaf = np.repeat(np.isin(np.array(heads, dtype=np.int64), list(self._deaf)), counts)
+        order = np.argsort(pairs[:, 1], kind="stable")
+        offsets = pairs[order, 1]
+        ends = np.append(offsets[1:], head.size)
+        first = offsets + _MESSAGE_WORDS.itemsize
+        chosen = deaf[order] & (ends - first >= _LARGE_MESSAGE_BYTES) & (ends <= head.size)
+        return list(zip(first[chosen].tolist(), ends[chosen].tolist(), strict=True))
 
     def _settled(self, source: Source, slabs: Iterable[Slab]) -> Iterator[_Item]:
         """The records of the chunks that are held."""
@@ -235,6 +333,8 @@ class McapScan(FileScan):
     def _one_by_one(self, source: Source, slab: Slab, chunks: Sequence[Chunk]) -> Iterator[_Item]:
         for chunk in chunks:
             try:
+                if chunk.complete:
+                    chunk.complete()
                 yield from self._chunk(slab, chunk)
             except (struct.error, ValueError) as error:
                 slab.empty()
@@ -325,6 +425,8 @@ class McapScan(FileScan):
         type_, format_, definition = self._schemas.get(schema, ("", "", ""))
         connection = Connection(topic, type_, encoding, definition, format_)
         self._channels[key] = (schema, topic), connection
+        if self._topics is not None and topic not in self._topics:
+            self._deaf.add(key)
         yield connection
 
     def _chunk(self, slab: Slab, chunk: Chunk) -> Iterator[_Item]:
@@ -362,7 +464,11 @@ class McapScan(FileScan):
             )
 
     def _batch_of(self, places: _Places, rows: slice, known: IntArray) -> Batch:
-        payloads = Payloads(places.buffer, places.starts[rows], places.ends[rows])
+        starts, ends = places.starts[rows], places.ends[rows]
+        if self._deaf:
+            # They may not have been read.
+            ends = np.where(np.isin(places.channels[rows], list(self._deaf)), starts, ends)
+        payloads = Payloads(places.buffer, starts, ends)
         senders = tuple(self._channels[key][1] for key in known.tolist())
         sources = np.searchsorted(known, places.channels[rows])
         return Batch(senders, sources, places.stamps_ns[rows], payloads)
@@ -412,6 +518,25 @@ def _announces_data_crc(source: Source) -> bool:
     behind = summary or source.size - len(MAGIC) - _FOOTER_BODY.size - _RECORD.size
     end = source.at(behind - _RECORD.size - 4, _RECORD.size + 4)
     return end[:1] != bytes((_DATA_END,)) or end[-4:] != b"\0\0\0\0"
+
+
+def _channels_in_summary(source: Source) -> frozenset[int] | None:
+    """All channels that the summary lists; `None` when there is none to rely on."""
+    tail = source.at(source.size - len(MAGIC) - _FOOTER_BODY.size, 8)
+    start = int.from_bytes(tail, "little")
+    end = source.size - len(MAGIC) - _FOOTER_BODY.size - _RECORD.size
+    if not 0 < start < end or end - start > MAX_PEEK_BYTES:
+        return None
+    summary = source.at(start, end - start)
+    try:
+        places = [at for op, at in _ops(memoryview(summary)) if op == _CHANNEL]
+        return frozenset(struct.unpack_from("<H", summary, at + _RECORD.size)[0] for at in places)
+    except struct.error:
+        return None
+
+
+def _nothing() -> None:
+    """The job of a chunk that lies ready."""
 
 
 @dataclass(frozen=True)
@@ -500,11 +625,11 @@ def _walked(records: memoryview) -> IntArray:
     return np.array([at for op, at in _ops(records) if op == _MESSAGE], dtype=np.int64)
 
 
-def _indexed(buffer: Bytes, chunks: Sequence[Chunk]) -> _Places:
-    """Where the messages of chunks that lie side by side are, by their indexes.
+def _entries(chunks: Sequence[Chunk]) -> tuple[list[int], IntArray, IntArray, IntArray]:
+    """The channel of each index record and its number of entries; times and offsets, and whose they are.
 
     Raises:
-        ValueError: An index contradicts its chunk.
+        ValueError: An index record holds something else.
     """
     heads, counts, entries, owners = entries_of(chunks, head=6, words=4)
     named = [struct.unpack("<HI", head) for head in heads]
@@ -513,13 +638,23 @@ def _indexed(buffer: Bytes, chunks: Sequence[Chunk]) -> _Places:
     pairs = entries.reshape(-1).view("<u8").reshape(-1, 2)
     if pairs.max(initial=0) >= _LATEST_NS:
         raise ValueError("a number is beyond 63 bits")
-    times, offsets = pairs.astype(np.int64).T
+    return [channel for channel, _ in named], counts, pairs.astype(np.int64), owners
+
+
+def _indexed(buffer: Bytes, chunks: Sequence[Chunk]) -> _Places:
+    """Where the messages of chunks that lie side by side are, by their indexes.
+
+    Raises:
+        ValueError: An index contradicts its chunk.
+    """
+    named, counts, pairs, owners = _entries(chunks)
+    times, offsets = pairs.T
     firsts = np.array([chunk.first for chunk in chunks], dtype=np.int64)
     lasts = np.array([chunk.last for chunk in chunks], dtype=np.int64)
     if (offsets >= (lasts - firsts)[owners]).any():
         raise ValueError("the index leads out of its chunk")
     offsets = offsets + firsts[owners]
-    channels = np.repeat(np.array([channel for channel, _ in named], dtype=np.int64), counts)
+    channels = np.repeat(np.array(named, dtype=np.int64), counts)
     order = np.argsort(offsets, kind="stable")
     places = _Places.of(buffer[: chunks[-1].last], offsets[order])
     if (places.channels != channels[order]).any() or (places.stamps_ns != times[order]).any():

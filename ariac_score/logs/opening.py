@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from pathlib import Path
 
 from ariac_score.errors import LogError, NothingToScoreError
@@ -44,12 +45,13 @@ def looks_like_recording(path: Path) -> bool:
     return start.startswith((_MCAP, _ROS1))
 
 
-def open_scan(path: Path, *, jobs: int = 0) -> Scan:
+def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> Scan:
     """The scan for what lies at a path, chosen by its first bytes, else by its suffix.
 
     Args:
         path: A recording.
         jobs: Threads that inflate its chunks; 0: as many as there are processors.
+        topics: Messages of other topics may come without their bytes; `None`: all come with them.
 
     Raises:
         NothingToScoreError: It is empty, or no recording.
@@ -59,7 +61,7 @@ def open_scan(path: Path, *, jobs: int = 0) -> Scan:
         if path.is_dir():
             from ariac_score.logs.folder import FolderScan  # noqa: PLC0415  # as all of them
 
-            return FolderScan(path, jobs=jobs)
+            return FolderScan(path, jobs=jobs, topics=topics)
         with path.open("rb") as file:
             start = file.read(16)
     except OSError as error:
@@ -71,11 +73,11 @@ def open_scan(path: Path, *, jobs: int = 0) -> Scan:
     if start.startswith(_MCAP) or (path.suffix == ".mcap"):
         from ariac_score.logs.mcap import McapScan  # noqa: PLC0415
 
-        return McapScan(path, jobs=jobs)
+        return McapScan(path, jobs=jobs, topics=topics)
     if start.startswith(_SQLITE) or (path.suffix == ".db3"):
         from ariac_score.logs.sqlite_bag import SqliteScan  # noqa: PLC0415
 
-        return SqliteScan(path)
+        return SqliteScan(path, topics=topics)
     if start.startswith(_ROS1) or (path.suffix == ".bag"):
         from ariac_score.logs.ros1bag import Ros1Scan  # noqa: PLC0415
 

@@ -80,8 +80,8 @@ class RosbagReader:
                 says contradicts itself.
             NothingToScoreError: It holds no message.
         """
-        scan = open_scan(path)
         survey, gathering, progress_at = Survey(), Gathering(wanted, path), _PROGRESS_EVERY
+        scan = open_scan(path, jobs=wanted.jobs, topics=gathering.topics)
         try:
             for item in _surveyed(scan, survey, path):
                 gathering.take(item)

@@ -215,6 +215,18 @@ class Source:
             raise self.damaged("the file ends early", what=what)
         self.offset += len(room)
 
+    def read_at(self, offset: int, room: memoryview, what: str) -> None:
+        """Bytes from elsewhere, put where there is room for them, without moving on.
+
+        Raises:
+            LogError: They are not there.
+        """
+        self._file.seek(offset)
+        count = self._file.readinto(room)  # type: ignore[attr-defined]  # every file has it
+        self._file.seek(self.offset)
+        if count != len(room):
+            raise self.damaged("the file ends early", what=what, at=offset)
+
     def skip(self, count: int) -> None:
         """Move on over bytes that are there."""
         self.offset += count

@@ -34,6 +34,7 @@ class Chunk:
         last: Where they end.
         finish: Waits until they are there; raises ValueError when they cannot be had.
         index: What its index records hold.
+        complete: Reads what was left out of it; `None` when nothing was.
     """
 
     start: int
@@ -42,6 +43,7 @@ class Chunk:
     last: int
     finish: Callable[[], None]
     index: list[bytes] = field(default_factory=list)
+    complete: Callable[[], None] | None = None
 
     def has_room_for(self, length: int) -> bool:
         """Whether so many bytes of index are still looked at."""
@@ -129,6 +131,10 @@ class Slabs:
         else:
             fits = spare is not None and len(spare.buffer) == SLAB_BYTES
             self._filling = spare if spare is not None and fits else Slab(SLAB_BYTES)
+
+    def room_of(self, chunk: Chunk) -> memoryview:
+        """Where the records of the chunk lie that was added last."""
+        return self._filling.buffer.data[chunk.first : chunk.last]
 
     def rest(self) -> Iterator[Slab]:
         """All slabs that were not looked at."""

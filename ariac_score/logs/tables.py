@@ -125,7 +125,7 @@ def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None], *, jobs:
     """
     pending, growing = Pending(), dict[Connection, _Growing]()
     decoded = set[Connection]()
-    scan = open_scan(path, jobs=jobs)
+    scan = open_scan(path, jobs=jobs, topics=wanted.keys())
     for item in scan:
         if isinstance(item, Connection):
             if item.topic in wanted:
