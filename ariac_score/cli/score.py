@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ariac_score.scoring.cohort import CohortValues
 
 EXIT_UNDECIDED = 6
+MOST_JOBS = 64
 
 
 def register(commands: Any) -> None:
@@ -31,9 +32,22 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
     add_cohort(parser)
+    parser.add_argument(
+        "--jobs",
+        type=_jobs,
+        default=0,
+        metavar="N",
+        help="threads that inflate a recording; 0: one for each processor (default); changes no result",
+    )
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
     parser.set_defaults(run=run)
+
+
+def _jobs(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) > MOST_JOBS:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of threads from 0 to {MOST_JOBS}")
+    return int(text)
 
 
 def add_cohort(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
     rule_set = load_rule_set(arguments.rules)
     cohort = load_cohort_of(arguments, rule_set)
     with progress_bar(arguments.path) as progress:
-        result = score_trial(arguments.path, rule_set, log_map=arguments.log_map, progress=progress)
+        result = score_trial(
+            arguments.path, rule_set, log_map=arguments.log_map, progress=progress, jobs=arguments.jobs
+        )
     if cohort is not None:
         result = reprice(result, rule_set, values_of(cohort, arguments, result))
     return show(result, arguments)

@@ -14,6 +14,7 @@ import numpy as np
 from ariac_score.contracts import Wanted
 from ariac_score.logs.columnar import ColumnDecoder
 from ariac_score.logs.columnar.columns import IntArray
+from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.gathering_columns import (
     LARGEST_CLOCK_DIFFERENCE_S,
     Decoded,
@@ -102,15 +103,19 @@ class Gathering:
         intakes = [intake for intake in self._intakes if intake.accepts(connection)]
         if not intakes:
             return
+        alone = ""
         try:
-            columns = columns_for(connection, [i.needs for i in intakes])
+            try:
+                columns = columns_for(connection, [i.needs for i in intakes])
+            except PlanError as error:
+                columns, alone = None, str(error)
             # Where columns can be decoded its definition is understood, and rosbags may never be needed.
             decode = decoder_for(connection) if columns is None else _when_needed(connection)
         except UnknownTypeError as error:
             for intake in intakes:
                 intake.unknown[connection.type] = str(error)
             return
-        self._routes[connection] = Route(intakes, decode, columns)
+        self._routes[connection] = Route(intakes, decode, columns, connection.topic, alone)
 
     def flush(self) -> None:
         """Decode what waits.
@@ -225,6 +230,10 @@ class Gathering:
             LogError: A signal comes twice or its time runs backwards; frames contradict each other.
         """
         self.flush()
+        for route in self._routes.values():
+            if route.slow:
+                cause = f"its messages were decoded one by one, which is slower: {route.slow}"
+                builder.defect("decoded_one_by_one", route.topic, 1, cause)
         bodies: set[str] = set()
         for intake in self._intakes:
             intake.settle(builder, origin_ns, self._wanted)
@@ -265,11 +274,26 @@ def _stamp_ns(item: Message, number: int, message: object, channel: Channel) -> 
 
 @dataclass(frozen=True)
 class Route:
-    """Where the messages of a connection go, and how they are decoded."""
+    """Where the messages of a connection go, and how they are decoded.
+
+    Attributes:
+        intakes: Who takes them.
+        decode: Decodes one.
+        columns: Decodes many at once; `None` when only one by one will do.
+        topic: Where they come from.
+        alone: Why no columns can be decoded although nothing else stands against it.
+    """
 
     intakes: Sequence[_Intake]
     decode: Decode
     columns: ColumnDecoder | None
+    topic: str = ""
+    alone: str = ""
+
+    @property
+    def slow(self) -> str:
+        """Why its messages were decoded one by one, if not because that was asked for."""
+        return self.alone or (self.columns.fallback if self.columns else "")
 
     def things(self) -> set[object]:
         """What they tell of: intakes by identity; all poses are one thing."""

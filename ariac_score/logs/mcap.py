@@ -190,7 +190,7 @@ class McapScan(FileScan):
         try:
             head = _ChunkHead.read(source, length)
             self._add_to_crcs(_CHUNK, head.raw)
-            check_announced(head.size)
+            check_announced(head.size, head.packed)
             index, behind = self._index_if_large(source, head, end)
             if not {int.from_bytes(body[:2], "little") for body in index} <= self._channels.keys():
                 # They are declared in what was read and not looked at yet.

@@ -248,7 +248,7 @@ class Ros1Scan(FileScan):
         """Read a chunk and its index; its records are inflated on the way."""
         try:
             compression, size = _text(header, b"compression"), _number(header, b"size")
-            check_announced(size)
+            check_announced(size, length)
             plain = compression == "none"
             if plain and size != length:
                 raise ValueError(f"it holds {length} bytes instead of the announced {size}")

@@ -8,6 +8,7 @@ message definitions and the messages (`ariac_score.logs.types`).
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -21,7 +22,10 @@ from ariac_score.errors import LogError
 from ariac_score.logs.columnar.columns import IntArray, Payloads
 
 __all__ = [
+    "LARGEST_FILE_BYTES",
     "LARGEST_INFLATED_BYTES",
+    "MAX_PEEK_BYTES",
+    "MOST_INFLATION",
     "Batch",
     "Connection",
     "FileScan",
@@ -31,13 +35,30 @@ __all__ = [
     "check_announced",
     "checked_stamp",
     "inflate",
+    "inflate_file",
     "inflate_into",
     "normalised_type",
 ]
 
-LARGEST_INFLATED_BYTES = 1 << 30
+
+def _limit(name: str, default: int) -> int:
+    """A limit that the environment may set."""
+    text = os.environ.get(name, "")
+    if text and not (text.isascii() and text.isdigit()):
+        raise LogError(f"the environment variable {name} is {text!r}", hint="give a whole number")
+    return int(text) if text else default
+
+
+LARGEST_INFLATED_BYTES = _limit("ARIAC_SCORE_LARGEST_CHUNK_BYTES", 1 << 30)
 """A chunk or message that announces more is refused: recorders write some MB."""
 
+LARGEST_FILE_BYTES = _limit("ARIAC_SCORE_LARGEST_FILE_BYTES", 1 << 37)
+"""A compressed file that inflates to more is refused."""
+
+MOST_INFLATION = _limit("ARIAC_SCORE_MOST_INFLATION", 1000)
+"""So many times its size anything may inflate to, once it is large."""
+
+_ALWAYS_ALLOWED_BYTES = 1 << 26
 _BLOCK_BYTES = 1 << 20
 _BUFFER_BYTES = 1 << 16
 _LATEST_NS = 2**63
@@ -316,7 +337,7 @@ def inflate(packed: bytes | memoryview, compression: str, *, size: int | None = 
         ValueError: It cannot be inflated to that size; the message says why.
     """
     if size is not None:
-        check_announced(size)
+        check_announced(size, len(packed))
     if compression in ("", "none"):
         inflated: bytes | memoryview = packed
     elif compression in _INFLATERS:
@@ -328,14 +349,44 @@ def inflate(packed: bytes | memoryview, compression: str, *, size: int | None = 
     return inflated
 
 
-def check_announced(size: int) -> None:
-    """Make sure that so many bytes may be inflated at all.
+def check_announced(size: int, packed: int | None = None) -> None:
+    """Make sure that so many bytes may be inflated at all, from so many packed ones.
 
     Raises:
         ValueError: They are too many.
     """
     if size > LARGEST_INFLATED_BYTES:
         raise ValueError(f"it announces {size} bytes, more than the {LARGEST_INFLATED_BYTES} allowed")
+    if packed is not None and size > max(_ALWAYS_ALLOWED_BYTES, packed * MOST_INFLATION):
+        raise ValueError(
+            f"it announces {size} bytes in {packed}, more than {MOST_INFLATION} times as many are not allowed"
+        )
+
+
+def inflate_file(packed: Path, into: Path) -> None:
+    """Undo the zstd compression of a whole file, piece by piece.
+
+    Raises:
+        ValueError: It cannot be inflated, or inflates to more than is allowed.
+    """
+    module = import_module(_INFLATERS["zstd"][0])
+    engine, total = module.ZstdDecompressor(), 0
+    most = min(LARGEST_FILE_BYTES, max(_ALWAYS_ALLOWED_BYTES, packed.stat().st_size * MOST_INFLATION))
+    with packed.open("rb") as source, into.open("wb") as target:
+        while not engine.eof:
+            feed = source.read(_BLOCK_BYTES) if engine.needs_input else b""
+            if engine.needs_input and not feed:
+                raise ValueError("its zstd data ends early")
+            try:
+                part = engine.decompress(feed, max_length=_BLOCK_BYTES)
+            except module.ZstdError as error:
+                raise ValueError(f"its zstd data is broken: {error}") from error
+            total += len(part)
+            if total > most:
+                raise ValueError(f"its zstd data inflates to more than {most} bytes")
+            target.write(part)
+        if engine.unused_data or source.read(1):
+            raise ValueError("bytes follow its zstd data")
 
 
 def inflate_into(room: memoryview, packed: bytes | memoryview, compression: str) -> None:
