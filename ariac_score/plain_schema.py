@@ -48,7 +48,13 @@ def _type(data: Any, wanted: Any, *_: Any) -> bool:
 def _is(data: Any, name: str) -> bool:
     if isinstance(data, bool) or data is None:
         return name == ("null" if data is None else "boolean")
-    kinds = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float)}
+    kinds: Mapping[str, Any] = {
+        "object": dict,
+        "array": list,
+        "string": str,
+        "integer": int,
+        "number": (int, float),
+    }
     return isinstance(data, kinds.get(name, ()))
 
 
