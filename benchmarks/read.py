@@ -335,7 +335,7 @@ def main() -> None:
     given.folder.mkdir(parents=True, exist_ok=True)
     for suffix, compression, camera in CASES:
         name = f"{compression or 'none'}{'_camera' if camera else ''}_{given.seconds:g}s.{suffix}"
-        if given.only not in name:
+        if given.only not in name or (camera and "camera" not in given.only and given.only):
             continue
         path = given.folder / name
         if not path.exists():
