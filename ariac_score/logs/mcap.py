@@ -28,7 +28,7 @@ from ariac_score.logs.salvage import (
     inflate_into,
     normalised_type,
 )
-from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of
+from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of, nothing_to_do
 from ariac_score.logs.tiling import check_not_crossed, gaps_between, records_at
 
 __all__ = ["MAGIC", "McapScan"]
@@ -58,6 +58,7 @@ _MESSAGE_WORDS = np.dtype(
 _LONGEST_COMPRESSION = 64
 _WORTH_LEAVING_OUT_BYTES = 1 << 17
 _LARGE_MESSAGE_BYTES = 1 << 16
+_USUAL_INDEX_BYTES = 1 << 13
 _LATEST_NS = 1 << 63
 
 
@@ -208,6 +209,10 @@ class McapScan(FileScan):
             left_out = self._left_out(index, head) if head.plain else []
             if left_out:
                 self._hold_parts(source, slabs, head, left_out, start)
+                chunk = slabs.last
+                assert chunk is not None
+                chunk.index, chunk.end = index, behind
+                source.skip(behind - source.offset)
             else:
                 slabs.add(head.size, packed, start, lambda room: self._filled(source, head, room)).end = end
         except (struct.error, ValueError) as error:
@@ -236,7 +241,7 @@ class McapScan(FileScan):
                 source.take_into(room[at:first], "chunk")
                 source.skip(last - first)
                 at = last
-            return _nothing
+            return nothing_to_do
 
         chunk = slabs.add(head.size, 0, start, filled)
         room = slabs.room_of(chunk)
@@ -245,24 +250,34 @@ class McapScan(FileScan):
             source.read_at(records, room, "chunk")
             head.verify(room)
 
-        chunk.end, chunk.complete = source.offset, complete
+        chunk.complete = complete
 
     def _index_if_large(self, source: Source, head: _ChunkHead, end: int) -> tuple[list[bytes], int]:
         """The index records behind a chunk of which parts might be left out, and where they end."""
         found: list[bytes] = []
         if self._topics is None or self._data_crc_wanted or head.size < _WORTH_LEAVING_OUT_BYTES:
             return found, end
-        at = end
+        at, window = 0, source.at(end, _USUAL_INDEX_BYTES)
         while True:
-            record = source.at(at, _RECORD.size)
-            if len(record) < _RECORD.size or record[0] != _MESSAGE_INDEX:
-                return found, at
-            length = int.from_bytes(record[1:], "little")
-            body = source.at(at + _RECORD.size, length)
-            if len(body) != length or length > MAX_PEEK_BYTES:
+            if at + _RECORD.size > len(window):
+                # It ends here, or more must be looked at.
+                more = source.at(end + len(window), 16 * _USUAL_INDEX_BYTES)
+                if not more or len(window) > MAX_PEEK_BYTES:
+                    return [], end
+                window += more
+                continue
+            op, length = _RECORD.unpack_from(window, at)
+            if op != _MESSAGE_INDEX:
+                return found, end + at
+            if length > MAX_PEEK_BYTES:
                 return [], end
-            found.append(body)
-            at += _RECORD.size + length
+            behind = at + _RECORD.size + length
+            if behind > len(window):
+                window += source.at(end + len(window), behind - len(window) + _USUAL_INDEX_BYTES)
+                if behind > len(window):
+                    return [], end
+            found.append(window[at + _RECORD.size : behind])
+            at = behind
 
     def _is_unwanted(self, index: Sequence[bytes]) -> bool:
         """Whether a chunk holds no wanted message, and cannot declare anything either."""
@@ -274,7 +289,7 @@ class McapScan(FileScan):
     def _unread(self, index: Sequence[bytes]) -> Batch | None:
         """What the index says of a chunk that is not read: senders and times, in recorded order."""
         try:
-            heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, 0, _nothing, list(index))])
+            heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, 0, nothing_to_do, list(index))])
         except (struct.error, ValueError):
             return None
         channels = np.repeat(np.array(heads, dtype=np.int64), counts)
@@ -289,7 +304,7 @@ class McapScan(FileScan):
         if not index or not self._deaf:
             return []
         try:
-            heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, head.size, _nothing, list(index))])
+            heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, head.size, nothing_to_do, list(index))])
         except (struct.error, ValueError):
             return []
         deaf = np.repeat(np.isin(np.array(heads, dtype=np.int64), list(self._deaf)), counts)
@@ -533,10 +548,6 @@ def _channels_in_summary(source: Source) -> frozenset[int] | None:
         return frozenset(struct.unpack_from("<H", summary, at + _RECORD.size)[0] for at in places)
     except struct.error:
         return None
-
-
-def _nothing() -> None:
-    """The job of a chunk that lies ready."""
 
 
 @dataclass(frozen=True)

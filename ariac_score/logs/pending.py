@@ -20,6 +20,7 @@ SLAB_BYTES = 8 << 20
 
 _SMALLEST_BYTES = 1 << 16
 _SLAB_MESSAGES = 1 << 17
+_CLOSE_BYTES = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +108,16 @@ class Pending:
             self._buffer[start : self._used] = buffer[first:last]
             new_starts, new_ends = starts + (start - first), ends + (start - first)
         else:
-            # Most of it is something else, such as pictures that nobody wants.
-            start = self._reserve(wanted)
-            new_ends = start + np.cumsum(ends - starts)
-            new_starts = new_ends - (ends - starts)
-            places = (a.tolist() for a in (starts, ends, new_starts, new_ends))
-            for old, old_end, new, new_end in zip(*places, strict=True):
-                self._buffer[new:new_end] = buffer[old:old_end]
+            # Most of it is something else, such as pictures that nobody wants: what lies close is copied.
+            breaks = np.flatnonzero(starts[1:] - ends[:-1] > _CLOSE_BYTES) + 1
+            bounds = np.concatenate(([0], breaks, [len(starts)]))
+            run_starts, run_ends = starts[bounds[:-1]], ends[bounds[1:] - 1]
+            start = self._reserve(int((run_ends - run_starts).sum()))
+            moved = start + np.cumsum(run_ends - run_starts) - (run_ends - run_starts) - run_starts
+            for old, old_end, by in zip(run_starts.tolist(), run_ends.tolist(), moved.tolist(), strict=True):
+                self._buffer[old + by : old_end + by] = buffer[old:old_end]
+            by = np.repeat(moved, np.diff(bounds))
+            new_starts, new_ends = starts + by, ends + by
         table = np.stack((numbers, batch.stamps_ns[kept], new_starts, new_ends), axis=1)
         sources = batch.sources[kept]
         for place in np.unique(sources).tolist():

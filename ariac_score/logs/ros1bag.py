@@ -28,7 +28,7 @@ from ariac_score.logs.salvage import (
     inflate_into,
     normalised_type,
 )
-from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of
+from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of, nothing_to_do
 from ariac_score.logs.tiling import check_not_crossed, gaps_between, records_at
 
 __all__ = ["MAGIC", "Ros1Scan"]
@@ -261,7 +261,7 @@ class Ros1Scan(FileScan):
         def filled(room: memoryview) -> Callable[[], None]:
             if plain:
                 source.take_into(room, "chunk")
-                return _nothing
+                return nothing_to_do
             return partial(inflate_into, room, source.take(length, "chunk"), compression)
 
         chunk = slabs.add(size, packed, start, filled)
@@ -446,10 +446,6 @@ class Ros1Scan(FileScan):
                 f"the index announces {self._announced.total()} messages, the chunks hold "
                 f"{self._found.total()}, or they belong to other connections"
             )
-
-
-def _nothing() -> None:
-    """The job of a chunk that lies ready."""
 
 
 def _u32(source: Source, what: str) -> int:

@@ -60,7 +60,7 @@ MOST_INFLATION = _limit("ARIAC_SCORE_MOST_INFLATION", 1000)
 
 _ALWAYS_ALLOWED_BYTES = 1 << 26
 _BLOCK_BYTES = 1 << 20
-_BUFFER_BYTES = 1 << 16
+_BUFFER_BYTES = 1 << 14
 _LATEST_NS = 2**63
 _TWO_PART_TYPE = re.compile(r"([A-Za-z]\w*)/([A-Za-z]\w*)", re.ASCII)
 _RE_RECORD = "record the trial again, or take another copy of the file; a score may not rest on part of a log"

@@ -12,7 +12,7 @@ import numpy as np
 
 from ariac_score.logs.columnar.columns import Bytes, IntArray
 
-__all__ = ["SLAB_BYTES", "Chunk", "Slab", "Slabs", "entries_of"]
+__all__ = ["SLAB_BYTES", "Chunk", "Slab", "Slabs", "entries_of", "nothing_to_do"]
 
 SLAB_BYTES = 8 << 20
 """So many bytes of records lie side by side, in two buffers; a larger chunk has one of its own."""
@@ -160,10 +160,15 @@ class Slabs:
         """
         first, room = self._filling.reserve(size, packed)
         job = fill(room)
-        finish = self._pool.submit(job).result if self._pool else job
+        elsewhere = self._pool is not None and job is not nothing_to_do
+        finish = self._pool.submit(job).result if self._pool and elsewhere else job
         chunk = Chunk(start, start, first, first + size, finish)
         self._filling.chunks.append(chunk)
         return chunk
+
+
+def nothing_to_do() -> None:
+    """The job of a chunk that lies ready."""
 
 
 def _processors() -> int:
