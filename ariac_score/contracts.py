@@ -272,6 +272,8 @@ class Wanted:
         decoders: The decoders that the log map names, by name.
         progress: Called now and then with the share done, 0 to 1.
         run: Which run, by its number, of a file that holds several; `None`: the only one.
+        jobs: Threads a reader may use for what does not depend on their number; 0: as many as
+            there are processors.
     """
 
     log_map: LogMap
@@ -279,6 +281,7 @@ class Wanted:
     decoders: Mapping[str, Decoder] = field(default_factory=dict)
     progress: Callable[[float], None] = _silent
     run: int | None = None
+    jobs: int = 0
 
 
 @runtime_checkable

@@ -87,6 +87,7 @@ def score_trial(
     root: Path | None = None,
     trial_id: str = "",
     team: str = "",
+    jobs: int = 0,
 ) -> Result:
     """Score the trial at a path; where its rules compare teams, `reprice` adds the cohort.
 
@@ -101,6 +102,8 @@ def score_trial(
         root: Folder that file names in the result are relative to; needed with `also`.
         trial_id: Name of the trial, where the caller knows it better than the files.
         team: Name of the team, likewise.
+        jobs: Threads that inflate a recording; 0: as many as there are processors. The
+            result does not depend on it.
 
     Raises:
         ScoreError: For everything a user can act on; see `ariac_score.errors`.
@@ -114,8 +117,9 @@ def score_trial(
     refuse_other_years(bundle, rule_set)
     refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
     needs = _needs(checks, rule_set, registry)
+    quantities = [need.quantity for need in needs]
     trial = read_trial(
-        bundle, readers, mapping, registry, quantities=[need.quantity for need in needs], progress=progress
+        bundle, readers, mapping, registry, quantities=quantities, progress=progress, jobs=jobs
     )
     trial = _with_unknown_products(_renamed(trial, trial_id, team), rule_set)
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
@@ -243,6 +247,7 @@ def read_trial(
     *,
     quantities: Iterable[str],
     progress: Progress = _no_progress,
+    jobs: int = 0,
 ) -> Trial:
     """The one trial that the parts of a bundle tell of.
 
@@ -253,6 +258,7 @@ def read_trial(
         registry: For the decoders that the log map names.
         quantities: The quantities checks ask for; what they derive from is read too.
         progress: Called with the share done.
+        jobs: Threads that inflate a recording; 0: as many as there are processors.
 
     Raises:
         LogError: A part is damaged, or two parts contradict each other.
@@ -279,7 +285,7 @@ def read_trial(
         def step(done: float, number: int = number) -> None:
             progress((number + done) / len(bundle.parts))
 
-        wanted = Wanted(log_map, sources, decoders, step, part.run)
+        wanted = Wanted(log_map, sources, decoders, step, part.run, jobs)
         trials.append(readers[part.reader].read(part.path, wanted))
     trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
     if not trial.orders and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:

@@ -70,10 +70,23 @@ class _Version(argparse.Action):
     """Prints the version; looked up only then, because that takes longer than parsing."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> NoReturn:
-        from importlib.metadata import version  # noqa: PLC0415  # see above
-
-        print(f"ariac-score {version('ariac-score')}")
+        print(f"ariac-score {_version()}")
         parser.exit()
+
+
+def _version() -> str:
+    """The version by the name of the installed metadata; reading them takes longer than Python to start."""
+    for folder in sys.path:
+        try:
+            names = os.listdir(folder or ".")  # noqa: PTH208  # pathlib takes longer to load than all else
+        except OSError:
+            continue
+        for name in names:
+            if name.startswith("ariac_score-") and name.endswith(".dist-info"):
+                return name.removeprefix("ariac_score-").removesuffix(".dist-info")
+    from importlib.metadata import version  # noqa: PLC0415  # see above
+
+    return version("ariac-score")
 
 
 def _parser() -> argparse.ArgumentParser:

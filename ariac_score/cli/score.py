@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from ariac_score.ruleset import RuleSet
     from ariac_score.scoring.cohort import CohortValues
 
+MOST_JOBS = 64
+
 
 def register(commands: Any) -> None:
     """Add the command."""
@@ -30,8 +32,21 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
     add_cohort(parser)
+    parser.add_argument(
+        "--jobs",
+        type=_jobs,
+        default=0,
+        metavar="N",
+        help="threads that inflate a recording; 0: one for each processor (default); changes no result",
+    )
     add_output(parser)
     parser.set_defaults(run=run)
+
+
+def _jobs(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) > MOST_JOBS:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of threads from 0 to {MOST_JOBS}")
+    return int(text)
 
 
 def add_cohort(parser: argparse.ArgumentParser) -> None:
@@ -59,7 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
     rule_set = load_rule_set(arguments.rules)
     cohort = load_cohort_of(arguments, rule_set)
     with progress_bar(arguments.path) as progress:
-        result = score_trial(arguments.path, rule_set, log_map=arguments.log_map, progress=progress)
+        result = score_trial(
+            arguments.path, rule_set, log_map=arguments.log_map, progress=progress, jobs=arguments.jobs
+        )
     if cohort is not None:
         result = reprice(result, rule_set, values_of(cohort, arguments, result))
     return show(result, arguments)
