@@ -155,6 +155,14 @@ def test_text_and_explanation_show_both_scores(tmp_path: Path) -> None:
     assert explain_text(found, "").startswith("adjusted score")
 
 
+def test_a_decision_can_be_explained_by_its_line_and_by_its_finding(tmp_path: Path) -> None:
+    found = adjusted(tmp_path, decision(effect={"verdict": "satisfied"}, finding="separation#1"))
+
+    for path in ("adjusted_1", "separation"):
+        assert "adjusted by A. Steward: separation#1 counts as satisfied" in explain_text(found, path)
+    assert "adjusted by" not in explain_text(found, "part_color")
+
+
 def test_a_stored_adjusted_result_comes_back_as_it_was(tmp_path: Path) -> None:
     found = adjusted(
         tmp_path,
@@ -439,6 +447,17 @@ def test_other_prices_do_not_carry_decisions_over_and_say_so(
     out, err = capsys.readouterr()
     assert out.startswith("19.761677 of 36 possible")
     assert "not carried over" in err
+
+
+def test_sensitivity_says_that_it_is_about_the_automatic_score(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "r.json").write_text(
+        as_json(adjusted(tmp_path, decision(effect={"points": -2}))), encoding="utf-8"
+    )
+
+    assert main(["sensitivity", str(tmp_path / "r.json")]) == 0
+    assert "this is the automatic score" in capsys.readouterr().err
 
 
 def test_criteria_hold_for_the_adjusted_result(tmp_path: Path) -> None:

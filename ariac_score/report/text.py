@@ -278,8 +278,10 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
     """
     style = style or Style()
     lines: list[str] = []
-    if result.adjusted is not None and result.adjusted.ledger is not None and not path:
-        lines += [*_explained(result.adjusted.ledger, result, style, 0), ""]
+    adjusted = result.adjusted.ledger if result.adjusted else None
+    if adjusted is not None:
+        for line in _matching(adjusted, path) if path else [adjusted]:
+            lines += [*_explained(line, result, style, 0), ""]
     if result.ledger is not None:
         matching = [result.ledger] if not path else _matching(result.ledger, path)
         for line in matching:
