@@ -9,6 +9,7 @@ from ariac_score.batch.index import RUNS, Row, read_rows
 from ariac_score.batch.supervise import DESCRIPTION
 from ariac_score.errors import FormulaError, LogError, RunEndedError, ScoreError, UsageError
 from ariac_score.ranking.competition import Competition, RunKey
+from ariac_score.ranking.runs import without_sketch
 from ariac_score.result import Result
 from ariac_score.result_json import load_result
 from ariac_score.ruleset import RuleSet
@@ -17,7 +18,7 @@ __all__ = ["results_of_batch"]
 
 
 def results_of_batch(
-    folder: Path, competition: Competition, rule_set: RuleSet
+    folder: Path, competition: Competition, rule_set: RuleSet, *, sketches: bool = False
 ) -> dict[RunKey, Result | ScoreError]:
     """Each run's stored result, or why there is none.
 
@@ -25,6 +26,7 @@ def results_of_batch(
         folder: Of the batch.
         competition: Whose runs they are.
         rule_set: By which it is ranked; the batch must have been scored by it.
+        sketches: Keep what pages draw; of a season that is most of the memory.
 
     Raises:
         UsageError: The folder holds no finished batch of this competition under these rules.
@@ -47,14 +49,15 @@ def results_of_batch(
     if missing:
         named = ", ".join("/".join(map(str, key)) for key in missing[:3])
         raise UsageError(f"{len(missing)} runs are not in it: {named}", file=folder, hint=again)
-    return {run.key: _result(rows[run.key], folder) for run in competition.runs}
+    return {run.key: _result(rows[run.key], folder, sketches=sketches) for run in competition.runs}
 
 
-def _result(row: Row, folder: Path) -> Result | ScoreError:
+def _result(row: Row, folder: Path, *, sketches: bool) -> Result | ScoreError:
     summary = row.summary
     if row.object:
         try:
-            return load_result(folder / row.object)
+            result = load_result(folder / row.object)
+            return result if sketches else without_sketch(result)
         except ScoreError:
             if not summary.reason:
                 raise

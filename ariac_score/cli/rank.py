@@ -93,13 +93,16 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.batch is not None:
         from ariac_score.batch.results import results_of_batch  # noqa: PLC0415
 
-        results = results_of_batch(arguments.batch, competition, rule_set)
+        results = results_of_batch(
+            arguments.batch, competition, rule_set, sketches=arguments.results is not None
+        )
     else:
         with counting_bar("scoring", len(competition.runs)) as step:
             results = score_runs(
                 competition,
                 rule_set,
                 progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
+                sketches=arguments.results is not None,
             )
     ranking = adjusted_by_stewards(
         arguments.adjustments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)

@@ -84,6 +84,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
             competition,
             rule_set,
             progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
+            sketches=True,
         )
     ranking = adjusted_by_stewards(
         arguments.adjustments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from ariac_score.contracts import Wanted
@@ -17,7 +18,7 @@ from ariac_score.result_json import load_result
 from ariac_score.ruleset import RuleSet
 from ariac_score.trial.channels import LogMap
 
-__all__ = ["score_runs", "strict_evaluation"]
+__all__ = ["score_runs", "strict_evaluation", "without_sketch"]
 
 MAX_TEXT_BYTES = 4_000_000
 """An official text is a few kilobytes."""
@@ -35,6 +36,7 @@ def score_runs(
     *,
     registry: Registry | None = None,
     progress: Progress = _silent,
+    sketches: bool = False,
 ) -> dict[RunKey, Result | ScoreError]:
     """Each run's result, or why there is none.
 
@@ -45,6 +47,8 @@ def score_runs(
         rule_set: By which they are scored.
         registry: The installed plugins.
         progress: Called before each run with how many are done.
+        sketches: Keep what pages draw; of a season that is most of the memory, and nothing is
+            priced by it.
 
     Raises:
         ResultError: Stored results were made under different rule sets: what one of them
@@ -63,10 +67,10 @@ def score_runs(
             if _is_stored(run):
                 stored = _stored(run)
                 made_under.setdefault(stored.provenance.rule_set, run)
-                results[run.key] = reprice(stored, rule_set)
+                result = reprice(stored, rule_set)
             else:
                 made_under.setdefault((rule_set.id, rule_set.sha256), run)
-                results[run.key] = score_trial(
+                result = score_trial(
                     run.path,
                     rule_set,
                     registry=registry,
@@ -75,6 +79,7 @@ def score_runs(
                     trial_id=run.trial,
                     team=run.team,
                 )
+            results[run.key] = result if sketches else without_sketch(result)
         except ScoreError as error:
             results[run.key] = _within(error, competition.root)
         _refuse_different_rules(made_under)
@@ -87,6 +92,11 @@ def _within(error: ScoreError, root: Path) -> ScoreError:
     if file is not None and file.is_relative_to(root):
         error.file = file.relative_to(root).as_posix()
     return error
+
+
+def without_sketch(result: Result) -> Result:
+    """A result without what pages draw."""
+    return replace(result, measured=replace(result.measured, sketch=None))
 
 
 def _is_stored(run: Run) -> bool:
