@@ -121,6 +121,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "logmap",
         "pyarrow",
         "ranking",
+        "ray",
         "registry",
         "result",
         "result_json",
