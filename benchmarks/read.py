@@ -61,7 +61,7 @@ log_map: benchmark_map.yaml
 monitors:
   human_contact:
     use: ariac.human_contact
-    with: {distance: centre_distance, contact_distance_m: 0.01}
+    with: {distance: centre_distance, contact_distance_m: 0.01, max_gap_s: 0.15}
 score: 1
 """
 

@@ -159,3 +159,22 @@ def test_nothing_of_the_machine_is_in_a_result() -> None:
 
     assert str(ROOT) not in text
     assert str(Path.home()) not in text
+
+
+def test_the_number_of_threads_changes_no_byte(capsys: pytest.CaptureFixture[str]) -> None:
+    found = []
+    for jobs in ("0", "1", "2", "5"):
+        command = ["score", str(EXAMPLE), "--rules", "paper2020", "--output-format", "json", "--jobs", jobs]
+        assert main(command) == 0
+        found.append(capsys.readouterr().out)
+
+    assert len(set(found)) == 1
+
+
+@pytest.mark.parametrize("jobs", ["-1", "two", "65", "1.5", ""])
+def test_a_number_of_threads_that_is_none_is_refused(jobs: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["score", str(EXAMPLE), "--rules", "paper2020", f"--jobs={jobs}"])
+
+    assert caught.value.code == 4
+    assert "is no number of threads from 0 to 64" in capsys.readouterr().err

@@ -208,13 +208,11 @@ class McapScan(FileScan):
             yield from self._settled(source, slabs.turn(head.size, packed))
             left_out = self._left_out(index, head) if head.plain else []
             if left_out:
-                self._hold_parts(source, slabs, head, left_out, start)
-                chunk = slabs.last
-                assert chunk is not None
-                chunk.index, chunk.end = index, behind
-                source.skip(behind - source.offset)
+                chunk = self._hold_parts(source, slabs, head, left_out, start)
             else:
-                slabs.add(head.size, packed, start, lambda room: self._filled(source, head, room)).end = end
+                chunk = slabs.add(head.size, packed, start, lambda room: self._filled(source, head, room))
+            chunk.index, chunk.end = index, behind
+            source.skip(behind - source.offset)
         except (struct.error, ValueError) as error:
             yield from self._settled(source, slabs.rest())
             raise source.damaged(str(error), what="chunk", at=start) from error
@@ -231,7 +229,7 @@ class McapScan(FileScan):
 
     def _hold_parts(
         self, source: Source, slabs: Slabs, head: _ChunkHead, left_out: Sequence[tuple[int, int]], start: int
-    ) -> None:
+    ) -> Chunk:
         """Read a chunk but for large messages that nobody wants."""
         records = source.offset
 
@@ -251,12 +249,15 @@ class McapScan(FileScan):
             head.verify(room)
 
         chunk.complete = complete
+        return chunk
 
     def _index_if_large(self, source: Source, head: _ChunkHead, end: int) -> tuple[list[bytes], int]:
         """The index records behind a chunk of which parts might be left out, and where they end."""
         found: list[bytes] = []
         if self._topics is None or self._data_crc_wanted or head.size < _WORTH_LEAVING_OUT_BYTES:
             return found, end
+        if self._channels and not self._deaf:
+            return found, end  # everything is wanted
         at, window = 0, source.at(end, _USUAL_INDEX_BYTES)
         while True:
             if at + _RECORD.size > len(window):
