@@ -21,6 +21,7 @@ from ariac_score.annotations import mcap_bytes, messages_of, origin_ns
 from ariac_score.cli import main
 from ariac_score.margins import Moment, Track, read_again, tracks
 from ariac_score.registry import Registry
+from ariac_score.ruleset import Check
 from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
     kitting_trial,
@@ -242,16 +243,17 @@ def test_a_monitor_of_which_only_findings_are_known_says_where_they_begin_and_en
         robustness=-0.5,
         unit="m/s",
         evidence=(Sample("speed/robot", 3.0, 1.5, "m/s"),),
-        check="human_contact",
+        check="comfort",
     )
     result = scored(EXAMPLE)
-    others = {k: f for k, f in result.measured.findings.items() if f.check != "human_contact"}
-    changed = replace(
-        result, measured=replace(result.measured, findings={**others, "human_contact#1": finding})
-    )
-    rules, registry = load_rule_set("paper2020"), Registry()
+    others = {k: f for k, f in result.measured.findings.items() if f.check != "comfort"}
+    changed = replace(result, measured=replace(result.measured, findings={**others, "comfort#1": finding}))
+    registry = Registry()
+    base = load_rule_set("paper2020")
+    unheard = Check("comfort", "proxemics.proximity_comfort", "ariac_score.monitors")
+    rules = replace(base, checks={**base.checks, "comfort": unheard})
     trial = read_again(result, EXAMPLE, rules, log_map="", registry=registry)
-    (track,) = [t for t in tracks(changed, trial, rules, registry=registry) if t.check == "human_contact"]
+    (track,) = [t for t in tracks(changed, trial, rules, registry=registry) if t.check == "comfort"]
 
     assert [(m.t_s, m.verdict, m.margin) for m in track.moments] == [
         (2.0, Verdict.VIOLATED, None),

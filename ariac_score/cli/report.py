@@ -9,7 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.cli.site import add_arguments as add_site_arguments
-from ariac_score.cli.site import is_competition, site_of_competition, site_of_ranking
+from ariac_score.cli.site import (
+    is_competition,
+    refuse_site_arguments,
+    site_of_competition,
+    site_of_ranking,
+)
 
 
 def register(commands: Any) -> None:
@@ -61,6 +66,7 @@ def _trial(arguments: argparse.Namespace) -> int:
     from ariac_score.report.html.trial import trial_page  # noqa: PLC0415
     from ariac_score.result_json import as_json, load_result  # noqa: PLC0415
 
+    refuse_site_arguments(arguments)
     result = load_result(arguments.result)
     write(trial_page(result, as_json(result)), arguments.output)
     return 0

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ariac_score.ruleset import RuleSet
     from ariac_score.sensitivity import RankSensitivity
 
-__all__ = ["is_competition", "site_of_competition", "site_of_ranking"]
+__all__ = ["is_competition", "refuse_site_arguments", "site_of_competition", "site_of_ranking"]
 
 NOW = "now"
 """`--sensitivity now`: look at it as part of making the site."""
@@ -51,6 +51,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="competition or ranking: show this output of 'sensitivity --output-format json'; "
         "'now' finds out, which may take minutes",
     )
+
+
+def refuse_site_arguments(arguments: argparse.Namespace) -> None:
+    """Refuse what only a competition can be given.
+
+    Raises:
+        UsageError: One of these options is given.
+    """
+    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
+
+    for name in ("rules", "adjustments", "results", "previous", "sensitivity"):
+        if getattr(arguments, name):
+            raise UsageError(
+                f"--{name} is for the site of a competition, and this is one trial",
+                file=arguments.result,
+                hint=f"drop --{name}",
+            )
 
 
 def is_competition(path: Path) -> bool:

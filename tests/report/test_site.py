@@ -18,12 +18,13 @@ from typing import Any
 
 import pytest
 
-from ariac_score import load_rule_set
+from ariac_score import load_result, load_rule_set
 from ariac_score.cli import main
 from ariac_score.ranking.ranking_json import load_publication
 from ariac_score.report.site.run_pages import page_name
 from ariac_score.report.site.site import Site, competition_page
 from ariac_score.report.site.tables import Table, cell_text, table_csv, table_json
+from ariac_score.result_json import measured_sha256
 from ariac_score.sensitivity import Knob, RankSensitivity, RankShift, sensitivity_json
 
 ROOT = Path(__file__).parents[2]
@@ -497,3 +498,77 @@ def test_a_run_without_a_human_has_a_page_and_clauses_that_never_applied_are_nam
     text = made(folder, tmp_path)
     assert "alpha" in text
     assert "Violations by standard and clause" in text
+
+
+# From a competition --------------------------------------------------------------------
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """Two teams with two runs of one trial each."""
+    folder = competition(tmp_path / "small", "")
+    for team in ("aurora", "cygnus"):
+        for run in ("kitting_1", "kitting_2"):
+            shutil.copytree(EXAMPLE / f"logs/{team}/{run}", folder / f"logs/{team}/{run}")
+    return folder
+
+
+def test_sensitivity_can_be_found_out_on_the_spot(small: Path, tmp_path: Path) -> None:
+    assert main(["report", str(small), "-o", str(tmp_path / "out"), "--sensitivity", "now"]) == 0
+
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "out/data/sensitivity.csv").read_text())))
+    assert {row["parameter"] for row in rows} == {"cost_weight", "time_weight"}
+
+
+def test_decisions_of_stewards_stand_beside_what_was_automatic(small: Path, tmp_path: Path) -> None:
+    assert main(["report", str(small), "-o", str(tmp_path / "before")]) == 0
+    board = json.loads((tmp_path / "before/data/leaderboard.json").read_text(encoding="utf-8"))["rows"]
+    last = board[-1]["team"]
+    kept = next(
+        row
+        for row in json.loads((tmp_path / "before/data/runs.json").read_text(encoding="utf-8"))["rows"]
+        if row["team"] == last and row["counts"]
+    )
+    result = load_result(tmp_path / f"before/results/{last}/kitting_{kept['run']}.json")
+    (tmp_path / "adjustments.yaml").write_text(
+        f"adjustments:\n  - id: protest\n    author: Jo <b>\n    reason: {SCRIPT_REASON}\n"
+        f"    time: 2024-05-12T14:30:00Z\n"
+        f"    target: {{measured: {measured_sha256(result)},\n"
+        f"      team: {last}, trial: kitting, run: {kept['run']}}}\n"
+        f"    effect: {{points: 1000}}\n",
+        encoding="utf-8",
+    )
+    decided = ["--adjustments", str(tmp_path / "adjustments.yaml"), "--previous", str(tmp_path / "before")]
+
+    assert main(["report", str(small), "-o", str(tmp_path / "after"), *decided]) == 0
+
+    rows = json.loads((tmp_path / "after/data/leaderboard.json").read_text(encoding="utf-8"))["rows"]
+    assert (rows[0]["team"], rows[0]["rank"], rows[0]["automatic_rank"]) == (last, 1, 2)
+    assert rows[0]["execution"] == pytest.approx(rows[0]["automatic_execution"] + 1000)
+    page = (tmp_path / "after/index.html").read_text(encoding="utf-8")
+    assert "Adjusted by the stewards." in page
+    assert "Jo &lt;b&gt;" in page
+    assert "&lt;script&gt;" in page
+    assert f"trials/{last}/kitting-{kept['run']}.html" in page
+    run = (tmp_path / f"after/trials/{last}/kitting-{kept['run']}.html").read_text(encoding="utf-8")
+    assert "as adjusted by the stewards" in run
+    # The result that is kept is the automatic one; the decision stands in the ranking.
+    stored = f"results/{last}/kitting_{kept['run']}.json"
+    assert (tmp_path / "after" / stored).read_bytes() == (tmp_path / "before" / stored).read_bytes()
+    again = ["report", str(tmp_path / "after/data/ranking.json"), "-o", str(tmp_path / "again")]
+    assert main([*again, "--previous", str(tmp_path / "before")]) == 0
+    assert (tmp_path / "again/index.html").read_bytes() == (tmp_path / "after/index.html").read_bytes()
+
+
+SCRIPT_REASON = "'<script>alert(1)</script>'"
+
+
+@pytest.mark.parametrize("option", ["--previous", "--sensitivity", "--results", "--rules", "--adjustments"])
+def test_what_is_for_a_competition_is_refused_for_a_trial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    file = ROOT / "examples/kitting_near_miss.result.json"
+
+    assert main(["report", str(file), "-o", str(tmp_path / "t.html"), option, "x"]) == 4
+
+    assert f"{option} is for the site of a competition" in capsys.readouterr().err

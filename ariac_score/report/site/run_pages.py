@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 
 from ariac_score.adjustments import apply
@@ -118,7 +119,8 @@ def _made(tasks: Sequence[_Task], processes: int | None) -> Iterator[RunPage]:
     if count < 2 or len(tasks) < _FEW:
         yield from map(_make, tasks)
         return
-    with ProcessPoolExecutor(count) as pool:
+    # Not forked: a progress bar on the terminal has a thread of its own.
+    with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
         yield from pool.map(_make, tasks, chunksize=_AT_ONCE)
 
 

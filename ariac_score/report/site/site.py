@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from ariac_score.errors import UsageError
@@ -169,8 +169,3 @@ def _pointing_here(text: str, *, pages: bool) -> str:
             run["result"] = None
     made = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
     return made.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
-
-
-def without_results(publication: Publication) -> Publication:
-    """The same, without naming any result."""
-    return replace(publication, folder="", results={})
