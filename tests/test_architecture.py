@@ -119,6 +119,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "errors",
         "fsspec",
         "logmap",
+        "logs",
         "pyarrow",
         "ranking",
         "ray",

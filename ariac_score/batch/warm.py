@@ -6,12 +6,14 @@ import json
 import os
 import tempfile
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 
 from ariac_score.batch import worker
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.contracts import GROUPS
 from ariac_score.errors import ScoreError
+from ariac_score.logs.types import bundled_typestore
 
 __all__ = ["SETTING", "worker"]
 
@@ -19,8 +21,26 @@ SETTING = "ARIAC_SCORE_BATCH_SETTING"
 """Environment variable with the file of the setting that most runs will have."""
 
 
+_LATE = (
+    "ariac_score.logs.mcap",
+    "ariac_score.logs.ros1bag",
+    "ariac_score.logs.sqlite_bag",
+    "concurrent.futures.thread",
+    "lz4.frame",
+    "numpy.ma",
+    "rosbags.serde",
+    "rosbags.typesys",
+)
+"""What readers import only when a log asks for it."""
+
+
 def _load_everything() -> None:
     """Import every plugin; one that cannot be is named where it is asked for."""
+    for name in _LATE:
+        with suppress(ImportError):
+            import_module(name)
+    bundled_typestore(1)
+    bundled_typestore(2)
     registry = worker.installed()
     for group in GROUPS:
         for plugin in registry.all(group):
