@@ -132,6 +132,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "scoring",
         "trial",
     },
+    "signing": {"errors", "minisign", "result_json"},
     "sensitivity": {
         "contracts",
         "engine",
@@ -175,7 +176,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
 }
 ANYTHING = {"cli", "__init__"}
-SLOW = {"rosbags", "jsonschema", "rich", "jinja2", "websockets"}
+SLOW = {"rosbags", "jsonschema", "rich", "jinja2", "websockets", "minisign"}
 
 
 def _part(path: Path) -> str:

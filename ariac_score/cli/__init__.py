@@ -40,6 +40,7 @@ _COMMANDS = (
     "rank",
     "batch",
     "merge",
+    "sign",
     "platform",
     "sensitivity",
     "rules",
