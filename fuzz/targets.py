@@ -154,7 +154,7 @@ def _trial() -> Trial:
         id="fuzz",
         bodies=(Body("robot", "robot", 0.0), Body("human", "human", 0.0)),
         signals={signal.name: signal for signal in (distance, speed)},
-        window=Span(0.0, 4.0),
+        recorded=Span(0.0, 4.0),
     )
 
 

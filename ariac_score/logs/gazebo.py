@@ -48,14 +48,14 @@ CLOCK = "simulated time"
 _PIECE_BYTES = 1 << 20
 _END_OF_LOG = b"</gazebo_log>"
 _ENCODING = re.compile(rb"""^\s+encoding\s*=\s*(['"])(\w+)\1\s*>$""")
-_VERSION = re.compile(rb"<gazebo_version>\s*([^<]*?)\s*</gazebo_version>")
-_SIM_TIME = re.compile(rb"<sim_time>\s*(\d+)\s+(\d+)\s*</sim_time>")
-_DELETIONS = re.compile(rb"<deletions>(.*?)</deletions>", re.DOTALL)
+_VERSION = re.compile(rb"<gazebo_version>([^<]{0,200})</gazebo_version>")
+_SIM_TIME = re.compile(rb"<sim_time>\s*(\d{1,30})\s+(\d{1,30})\s*</sim_time>")
+_DELETIONS = re.compile(rb"<deletions>|</deletions>")
 _NAME = re.compile(rb"<name>([^<]*)</name>")
 _MODEL = re.compile(rb"<model\s+name\s*=\s*")
 _POSE = re.compile(
-    rb"""(?:<link\s+name\s*=\s*(?P<quote>['"])(?P<link>.*?)(?P=quote)[^>]*>\s*)?"""
-    rb"""<pose[^>]*>(?P<numbers>[^<]*)</pose>"""
+    rb"""(?:<link\s+name\s*=\s*(?:'(?P<link>[^'<\n]*)'|"(?P<also>[^"<\n]*)")[^<>]*>\s*)?"""
+    rb"""<pose[^<>]*>(?P<numbers>[^<]*)</pose>"""
 )
 
 IntArray = NDArray[np.int64]
@@ -333,7 +333,7 @@ class _Scan:
             )
         found = _VERSION.search(header)
         if found:
-            self.version = found[1].decode("utf-8", "replace")
+            self.version = found[1].strip().decode("utf-8", "replace")
 
     def _read_chunk(self, body: bytes, tag: bytes, offset: int, *, whole: bool) -> None:
         named = _ENCODING.match(tag)
@@ -375,9 +375,15 @@ class _Scan:
     def _note_deletions(self, frame: bytes, index: int) -> None:
         if b"<deletions>" not in frame:
             return
-        for block in _DELETIONS.finditer(frame):
-            for name in _NAME.finditer(block[1]):
-                self.deleted.setdefault(_words(name[1].strip()), []).append(index)
+        begin = -1
+        for tag in _DELETIONS.finditer(frame):  # tag by tag: a search for pairs looks for each end anew
+            if tag[0] == b"<deletions>":
+                begin = tag.end() if begin < 0 else begin
+                continue
+            if begin >= 0:
+                for name in _NAME.finditer(frame, begin, tag.start()):
+                    self.deleted.setdefault(_words(name[1].strip()), []).append(index)
+            begin = -1
 
     def _child(self, parent: _Model, segment: bytes) -> _Model:
         quote = segment[:1]
@@ -412,7 +418,7 @@ class _Scan:
     def _take_poses(self, model: _Model, text: bytes, *, links_only: bool) -> Iterator[_Column]:
         own_expected = not links_only
         for pose in _POSE.finditer(text):
-            link = "" if pose["link"] is None else _words(pose["link"])
+            link = _words(pose["link"] or pose["also"] or b"")
             if not link and not own_expected:
                 continue  # a pose inside a link, of something that is neither model nor link
             own_expected = False
