@@ -12,7 +12,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from ariac_score.datafiles import schema_errors
+from ariac_score.datafiles import schema_errors, strict_json
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.expression import Traced
 from ariac_score.findings import Finding, Verdict
@@ -38,6 +38,8 @@ from ariac_score.trial.spans import Span
 __all__ = ["as_json", "findings_json", "load_result"]
 
 SCHEMA = "ariac-score/result/1"
+MAX_BYTES = 64 << 20
+"""A larger file is no result; those of whole trials have some ten KB."""
 
 
 def as_json(result: Result) -> str:
@@ -246,9 +248,11 @@ def load_result(path: Path) -> Result:
             up to its score.
     """
     try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ResultError(f"larger than {MAX_BYTES:,} bytes", file=path, hint="is this a result?")
         text = path.read_text(encoding="utf-8")
-        plain = json.loads(text)
-        exact = json.loads(text, parse_float=Decimal)
+        plain = strict_json(text)
+        exact = strict_json(text, parse_float=Decimal)
     except OSError as cause:
         raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
     except (ValueError, RecursionError) as cause:
