@@ -315,9 +315,7 @@ def strict_json(text: str, *, parse_float: Callable[[str], Any] = float) -> Any:
     ...
     ValueError: key 'a' is given twice
     """
-    return json.loads(
-        text, object_pairs_hook=_once_each, parse_constant=_no_number, parse_float=parse_float
-    )
+    return json.loads(text, object_pairs_hook=_once_each, parse_constant=_no_number, parse_float=parse_float)
 
 
 def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -21,7 +21,15 @@ from typing import Any
 from ariac_score.errors import ResultError, ScoreError, UsageError
 from ariac_score.result_json import load_result
 
-__all__ = ["ENDING", "Signed", "check_signature", "make_keys", "sign_result", "signature_file", "verify_signature"]
+__all__ = [
+    "ENDING",
+    "Signed",
+    "check_signature",
+    "make_keys",
+    "sign_result",
+    "signature_file",
+    "verify_signature",
+]
 
 ENDING = ".minisig"
 _LARGEST_KEY_BYTES = 4096
@@ -66,7 +74,9 @@ def make_keys(file: Path, password: str = "") -> tuple[Path, Path]:
     public = file.with_name(file.name + ".pub")
     for taken in (file, public):
         if taken.exists():
-            raise UsageError("the file exists", file=taken, hint="a key is never written over; name another file")
+            raise UsageError(
+                "the file exists", file=taken, hint="a key is never written over; name another file"
+            )
     pair = library.KeyPair.generate()
     # The library would write the id the other way round than minisign does.
     pair.public_key.untrusted_comment = f"minisign public key {_key_id(pair.public_key)}"
@@ -77,7 +87,9 @@ def make_keys(file: Path, password: str = "") -> tuple[Path, Path]:
         _write(file, bytes(pair.secret_key) + b"\n", _PRIVATE)
         _write(public, words, 0o644)
     except OSError as cause:
-        raise UsageError(f"cannot be written: {cause.strerror}", file=file, hint="check the folder") from cause
+        raise UsageError(
+            f"cannot be written: {cause.strerror}", file=file, hint="check the folder"
+        ) from cause
     return file, public
 
 
@@ -150,7 +162,9 @@ def _key_bytes(key: Path) -> bytes:
             raise UsageError("too large for a key", file=key, hint="a key of minisign has two lines")
         return key.read_bytes()
     except OSError as cause:
-        raise UsageError(f"cannot be read: {cause.strerror}", file=key, hint="check the permissions") from cause
+        raise UsageError(
+            f"cannot be read: {cause.strerror}", file=key, hint="check the permissions"
+        ) from cause
 
 
 def verify_signature(result: Path, public_key: str, signature: Path | None = None) -> Signed:

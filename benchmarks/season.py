@@ -87,15 +87,17 @@ BROKEN: dict[str, Callable[[Path], None]] = {
     "a link to nothing": _dangling,
     "nobody may read it": _locked,
     "two trials in one file": _twice,
-    "a time beyond numbers": lambda run: (run / LOG).write_text(
-        _text(1).replace('"t_s": 1', '"t_s": 9e999', 1), encoding="utf-8"
-    )
-    and None,
+    "a time beyond numbers": lambda run: (
+        (run / LOG).write_text(_text(1).replace('"t_s": 1', '"t_s": 9e999', 1), encoding="utf-8") and None
+    ),
     "a line without end": _replaced(b'{"record": "trial", "id": "' + b"x" * 11_000_000),
-    "aliases without end": lambda run: (run / "trial.yaml").write_text(
-        "a: &a [x, x]\n" + "".join(f"{b}: &{b} [*{a}, *{a}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
-    )
-    and None,
+    "aliases without end": lambda run: (
+        (run / "trial.yaml").write_text(
+            "a: &a [x, x]\n"
+            + "".join(f"{b}: &{b} [*{a}, *{a}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
+        )
+        and None
+    ),
 }
 
 
@@ -138,7 +140,9 @@ def _kill(process: int) -> bool:
     return False
 
 
-def disturbed(season: Path, out: Path, jobs: int, kills: int, supervisor_kills: int, seed: int) -> tuple[int, int]:
+def disturbed(
+    season: Path, out: Path, jobs: int, kills: int, supervisor_kills: int, seed: int
+) -> tuple[int, int]:
     """Score while processes are killed; returns how many were, and how many calls it took."""
     chance, killed, calls = random.Random(seed), 0, 0  # noqa: S311  # whom it hits need not be a secret
     while True:
@@ -158,7 +162,9 @@ def disturbed(season: Path, out: Path, jobs: int, kills: int, supervisor_kills: 
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--trials", type=int, default=500)
     parser.add_argument("--kills", type=int, default=200, help="processes of runs that are killed at random")
     parser.add_argument("--supervisor-kills", type=int, default=3)
@@ -170,13 +176,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         broken = make_season(work / "season", told.trials)
         print(f"{told.trials} runs, {sum(broken.values())} of them broken in {len(broken)} ways", flush=True)
         begun = time.perf_counter()
-        subprocess.run(command(work / "season", work / "undisturbed", told.jobs), capture_output=True, check=False)
+        subprocess.run(
+            command(work / "season", work / "undisturbed", told.jobs), capture_output=True, check=False
+        )
         print(f"undisturbed: {time.perf_counter() - begun:.0f} s", flush=True)
         begun = time.perf_counter()
         killed, calls = disturbed(
             work / "season", work / "out", told.jobs, told.kills, told.supervisor_kills, told.seed
         )
-        print(f"disturbed: {time.perf_counter() - begun:.0f} s, {killed} processes of runs killed, {calls} calls")
+        print(
+            f"disturbed: {time.perf_counter() - begun:.0f} s, {killed} processes of runs killed, {calls} calls"
+        )
         lines = (work / "out/runs.jsonl").read_text(encoding="ascii").splitlines()
         rows = [Row.from_line(line) for line in lines]
         for outcome, count in sorted(Counter(row.summary.outcome for row in rows).items()):
@@ -185,7 +195,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"every run is there once: {'yes' if once else 'NO'}")
         diff = shutil.which("diff") or "diff"
         differs = subprocess.run(
-            [diff, "-r", str(work / "undisturbed"), str(work / "out")], capture_output=True, text=True, check=False
+            [diff, "-r", str(work / "undisturbed"), str(work / "out")],
+            capture_output=True,
+            text=True,
+            check=False,
         )
         print(f"diff -r: {'no difference' if not differs.returncode else differs.stdout[:2000]}")
         return 0 if once and not differs.returncode else 1

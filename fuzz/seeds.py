@@ -92,7 +92,9 @@ def _monitored(work: Path) -> Seeds:
     yield "array", json.dumps(event).encode()
 
 
-_WORLD = "<sdf version ='1.6'><world name='w'><state world_name='w'><sim_time>0 0</sim_time></state></world></sdf>"
+_WORLD = (
+    "<sdf version ='1.6'><world name='w'><state world_name='w'><sim_time>0 0</sim_time></state></world></sdf>"
+)
 
 
 def _frame(second: int) -> str:
@@ -126,7 +128,9 @@ _INSERT = PlannedOrder("BBBB0002", "assembly", False, (("sensor", "green"),))
 
 
 def _trial_text() -> str:
-    return trial_log_text("kitting", (_KIT, _INSERT), [Outcome(("", "color"), 50.0), Outcome(("pose",), None)])
+    return trial_log_text(
+        "kitting", (_KIT, _INSERT), [Outcome(("", "color"), 50.0), Outcome(("pose",), None)]
+    )
 
 
 def _trial_log(_: Path) -> Seeds:
@@ -213,10 +217,15 @@ def _rule_sets(_: Path) -> Seeds:
 def _log_maps(_: Path) -> Seeds:
     shipped = (HERE.parent / "rules/ariac2018/log_map.yaml").read_bytes()
     yield "2018", shipped
-    yield "small", b"id: x\ntitle: x\nsource: x\nbodies: {robot: {kind: robot, radius_m: 0.2}}\nmodels: [{match: 'arm*', kind: robot}]\n"
+    yield (
+        "small",
+        b"id: x\ntitle: x\nsource: x\nbodies: {robot: {kind: robot, radius_m: 0.2}}\nmodels: [{match: 'arm*', kind: robot}]\n",
+    )
 
 
-_PLAIN = b"id: x\ntitle: x\nrules: paper2020\nteams: [{id: a}]\ntrials: [{id: t}]\nruns: '{team}*{trial}.yaml'\n"
+_PLAIN = (
+    b"id: x\ntitle: x\nrules: paper2020\nteams: [{id: a}]\ntrials: [{id: t}]\nruns: '{team}*{trial}.yaml'\n"
+)
 
 
 def _competitions(_: Path) -> Seeds:
@@ -227,7 +236,10 @@ def _competitions(_: Path) -> Seeds:
 def _rml(_: Path) -> Seeds:
     yield "separation", (HERE.parent / "examples/rml/separation.rml").read_bytes()
     yield "let", b"a(n) matches {x:n}; b matches {name:'a'} with x > 0; Main = {let n; a(n) b*} /\\ all;\n"
-    yield "generic", b"a(x) matches {y:x}; F<n> = if (n > 0) a(n) F<n-1> else empty; Main = F<3> | b>>all; b matches _;\n"
+    yield (
+        "generic",
+        b"a(x) matches {y:x}; F<n> = if (n > 0) a(n) F<n-1> else empty; Main = F<3> | b>>all; b matches _;\n",
+    )
 
 
 def _rml_events(_: Path) -> Seeds:
@@ -274,7 +286,9 @@ def _archives(_: Path) -> Seeds:
 
 def _frames(_: Path) -> Seeds:
     event = {"topic": "snapshot", "human_operator_speed": 0.0, "robot_speed": 0.5, "time": 1.0}
-    frames = [{**event, "distance_robot_human_operator": distance, "time": t} for t, distance in enumerate((9, 1))]
+    frames = [
+        {**event, "distance_robot_human_operator": distance, "time": t} for t, distance in enumerate((9, 1))
+    ]
     yield "snapshots", "\n".join(json.dumps(frame) for frame in frames).encode()
 
 

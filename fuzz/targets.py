@@ -228,7 +228,19 @@ _YAML = (b"&a ", b"*a", b"\n- ", b": ", b"!!python/name:os.system ", b"<<: ", b"
 _TEXT = (b"N/A", b"-1", b"1e308", b"\n\n", b"\t", b"yes", b"[", b"]", b"\x1b[31m", b"9" * 30)
 _MCAP = (b"\x89MCAP0\r\n", *(bytes([op]) for op in range(1, 16)))
 _SQL = (b"CREATE VIEW ", b"CREATE TRIGGER ", b"WITH RECURSIVE ", b"GENERATED ALWAYS AS ", b"VIRTUAL ")
-_RML = (b" matches ", b"{let x; ", b"/\\", b"\\/", b"empty", b"all", b"none", b"not ", b">>", b"...", b" with ")
+_RML = (
+    b" matches ",
+    b"{let x; ",
+    b"/\\",
+    b"\\/",
+    b"empty",
+    b"all",
+    b"none",
+    b"not ",
+    b">>",
+    b"...",
+    b" with ",
+)
 _STL = (b"always", b"eventually", b"until", b"since", b"[0:1]", b"->", b"<->", b" xor ", b"rise", b"d", b"v")
 _SUMS = (b"sum(", b" if ", b" else ", b"**", b"//", b"max(", b"a.b.c", b"__class__", b"lambda: ", b"1e308")
 

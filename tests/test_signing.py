@@ -57,9 +57,7 @@ def signed(result: Path, key: Path) -> Path:
     return file
 
 
-def test_a_signed_result_is_verified_with_what_the_signer_said(
-    result: Path, keys: tuple[Path, Path]
-) -> None:
+def test_a_signed_result_is_verified_with_what_the_signer_said(result: Path, keys: tuple[Path, Path]) -> None:
     secret, public = keys
     signed(result, secret)
 

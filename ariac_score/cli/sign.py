@@ -17,11 +17,19 @@ def register(commands: Any) -> None:
         "'verify --signature' checks it, and so does 'minisign -V'. Needs the extra 'sign'.",
     )
     parser.add_argument("results", nargs="*", type=Path, metavar="RESULT", help="JSON that 'score' wrote")
-    parser.add_argument("--key", type=Path, metavar="FILE", help="secret key; nobody else may be able to read it")
-    parser.add_argument("--new-key", type=Path, metavar="FILE", help="make a secret key, and FILE.pub beside it")
-    parser.add_argument("--comment", default="", metavar="TEXT", help="signed with it; default: the file's name")
     parser.add_argument(
-        "--password", action="store_true", help="ask for a password on the terminal, to encrypt a new key with"
+        "--key", type=Path, metavar="FILE", help="secret key; nobody else may be able to read it"
+    )
+    parser.add_argument(
+        "--new-key", type=Path, metavar="FILE", help="make a secret key, and FILE.pub beside it"
+    )
+    parser.add_argument(
+        "--comment", default="", metavar="TEXT", help="signed with it; default: the file's name"
+    )
+    parser.add_argument(
+        "--password",
+        action="store_true",
+        help="ask for a password on the terminal, to encrypt a new key with",
     )
     parser.set_defaults(run=run)
 
@@ -42,7 +50,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.key is None or not arguments.results:
         raise UsageError("nothing to sign, or no key", hint="ariac-score sign RESULT --key FILE")
     signatures = [
-        (signature_file(result), sign_result(result, arguments.key, comment=arguments.comment, password=_asked))
+        (
+            signature_file(result),
+            sign_result(result, arguments.key, comment=arguments.comment, password=_asked),
+        )
         for result in arguments.results
     ]
     for file, signature in signatures:  # after all of them: none of several stays unsigned unseen

@@ -386,8 +386,12 @@ def _sqlite_bag(folder: Path, *statements: str, rows: int = 2000) -> Path:
     """A bag of one topic whose messages are empty, changed by a stranger."""
     path = folder / "log.db3"
     bag = sqlite3.connect(path)
-    bag.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
-    bag.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+    bag.execute(
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+    )
+    bag.execute(
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+    )
     bag.execute("INSERT INTO topics VALUES (1, '/a', 'std_msgs/msg/String', 'cdr')")
     bag.executemany("INSERT INTO messages VALUES (?, 1, ?, x'00')", ((i, i) for i in range(1, rows)))
     for statement in statements:
@@ -426,9 +430,7 @@ def test_checks_of_its_own_are_not_computed(tmp_path: Path) -> None:
     assert _messages_in(path) == 1999
 
 
-@pytest.mark.parametrize(
-    "name", ["messages", "topics", "message_definitions"]
-)
+@pytest.mark.parametrize("name", ["messages", "topics", "message_definitions"])
 def test_a_view_or_a_trigger_of_that_name_runs_nothing(tmp_path: Path, name: str) -> None:
     endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i FROM n"
     changes = [f"ALTER TABLE {name} RENAME TO kept"] if name != "message_definitions" else []
