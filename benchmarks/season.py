@@ -140,11 +140,19 @@ def _kill(process: int) -> bool:
     return False
 
 
+def _size(file: Path) -> int:
+    try:
+        return file.stat().st_size
+    except OSError:
+        return 0
+
+
 def disturbed(
     season: Path, out: Path, jobs: int, kills: int, supervisor_kills: int, seed: int
 ) -> tuple[int, int]:
     """Score while processes are killed; returns how many were, and how many calls it took."""
     chance, killed, calls = random.Random(seed), 0, 0  # noqa: S311  # whom it hits need not be a secret
+    known = -1
     while True:
         calls += 1
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
@@ -153,8 +161,10 @@ def disturbed(
             while supervisor.poll() is None:
                 time.sleep(chance.uniform(0.02, 0.15))
                 workers = sorted(_children(_children({supervisor.pid})))
-                if killed < kills and workers:
+                progress = _size(out / ".rows.jsonl")
+                if killed < kills and workers and progress != known:  # one finished: spread out
                     killed += _kill(chance.choice(workers))
+                    known = progress
                 if calls <= supervisor_kills and time.monotonic() > patience:
                     supervisor.kill()
             if supervisor.returncode != -signal.SIGKILL:

@@ -1,4 +1,4 @@
-"""Make the corpus: `python -m fuzz.seeds [FOLDER]`. Small, whole inputs for each target, the same every time."""
+"""Make the corpus: `python -m fuzz.seeds [FOLDER]`. Small, whole inputs for each target, always the same."""
 
 from __future__ import annotations
 
@@ -99,7 +99,8 @@ _WORLD = (
 
 def _frame(second: int) -> str:
     models = "".join(
-        f"<model name='{name}'><pose>{second} 0 1 0 0 0.5</pose><link name='base'><pose>0 {second} 1 0 0 0</pose>"
+        f"<model name='{name}'><pose>{second} 0 1 0 0 0.5</pose>"
+        f"<link name='base'><pose>0 {second} 1 0 0 0</pose>"
         "<velocity>1 2 3 4 5 6</velocity></link></model>"
         for name in ("ariac_human", "agv1", "part_red_1")
     )
@@ -217,10 +218,8 @@ def _rule_sets(_: Path) -> Seeds:
 def _log_maps(_: Path) -> Seeds:
     shipped = (HERE.parent / "rules/ariac2018/log_map.yaml").read_bytes()
     yield "2018", shipped
-    yield (
-        "small",
-        b"id: x\ntitle: x\nsource: x\nbodies: {robot: {kind: robot, radius_m: 0.2}}\nmodels: [{match: 'arm*', kind: robot}]\n",
-    )
+    bodies = b"bodies: {robot: {kind: robot, radius_m: 0.2}}\nmodels: [{match: 'arm*', kind: robot}]\n"
+    yield "small", b"id: x\ntitle: x\nsource: x\n" + bodies
 
 
 _PLAIN = (

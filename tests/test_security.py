@@ -1,4 +1,4 @@
-"""What `docs/security.md` promises: each check it names exists, and what had no test elsewhere is tried here."""
+"""What `docs/security.md` promises: each test it names exists, and what had none is tried here."""
 
 from __future__ import annotations
 
