@@ -15,7 +15,6 @@ import stat
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from ariac_score.errors import ResultError, ScoreError, UsageError
@@ -134,7 +133,7 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
     return bytes(signature) + b"\n"
 
 
-def _secret_key(library: ModuleType, key: Path) -> Any:
+def _secret_key(library: Any, key: Path) -> Any:
     raw = _key_bytes(key)
     mode = stat.S_IMODE(key.stat().st_mode)
     if os.name == "posix" and mode & 0o077:
@@ -208,7 +207,7 @@ def verify_signature(result: Path, public_key: str, signature: Path | None = Non
 _SIGN_AGAIN = "ask for the signature again"
 
 
-def _public_key(library: ModuleType, told: str) -> Any:
+def _public_key(library: Any, told: str) -> Any:
     file = Path(told)
     try:
         if len(told) < 256 and file.is_file():
@@ -243,7 +242,7 @@ def check_signature(result: Path, public_key: str, signature: Path | None = None
     return True, f"by key {signed.key_id}: {signed.comment}"
 
 
-def _library() -> ModuleType:
+def _library() -> Any:
     try:
         import minisign  # noqa: PLC0415  # only those who sign need it
     except ImportError as cause:

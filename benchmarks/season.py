@@ -152,12 +152,12 @@ def disturbed(
 ) -> tuple[int, int]:
     """Score while processes are killed; returns how many were, and how many calls it took."""
     chance, killed, calls = random.Random(seed), 0, 0  # noqa: S311  # whom it hits need not be a secret
-    known = -1
+    known, hurry = -1, min(1.0, len(list(season.iterdir())) / 50)
     while True:
         calls += 1
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command(season, out, jobs), **quiet) as supervisor:  # type: ignore[call-overload]
-            patience = time.monotonic() + chance.uniform(6.0, 12.0)
+            patience = time.monotonic() + chance.uniform(6.0, 12.0) * hurry
             while supervisor.poll() is None:
                 time.sleep(chance.uniform(0.02, 0.15))
                 workers = sorted(_children(_children({supervisor.pid})))
@@ -194,9 +194,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         killed, calls = disturbed(
             work / "season", work / "out", told.jobs, told.kills, told.supervisor_kills, told.seed
         )
-        print(
-            f"disturbed: {time.perf_counter() - begun:.0f} s, {killed} processes of runs killed, {calls} calls"
-        )
+        taken_s = time.perf_counter() - begun
+        print(f"disturbed: {taken_s:.0f} s, {killed} processes of runs killed, {calls} calls")
         lines = (work / "out/runs.jsonl").read_text(encoding="ascii").splitlines()
         rows = [Row.from_line(line) for line in lines]
         for outcome, count in sorted(Counter(row.summary.outcome for row in rows).items()):

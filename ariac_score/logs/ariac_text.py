@@ -44,7 +44,8 @@ MAX_DROPS = 10_000
 
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _GAZEBO_RECORD = re.compile(
-    r"^\((?P<s>\d{1,9}|[0-8]\d{9}) (?P<ns>\d{1,9})\) (?:\[(?:Msg|Wrn|Err|Dbg)\] )?(?:\[[^\]\s]+:\d+\] ?)?(?P<text>.*)$"
+    r"^\((?P<s>\d{1,9}|[0-8]\d{9}) (?P<ns>\d{1,9})\) "  # as ns they fit 64 bits
+    r"(?:\[(?:Msg|Wrn|Err|Dbg)\] )?(?:\[[^\]\s]+:\d+\] ?)?(?P<text>.*)$"
 )
 _ROS_RECORD = re.compile(r"^\[ ?[A-Z]+\] \[\d+\.\d+(?:, (?P<sim>\d{1,9}\.\d+))?\]: (?P<text>.*)$")
 _NUMBER = r"-?\d{1,30}(?:\.\d{1,30})?(?:e[+-]?\d{1,2})?"  # finite, whatever stands there
