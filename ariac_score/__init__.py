@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ariac_score.cohort import Cohort, load_cohort
     from ariac_score.contracts import (
+        Charting,
         Decoder,
         EventMonitor,
         EventWatch,
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.arrivals import Alignment, Arrivals
     from ariac_score.trial.build import TrialBuilder
     from ariac_score.trial.channels import LogMap
-    from ariac_score.trial.events import Event
+    from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
     from ariac_score.trial.kits import Kit
     from ariac_score.trial.model import (
         Body,
@@ -67,13 +68,14 @@ if TYPE_CHECKING:
         WantedProduct,
     )
     from ariac_score.trial.signals import Sample, Signal, align
+    from ariac_score.trial.sketch import Course
     from ariac_score.trial.spans import Span, episodes_where, sample_durations, uncovered_spans
     from ariac_score.trial.vocabulary import QUANTITIES, Quantity
 
 _HOME = {
     "ariac_score.contracts": (
-        "Decoder EventMonitor EventWatch LogDescription Monitor OnlineMonitor OnlineWatch Reader Rule "
-        "SignalNeed Standing TopicDescription Wanted"
+        "Charting Decoder EventMonitor EventWatch LogDescription Monitor OnlineMonitor OnlineWatch Reader "
+        "Rule SignalNeed Standing TopicDescription Wanted"
     ),
     "ariac_score.cohort": "Cohort load_cohort",
     "ariac_score.engine": "measure_trial price_trial reprice score_trial",
@@ -90,24 +92,29 @@ _HOME = {
     "ariac_score.trial.arrivals": "Alignment Arrivals",
     "ariac_score.trial.build": "TrialBuilder",
     "ariac_score.trial.channels": "LogMap",
-    "ariac_score.trial.events": "Event",
+    "ariac_score.trial.events": "COMPETITION_ENDED COMPETITION_STARTED Event",
     "ariac_score.trial.kits": "Kit",
     "ariac_score.trial.model": (
         "Body LogDefect OfficialOrder OfficialResult Order Pose Product Submission Task TeamSetup Tray "
         "Trial WantedProduct"
     ),
     "ariac_score.trial.signals": "Sample Signal align",
+    "ariac_score.trial.sketch": "Course",
     "ariac_score.trial.spans": "Span episodes_where sample_durations uncovered_spans",
     "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
 __all__ = [
+    "COMPETITION_ENDED",
+    "COMPETITION_STARTED",
     "QUANTITIES",
     "Alignment",
     "Arrivals",
     "Body",
+    "Charting",
     "Cohort",
+    "Course",
     "Decoder",
     "Event",
     "EventMonitor",

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-from ariac_score.contracts import Monitor, Rule, SignalNeed
+from ariac_score.contracts import Charting, Monitor, Rule, SignalNeed
 from ariac_score.errors import MissingSignalError, PluginError
 from ariac_score.findings import Finding
 from ariac_score.guard import broken
@@ -16,8 +16,9 @@ from ariac_score.quiet import quiet
 from ariac_score.registry import Plugin
 from ariac_score.result import settled
 from ariac_score.trial.model import Trial
+from ariac_score.trial.sketch import Course
 
-__all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "needs_of"]
+__all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "courses_of", "needs_of"]
 
 Heard = Callable[[str], None]
 
@@ -102,6 +103,33 @@ def ask(
     if not said:
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
     return sorted((_stored(plugin, name, finding) for finding in said), key=_order_of_findings)
+
+
+def courses_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Course]:
+    """What a monitor has to show of a trial; nothing for a check that shows nothing.
+
+    Raises:
+        PluginError: It raised, or shows something that is no `Course`.
+    """
+    if not isinstance(check, Charting):
+        return []
+    trial = replace(trial)
+    before = _marks(trial)
+    try:
+        with quiet(plugin.origin):
+            courses = list(check.courses(trial))
+    except MissingSignalError:
+        return []
+    except (Exception, SystemExit) as cause:
+        raise broken(
+            plugin, f"raised {type(cause).__name__} when asked what it saw: {cause}", of=name
+        ) from cause
+    if _marks(trial) != before:
+        raise broken(plugin, "changed the trial it was asked about", of=name)
+    for course in courses:
+        if not isinstance(course, Course):
+            raise broken(plugin, f"shows a {type(course).__name__} instead of a Course", of=name)
+    return courses
 
 
 def _stored(plugin: Plugin, name: str, finding: Finding) -> Finding:

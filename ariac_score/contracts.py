@@ -18,9 +18,11 @@ from ariac_score.trial.events import Event
 from ariac_score.trial.kits import Kit
 from ariac_score.trial.model import Body, LogDefect, Order, Submission, Trial
 from ariac_score.trial.signals import Sample
+from ariac_score.trial.sketch import Course
 
 __all__ = [
     "GROUPS",
+    "Charting",
     "Decoder",
     "EventMonitor",
     "EventWatch",
@@ -160,6 +162,15 @@ class OnlineMonitor(Protocol):
         ...
 
 
+@runtime_checkable
+class Charting(Protocol):
+    """A monitor that also shows what it judged: what was, beside what may be, over time."""
+
+    def courses(self, trial: Trial) -> Iterable[Course]:
+        """A course for each subject that can be drawn; decides nothing."""
+        ...
+
+
 class EventWatch(Protocol):
     """One trace, judged event by event; made by an `EventMonitor`, used once."""
 
@@ -261,6 +272,8 @@ class Wanted:
         decoders: The decoders that the log map names, by name.
         progress: Called now and then with the share done, 0 to 1.
         run: Which run, by its number, of a file that holds several; `None`: the only one.
+        jobs: Threads a reader may use for what does not depend on their number; 0: as many as
+            there are processors.
     """
 
     log_map: LogMap
@@ -268,6 +281,7 @@ class Wanted:
     decoders: Mapping[str, Decoder] = field(default_factory=dict)
     progress: Callable[[float], None] = _silent
     run: int | None = None
+    jobs: int = 0
 
 
 @runtime_checkable

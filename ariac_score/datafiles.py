@@ -17,6 +17,7 @@ from typing import Any
 import yaml
 
 from ariac_score.errors import DataFileError, did_you_mean
+from ariac_score.plain_schema import surely_keeps
 
 __all__ = [
     "RepeatedKey",
@@ -351,6 +352,10 @@ def _validator(name: str, definition: str) -> Any:
 
 def schema_errors(data: Any, name: str, definition: str = "") -> list[tuple[_Place, str, str]]:
     """What breaks a schema: for each fault its path, the cause and the remedy, misspelt keys first."""
+    whole = schema(name)
+    definitions = whole.get("$defs", {})
+    if surely_keeps(data, definitions[definition] if definition else whole, definitions):
+        return []
     faults = [_worded(_deepest(fault)) for fault in _validator(name, definition).iter_errors(data)]
     # A key that is missing is most often there, misspelt.
     return sorted(faults, key=lambda fault: (fault[1].endswith("is missing"), [str(p) for p in fault[0]]))

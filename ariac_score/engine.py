@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ariac_score.asking import ask, needs_of
+from ariac_score.asking import ask, courses_of, needs_of
 from ariac_score.contracts import Monitor, Reader, Rule, SignalNeed, Wanted
 from ariac_score.errors import (
     DataFileError,
@@ -44,6 +44,7 @@ from ariac_score.trial.events import ORDER_ANNOUNCED
 from ariac_score.trial.kits import with_contents
 from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.signals import Signal
+from ariac_score.trial.sketch import Sketch, sketch_of
 from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of
 
@@ -51,6 +52,7 @@ __all__ = [
     "check_needs",
     "code_of",
     "decidable",
+    "file_hashes",
     "find_trial",
     "measure_trial",
     "price_trial",
@@ -58,6 +60,7 @@ __all__ = [
     "refuse_other_years",
     "reprice",
     "score_trial",
+    "sketch_trial",
 ]
 
 Progress = Callable[[float], None]
@@ -84,6 +87,7 @@ def score_trial(
     root: Path | None = None,
     trial_id: str = "",
     team: str = "",
+    jobs: int = 0,
 ) -> Result:
     """Score the trial at a path; where its rules compare teams, `reprice` adds the cohort.
 
@@ -98,6 +102,8 @@ def score_trial(
         root: Folder that file names in the result are relative to; needed with `also`.
         trial_id: Name of the trial, where the caller knows it better than the files.
         team: Name of the team, likewise.
+        jobs: Threads that inflate a recording; 0: as many as there are processors. The
+            result does not depend on it.
 
     Raises:
         ScoreError: For everything a user can act on; see `ariac_score.errors`.
@@ -111,15 +117,17 @@ def score_trial(
     refuse_other_years(bundle, rule_set)
     refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
     needs = _needs(checks, rule_set, registry)
+    quantities = [need.quantity for need in needs]
     trial = read_trial(
-        bundle, readers, mapping, registry, quantities=[need.quantity for need in needs], progress=progress
+        bundle, readers, mapping, registry, quantities=quantities, progress=progress, jobs=jobs
     )
     trial = _with_unknown_products(_renamed(trial, trial_id, team), rule_set)
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
     trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
     measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
+    sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
     provenance = _provenance(bundle, rule_set, mapping, registry)
-    return price_trial(measured, rule_set, provenance)
+    return price_trial(replace(measured, sketch=sketch), rule_set, provenance)
 
 
 def refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
@@ -239,6 +247,7 @@ def read_trial(
     *,
     quantities: Iterable[str],
     progress: Progress = _no_progress,
+    jobs: int = 0,
 ) -> Trial:
     """The one trial that the parts of a bundle tell of.
 
@@ -249,6 +258,7 @@ def read_trial(
         registry: For the decoders that the log map names.
         quantities: The quantities checks ask for; what they derive from is read too.
         progress: Called with the share done.
+        jobs: Threads that inflate a recording; 0: as many as there are processors.
 
     Raises:
         LogError: A part is damaged, or two parts contradict each other.
@@ -275,7 +285,7 @@ def read_trial(
         def step(done: float, number: int = number) -> None:
             progress((number + done) / len(bundle.parts))
 
-        wanted = Wanted(log_map, sources, decoders, step, part.run)
+        wanted = Wanted(log_map, sources, decoders, step, part.run, jobs)
         trials.append(readers[part.reader].read(part.path, wanted))
     trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
     if not trial.orders and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
@@ -355,6 +365,41 @@ def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed])
             )
 
 
+def sketch_trial(
+    trial: Trial,
+    checks: Mapping[str, Rule | Monitor],
+    measured: Measured,
+    *,
+    registry: Registry,
+    rule_set: RuleSet,
+) -> Sketch:
+    """What a page draws of a trial, finest where something was found.
+
+    Args:
+        trial: With the derived signals.
+        checks: The built plugins by check name.
+        measured: What they found.
+        registry: To name the plugin when one fails.
+        rule_set: Where the checks come from.
+
+    Raises:
+        PluginError: A monitor cannot show what it saw.
+    """
+    courses = {}
+    for name, check in checks.items():
+        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        courses[name] = courses_of(plugin, name, check, trial)
+    found = sorted(
+        (f for f in measured.findings.values() if f.robustness is not None and (f.span or f.evidence)),
+        key=lambda f: f.robustness or 0.0,
+    )
+    moments: dict[tuple[str, str], list[Span]] = {}
+    for finding in found:
+        at_s = finding.evidence[0].t_s if finding.evidence else 0.0
+        moments.setdefault((finding.check, finding.subject), []).append(finding.span or Span(at_s, at_s))
+    return sketch_of(trial, courses, moments)
+
+
 def _scopes(trial: Trial) -> Scope:
     orders, index = [], _announced_as(trial)
     for order in trial.orders:
@@ -394,7 +439,8 @@ def _coverage(signal: Signal, window: Span | None) -> Coverage:
     span = signal.span
     long = signal.gaps(window, max_gap_s=0.0) if window else []
     rate = (len(signal) - 1) / span.duration_s if span and span.duration_s > 0 else 0.0
-    return Coverage(signal.name, len(signal), rate, max((gap.duration_s for gap in long), default=0.0))
+    largest_gap_s = max((gap.duration_s for gap in long), default=0.0)
+    return Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source)
 
 
 # Pricing -------------------------------------------------------------------------------
@@ -499,7 +545,7 @@ def _provenance(bundle: Bundle, rule_set: RuleSet, log_map: LogMap, registry: Re
     ]
     packages = {(p.distribution, p.version, p.package) for p in plugins}
     return Provenance(
-        inputs=tuple(sorted((s for part in bundle.parts for s in _sources(part, bundle.root)), key=_by_role)),
+        inputs=file_hashes(bundle),
         ignored=tuple(sorted(bundle.ignored)),
         rule_set=(rule_set.id, rule_set.sha256),
         log_map=(log_map.id, log_map.sha256),
@@ -517,6 +563,11 @@ def code_of(rule_set: RuleSet, registry: Registry) -> tuple[tuple[str, str, str,
     plugins += [p for group in ("ariac_score.readers", "ariac_score.decoders") for p in registry.all(group)]
     packages = {(p.distribution, p.version, p.package) for p in plugins}
     return tuple(sorted({_engine(), *((d, v, p, package_sha256(p)) for d, v, p in packages)}))
+
+
+def file_hashes(bundle: Bundle) -> tuple[Source, ...]:
+    """Every file of a bundle with its hash, sorted by role and name."""
+    return tuple(sorted((s for part in bundle.parts for s in _sources(part, bundle.root)), key=_by_role))
 
 
 def _engine() -> tuple[str, str, str, str]:

@@ -288,9 +288,13 @@ class Registry:
 
 
 def _installed() -> Iterator[Plugin]:
+    everything = entry_points()
+    known: dict[int, tuple[str, str]] = {}  # a distribution tells of itself once, however much it brings
     for group in GROUPS:
-        for point in sorted(entry_points(group=group), key=lambda p: (p.name, p.value)):
-            yield Plugin(point.name, group, point.value, *brought_by(point))
+        for point in sorted(everything.select(group=group), key=lambda p: (p.name, p.value)):
+            if id(point.dist) not in known:
+                known[id(point.dist)] = brought_by(point)
+            yield Plugin(point.name, group, point.value, *known[id(point.dist)])
 
 
 def brought_by(point: EntryPoint) -> tuple[str, str]:

@@ -14,7 +14,9 @@ from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.policy import Assumption
 from ariac_score.scoring.scope import Scope
+from ariac_score.scoring.steward import Adjusted
 from ariac_score.trial.model import LogDefect, OfficialResult
+from ariac_score.trial.sketch import Sketch
 from ariac_score.trial.spans import Span
 
 __all__ = [
@@ -62,12 +64,14 @@ class Coverage:
         samples: Number of samples.
         rate_hz: Mean rate, Hz; 0 with fewer than two samples.
         largest_gap_s: Longest stretch without a sample, the ends included, s.
+        source: Where it was recorded, such as the topic, or `derived`; empty when nobody says.
     """
 
     signal: str
     samples: int
     rate_hz: float
     largest_gap_s: float
+    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,7 @@ class Measured:
         clock: Which clock the times come from.
         official: The official scorer's result, when the bundle holds it.
         team: Name of the team; empty when unknown.
+        sketch: What a page draws beside this; `None` where none was made. Nothing is priced by it.
     """
 
     trial: str
@@ -101,6 +106,7 @@ class Measured:
     clock: str = ""
     official: OfficialResult | None = None
     team: str = ""
+    sketch: Sketch | None = None
 
     def of(self, check: str) -> dict[str, Finding]:
         """The findings of one check, by id."""
@@ -159,6 +165,7 @@ class Result:
             when the rule set has none, or it is withheld.
         cohort: The values across teams it was priced with.
         missing: What the score needs from all teams, or what no record states, in words.
+        adjusted: What stewards made of it; all the rest is the automatic result, untouched.
     """
 
     measured: Measured
@@ -176,6 +183,17 @@ class Result:
     task: Ledger | None = None
     cohort: CohortValues = field(default_factory=CohortValues)
     missing: str = ""
+    adjusted: Adjusted | None = None
+
+    @property
+    def automatic(self) -> Result:
+        """The result without what stewards made of it."""
+        return replace(self, adjusted=None)
+
+    @property
+    def final(self) -> Decimal | None:
+        """The score that counts: the adjusted one, where there is one."""
+        return self.score if self.adjusted is None else self.adjusted.score
 
     def __post_init__(self) -> None:
         if (self.score is None) != (self.status != "scored") or (self.ledger is None) != (self.score is None):
@@ -187,3 +205,6 @@ class Result:
             reconcile(self.ledger, self.score, digits=self.digits)
         if self.task is not None:
             reconcile(self.task, self.task.amount, digits=self.digits)
+        adjusted = self.adjusted
+        if adjusted is not None and adjusted.ledger is not None and adjusted.score is not None:
+            reconcile(adjusted.ledger, adjusted.score, digits=self.digits)

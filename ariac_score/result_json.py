@@ -6,12 +6,15 @@ rounded as declared, and there is no wall clock in a result.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+from ariac_score.adjustments import apply, check_targets
 from ariac_score.datafiles import schema_errors, strict_json
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.expression import Traced
@@ -25,17 +28,29 @@ from ariac_score.result import (
     Source,
     canonical,
 )
-from ariac_score.ruleset import rule_set_from_text
+from ariac_score.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.ledger import Line, reconcile
 from ariac_score.scoring.policy import Assumption
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
+from ariac_score.scoring.steward import Adjusted, Adjustment
+from ariac_score.sketch_json import sketch_data, sketch_from
 from ariac_score.trial.model import LogDefect, OfficialOrder, OfficialResult
 from ariac_score.trial.signals import Sample
+from ariac_score.trial.sketch import Sketch
 from ariac_score.trial.spans import Span
 
-__all__ = ["as_json", "findings_json", "load_result"]
+__all__ = [
+    "adjustment_data",
+    "adjustment_from",
+    "as_json",
+    "check_follows",
+    "findings_json",
+    "load_result",
+    "measured_sha256",
+    "read_result",
+]
 
 SCHEMA = "ariac-score/result/1"
 MAX_BYTES = 64 << 20
@@ -50,7 +65,12 @@ def as_json(result: Result) -> str:
     """
     if result.ledger is not None and result.score is not None:
         reconcile(result.ledger, result.score, digits=result.digits)
-    return _canonical_text(_result_data(result))
+    text = _canonical_text(_result_data(result))
+    if result.measured.sketch is None:
+        return text
+    # Its thousands of numbers stand on one line; no other line of the text can begin like this one.
+    sketch = _encodable(json.dumps(sketch_data(result.measured.sketch), **_COMPACT))
+    return text.replace(_NO_SKETCH, _NO_SKETCH.replace("null", sketch), 1)
 
 
 def findings_json(measured: Measured) -> str:
@@ -58,10 +78,34 @@ def findings_json(measured: Measured) -> str:
     return _canonical_text({key: _finding_data(f) for key, f in measured.findings.items()})
 
 
+def measured_sha256(result: Result) -> str:
+    """SHA-256 of what was measured, and from which files: what a steward's decision is made for.
+
+    Prices, values across teams and versions of the code leave it as it is.
+    """
+    data = {
+        "inputs": _provenance_data(result.provenance)["inputs"],
+        "measured": _measured_data(result.measured),
+    }
+    return hashlib.sha256(_canonical_text(data).encode("utf-8")).hexdigest()
+
+
+_NO_SKETCH = '\n "sketch": null'
+_COMPACT: Mapping[str, Any] = {
+    "sort_keys": True,
+    "separators": (",", ":"),
+    "ensure_ascii": False,
+    "allow_nan": False,
+}
+
+
 def _canonical_text(data: Any) -> str:
-    text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
-    # Half a surrogate pair, which a log may hold in a name, has no place in UTF-8 but has one in JSON.
-    return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
+    return _encodable(json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)) + "\n"
+
+
+def _encodable(text: str) -> str:
+    """Half a surrogate pair, which a log may hold in a name, has no place in UTF-8 but has one in JSON."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _number(value: float | int) -> float | int:
@@ -183,6 +227,7 @@ def _measured_data(measured: Measured) -> dict[str, Any]:
                 "samples": c.samples,
                 "rate_hz": canonical(c.rate_hz),
                 "largest_gap_s": canonical(c.largest_gap_s),
+                "source": c.source,
             }
             for c in measured.coverage
         ],
@@ -210,9 +255,47 @@ def _provenance_data(provenance: Provenance) -> dict[str, Any]:
     }
 
 
-def _result_data(result: Result) -> dict[str, Any]:
+def adjustment_data(adjustment: Adjustment) -> dict[str, Any]:
+    """A decision of a steward as plain values, as its file has it."""
+    target: dict[str, Any] = {"measured": adjustment.measured, "trial": adjustment.trial}
+    if adjustment.team:
+        target["team"] = adjustment.team
+    if adjustment.run is not None:
+        target["run"] = adjustment.run
+    if adjustment.finding:
+        target["finding"] = adjustment.finding
+    effects: dict[str, Any] = {
+        "verdict": adjustment.verdict or None,
+        "points": _amount(adjustment.points),
+        "score": _amount(adjustment.score),
+        "disqualified": adjustment.disqualified or None,
+    }
     return {
+        "id": adjustment.id,
+        "author": adjustment.author,
+        "reason": adjustment.reason,
+        "time": adjustment.time,
+        "target": target,
+        "effect": {name: value for name, value in effects.items() if value is not None},
+    }
+
+
+def _adjusted_data(adjusted: Adjusted) -> dict[str, Any]:
+    return {
+        "score": _amount(adjusted.score),
+        "ledger": None if adjusted.ledger is None else _line_data(adjusted.ledger),
+        "sha256": adjusted.sha256,
+        "adjustments": [adjustment_data(adjustment) for adjustment in adjusted.adjustments],
+    }
+
+
+def _result_data(result: Result) -> dict[str, Any]:
+    # The key is there only where stewards decided: an automatic result has the bytes it always had.
+    adjusted = {} if result.adjusted is None else {"adjusted": _adjusted_data(result.adjusted)}
+    return {
+        **adjusted,
         "schema": SCHEMA,
+        "sketch": None,
         "rule_set_title": result.rule_set_title,
         "checks": {name: dict(check) for name, check in result.checks.items()},
         "notes": list(result.notes),
@@ -240,8 +323,33 @@ def _result_data(result: Result) -> dict[str, Any]:
 # From JSON to values -------------------------------------------------------------------
 
 
-def load_result(path: Path) -> Result:
+def load_result(path: Path, *, known: bool = False) -> Result:
     """Read a stored result and check that it is whole.
+
+    Args:
+        path: The file.
+        known: Whether it has the hash of one that was read before, so that its schema
+            need not be looked at again; that takes longer than all else.
+
+    Raises:
+        ResultError: Missing, not JSON, breaks its schema, its ledger does not add
+            up to its score, or the score does not follow from its findings.
+    """
+    result = read_result(path, known=known)
+    try:
+        check_follows(result)
+    except ResultError as error:
+        error.file = str(path)
+        raise
+    return result
+
+
+def read_result(path: Path, *, known: bool = False) -> Result:
+    """Read a stored result whose sums are right, without pricing its findings again.
+
+    Args:
+        path: The file.
+        known: Whether it has the hash of one that was read before, as in `load_result`.
 
     Raises:
         ResultError: Missing, not JSON, breaks its schema, or its ledger does not add
@@ -251,36 +359,37 @@ def load_result(path: Path) -> Result:
         if path.stat().st_size > MAX_BYTES:
             raise ResultError(f"larger than {MAX_BYTES:,} bytes", file=path, hint="is this a result?")
         text = path.read_text(encoding="utf-8")
-        plain = strict_json(text)
-        exact = strict_json(text, parse_float=Decimal)
+        # What a batch of ours wrote was held against its schema then, and is read in its thousands.
+        exact = (json.loads if known else strict_json)(text, parse_float=Decimal)
+        faults = [] if known else schema_errors(strict_json(text), "result")
     except OSError as cause:
         raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
     except (ValueError, RecursionError) as cause:
         raise ResultError(
             f"not a result: {cause}", file=path, hint="give the JSON that 'score --output-format json' wrote"
         ) from None
-    faults = schema_errors(plain, "result")
     if faults:
         where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in faults[0][0])
         raise ResultError(
             faults[0][1], file=path, place=where, hint="score the trial again with this version"
         )
     try:
-        result = _result(exact)
-        _check_follows(result)
-        return result
+        return _result(exact)
     except ResultError as error:
         error.file = str(path)
         raise
-    except (KeyError, TypeError, ValueError, RecursionError, ArithmeticError) as cause:
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ArithmeticError) as cause:
         raise ResultError(f"not a whole result: {cause}", file=path, hint="score the trial again") from None
 
 
-def _check_follows(result: Result) -> None:
+def check_follows(result: Result) -> None:
     """Price the findings again by the rules in the result, and compare every line.
 
+    What stewards decided is applied again as well.
+
     Raises:
-        ResultError: Score or ledger do not follow from the findings.
+        ResultError: Score or ledger do not follow from the findings, or the adjusted
+            score not from the decisions.
     """
     hint = "the result was edited or damaged, or made by another version: score the trial again"
     try:
@@ -309,6 +418,29 @@ def _check_follows(result: Result) -> None:
     )
     if not same:
         raise ResultError("its score does not follow from its findings", hint=hint)
+    if result.adjusted is not None:
+        _check_adjusted(result, result.adjusted, rule_set)
+
+
+def _check_adjusted(result: Result, stored: Adjusted, rule_set: RuleSet) -> None:
+    """Apply the decisions in a result to its automatic part again.
+
+    Raises:
+        ResultError: They were made for another result, or give another score.
+    """
+    hint = "apply the adjustments to the automatic result again: ariac-score adjust"
+    automatic = result.automatic
+    measured = measured_sha256(automatic)
+    for decision in stored.adjustments:
+        if decision.measured != measured:
+            raise ResultError(f"adjustment {decision.id!r} was made for another result", hint=hint)
+    try:
+        check_targets(stored.adjustments, automatic, rule_set)
+        again = apply(automatic, stored.adjustments, rule_set, sha256=stored.sha256)
+    except ScoreError as error:
+        raise ResultError(f"its adjustments cannot be applied to it: {error.cause}", hint=hint) from error
+    if _adjusted_data(again) != _adjusted_data(stored):
+        raise ResultError("its adjusted score does not follow from its adjustments", hint=hint)
 
 
 def _plain(value: Any) -> Any:
@@ -324,7 +456,7 @@ def _result(data: Mapping[str, Any]) -> Result:
     digits = data["rounding"]["score_decimals"]
     unit = Decimal(1).scaleb(-digits)
     return Result(
-        measured=_measured(data["measured"]),
+        measured=replace(_measured(data["measured"]), sketch=_sketch(data.get("sketch"))),
         rule_set_title=data["rule_set_title"],
         checks=_plain(data["checks"]),
         notes=tuple(data["notes"]),
@@ -339,7 +471,43 @@ def _result(data: Mapping[str, Any]) -> Result:
         task=None if data["task"] is None else _line(data["task"], unit),
         cohort=CohortValues(data["cohort"]["sha256"], _plain(data["cohort"]["values"])),
         missing=data["missing"],
+        adjusted=_adjusted(data["adjusted"], unit) if "adjusted" in data else None,
     )
+
+
+def _adjusted(data: Mapping[str, Any], unit: Decimal) -> Adjusted:
+    return Adjusted(
+        score=_exact(data["score"], unit),
+        ledger=None if data["ledger"] is None else _line(data["ledger"], unit),
+        adjustments=tuple(adjustment_from(entry) for entry in data["adjustments"]),
+        sha256=data["sha256"],
+    )
+
+
+def adjustment_from(data: Mapping[str, Any]) -> Adjustment:
+    """A decision of a steward from plain values, as `adjustment_data` gives them."""
+    target, effect = data["target"], data["effect"]
+    points, score = effect.get("points"), effect.get("score")
+    return Adjustment(
+        id=data["id"],
+        author=data["author"],
+        reason=data["reason"],
+        time=data["time"],
+        measured=target["measured"],
+        team=target.get("team", ""),
+        trial=target["trial"],
+        run=target.get("run"),
+        finding=target.get("finding", ""),
+        verdict=effect.get("verdict", ""),
+        points=None if points is None else Decimal(points),
+        score=None if score is None else Decimal(score),
+        disqualified=effect.get("disqualified", False),
+        file="the result",
+    )
+
+
+def _sketch(data: Mapping[str, Any] | None) -> Sketch | None:
+    return None if data is None else sketch_from(data)
 
 
 def _exact(value: Any, unit: Decimal) -> Decimal | None:
@@ -418,7 +586,13 @@ def _measured(data: Mapping[str, Any]) -> Measured:
         window=_span_of(data["window_s"]),
         orders={k: None if v is None else float(v) for k, v in data["orders_announced_s"].items()},
         coverage=tuple(
-            Coverage(c["signal"], c["samples"], float(c["rate_hz"]), float(c["largest_gap_s"]))
+            Coverage(
+                c["signal"],
+                c["samples"],
+                float(c["rate_hz"]),
+                float(c["largest_gap_s"]),
+                c.get("source", ""),
+            )
             for c in data["coverage"]
         ),
         log_defects=tuple(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -218,6 +218,12 @@ def rule_set_from_text(text: str, *, file: str) -> RuleSet:
         RuleSetError: It is not the text of a whole rule set.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
+    return _alone(text, file)
+
+
+@lru_cache(maxsize=8)
+def _alone(text: str, file: str) -> RuleSet:
+    """Kept, because the results of a competition all hold the same text."""
     document = _from_text(text, file)
     for key in ("extends", "include", "safety"):
         if key in document.data:

@@ -16,7 +16,14 @@ from typing import Any, Generic, TypeVar
 
 from ariac_score.contracts import Monitor, SignalNeed
 from ariac_score.engine import find_trial, measure_trial, read_trial, reprice
-from ariac_score.errors import FormulaError, PluginError, ResultError, RuleSetError, ScoreError
+from ariac_score.errors import (
+    DataFileError,
+    FormulaError,
+    PluginError,
+    ResultError,
+    RuleSetError,
+    ScoreError,
+)
 from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import with_parts
 from ariac_score.ranking.competition import Competition, RunKey
@@ -37,6 +44,7 @@ __all__ = [
     "RankShift",
     "ScoreSensitivity",
     "knobs_of",
+    "load_rank_sensitivity",
     "rank_sensitivity",
     "score_sensitivity",
     "sensitivity_json",
@@ -514,3 +522,57 @@ def _as_data(each: ScoreSensitivity | RankSensitivity) -> dict[str, Any]:
         }
     shifts = [{"value": s.value, "before": dict(s.before), "after": dict(s.after)} for s in each.shifts]
     return {**data, "shifts": shifts}
+
+
+def load_rank_sensitivity(path: Path, of: str, rule_set: tuple[str, str]) -> list[RankSensitivity]:
+    """Read back what `sensitivity_json` wrote about a ranking.
+
+    Args:
+        path: The file.
+        of: The competition it must be of.
+        rule_set: Id and SHA-256 of the rules it must be of.
+
+    Raises:
+        DataFileError: Missing, something else, or of another competition or other rules.
+    """
+    hint = "give what 'sensitivity COMPETITION --output-format json' wrote for this competition"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as cause:
+        raise DataFileError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
+    except (ValueError, RecursionError) as cause:
+        raise DataFileError(f"not a sensitivity: {cause}", file=path, hint=hint) from None
+    try:
+        rules = data["rule_set"]["id"], data["rule_set"]["sha256"]
+        if data["format"] != "ariac-score sensitivity" or data["version"] != 1:
+            raise DataFileError("not a sensitivity of this version", file=path, hint=hint)
+        if data["of"] != of or rules != rule_set:
+            raise DataFileError(
+                f"it is of {data['of']!r} under {rules[0]} ({str(rules[1])[:12]}…), "
+                f"not of {of!r} under {rule_set[0]} ({rule_set[1][:12]}…)",
+                file=path,
+                hint=hint,
+            )
+        return [_rank_sensitivity_of(each) for each in data["numbers"]]
+    except (KeyError, TypeError, ValueError, AttributeError) as cause:
+        told = f"{type(cause).__name__}: {cause}"
+        raise DataFileError(f"not the sensitivity of a ranking: {told}", file=path, hint=hint) from None
+
+
+def _rank_sensitivity_of(data: Mapping[str, Any]) -> RankSensitivity:
+    name = str(data["name"])
+    base, low, high = (float(data[key]) for key in ("value", "low", "high"))
+    knob = Knob(name, base, low, high, bool(data["declared"]), name.rpartition(".")[0])
+    if "skipped" in data:
+        return RankSensitivity(knob, skipped=str(data["skipped"]))
+    return RankSensitivity(
+        knob,
+        tuple(
+            RankShift(float(shift["value"]), _ranks_of(shift["before"]), _ranks_of(shift["after"]))
+            for shift in data["shifts"]
+        ),
+    )
+
+
+def _ranks_of(data: Mapping[str, Any]) -> Ranks:
+    return {str(team): None if rank is None else int(rank) for team, rank in data.items()}

@@ -26,7 +26,7 @@ from ariac_score.batch.tasks import Limits, Setting, plan_batch
 from ariac_score.batch.worker import perform
 from ariac_score.testing.competitions import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 
-RULES = "ariac2024.release_5"
+RULES = "ariac2024.official"
 KIT = (PlannedOrder("AAAA0001", "kitting", False, (("pump", "red"), ("battery", "blue"))),)
 MEASURED = 40
 
@@ -73,7 +73,7 @@ def other_prices(folder: Path, rules: str) -> str:
     file = folder / "other.yaml"
     file.write_text(
         f"id: other\nextends: {rules}\ntitle: other prices\nsource: this benchmark\n"
-        "score: 2 * sum(order.completion)\n"
+        "parameters: {time_weight: 2}\n"
     )
     return str(file)
 

@@ -15,12 +15,14 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from functools import cache
 from pathlib import Path
 from statistics import median
 
@@ -32,6 +34,57 @@ FIELDS = {
     "/gripper/wrench": ["header.stamp", "wrench.force"],
 }
 FIELDS["/tf"].append("transforms.transform")
+
+SCORED = ("/tf", "/human/state")
+"""The topics that the log map below leads anywhere."""
+
+LOG_MAP = """
+id: benchmark_map
+title: The made trial of the benchmark
+source: made
+bodies: {human: {kind: human}}
+channels:
+  - topic: /human/state
+    type: nav_msgs/msg/Odometry
+    signals:
+      position/human: [pose.pose.position.x, pose.pose.position.y, pose.pose.position.z]
+      velocity/human: [twist.twist.linear.x, twist.twist.linear.y, twist.twist.linear.z]
+  - {topic: /tf, type: tf2_msgs/msg/TFMessage, poses: frames}
+frames: [{match: wrist_3, kind: robot, body: robot}]
+"""
+
+RULES = """
+id: benchmark_rules
+title: One monitor over the made trial of the benchmark
+source: made
+log_map: benchmark_map.yaml
+monitors:
+  human_contact:
+    use: ariac.human_contact
+    with: {distance: centre_distance, contact_distance_m: 0.01, max_gap_s: 0.15}
+score: 1
+"""
+
+TRIAL = """
+options: {gazebo_state_logging: true, current_gripper_type: gripper_part}
+time_limit: -1
+orders:
+  order_0:
+    priority: 1
+    kitting_robot_health: 1
+    assembly_robot_health: 1
+    announcement_condition: time
+    announcement_condition_value: 0.0
+    kitting:
+      shipment_count: 1
+      trays: [movable_tray_dark_wood]
+      agvs: [agv2]
+      destinations: [as2]
+      products:
+        part_0:
+          type: assembly_battery_blue
+          pose: {xyz: [0.1, 0.1, 0.0], rpy: [0.0, 0.0, 0.0]}
+"""
 
 CASES = [
     ("mcap", "", False),
@@ -57,14 +110,14 @@ def ours_all(path: Path) -> int:
     return sum(len(t.stamps_ns) for t in read_tables(path, dict.fromkeys(FIELDS)))
 
 
-def rosbags(path: Path) -> int:
+def rosbags(path: Path, topics: Collection[str] = FIELDS.keys()) -> int:
     from rosbags.highlevel import AnyReader  # noqa: PLC0415
 
     from ariac_score.logs.types import bundled_typestore  # noqa: PLC0415
 
     count = 0
     with AnyReader([path], default_typestore=bundled_typestore(2)) as reader:
-        wanted = [c for c in reader.connections if c.topic in FIELDS]
+        wanted = [c for c in reader.connections if c.topic in topics]
         for connection, _, raw in reader.messages(connections=wanted):
             reader.deserialize(raw, connection.msgtype)
             count += 1
@@ -88,14 +141,13 @@ def pybag(path: Path) -> int:
 
 
 def floor(path: Path) -> int:
-    from ariac_score.logs.salvage import inflate  # noqa: PLC0415
-
+    """The file read and inflated on one thread, by the quickest module that is installed."""
     if path.suffix != ".mcap":
         with path.open("rb", buffering=0) as file:
             return sum(len(block) for block in iter(lambda: file.read(1 << 20), b""))
     import struct  # noqa: PLC0415
 
-    total = 0
+    total, room = 0, bytearray(16 << 20)
     with path.open("rb") as file:
         file.read(8)
         while len(head := file.read(9)) == 9:
@@ -104,9 +156,84 @@ def floor(path: Path) -> int:
             if op == 6:
                 (size,) = struct.unpack_from("<Q", body, 16)
                 (name,) = struct.unpack_from("<I", body, 28)
-                kind = body[32 : 32 + name].decode()
-                total += len(inflate(memoryview(body)[40 + name :], kind, size=size))
+                kind, packed = body[32 : 32 + name].decode(), memoryview(body)[40 + name :]
+                if kind:
+                    inflater(kind)(packed, memoryview(room)[:size])
+                total += size
     return total
+
+
+@cache
+def inflater(kind: str) -> Callable[[memoryview, memoryview], object]:
+    if kind == "lz4" and importlib.util.find_spec("cramjam"):
+        from cramjam import lz4  # noqa: PLC0415
+
+        return lz4.decompress_into
+    if kind == "lz4":
+        from lz4.frame import LZ4FrameDecompressor as Inflater  # noqa: PLC0415
+    else:
+        from backports.zstd import ZstdDecompressor as Inflater  # noqa: PLC0415
+    return lambda packed, room: Inflater().decompress(bytes(packed), max_length=len(room))
+
+
+def state_log(path: Path) -> int:
+    from ariac_score.logs.gazebo import read_states  # noqa: PLC0415
+
+    return sum(len(frames) for frames, _ in read_states(path).poses.values())
+
+
+def state_log_lxml(path: Path) -> int:
+    """The same poses by `lxml` iterparse, chunk by chunk."""
+    import base64  # noqa: PLC0415
+    import io  # noqa: PLC0415
+    import re  # noqa: PLC0415
+    import zlib  # noqa: PLC0415
+    from collections import defaultdict  # noqa: PLC0415
+
+    from lxml import etree  # noqa: PLC0415
+
+    found: dict[tuple[str, str], list[list[float]]] = defaultdict(list)
+    for chunk in re.finditer(rb"CDATA\[(.*?)\]\]>", path.read_bytes(), re.DOTALL):
+        text = zlib.decompress(base64.b64decode(chunk[1]))
+        for _, state in etree.iterparse(io.BytesIO(b"<r>" + text + b"</r>"), tag="state"):
+            for model in state.iterfind("model"):
+                name = model.get("name")
+                found[name, ""].append([float(n) for n in model.findtext("pose").split()])
+                for link in model.iterfind("link"):
+                    found[name, link.get("name")].append([float(n) for n in link.findtext("pose").split()])
+            state.clear()
+    return sum(map(len, found.values()))
+
+
+def score(path: Path) -> int:
+    """The whole command, from the start of Python on."""
+    import contextlib  # noqa: PLC0415
+    import io  # noqa: PLC0415
+
+    from ariac_score.cli import main as command  # noqa: PLC0415
+
+    folder = path.parent / "scored"
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        code = command(["score", str(folder), "--rules", str(path.parent / "benchmark_rules.yaml")])
+    assert code in (0, 6), said.getvalue()
+    return len(said.getvalue())
+
+
+def bundled(path: Path) -> None:
+    """Put a recording into a folder with the trial's configuration, for the whole command."""
+    folder = path.parent / "scored"
+    folder.mkdir(exist_ok=True)
+    for name, text in (("benchmark_rules.yaml", RULES), ("benchmark_map.yaml", LOG_MAP)):
+        (path.parent / name).write_text(text, encoding="utf-8")
+    (folder / "trial.yaml").write_text(TRIAL, encoding="utf-8")
+    (folder / "bundle.yaml").write_text("logs: [made.mcap]\ntrial_config: trial.yaml\n", encoding="utf-8")
+    (folder / "made.mcap").unlink(missing_ok=True)
+    (folder / "made.mcap").hardlink_to(path.resolve())
+
+
+def rosbags_scored(path: Path) -> int:
+    """The topics that the command decodes, deserialised."""
+    return rosbags(path, SCORED)
 
 
 WAYS: dict[str, Callable[[Path], int]] = {
@@ -116,37 +243,79 @@ WAYS: dict[str, Callable[[Path], int]] = {
     "mcap_ros2": mcap_ros2,
     "pybag": pybag,
     "floor": floor,
+    "state_log": state_log,
+    "lxml": state_log_lxml,
+    "score": score,
+    "rosbags_scored": rosbags_scored,
 }
 
 
 def one(way: str, path: Path) -> None:
-    start = time.perf_counter()
     count = WAYS[way](path)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(time.perf_counter() - start, time.process_time(), peak_mb, count)
+    print(time.process_time(), peak_mb, count)
 
 
 def measured(way: str, path: Path) -> tuple[float, float, float, int]:
     """Seconds, processor seconds, peak memory in MB, and messages, of a fresh process."""
     command = [sys.executable, __file__, "--one", way, str(path)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    seconds, processor, memory, count = done.stdout.split()
-    return float(seconds), float(processor), float(memory), int(count)
+    # An installation has its bytecode compiled, so a checkout is measured with its own compiled too.
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    environment["PYTHONPYCACHEPREFIX"] = str(Path(tempfile.gettempdir(), "ariac-score-benchmark-bytecode"))
+    start = time.perf_counter()
+    done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+    seconds = time.perf_counter() - start
+    processor, memory, count = done.stdout.split()
+    return seconds, float(processor), float(memory), int(count)
 
 
 def compared(path: Path, ways: list[str], rounds: int) -> None:
+    """Print the ways beside the first of them, which is ours."""
     runs: dict[str, list[tuple[float, float, float, int]]] = {way: [] for way in ways}
     for _ in range(rounds):
         for way in ways:
             runs[way].append(measured(way, path))
+    ours = runs[ways[0]]
     for way in ways:
         seconds, processor, memory, counts = zip(*runs[way], strict=True)
-        ratio = median(r[1] / o[1] for r, o in zip(runs[way], runs["ours"], strict=True))
+        by_wall, by_processor = (
+            median(r[i] / o[i] for r, o in zip(runs[way], ours, strict=True)) for i in (0, 1)
+        )
         print(
             f"{path.name:24} {way:10} {median(seconds):8.2f} s {median(processor):8.2f} s cpu"
-            f" {ratio:7.2f} x ours {max(memory):7.0f} MB {counts[0]:>10}",
+            f" {by_wall:7.2f} x ours, {by_processor:7.2f} x by cpu {max(memory):7.0f} MB {counts[0]:>10}",
             flush=True,
         )
+
+
+def start_up(rounds: int) -> None:
+    """Print how much longer than an idle Python our quickest commands take."""
+    idle = [sys.executable, "-c", "pass"]
+    commands = {
+        "--version": [sys.executable, "-m", "ariac_score.cli", "--version"],
+        "rules validate": [
+            sys.executable,
+            "-m",
+            "ariac_score.cli",
+            "rules",
+            "validate",
+            "ariac2020.official",
+        ],
+    }
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    environment["PYTHONPYCACHEPREFIX"] = str(Path(tempfile.gettempdir(), "ariac-score-benchmark-bytecode"))
+
+    def spent(command: list[str]) -> tuple[float, float]:
+        before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        subprocess.run(command, check=True, capture_output=True, env=environment)
+        seconds, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+        return seconds, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    for name, command in commands.items():
+        spent(command)
+        pairs = [(spent(idle), spent(command)) for _ in range(4 * rounds)]
+        more = [median(c[i] - p[i] for p, c in pairs) * 1e3 for i in (0, 1)]
+        print(f"{name:24} {more[0]:+6.0f} ms, {more[1]:+6.0f} ms cpu over python -c pass", flush=True)
 
 
 def main() -> None:
@@ -161,22 +330,32 @@ def main() -> None:
     if given.one:
         one(given.one[0], Path(given.one[1]))
         return
-    from recordings import write  # noqa: PLC0415  # the measured processes need none of it
+    from recordings import write, write_state_log  # noqa: PLC0415  # the measured processes need none of it
 
     given.folder.mkdir(parents=True, exist_ok=True)
     for suffix, compression, camera in CASES:
         name = f"{compression or 'none'}{'_camera' if camera else ''}_{given.seconds:g}s.{suffix}"
-        if given.only not in name:
+        if given.only not in name or (camera and "camera" not in given.only and given.only):
             continue
         path = given.folder / name
         if not path.exists():
             write(path, compression, seconds=given.seconds, camera=camera)
         ways = ["ours", "rosbags", "floor"]
-        if suffix == "mcap" and not compression and not camera:
-            ways.append("ours_all")
-        if given.peers and suffix == "mcap":
-            ways += [w for w in ("mcap_ros2", "pybag") if importlib.util.find_spec(w.replace("_ros2", ""))]
+        if given.peers and suffix == "mcap" and not camera:
+            ways += [w for w in ("mcap_ros2", "pybag") if importlib.util.find_spec(w)]
         compared(path, ways, given.rounds)
+        if suffix == "mcap" and not compression and not camera:
+            compared(path, ["ours_all", "rosbags"], given.rounds)
+        if name.startswith("lz4") and suffix == "mcap" and not camera:
+            bundled(path)
+            compared(path, ["score", "rosbags_scored"], given.rounds)
+    if given.only in "state.log":
+        path = given.folder / f"{given.seconds:g}s_state.log"
+        if not path.exists():
+            write_state_log(path, seconds=given.seconds)
+        compared(path, ["state_log", *(["lxml"] if importlib.util.find_spec("lxml") else [])], given.rounds)
+    if given.only in "start-up":
+        start_up(given.rounds)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,8 @@ from typing import Any
 
 import pytest
 
-from ariac_score import Event, Pose, Product, Submission, Trial
+from ariac_score import Event, Pose, Product, Submission, Trial, load_result
+from ariac_score.result_json import measured_sha256
 from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
     Recorded,
@@ -584,3 +585,66 @@ def unknown_log_map(folder: Path) -> list[str]:
 def output_into_a_missing_folder(folder: Path) -> list[str]:
     _mcap(folder)
     return _score("trial.mcap", "paper2020", "-o", "nowhere/result.json")
+
+
+# Stewards, verification, checking, exports -----------------------------------------------
+
+
+def _stored(folder: Path) -> str:
+    shutil.copy(ROOT / "examples/kitting_near_miss.result.json", folder / "result.json")
+    return "result.json"
+
+
+@case
+def adjusted_by_stewards(folder: Path) -> list[str]:
+    stored = _stored(folder)
+    measured = measured_sha256(load_result(folder / stored))
+    (folder / "adjustments.yaml").write_text(
+        "adjustments:\n"
+        "  - id: protest_3\n"
+        "    author: A. Steward\n"
+        "    reason: a marshal had knocked over the camera\n"
+        "    time: 2024-05-12T14:30:00Z\n"
+        f"    target: {{trial: kitting_near_miss, measured: '{measured}', finding: separation#1}}\n"
+        "    effect: {verdict: satisfied}\n"
+    )
+    return ["adjust", stored, "adjustments.yaml"]
+
+
+@case
+def adjustment_for_another_result(folder: Path) -> list[str]:
+    stored = _stored(folder)
+    (folder / "adjustments.yaml").write_text(
+        "adjustments:\n"
+        "  - id: protest_3\n"
+        "    author: A. Steward\n"
+        "    reason: late\n"
+        "    time: 2024-05-12T14:30:00Z\n"
+        f"    target: {{trial: kitting_near_miss, measured: '{'0' * 64}'}}\n"
+        "    effect: {points: -1}\n"
+    )
+    return ["adjust", stored, "adjustments.yaml"]
+
+
+@case
+def verified_without_its_log(folder: Path) -> list[str]:
+    return ["verify", _stored(folder)]
+
+
+@case
+def verified_with_an_edited_score(folder: Path) -> list[str]:
+    stored = folder / _stored(folder)
+    stored.write_text(stored.read_text().replace('"score": 19.761677', '"score": 29.761677'))
+    return ["verify", stored.name]
+
+
+@case
+def checked_without_the_human(folder: Path) -> list[str]:
+    messages = [m for m in recorded_messages(kitting_trial()) if m.topic != "/snapshot"]
+    write_bag(folder / "trial.mcap", messages, storage="mcap")
+    return ["check", "trial.mcap", "--rules", "paper2020"]
+
+
+@case
+def exported_for_github_with_criteria_that_fail(folder: Path) -> list[str]:
+    return ["export", _stored(folder), "--output-format", "github", "--fail-on", "violation:separation"]

@@ -59,6 +59,7 @@ def test_the_wheel_holds_every_module_and_data_file(wheel: zipfile.ZipFile) -> N
         for p in _tree("ariac_score", "*.py")
         | _tree("ariac_score", "*.msg")
         | _tree("ariac_score", "*.tmpl")
+        | {name for kind in ("j2", "css", "js") for name in _tree("ariac_score", f"*.{kind}")}
         | {"py.typed"}
     }
     wanted |= {f"ariac_score/rules/{p}" for p in _tree("rules", "*.yaml") | {"__init__.py"}}

@@ -10,7 +10,7 @@ from typing import Any
 
 import distributed
 
-from ariac_score.batch.isolated import measure_apart
+from ariac_score.batch.isolated import absolute, measure_apart
 from ariac_score.batch.local import STRANGE_HAND_ATTEMPTS, lost
 from ariac_score.batch.tasks import Setting, Task
 from ariac_score.batch.worker import Done
@@ -55,18 +55,8 @@ class DaskExecutor:
 
     def _submit(self, task: Task, setting: Any) -> Any:
         return self.client.submit(
-            measure_apart, _absolute(task), setting, pure=False, retries=STRANGE_HAND_ATTEMPTS
+            measure_apart, absolute(task), setting, pure=False, retries=STRANGE_HAND_ATTEMPTS
         )
-
-
-def _absolute(task: Task) -> Task:
-    """The task with paths that mean the same in whatever folder a worker was started."""
-    return replace(
-        task,
-        path=task.path if "://" in task.path else str(Path(task.path).absolute()),
-        root=str(Path(task.root).absolute()) if task.root else "",
-        also=tuple(str(Path(name).absolute()) for name in task.also),
-    )
 
 
 def _result(future: Any, task: Task) -> Done:

@@ -22,7 +22,7 @@ from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.batch.worker import Done, parse_report, report_of
 from ariac_score.errors import LogError, ScoreError, UsageError
 
-__all__ = ["measure_apart"]
+__all__ = ["absolute", "measure_apart"]
 
 _READY = b"ready\n"
 
@@ -42,6 +42,16 @@ def measure_apart(task: Task, setting: Setting) -> Done:
         wire = {"task": asdict(near), "setting": asdict(setting), "report": str(report)}
         _KEEPER.ask(json.dumps(wire).encode("ascii") + b"\n")
         return replace(parse_report(near, report.read_bytes()), task=task)
+
+
+def absolute(task: Task) -> Task:
+    """The task with paths that mean the same in whatever folder a worker was started."""
+    return replace(
+        task,
+        path=task.path if "://" in task.path else str(Path(task.path).absolute()),
+        root=str(Path(task.root).absolute()) if task.root else "",
+        also=tuple(str(Path(name).absolute()) for name in task.also),
+    )
 
 
 class _Keeper:

@@ -25,6 +25,7 @@ __all__ = [
     "STRANGE_HAND_ATTEMPTS",
     "LocalExecutor",
     "died",
+    "fresh_processes",
     "lost",
     "too_late",
     "usable_cores",
@@ -67,7 +68,7 @@ class LocalExecutor:
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish."""
-        context = _context(self.work, setting)
+        context = fresh_processes(self.work, setting)
         waiting = iter(tasks)
         again: deque[tuple[Task, int]] = deque()
         running: list[_Running] = []
@@ -158,7 +159,7 @@ def _stop(process: BaseProcess) -> None:
         process.join()
 
 
-def _context(work: Path, setting: Setting) -> Any:
+def fresh_processes(work: Path, setting: Setting) -> Any:
     """Processes that inherit nothing of ours, from a server that has imported everything."""
     limit_threads()
     if "forkserver" not in multiprocessing.get_all_start_methods():

@@ -5,16 +5,18 @@ from __future__ import annotations
 import errno
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import IO, Protocol
 
 from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
 from ariac_score.batch.index import RUNS, Row, Rows, read_rows, write_tables
 from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
+from ariac_score.batch.pricing import Measurement, priced_again
 from ariac_score.batch.seen import Seen
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Setting, Task, TaskKey
@@ -103,8 +105,7 @@ def run_batch(
     registry = Registry()
     basis = basis_of(rule_set, registry)
     seen, rows = Seen(store.root), Rows(work)
-    rows.remember(read_rows(store.root / RUNS))
-    rows.remember(read_rows(store.journal))
+    rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
     outcomes: Counter[str] = Counter()
     now, cpu_s = 0, 0.0
     journal: IO[str] | None = None
@@ -117,18 +118,21 @@ def run_batch(
         outcomes[row.summary.outcome] += 1
         told(row.key, row.summary.outcome, row.summary.reason)
 
+    measured: list[Measurement] = []
+
     def missing() -> Iterator[Task]:
         for task in tasks:
-            row = _stored(task, basis, setting, store, seen, rows, again=again)
-            if row is None:
-                yield task
+            found = _stored(task, basis, setting, store, seen, rows, again=again)
+            if isinstance(found, Row):
+                settle(found)
+            elif found is not None:
+                measured.append(found)
             else:
-                settle(row)
+                yield task
 
-    try:
-        journal = store.journal.open("a", encoding="ascii", newline="\n")
-        _describe(store, rule_set, registry, setting, about)
-        for done in executor.run(_told_apart(missing(), settle), setting):
+    def look(still: Iterable[Task]) -> None:
+        nonlocal now, cpu_s
+        for done in executor.run(_told_apart(still, settle), setting):
             known = _addressed(done, basis)
             settle(_kept(known, setting, store))
             seen.note(known.signature, known.contents)
@@ -136,6 +140,13 @@ def run_batch(
             cpu_s += done.cpu_s
             if now % _KEEP_EVERY == 0:
                 seen.keep()
+
+    try:
+        journal = store.journal.open("a", encoding="ascii", newline="\n")
+        _describe(store, rule_set, registry, setting, about)
+        look(missing())
+        if measured:
+            look(list(_repriced(measured, setting, store, work, settle)))
         write_tables(store, rows, work)
         store.journal.unlink()
     except OSError as cause:
@@ -147,6 +158,19 @@ def run_batch(
         seen.close()
         rows.close()
     return Report(dict(outcomes), now, cpu_s)
+
+
+def _repriced(
+    measured: Sequence[Measurement], setting: Setting, store: Store, work: Path, settle: Callable[[Row], None]
+) -> Iterator[Task]:
+    """Put the prices on what is measured already; the tasks for which that cannot be done."""
+    for one, document in priced_again(measured, setting, work):
+        if document is None:
+            yield one.task
+            continue
+        place = store.place(one.address, setting.rules_sha256)
+        store.put(place, document)
+        settle(Row.kept(one.task.key, document, place, store))
 
 
 def _told_apart(tasks: Iterable[Task], settle: Callable[[Row], None]) -> Iterator[Task]:
@@ -168,16 +192,25 @@ def _stored(
     rows: Rows,
     *,
     again: bool,
-) -> Row | None:
-    """The row of a run that is scored already; `None` when it is not, or nobody can tell without reading."""
+) -> Row | Measurement | None:
+    """The row of a run that is scored already, or what of it is measured under other prices.
+
+    `None` when it is neither, or nobody can tell without reading its files.
+    """
     if task.refused:
         return None
     contents = seen.contents(signature_of(task))
     if not contents:
         return None
-    place = store.place(measuring_address(task, contents, basis), setting.rules_sha256)
-    row = _row_at(task.key, place, store, rows)
-    return None if row is None or (again and row.summary.outcome in _WORTH_ANOTHER_TRY) else row
+    address = measuring_address(task, contents, basis)
+    row = _row_at(task.key, store.place(address, setting.rules_sha256), store, rows)
+    if row is not None:
+        return None if again and row.summary.outcome in _WORTH_ANOTHER_TRY else row
+    earlier = rows.earlier(task.key)
+    if earlier is not None and Path(earlier.object).parent.name == address:
+        return Measurement(task, address, str(store.root / earlier.object), earlier.sha256)
+    other = store.priced_otherwise(address)
+    return None if other is None else Measurement(task, address, str(other), "")
 
 
 _WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_large", "failed"})

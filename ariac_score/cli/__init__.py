@@ -2,7 +2,7 @@
 
 Exit codes:
     0  scored (or done), criteria met
-    1  scored, but a criterion failed; audited, and something differs
+    1  scored, but a criterion of --fail-on failed; audited or verified, and something differs
     2  interrupted
     3  internal error, or a plugin failed
     4  usage error, or an invalid rule set, log map or configuration
@@ -32,10 +32,16 @@ EXIT_INTERNAL = 3
 EXIT_USAGE = 4
 
 _COMMANDS = (
+    "check",
     "score",
     "info",
     "explain",
+    "report",
     "price",
+    "adjust",
+    "verify",
+    "export",
+    "annotate",
     "audit",
     "rank",
     "batch",
@@ -65,18 +71,31 @@ class _Version(argparse.Action):
     """Prints the version; looked up only then, because that takes longer than parsing."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> NoReturn:
-        from importlib.metadata import version  # noqa: PLC0415  # see above
-
-        print(f"ariac-score {version('ariac-score')}")
+        print(f"ariac-score {_version()}")
         parser.exit()
+
+
+def _version() -> str:
+    """The version by the name of the installed metadata; reading them takes longer than Python to start."""
+    for folder in sys.path:
+        try:
+            names = os.listdir(folder or ".")  # noqa: PTH208  # pathlib takes longer to load than all else
+        except OSError:
+            continue
+        for name in names:
+            if name.startswith("ariac_score-") and name.endswith(".dist-info"):
+                return name.removeprefix("ariac_score-").removesuffix(".dist-info")
+    from importlib.metadata import version  # noqa: PLC0415  # see above
+
+    return version("ariac-score")
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="ariac-score",
         description="Score robot competition trials: task points, safety monitors, one explained score.",
-        epilog="Exit codes: 0 scored, 1 an audit found a difference, 2 interrupted, "
-        "3 internal or plugin error, 4 usage or invalid rules, 5 nothing to score, "
+        epilog="Exit codes: 0 scored, 1 a criterion failed, or an audit or verification found a difference, "
+        "2 interrupted, 3 internal or plugin error, 4 usage or invalid rules, 5 nothing to score, "
         "6 damaged log or undecided score, 7 a batch could not be finished.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")

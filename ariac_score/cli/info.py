@@ -107,6 +107,8 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     lines.append(f"  signals: {', '.join(map(plain, trial.signals)) or 'none'}")
     lines.append(f"  would have shown: {', '.join(sorted(trial.witnessed)) or 'nothing in particular'}")
     lines += [f"  not recorded: {plain(item)}" for item in trial.unrecorded]
+    slow = [defect for defect in trial.log_defects if defect.kind == "decoded_one_by_one"]
+    lines += [f"  note: {plain(defect.where)}: {plain(defect.message)}" for defect in slow]
     if rule_set:
         lines += ["", f"Under rule set {rule_set.id}"]
         lines += [

@@ -12,7 +12,7 @@ from tempfile import NamedTemporaryFile
 from ariac_score.errors import UsageError
 from ariac_score.report.style import plain
 
-__all__ = ["counting_bar", "progress_bar", "refuse_inputs", "write"]
+__all__ = ["counting_bar", "progress_bar", "refuse_inputs", "write", "write_bytes"]
 
 
 def write(text: str, file: Path | None) -> None:
@@ -25,14 +25,23 @@ def write(text: str, file: Path | None) -> None:
     """
     if file is None:
         sys.stdout.write(text)
-        return
+    else:
+        write_bytes(text.encode("utf-8"), file)
+
+
+def write_bytes(content: bytes, file: Path) -> None:
+    """Put bytes into a file that is either complete or not there; see `write`.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
     try:
         target = file.resolve()
         if target.exists() and not target.is_file():
-            with target.open("w", encoding="utf-8", newline="\n") as out:
-                out.write(text)
+            with target.open("wb") as out:
+                out.write(content)
         else:
-            _replace(target, text)
+            _replace(target, content)
     except (OSError, RuntimeError) as cause:
         reason = getattr(cause, "strerror", None) or str(cause)
         raise UsageError(
@@ -40,14 +49,12 @@ def write(text: str, file: Path | None) -> None:
         ) from cause
 
 
-def _replace(target: Path, text: str) -> None:
+def _replace(target: Path, content: bytes) -> None:
     temporary = ""
     try:
-        with NamedTemporaryFile(
-            "w", encoding="utf-8", newline="\n", dir=target.parent, prefix=".part-", delete=False
-        ) as out:
+        with NamedTemporaryFile(dir=target.parent, prefix=".part-", delete=False) as out:
             temporary = out.name
-            out.write(text)
+            out.write(content)
         mask = os.umask(0)
         os.umask(mask)
         Path(temporary).chmod(0o666 & ~mask)  # a temporary file is private, a result is not

@@ -10,6 +10,7 @@ from typing import Any
 
 def register(commands: Any) -> None:
     """Add the command."""
+    from ariac_score.cli.outcome import add_output  # noqa: PLC0415  # commands are registered one by one
     from ariac_score.cli.score import add_cohort  # noqa: PLC0415  # commands are registered one by one
 
     parser = commands.add_parser(
@@ -23,16 +24,16 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("--rules", required=True, metavar="NAME", help="rule set: a name or a .yaml file")
     add_cohort(parser)
-    parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
+    add_output(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Load, price, show; the same output and exit codes as `score`."""
     # Imported here, so that --help and --version stay quick.
+    from ariac_score.cli.outcome import show  # noqa: PLC0415
     from ariac_score.cli.output import refuse_inputs  # noqa: PLC0415
-    from ariac_score.cli.score import load_cohort_of, show, values_of  # noqa: PLC0415
+    from ariac_score.cli.score import load_cohort_of, values_of  # noqa: PLC0415
     from ariac_score.engine import reprice  # noqa: PLC0415
     from ariac_score.result_json import load_result  # noqa: PLC0415
     from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
@@ -43,6 +44,11 @@ def run(arguments: argparse.Namespace) -> int:
     cohort = load_cohort_of(arguments, rule_set)
     values = None if cohort is None else values_of(cohort, arguments, stored)
     again = reprice(stored, rule_set, values)
+    if stored.adjusted is not None:
+        print(
+            "what the stewards decided is not carried over to other prices: apply it again with 'adjust'",
+            file=sys.stderr,
+        )
     if arguments.output_format == "text" and stored.score is not None and again.score is not None:
         print(f"before, under {stored.provenance.rule_set[0]}: {stored.score:f}", file=sys.stderr)
     return show(again, arguments)

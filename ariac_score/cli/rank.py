@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ariac_score.ranking.competition import Competition
+    from ariac_score.ranking.competition import Competition, RunKey
     from ariac_score.ranking.nist_text import Evaluation
     from ariac_score.ranking.rank import Ranking
+    from ariac_score.ranking.ranking_json import StoredResult
     from ariac_score.ranking.spec import Spec
+    from ariac_score.ranking.statistics import Statistics
     from ariac_score.ruleset import RuleSet
 
 EXIT_UNDECIDED = 6
@@ -47,10 +52,22 @@ def register(commands: Any) -> None:
         help="also write the values across teams, for publication",
     )
     parser.add_argument(
+        "--adjustments",
+        type=Path,
+        metavar="FILE",
+        help="adjustments.yaml of the stewards, instead of the competition's own; both rankings are shown",
+    )
+    parser.add_argument(
         "--results",
         type=Path,
         metavar="DIR",
         help="also write every run's result as DIR/<team>/<trial>_<n>.json",
+    )
+    parser.add_argument(
+        "--batch",
+        type=Path,
+        metavar="DIR",
+        help="take the results from this folder, which 'batch' wrote, instead of scoring",
     )
     parser.set_defaults(run=run)
 
@@ -63,6 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ariac_score.ranking.rank import rank_results  # noqa: PLC0415
     from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
     from ariac_score.ranking.spec import ranking_spec  # noqa: PLC0415
+    from ariac_score.ranking.statistics import rank_statistics  # noqa: PLC0415
     from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
 
     for output in (arguments.output, arguments.cohort_output):
@@ -72,25 +90,77 @@ def run(arguments: argparse.Namespace) -> int:
     spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
     if arguments.policy == "strict":
         return _strict(arguments, competition, rule_set, spec)
-    with counting_bar("scoring", len(competition.runs)) as step:
-        results = score_runs(
-            competition,
-            rule_set,
-            progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
+    if arguments.batch is not None:
+        from ariac_score.batch.results import results_of_batch  # noqa: PLC0415
+
+        results = results_of_batch(
+            arguments.batch, competition, rule_set, sketches=arguments.results is not None
         )
-    ranking = rank_results(competition, spec, rule_set, results)
-    _write_more(arguments, ranking)
-    _show(arguments, ranking, _evaluation(competition, rule_set, spec))
-    unsettled = [run for run in ranking.runs if run.outcome in _UNSETTLED]
+    else:
+        with counting_bar("scoring", len(competition.runs)) as step:
+            results = score_runs(
+                competition,
+                rule_set,
+                progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
+                sketches=arguments.results is not None,
+            )
+    ranking = adjusted_by_stewards(
+        arguments.adjustments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)
+    )
+    statistics = rank_statistics(ranking, spec, rule_set.digits)
+    after = rank_statistics(ranking.stewarded.ranking, spec, rule_set.digits) if ranking.stewarded else None
+    stored = _write_more(arguments, ranking)
+    _show(
+        arguments,
+        _Shown(ranking, spec, statistics, after),
+        evaluation_of(competition, rule_set, spec),
+        stored,
+    )
+    return exit_code(ranking)
+
+
+def exit_code(ranking: Ranking) -> int:
+    """6 when somebody should look at a run, or a team has no rank for want of something; else 0."""
+    final = ranking.stewarded.ranking if ranking.stewarded else ranking
+    out = {standing.team for standing in final.standings if standing.disqualified}
+    unsettled = [run for run in final.runs if run.outcome in _UNSETTLED and run.team not in out]
     if unsettled:
         print(
             f"{len(unsettled)} of {len(ranking.runs)} runs do not count; each is named above", file=sys.stderr
         )
-    placeless = any(standing.rank is None for standing in ranking.standings)
+    placeless = any(s.rank is None and not s.disqualified for s in final.standings)
     return EXIT_UNDECIDED if unsettled or placeless else 0
 
 
-def _evaluation(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
+@dataclass(frozen=True)
+class _Shown:
+    """What there is to show."""
+
+    ranking: Ranking
+    spec: Spec
+    statistics: Statistics
+    adjusted: Statistics | None
+
+    @property
+    def final(self) -> Statistics:
+        """That of the ranking that counts."""
+        return self.adjusted or self.statistics
+
+
+def adjusted_by_stewards(
+    file: Path | None, competition: Competition, spec: Spec, rule_set: RuleSet, ranking: Ranking
+) -> Ranking:
+    """The ranking with what the stewards made of it, where they decided something."""
+    from ariac_score.adjustments import load_adjustments  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.ranking.adjusting import adjusted_ranking  # noqa: PLC0415
+
+    file = file or competition.adjustments
+    if file is None:
+        return ranking
+    return adjusted_ranking(competition, spec, rule_set, ranking, load_adjustments(file))
+
+
+def evaluation_of(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
     """The organisers' own evaluation, where the rules name one and the runs are its texts."""
     from ariac_score.errors import ScoreError  # noqa: PLC0415  # keeps --help quick
     from ariac_score.report.style import plain  # noqa: PLC0415
@@ -119,6 +189,10 @@ def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: R
     from ariac_score.ranking.nist_text import results_csv  # noqa: PLC0415
     from ariac_score.report.ranking import strict_text  # noqa: PLC0415
 
+    if arguments.adjustments is not None:
+        raise UsageError(
+            "the organisers' own program knows no stewards", hint="drop --adjustments, or --policy strict"
+        )
     if not spec.strict:
         raise UsageError(
             f"{rule_set.id} names no program of the organisers to reproduce",
@@ -137,30 +211,54 @@ def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: R
     return EXIT_UNDECIDED if evaluation.stops else 0
 
 
-def _show(arguments: argparse.Namespace, ranking: Ranking, strict: Evaluation | None) -> None:
+def _show(
+    arguments: argparse.Namespace,
+    shown: _Shown,
+    strict: Evaluation | None,
+    stored: Mapping[RunKey, StoredResult],
+) -> None:
     from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
     from ariac_score.ranking.compare import differences  # noqa: PLC0415
     from ariac_score.ranking.ranking_json import ranking_json  # noqa: PLC0415
     from ariac_score.report.ranking import ranking_csv, ranking_text  # noqa: PLC0415
     from ariac_score.report.style import Style, style_for  # noqa: PLC0415
 
+    ranking = shown.ranking
     found = differences(strict, ranking) if strict else ()
     if arguments.output_format == "json":
-        text = ranking_json(ranking, strict, found)
+        text = ranking_json(
+            ranking,
+            shown.spec,
+            shown.statistics,
+            shown.adjusted,
+            strict,
+            found,
+            folder=_relative(arguments.results, arguments.output) if stored else "",
+            results=stored,
+        )
     elif arguments.output_format == "csv":
-        text = ranking_csv(ranking)
+        text = ranking_csv(ranking, shown.final)
     else:
         style = Style() if arguments.output else style_for(sys.stdout)
-        text = ranking_text(ranking, strict, found, style)
+        text = ranking_text(ranking, strict, found, style, shown.final)
     write(text, arguments.output)
 
 
-def _write_more(arguments: argparse.Namespace, ranking: Ranking) -> None:
+def _relative(results: Path, output: Path | None) -> str:
+    """The folder of the results as the file of the ranking names it."""
+    base = output.resolve().parent if output else Path.cwd()
+    try:
+        return Path(os.path.relpath(results.resolve(), base)).as_posix()
+    except ValueError:  # another drive
+        return results.resolve().as_posix()
+
+
+def _write_more(arguments: argparse.Namespace, ranking: Ranking) -> dict[RunKey, StoredResult]:
     """The cohort and the single results, where they were asked for."""
     from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
     from ariac_score.cohort import cohort_text  # noqa: PLC0415
     from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.result_json import as_json  # noqa: PLC0415
+    from ariac_score.ranking.stored import write_results  # noqa: PLC0415
 
     if arguments.cohort_output is not None:
         if ranking.cohort is None:
@@ -168,9 +266,6 @@ def _write_more(arguments: argparse.Namespace, ranking: Ranking) -> None:
                 "these rules compare no teams, so there is no cohort", hint="drop --cohort-output"
             )
         write(cohort_text(ranking.cohort), arguments.cohort_output)
-    if arguments.results is not None:
-        for run in ranking.runs:
-            if run.result is not None:
-                folder = arguments.results / run.team
-                folder.mkdir(parents=True, exist_ok=True)
-                write(as_json(run.result), folder / f"{run.trial}_{run.number}.json")
+    if arguments.results is None:
+        return {}
+    return write_results(ranking, arguments.results, write)

@@ -49,6 +49,9 @@ def register(commands: Any) -> None:
         "fields, `topic` without leading slash, and `time` since the first message in s",
     )
     run.add_argument("--exact", action="store_true", help="compare numbers in guards without tolerance")
+    run.add_argument(
+        "--max-state", type=_positive, metavar="N", help="how many parts a state may have; default: 100000"
+    )
     run.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     run.set_defaults(run=run_trace)
     for action in (check, layout, run):
@@ -58,6 +61,12 @@ def register(commands: Any) -> None:
             default="2024",
             help="rosmonitoring: patterns as arguments and names min, max, as its own specifications have",
         )
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or not 0 < int(text) <= 10**9:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 to 10^9")
+    return int(text)
 
 
 def _text(path: Path, kind: str) -> str:
@@ -115,12 +124,14 @@ def run_trace(arguments: argparse.Namespace) -> int:
     """Print the letters of a trace and how it came out."""
     from ariac_score_rml import running  # noqa: PLC0415  # keeps --help quick
     from ariac_score_rml.guards import TOLERANCE  # noqa: PLC0415
+    from ariac_score_rml.machine import MAX_STATE  # noqa: PLC0415
 
     program = _compiled(arguments.spec, arguments.dialect)
     kind = arguments.events or _SUFFIXES.get(
         arguments.trace.suffix, "bag" if arguments.trace.is_dir() else "jsonl"
     )
-    machine = program.machine(tolerance=0.0 if arguments.exact else TOLERANCE)
+    tolerance = 0.0 if arguments.exact else TOLERANCE
+    machine = program.machine(tolerance=tolerance, max_state=arguments.max_state or MAX_STATE)
     if kind == "jsonl":
         run = _over_text(machine, arguments.trace)
     else:

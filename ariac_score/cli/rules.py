@@ -170,7 +170,7 @@ def run_validate(arguments: argparse.Namespace) -> int:
         rule_set = load_rule_set(name)
         checks = rule_set.build(registry)
         log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
-        check_needs(rule_set, checks, log_map)
+        check_needs(rule_set, checks, log_map, registry)
         unpriced = sorted(set(rule_set.checks) - rule_set.sheet.priced)
         remark = f"; not priced: {', '.join(unpriced)}" if unpriced else ""
         print(f"{rule_set.id}: sound, {len(rule_set.checks)} checks{remark}")

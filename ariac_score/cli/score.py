@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +12,13 @@ if TYPE_CHECKING:
     from ariac_score.ruleset import RuleSet
     from ariac_score.scoring.cohort import CohortValues
 
-EXIT_UNDECIDED = 6
+MOST_JOBS = 64
 
 
 def register(commands: Any) -> None:
     """Add the command."""
+    from ariac_score.cli.outcome import add_output  # noqa: PLC0415  # commands are registered one by one
+
     parser = commands.add_parser(
         "score",
         help="score a trial",
@@ -31,9 +32,21 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
     add_cohort(parser)
-    parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
+    parser.add_argument(
+        "--jobs",
+        type=_jobs,
+        default=0,
+        metavar="N",
+        help="threads that inflate a recording; 0: one for each processor (default); changes no result",
+    )
+    add_output(parser)
     parser.set_defaults(run=run)
+
+
+def _jobs(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) > MOST_JOBS:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of threads from 0 to {MOST_JOBS}")
+    return int(text)
 
 
 def add_cohort(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +65,7 @@ def add_cohort(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Score, show, and say with the exit code whether there is a score."""
     # Imported here, so that --help and --version stay quick.
+    from ariac_score.cli.outcome import show  # noqa: PLC0415
     from ariac_score.cli.output import progress_bar, refuse_inputs  # noqa: PLC0415
     from ariac_score.engine import reprice, score_trial  # noqa: PLC0415
     from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
@@ -60,7 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
     rule_set = load_rule_set(arguments.rules)
     cohort = load_cohort_of(arguments, rule_set)
     with progress_bar(arguments.path) as progress:
-        result = score_trial(arguments.path, rule_set, log_map=arguments.log_map, progress=progress)
+        result = score_trial(
+            arguments.path, rule_set, log_map=arguments.log_map, progress=progress, jobs=arguments.jobs
+        )
     if cohort is not None:
         result = reprice(result, rule_set, values_of(cohort, arguments, result))
     return show(result, arguments)
@@ -78,27 +94,3 @@ def values_of(cohort: Cohort, arguments: argparse.Namespace, result: Result) -> 
     if arguments.cohort_trial:
         return cohort.of_trial(arguments.cohort_trial)
     return cohort.of_trial(result.measured.trial, result.measured)
-
-
-def show(result: Result, arguments: argparse.Namespace) -> int:
-    """Print or write a result as the arguments ask, and say what withholds a score."""
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.report.style import Style, plain, style_for  # noqa: PLC0415
-    from ariac_score.report.text import score_text  # noqa: PLC0415
-    from ariac_score.result_json import as_json  # noqa: PLC0415
-
-    if arguments.output_format == "json":
-        write(as_json(result), arguments.output)
-    else:
-        style = Style() if arguments.output else style_for(sys.stdout)
-        write(score_text(result, style), arguments.output)
-    if result.score is None:
-        for assumption in result.assumptions:
-            if assumption.policy == "withhold":
-                print(f"undecided: {assumption.finding}: {plain(assumption.message)}", file=sys.stderr)
-        if result.missing:
-            print(f"{result.status}: {plain(result.missing)}", file=sys.stderr)
-        if result.status == "needs_cohort":
-            print("hint: give the organisers' cohort with --cohort, or rank all teams", file=sys.stderr)
-        return EXIT_UNDECIDED
-    return 0

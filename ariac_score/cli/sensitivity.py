@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,8 @@ def _of_result(arguments: argparse.Namespace) -> tuple[list[ScoreSensitivity], R
     from ariac_score.sensitivity import score_sensitivity  # noqa: PLC0415
 
     result = load_result(arguments.path)
+    if result.adjusted is not None:
+        print("what the stewards decided is not varied: this is the automatic score", file=sys.stderr)
     rule_set = _rules(arguments, result)
     found = score_sensitivity(result, rule_set, registry=Registry(), log=arguments.log)
     return found, rule_set, result.measured.trial

@@ -5,21 +5,22 @@ Source: rosbag2_storage, bag metadata versions 1 to 9.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
+from tempfile import TemporaryDirectory
 
 from ariac_score.datafiles import load_yaml
 from ariac_score.errors import DataFileError, LogError
 from ariac_score.logs.mcap import McapScan
-from ariac_score.logs.salvage import Batch, Connection, Message, Scan, inflate
+from ariac_score.logs.opening import METADATA, METADATA_KEY
+from ariac_score.logs.salvage import Batch, Connection, Message, Scan, inflate, inflate_file
 from ariac_score.logs.sqlite_bag import SqliteScan
 
-__all__ = ["METADATA", "METADATA_KEY", "FolderScan"]
+__all__ = ["FolderScan"]
 
-METADATA = "metadata.yaml"
-METADATA_KEY = "rosbag2_bagfile_information"
-
+_ZSTD = "zstd"
+_PACKED_SUFFIXES = (".zstd", ".zst")
 _REINDEX = "`ros2 bag reindex FOLDER` writes it anew from the storage files; or name one of these instead"
 
 
@@ -28,36 +29,40 @@ class _Metadata:
     storage: str
     files: tuple[Path, ...]
     messages: int | None
-    packed_messages: bool
+    packed: str
 
 
 class FolderScan:
     """One rosbag2 folder; see `ariac_score.logs.salvage.Scan`."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> None:
         self.path = path
         self._metadata = _read_metadata(path)
-        scan = McapScan if self._metadata.storage == "mcap" else SqliteScan
-        self.format = scan.format
-        self._scans: list[Scan] = [scan(file) for file in self._metadata.files]
-        self._current = 0
+        self._jobs, self._topics = jobs, topics
+        self.format = (McapScan if self._metadata.storage == "mcap" else SqliteScan).format
+        self._scan: Scan | None = None
+        self._current = self._contradictions = 0
 
     @property
     def readable(self) -> str:
         """How far reading got: the file and the place in it."""
-        if not self._scans:
+        if not self._metadata.files:
             return METADATA
-        return f"{self._metadata.files[self._current].name}, {self._scans[self._current].readable}"
+        return (
+            f"{self._metadata.files[self._current].name}, {self._scan.readable if self._scan else 'byte 0'}"
+        )
 
     @property
     def index_contradictions(self) -> int:
         """How often an index said something else than the records."""
-        return sum(scan.index_contradictions for scan in self._scans)
+        return self._contradictions + (self._scan.index_contradictions if self._scan else 0)
 
     @property
     def share(self) -> float:
         """The share read, 0 to 1, every file counting the same."""
-        return (self._current + self._scans[self._current].share) / len(self._scans) if self._scans else 0.0
+        if not self._metadata.files:
+            return 0.0
+        return (self._current + (self._scan.share if self._scan else 0.0)) / len(self._metadata.files)
 
     def __iter__(self) -> Iterator[Connection | Message | Batch]:
         """Every declared connection and message, file by file, in recorded order.
@@ -66,14 +71,14 @@ class FolderScan:
             LogError: A file is not whole, or the files do not add up to what the metadata says.
         """
         found = 0
-        for number, scan in enumerate(self._scans):
-            self._current = number
-            for item in scan:
+        for number, file in enumerate(self._metadata.files):
+            self._contradictions, self._scan, self._current = self.index_contradictions, None, number
+            for item in self._items(file):
                 if isinstance(item, Connection):
                     yield item
                     continue
                 found += len(item) if isinstance(item, Batch) else 1
-                if self._metadata.packed_messages:
+                if self._metadata.packed == "message":
                     yield from map(self._unpacked, item.messages() if isinstance(item, Batch) else (item,))
                 else:
                     yield item
@@ -85,7 +90,36 @@ class FolderScan:
                 hint="a storage file was exchanged or lost its end; take another copy of the recording",
             )
 
+    def _items(self, file: Path) -> Iterator[Connection | Message | Batch]:
+        """What one storage file holds, unpacked beside the recording's folder where it is packed."""
+        if self._metadata.packed != "file" or file.suffix not in _PACKED_SUFFIXES:
+            self._scan = self._scan_of(file)
+            yield from self._scan
+            return
+        with TemporaryDirectory(prefix="ariac-score-") as folder:
+            unpacked = Path(folder, file.stem)
+            try:
+                inflate_file(file, unpacked)
+            except ValueError as error:
+                raise LogError(
+                    f"it cannot be inflated: {error}", file=file, hint="take another copy of the recording"
+                ) from error
+            self._scan = self._scan_of(unpacked)
+            try:
+                yield from self._scan
+            except LogError as error:
+                if error.file != str(unpacked):
+                    raise
+                raise LogError(error.cause, file=file, place=error.place, hint=error.hint) from error
+
+    def _scan_of(self, file: Path) -> Scan:
+        if self._metadata.storage == "mcap":
+            return McapScan(file, jobs=self._jobs, topics=self._topics)
+        return SqliteScan(file, topics=self._topics)
+
     def _unpacked(self, message: Message) -> Message:
+        if self._topics is not None and message.connection.topic not in self._topics:
+            return message._replace(payload=b"")
         try:
             return message._replace(payload=inflate(message.payload, "zstd"))
         except ValueError as error:
@@ -129,12 +163,10 @@ def _parsed(path: Path, facts: Mapping[str, object]) -> _Metadata:
     mode = str(facts.get("compression_mode") or "").lower()
     if storage not in ("mcap", "sqlite3"):
         raise ValueError(f"storage {storage!r} is neither 'mcap' nor 'sqlite3'")
-    if mode not in ("", "none", "message"):
-        raise ValueError(
-            f"compression mode {mode!r} is not read; unpack the storage files with `zstd -d` first"
-        )
-    if mode == "message" and facts.get("compression_format") != "zstd":
-        raise ValueError(f"compression format {facts.get('compression_format')!r} is not 'zstd'")
+    if mode not in ("", "none", "message", "file"):
+        raise ValueError(f"compression mode {mode!r} is not one of none, message, file")
+    if mode in ("message", "file") and facts.get("compression_format") != _ZSTD:
+        raise ValueError(f"compression format {facts.get('compression_format')!r} is not {_ZSTD!r}")
     if not isinstance(names, list):
         raise ValueError("relative_file_paths is no list")
     count = facts.get("message_count")
@@ -143,5 +175,5 @@ def _parsed(path: Path, facts: Mapping[str, object]) -> _Metadata:
         # The name alone: old versions put the folder before it, and nothing outside the folder is ours.
         files=tuple(path / PurePath(str(name)).name for name in names),
         messages=count if isinstance(count, int) else None,
-        packed_messages=mode == "message",
+        packed=mode,
     )

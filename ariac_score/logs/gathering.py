@@ -14,6 +14,7 @@ import numpy as np
 from ariac_score.contracts import Wanted
 from ariac_score.logs.columnar import ColumnDecoder
 from ariac_score.logs.columnar.columns import IntArray
+from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.gathering_columns import (
     LARGEST_CLOCK_DIFFERENCE_S,
     Decoded,
@@ -68,6 +69,12 @@ class Gathering:
         self._pending = Pending()
         self._number = 0
 
+    @property
+    def topics(self) -> frozenset[str]:
+        """The topics it takes messages of, with and without leading slash."""
+        names = {intake.channel.topic.lstrip("/") for intake in self._intakes}
+        return frozenset(name for plain in names for name in (plain, f"/{plain}"))
+
     def take(self, item: Connection | Message | Batch) -> None:
         """Take one item of a scan, in recorded order.
 
@@ -87,26 +94,28 @@ class Gathering:
                 self.flush()
 
     def _take_many(self, batch: Batch) -> None:
-        wanted = np.array([connection in self._routes for connection in batch.connections], dtype=bool)
-        kept = np.flatnonzero(wanted[batch.sources])
-        numbers = self._number + 1 + kept
+        first = self._number + 1
         self._number += len(batch)
-        for some in self._pending.portions(batch, kept):
-            self._pending.add_many(batch, kept[some], numbers[some])
-            if self._pending.full:
-                self.flush()
+        for waiting in self._pending.take(batch, self._routes, first):
+            self._decode_waiting(waiting)
 
     def _connect(self, connection: Connection) -> None:
         intakes = [intake for intake in self._intakes if intake.accepts(connection)]
         if not intakes:
             return
+        alone = ""
         try:
-            decode = decoder_for(connection)
+            try:
+                columns = columns_for(connection, [i.needs for i in intakes])
+            except PlanError as error:
+                columns, alone = None, str(error)
+            # Where columns can be decoded its definition is understood, and rosbags may never be needed.
+            decode = decoder_for(connection) if columns is None else _when_needed(connection)
         except UnknownTypeError as error:
             for intake in intakes:
                 intake.unknown[connection.type] = str(error)
             return
-        self._routes[connection] = Route(intakes, decode, columns_for(connection, [i.needs for i in intakes]))
+        self._routes[connection] = Route(intakes, decode, columns, connection.topic, alone)
 
     def flush(self) -> None:
         """Decode what waits.
@@ -114,7 +123,9 @@ class Gathering:
         Raises:
             LogError: Header and log stamps come from two clocks.
         """
-        waiting = self._pending.empty()
+        self._decode_waiting(self._pending.empty())
+
+    def _decode_waiting(self, waiting: Mapping[Connection, Waiting]) -> None:
         alone = self._one_by_one(waiting)
         errors: list[MixedClocksError] = []
         together = Together()
@@ -219,6 +230,10 @@ class Gathering:
             LogError: A signal comes twice or its time runs backwards; frames contradict each other.
         """
         self.flush()
+        for route in self._routes.values():
+            if route.slow:
+                cause = f"its messages were decoded one by one, which is slower: {route.slow}"
+                builder.defect("decoded_one_by_one", route.topic, 1, cause)
         bodies: set[str] = set()
         for intake in self._intakes:
             intake.settle(builder, origin_ns, self._wanted)
@@ -238,6 +253,13 @@ class Gathering:
         builder.kit_records.extend(record for record in records if record is not None)
 
 
+def _when_needed(connection: Connection) -> Decode:
+    def decode(payload: bytes | memoryview) -> object:
+        return decoder_for(connection)(payload)  # which remembers definitions it has compiled
+
+    return decode
+
+
 def _stamp_ns(item: Message, number: int, message: object, channel: Channel) -> int:
     """The stamp the channel asks for: that of the recorder, or the message's own."""
     if channel.stamp != "header":
@@ -252,11 +274,26 @@ def _stamp_ns(item: Message, number: int, message: object, channel: Channel) -> 
 
 @dataclass(frozen=True)
 class Route:
-    """Where the messages of a connection go, and how they are decoded."""
+    """Where the messages of a connection go, and how they are decoded.
+
+    Attributes:
+        intakes: Who takes them.
+        decode: Decodes one.
+        columns: Decodes many at once; `None` when only one by one will do.
+        topic: Where they come from.
+        alone: Why no columns can be decoded although nothing else stands against it.
+    """
 
     intakes: Sequence[_Intake]
     decode: Decode
     columns: ColumnDecoder | None
+    topic: str = ""
+    alone: str = ""
+
+    @property
+    def slow(self) -> str:
+        """Why its messages were decoded one by one, if not because that was asked for."""
+        return self.alone or (self.columns.fallback if self.columns else "")
 
     def things(self) -> set[object]:
         """What they tell of: intakes by identity; all poses are one thing."""
@@ -399,7 +436,8 @@ class _Intake:
                 if len(column.getters) > 1:
                     values = values.reshape(-1, len(column.getters))
                 t = times_s(column.stamps_ns, origin_ns)
-                builder.add_signal(column.field_map.signal, column.field_map.unit, t, values)
+                signal, unit = column.field_map.signal, column.field_map.unit
+                builder.add_signal(signal, unit, t, values, source=self.channel.topic)
 
     def bodies(self) -> frozenset[str]:
         """The bodies that the signals of this channel speak of, when it received anything."""

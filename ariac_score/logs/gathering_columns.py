@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar import Column, ColumnDecoder
 from ariac_score.logs.columnar.columns import IntArray
-from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.kit_from_poses import ModelFrames
 from ariac_score.logs.pending import Waiting
 from ariac_score.logs.salvage import Connection
@@ -107,14 +106,15 @@ def columns_for(connection: Connection, needs: Sequence[Needs]) -> ColumnDecoder
 
     Decoders of orders and submissions take whole messages; and where a field is not what
     the log map says, only a message can tell what it is instead.
+
+    Raises:
+        PlanError: Its definition can be read message by message only.
+        UnknownTypeError: It cannot be read at all.
     """
     if any(need.channel.decoder for need in needs):
         return None
     fields = [item for need in needs for item in need.fields().items()]
-    try:
-        decoder = column_decoder_for(connection, dict(fields))
-    except PlanError:
-        return None
+    decoder = column_decoder_for(connection, dict(fields))
     for path, (what, levels) in fields:
         shape = decoder.shape(path)
         if shape is None or shape[1] != levels or not _is(what, shape[0]):

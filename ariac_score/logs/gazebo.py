@@ -17,8 +17,10 @@ import math
 import re
 import zlib
 from array import array
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import compress
+from operator import ne
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, BinaryIO
@@ -29,6 +31,7 @@ from numpy.typing import NDArray
 
 from ariac_score.contracts import LogDescription, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.columnar.columns import ranges
 from ariac_score.logs.kit_from_poses import KitPoses, Track, is_followed
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
@@ -51,8 +54,10 @@ _ENCODING = re.compile(rb"""^\s+encoding\s*=\s*(['"])(\w+)\1\s*>$""")
 _VERSION = re.compile(rb"<gazebo_version>([^<]{0,200})</gazebo_version>")
 _SIM_TIME = re.compile(rb"<sim_time>\s*(\d{1,30})\s+(\d{1,30})\s*</sim_time>")
 _DELETIONS = re.compile(rb"<deletions>|</deletions>")
+_END_OF_MODEL = b"</model>"
 _NAME = re.compile(rb"<name>([^<]*)</name>")
 _MODEL = re.compile(rb"<model\s+name\s*=\s*")
+_MODEL_AS_WRITTEN = b"<model name="
 _POSE = re.compile(
     rb"""(?:<link\s+name\s*=\s*(?:'(?P<link>[^'<\n]*)'|"(?P<also>[^"<\n]*)")[^<>]*>\s*)?"""
     rb"""<pose[^<>]*>(?P<numbers>[^<]*)</pose>"""
@@ -190,32 +195,68 @@ def read_states(
     return scan.states()
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _Column:
-    """The poses of one entity as they come in."""
+    """One entity, and whether its poses are converted."""
 
     entity: Entity
     converted: bool
-    frames: array[int] = field(default_factory=lambda: array("q"))
-    rows: array[int] = field(default_factory=lambda: array("q"))
-    numbers: array[float] = field(default_factory=lambda: array("d"))
 
-    def arrays(self) -> tuple[IntArray, FloatArray]:
-        poses = np.array(self.numbers, dtype=np.float64).reshape(-1, 6)
-        return np.array(self.frames, dtype=np.int64), poses[np.array(self.rows, dtype=np.int64)]
+
+def _merged(shown: Sequence[tuple[IntArray, IntArray]], poses: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The frames that show an entity, and its pose in each.
+
+    Args:
+        shown: For each model whose text shows it the frames, and the number of its pose in each.
+        poses: All poses, shape (n, 6).
+    """
+    frames, rows = (np.concatenate(parts) for parts in zip(*shown, strict=True))
+    if len(shown) > 1:
+        order = np.argsort(frames, kind="stable")
+        frames, rows = frames[order], rows[order]
+    return frames, poses[rows]
 
 
 class _Model:
-    """One model's place in the tree, with its text in the frame before."""
+    """One model's place in the tree, with its text in the frame before.
+
+    Attributes:
+        text: From its name to the next model's name.
+        quoted: Its name as the text begins with it.
+        ends: How many models end in the text.
+        changes: The frames in which the text was another one than before.
+        shown: For each of these the poses it gave: whose they are, and their numbers.
+        runs: Runs of frames that list it, first and behind the last.
+    """
 
     def __init__(self, name: str, key: str, parent: _Model | None) -> None:
         self.name, self.key, self.parent = name, key, parent
         self.children: dict[bytes, _Model] = {}
         self.columns: dict[str, _Column] = {}
-        self.frames: array[int] = array("q")
-        self.text = b""
+        self.written: dict[bytes | None, _Column] = {}
+        self.text = self.quoted = b""
         self.ends = 0
-        self.shown: list[_Column] = []
+        self.changes: array[int] = array("q")
+        self.shown: list[list[tuple[_Column, int]]] = []
+        self.runs: array[int] = array("q")
+
+    def frames(self, count: int) -> IntArray:
+        """The frames that list it, of so many whole ones."""
+        first, behind = np.minimum(np.array(self.runs, dtype=np.int64), count).reshape(-1, 2).T
+        return ranges(first, behind - first)
+
+    def poses(self, frames: IntArray) -> Iterator[tuple[_Column, IntArray, IntArray]]:
+        """Each column its text gave poses of: the frames, and the rows there."""
+        version = np.searchsorted(np.array(self.changes, dtype=np.int64), frames, side="right") - 1
+        rows: dict[_Column, IntArray] = {}
+        for number, shown in enumerate(self.shown):
+            for column, row in shown:
+                if column not in rows:
+                    rows[column] = np.full(len(self.shown), -1, dtype=np.int64)
+                rows[column][number] = row
+        for column, of_version in rows.items():
+            at = of_version[version]
+            yield column, frames[at >= 0], at[at >= 0]
 
     @property
     def top(self) -> str:
@@ -234,6 +275,14 @@ class _Scan:
         self.version, self.cut_off = "", ""
         self.chunk = 0
         self.t_ns: array[int] = array("q")
+        # What the frame before listed: the models in their order, since which frame, and their texts.
+        self.listed: list[_Model] = []
+        self.since = 0
+        self.segments: list[bytes] = []
+        # The poses in the order they came, and those of the frame that is read.
+        self.numbers: array[float] = array("d")
+        self.poses = 0
+        self.fresh: list[tuple[_Column, bytes]] = []
         self.root = _Model("", "", None)
         self.models: dict[str, _Model] = {}
         self.deleted: dict[str, list[int]] = {}
@@ -268,25 +317,31 @@ class _Scan:
 
     def states(self) -> GazeboStates:
         """What was read so far, as arrays."""
+        self._end_run(len(self.t_ns))
+        self.listed = []
+        frames = {key: model.frames(len(self.t_ns)) for key, model in self.models.items()}
+        shown: dict[_Column, list[tuple[IntArray, IntArray]]] = {}
+        for key, model in self.models.items():
+            for column, at, rows in model.poses(frames[key]):
+                shown.setdefault(column, []).append((at, rows))
         columns = sorted(
             (c for m in self.models.values() for c in m.columns.values()), key=lambda c: c.entity.key
         )
+        poses = np.array(self.numbers[: len(self.numbers) // 6 * 6], dtype=np.float64).reshape(-1, 6)
+        nowhere = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
         return GazeboStates(
             t_ns=np.array(self.t_ns, dtype=np.int64),
-            poses=MappingProxyType({c.entity.key: c.arrays() for c in columns if c.converted}),
+            poses=MappingProxyType(
+                {c.entity.key: _merged(shown.get(c, nowhere), poses) for c in columns if c.converted}
+            ),
             entities=MappingProxyType({c.entity.key: c.entity for c in columns}),
-            listed=MappingProxyType({k: self._whole(self.models[k].frames) for k in sorted(self.models)}),
+            listed=MappingProxyType({key: frames[key] for key in sorted(self.models)}),
             deleted=MappingProxyType(
                 {k: np.array(self.deleted[k], dtype=np.int64) for k in sorted(self.deleted)}
             ),
             gazebo_version=self.version,
             cut_off=self.cut_off,
         )
-
-    def _whole(self, frames: array[int]) -> IntArray:
-        """Frame numbers without that of a frame whose reading ended in an error."""
-        numbers = np.array(frames, dtype=np.int64)
-        return numbers[numbers < len(self.t_ns)]
 
     def _chunks(self, tape: _Tape) -> Iterator[int]:
         """Read chunk after chunk, giving the offset behind each."""
@@ -358,19 +413,44 @@ class _Scan:
             raise _CorruptError(f"frame {len(self.t_ns)} has a simulated time beyond 292 years")
         index = len(self.t_ns)
         self._note_deletions(frame, index)
-        head, *segments = _MODEL.split(frame)
-        del head
-        here = self.root
+        segments = _segments(frame)
+        changed = self._changed(segments)
+        if changed is None:
+            self._list_anew(segments, index)
+        else:
+            for place in changed:
+                self._parse(self.listed[place], segments[place], index)
+        self.segments = segments
+        self._convert()
+        self.t_ns.append(t_ns)
+
+    def _changed(self, segments: Sequence[bytes]) -> Sequence[int] | None:
+        """The models whose text has changed; `None` when others are listed than before, or elsewhere."""
+        if len(segments) != len(self.segments):
+            return None
+        changed = list(compress(range(len(segments)), map(ne, segments, self.segments)))
+        for place in changed:
+            model, segment = self.listed[place], segments[place]
+            if not segment.startswith(model.quoted) or segment.count(_END_OF_MODEL) != model.ends:
+                return None
+        return changed
+
+    def _list_anew(self, segments: Sequence[bytes], index: int) -> None:
+        """Find out which models a frame lists."""
+        if any(segment[:1].isspace() for segment in segments):
+            segments = [segment.lstrip() for segment in segments]
+        self._end_run(index)
+        here, self.listed, self.since = self.root, [], index
         for segment in segments:
             model = self._child(here, segment)
             if segment != model.text:
-                self._parse(model, segment)
-            model.frames.append(index)
-            for column in model.shown:
-                column.frames.append(index)
-                column.rows.append(len(column.numbers) // 6 - 1)
+                self._parse(model, segment, index)
+            self.listed.append(model)
             here = _ancestor(model, model.ends)
-        self.t_ns.append(t_ns)
+
+    def _end_run(self, behind: int) -> None:
+        for model in self.listed:
+            model.runs.extend((self.since, behind))
 
     def _note_deletions(self, frame: bytes, index: int) -> None:
         if b"<deletions>" not in frame:
@@ -398,38 +478,71 @@ class _Scan:
             if key in self.models:
                 raise _CorruptError(f"two models are called {key!r}")
             model = parent.children[raw] = self.models[key] = _Model(name, key, parent)
+            model.quoted = segment[: end + 1]
         return model
 
-    def _parse(self, model: _Model, segment: bytes) -> None:
+    def _parse(self, model: _Model, segment: bytes, index: int) -> None:
         """Take the poses of a model whose text has changed.
 
         The text runs from the model's name to the next model's: its own poses, then
         for each `</model>` what its ancestors list after it.
         """
-        own, *after = segment.split(b"</model>")
+        own, *after = segment.split(_END_OF_MODEL)
         shown = list(self._take_poses(model, own, links_only=False))
         above: _Model | None = model
         for piece in after:
             above = above.parent if above is not None else None
             if above is not None and above is not self.root and b"<link" in piece:
                 shown += self._take_poses(above, piece, links_only=True)
-        model.text, model.ends, model.shown = segment, len(after), shown
+        model.text, model.ends = segment, len(after)
+        model.changes.append(index)
+        model.shown.append(shown)
 
-    def _take_poses(self, model: _Model, text: bytes, *, links_only: bool) -> Iterator[_Column]:
+    def _take_poses(self, model: _Model, text: bytes, *, links_only: bool) -> Iterator[tuple[_Column, int]]:
         own_expected = not links_only
         for pose in _POSE.finditer(text):
-            link = _words(pose["link"] or pose["also"] or b"")
-            if not link and not own_expected:
+            single, double, numbers = pose.groups()
+            written = double if single is None else single
+            if not written and not own_expected:
                 continue  # a pose inside a link, of something that is neither model nor link
             own_expected = False
-            column = model.columns.get(link)
+            column = model.written.get(written)
             if column is None:
-                entity = Entity(model.top, model.key, link)
-                converted = self.wanted is None or self.wanted(entity)
-                column = model.columns[link] = _Column(entity, converted)
+                column = self._column(model, written)
             if column.converted:
-                column.numbers.extend(self._six(pose["numbers"], column.entity))
-                yield column
+                self.fresh.append((column, numbers))
+                yield column, self.poses
+                self.poses += 1
+
+    def _column(self, model: _Model, written: bytes | None) -> _Column:
+        """The column of a link, by its name as it is written, or of the model itself."""
+        link = "" if written is None else _words(written)
+        column = model.columns.get(link)
+        if column is None:
+            entity = Entity(model.top, model.key, link)
+            converted = self.wanted is None or self.wanted(entity)
+            column = model.columns[link] = _Column(entity, converted)
+        model.written[written] = column
+        return column
+
+    def _convert(self) -> None:
+        """Take the numbers of the poses that are new in a frame, all at once where all is well."""
+        if not self.fresh:
+            return
+        words = b" | ".join([text for _, text in self.fresh]).split()
+        between = words[6::7]
+        del words[6::7]
+        fits = len(words) == 6 * len(self.fresh) and between.count(b"|") == len(self.fresh) - 1
+        try:
+            numbers = array("d", map(float, words if fits else ()))
+        except ValueError:
+            fits = False
+        if fits:
+            self.numbers += numbers
+        else:
+            for column, text in self.fresh:
+                self.numbers.extend(self._six(text, column.entity))
+        self.fresh.clear()
 
     def _six(self, text: bytes, entity: Entity) -> list[float]:
         try:
@@ -440,6 +553,15 @@ class _Scan:
             frame = len(self.t_ns)
             raise _CorruptError(f"frame {frame} gives {entity.key!r} a pose that is not six numbers")
         return numbers
+
+
+def _segments(frame: bytes) -> list[bytes]:
+    """The text of each model from its quoted name on, up to the next model's."""
+    segments = frame.split(_MODEL_AS_WRITTEN)
+    if len(segments) - 1 != frame.count(b"<model"):
+        segments = _MODEL.split(frame)
+    del segments[0]
+    return segments
 
 
 class _CorruptError(Exception):
@@ -754,4 +876,5 @@ def _add_entity(
         frames, poses = states.pose_in_each_frame(entity.key)
         last_of_stamp = np.append(np.diff(states.t_ns[frames]) != 0, True)
         name = f"position/{body.id}::{entity.link}" if entity.link else f"position/{body.id}"
-        builder.add_signal(name, "m", states.t_s[frames][last_of_stamp], poses[last_of_stamp, :3])
+        t, places = states.t_s[frames][last_of_stamp], poses[last_of_stamp, :3]
+        builder.add_signal(name, "m", t, places, source="Gazebo poses")

@@ -5,12 +5,10 @@ Source: MCAP format specification, version 0 (mcap.dev/spec).
 
 from __future__ import annotations
 
-import os
 import struct
-from collections import deque
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from zlib import crc32
 
@@ -19,16 +17,19 @@ import numpy as np
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.columns import Bytes, IntArray, Payloads
 from ariac_score.logs.salvage import (
+    MAX_PEEK_BYTES,
     Batch,
     Connection,
     FileScan,
     Message,
     Source,
+    check_announced,
     checked_stamp,
-    inflate,
+    inflate_into,
     normalised_type,
 )
-from ariac_score.logs.tiling import gaps_between, words_at
+from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of, nothing_to_do
+from ariac_score.logs.tiling import check_not_crossed, gaps_between, records_at
 
 __all__ = ["MAGIC", "McapScan"]
 
@@ -46,38 +47,19 @@ _FOOTER_BODY = struct.Struct("<QQI")
 _Item = Connection | Message | Batch
 _Body = bytes | memoryview
 
-_AHEAD = min(4, os.cpu_count() or 1)
-"""Chunks that are inflated while others are looked at; what is read does not depend on it."""
-
-_LARGE_BYTES = 16 << 20
-"""Larger chunks are not read ahead."""
-
-_LARGEST_INDEX_BYTES = 64 << 20
-
-
-@dataclass
-class _Held:
-    """A chunk on its way: its records, and what its index says of them."""
-
-    start: int
-    records: Future[_Body]
-    large: bool
-    index: list[bytes] = field(default_factory=list)
-
-    def has_room_for(self, length: int) -> bool:
-        """Whether so many bytes of index are still looked at."""
-        return sum(map(len, self.index)) + length <= _LARGEST_INDEX_BYTES
-
-
-def _goes_with(held: Sequence[_Held], length: int, source: Source) -> bool:
-    """Whether a chunk may be read while others are on their way."""
-    few = len(held) <= _AHEAD and not any(chunk.large for chunk in held)
-    return few and length <= min(_LARGE_BYTES, source.left)
-
-
-def _is_large(chunk: bytes) -> bool:
-    """Whether it announces more than may be inflated beside others."""
-    return int.from_bytes(chunk[16:24], "little") > _LARGE_BYTES
+_MESSAGE_WORDS = np.dtype(
+    {
+        "names": ["op", "size", "channel", "stamp_ns"],
+        "formats": ["u1", "<u8", "<u2", "<u8"],
+        "offsets": [0, 1, 9, 15],
+        "itemsize": _RECORD.size + _MESSAGE_HEAD.size,
+    }
+)
+_LONGEST_COMPRESSION = 64
+_WORTH_LEAVING_OUT_BYTES = 1 << 17
+_LARGE_MESSAGE_BYTES = 1 << 16
+_USUAL_INDEX_BYTES = 1 << 13
+_LATEST_NS = 1 << 63
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,24 +74,25 @@ class _Places:
     runs: Sequence[tuple[int, int, int, int]]
 
     @classmethod
-    def of(cls, records: _Body, offsets: IntArray) -> _Places:
+    def of(cls, buffer: Bytes, offsets: IntArray) -> _Places:
         """Read where the messages at some offsets lie.
 
         Raises:
             ValueError: There are other things than whole messages, or messages besides them.
         """
-        buffer = np.frombuffer(records, dtype=np.uint8)
-        sizes = words_at(buffer, offsets + 1, "u8")
-        starts = offsets + _RECORD.size
-        ends = starts + sizes
-        if (buffer[offsets] != _MESSAGE).any() or (sizes < _MESSAGE_HEAD.size).any():
+        words = records_at(buffer, offsets, _MESSAGE_WORDS)
+        if (words["op"] != _MESSAGE).any() or (words["stamp_ns"] >= _LATEST_NS).any():
             raise ValueError("there is no message where one should be")
+        sizes = words["size"]
+        if (sizes < _MESSAGE_HEAD.size).any() or (sizes > len(buffer)).any():
+            raise ValueError("a message has a length that it cannot have")
+        starts = offsets + (_RECORD.size + _MESSAGE_HEAD.size)
+        ends = starts + (sizes.astype(np.int64) - _MESSAGE_HEAD.size)
         runs = tuple(gaps_between(offsets, ends, len(buffer)))
-        raw = memoryview(records)
-        if any(op == _MESSAGE for gap, behind, _, _ in runs for op, _ in _ops(raw[gap:behind])):
+        if any(op == _MESSAGE for gap, behind, _, _ in runs for op, _ in _ops(buffer.data[gap:behind])):
             raise ValueError("there are other messages")
-        channels, stamps_ns = words_at(buffer, starts, "u2"), words_at(buffer, starts + 6, "u8")
-        return cls(buffer, channels, stamps_ns, starts + _MESSAGE_HEAD.size, ends, runs)
+        channels, stamps_ns = words["channel"].astype(np.int64), words["stamp_ns"].astype(np.int64)
+        return cls(buffer, channels, stamps_ns, starts, ends, runs)
 
 
 class McapScan(FileScan):
@@ -117,8 +100,11 @@ class McapScan(FileScan):
 
     format = "ROS 2 bag (MCAP)"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> None:
         super().__init__(path)
+        self._jobs, self._topics = jobs, topics
+        self._channels_in_summary: frozenset[int] | None = None
+        self._deaf: set[int] = set()
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._channels: dict[int, tuple[tuple[int, str], Connection]] = {}
         self._messages = 0
@@ -126,7 +112,6 @@ class McapScan(FileScan):
         # The specification leaves open whether the data section starts at the magic or behind the header.
         self._crc_of_file = self._crc_behind_header = self._crc_of_summary = 0
         self._data_crc_wanted, self._in_summary = True, False
-        self._behind = 0
 
     def __iter__(self) -> Iterator[_Item]:
         """Every declared connection and message, in recorded order.
@@ -140,6 +125,8 @@ class McapScan(FileScan):
             if magic != MAGIC:
                 raise source.damaged("the file does not start as an MCAP file does (wrong magic)", at=0)
             self._data_crc_wanted = _announces_data_crc(source)
+            if self._topics is not None:
+                self._channels_in_summary = _channels_in_summary(source)
             self._crc_of_file = crc32(magic)
             yield from self._records(source)
             if source.take(len(MAGIC), "closing magic") != MAGIC:
@@ -150,19 +137,18 @@ class McapScan(FileScan):
                 raise source.damaged(
                     f"the statistics announce {self._announced} messages, the file holds {self._messages}"
                 )
-            self._readable = f"byte {source.offset}"
+            self._reached(source.offset)
 
     def _records(self, source: Source) -> Iterator[_Item]:
-        held: deque[_Held] = deque()
-        with ThreadPoolExecutor(_AHEAD) as pool:
+        with Slabs(self._jobs) as slabs:
             try:
-                yield from self._passed(source, held, pool)
+                yield from self._passed(source, slabs)
             except LogError:
                 # What is before the damage counts, and damage in it is told instead.
-                yield from self._settled(source, held)
+                yield from self._settled(source, slabs.rest())
                 raise
 
-    def _passed(self, source: Source, held: deque[_Held], pool: ThreadPoolExecutor) -> Iterator[_Item]:
+    def _passed(self, source: Source, slabs: Slabs) -> Iterator[_Item]:
         """Read record by record; chunks are held until their index was read, and inflated meanwhile."""
         expected: int | None = _HEADER
         while True:
@@ -172,31 +158,204 @@ class McapScan(FileScan):
             if op == 0 or (expected is not None and op != expected):
                 raise source.damaged(f"record type 0x{op:02x} cannot stand here", at=start)
             expected = None
+            held = slabs.last
+            if op == _CHUNK and length <= source.left:
+                self._add_to_crcs(op, head)
+                yield from self._hold(source, slabs, length, start)
+                continue
             what = f"record 0x{op:02x}"
-            index_of_held = op == _MESSAGE_INDEX and bool(held) and held[-1].has_room_for(length)
-            if not index_of_held and not (op == _CHUNK and _goes_with(held, length, source)):
-                yield from self._settled(source, held)
-            if op == _CHUNK and length > source.left:
+            if op == _MESSAGE_INDEX and held is not None and held.has_room_for(length):
+                body = source.take(length, what)
+                self._add_to_crcs(op, head, body)
+                held.index.append(body)
+                held.end = source.offset
+                continue
+            yield from self._settled(source, slabs.rest())
+            if op == _CHUNK:
                 yield from self._cut_chunk(source, start)
-            body = source.take(length, what) if op in _READ or index_of_held else b""
+            body = source.take(length, what) if op in _READ else b""
             if op == _DATA_END:
                 self._check_data_end(source, body, start)
             self._add_to_crcs(op, head, body)
-            if op not in _READ and not index_of_held:
+            if op not in _READ:
                 for block in source.blocks(length, what):
                     self._add_to_crcs(op, block)
             if op == _FOOTER:
                 self._check_footer(source, head + body, start)
                 return
-            if index_of_held:
-                held[-1].index.append(body)
-            elif op == _CHUNK:
-                if _is_large(body):
-                    yield from self._settled(source, held)
-                held.append(_Held(start, pool.submit(_inflated, body), _is_large(body)))
+            yield from self._outside_chunks(source, op, body, start)
+
+    def _hold(self, source: Source, slabs: Slabs, length: int, start: int) -> Iterator[_Item]:
+        """Read a chunk; its records are inflated and verified on the way."""
+        end = source.offset + length
+        try:
+            head = _ChunkHead.read(source, length)
+            self._add_to_crcs(_CHUNK, head.raw)
+            check_announced(head.size, head.packed)
+            index, behind = self._index_if_large(source, head, end)
+            if not {int.from_bytes(body[:2], "little") for body in index} <= self._channels.keys():
+                # They are declared in what was read and not looked at yet.
+                yield from self._settled(source, slabs.rest())
+            unread = self._unread(index) if index and self._is_unwanted(index) else None
+            if unread is not None:
+                yield from self._settled(source, slabs.rest())
+                self._messages += len(unread)
+                yield unread
+                source.skip(behind - source.offset)
+                self._reached(source.offset)
+                return
+            packed = 0 if head.plain else end - source.offset
+            yield from self._settled(source, slabs.turn(head.size, packed))
+            left_out = self._left_out(index, head) if head.plain else []
+            if left_out:
+                chunk = self._hold_parts(source, slabs, head, left_out, start)
             else:
-                yield from self._outside_chunks(source, op, body, start)
-            self._behind = source.offset
+                chunk = slabs.add(head.size, packed, start, lambda room: self._filled(source, head, room))
+            chunk.index, chunk.end = index, behind
+            source.skip(behind - source.offset)
+        except (struct.error, ValueError) as error:
+            yield from self._settled(source, slabs.rest())
+            raise source.damaged(str(error), what="chunk", at=start) from error
+
+    def _filled(self, source: Source, head: _ChunkHead, room: memoryview) -> Callable[[], None]:
+        """Read the records of a chunk; returns the job that completes and verifies them."""
+        if head.plain:
+            source.take_into(room, "chunk")
+            self._add_to_crcs(_CHUNK, room)
+            return partial(head.verify, room)
+        packed = source.take(head.packed, "chunk")
+        self._add_to_crcs(_CHUNK, packed)
+        return partial(head.inflate, room, packed)
+
+    def _hold_parts(
+        self, source: Source, slabs: Slabs, head: _ChunkHead, left_out: Sequence[tuple[int, int]], start: int
+    ) -> Chunk:
+        """Read a chunk but for large messages that nobody wants."""
+        records = source.offset
+
+        def filled(room: memoryview) -> Callable[[], None]:
+            at = 0
+            for first, last in [*left_out, (head.size, head.size)]:
+                source.take_into(room[at:first], "chunk")
+                source.skip(last - first)
+                at = last
+            return nothing_to_do
+
+        chunk = slabs.add(head.size, 0, start, filled)
+        room = slabs.room_of(chunk)
+
+        def complete() -> None:
+            source.read_at(records, room, "chunk")
+            head.verify(room)
+
+        chunk.complete = complete
+        return chunk
+
+    def _index_if_large(self, source: Source, head: _ChunkHead, end: int) -> tuple[list[bytes], int]:
+        """The index records behind a chunk of which parts might be left out, and where they end."""
+        found: list[bytes] = []
+        if self._topics is None or self._data_crc_wanted or head.size < _WORTH_LEAVING_OUT_BYTES:
+            return found, end
+        if self._channels and not self._deaf:
+            return found, end  # everything is wanted
+        at, window = 0, source.at(end, _USUAL_INDEX_BYTES)
+        while True:
+            if at + _RECORD.size > len(window):
+                # It ends here, or more must be looked at.
+                more = source.at(end + len(window), 16 * _USUAL_INDEX_BYTES)
+                if not more or len(window) > MAX_PEEK_BYTES:
+                    return [], end
+                window += more
+                continue
+            op, length = _RECORD.unpack_from(window, at)
+            if op != _MESSAGE_INDEX:
+                return found, end + at
+            if length > MAX_PEEK_BYTES:
+                return [], end
+            behind = at + _RECORD.size + length
+            if behind > len(window):
+                window += source.at(end + len(window), behind - len(window) + _USUAL_INDEX_BYTES)
+                if behind > len(window):
+                    return [], end
+            found.append(window[at + _RECORD.size : behind])
+            at = behind
+
+    def _is_unwanted(self, index: Sequence[bytes]) -> bool:
+        """Whether a chunk holds no wanted message, and cannot declare anything either."""
+        declared = self._channels.keys()
+        if not self._channels_in_summary or not self._channels_in_summary <= declared:
+            return False
+        return {int.from_bytes(body[:2], "little") for body in index} <= self._deaf
+
+    def _unread(self, index: Sequence[bytes]) -> Batch | None:
+        """What the index says of a chunk that is not read: senders and times, in recorded order."""
+        try:
+            heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, 0, nothing_to_do, list(index))])
+        except (struct.error, ValueError):
+            return None
+        channels = np.repeat(np.array(heads, dtype=np.int64), counts)
+        order = np.argsort(pairs[:, 1], kind="stable")
+        nowhere = np.zeros(len(order), dtype=np.int64)
+        nothing = np.zeros(0, dtype=np.uint8)
+        places = _Places(nothing, channels[order], pairs[order, 0], nowhere, nowhere, ())
+        return self._batch_of(places, slice(0, len(order)), np.flatnonzero(np.bincount(channels)))
+
+    def _left_out(self, index: Sequence[bytes], head: _ChunkHead) -> list[tuple[int, int]]:
+        """The payloads of large messages that nobody wants, if the index is right: their heads will tell."""
+        if not index or not self._deaf:
+            return []
+        try:
+            heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, head.size, nothing_to_do, list(index))])
+        except (struct.error, ValueError):
+            return []
+        deaf = np.repeat(np.isin(np.array(heads, dtype=np.int64), list(self._deaf)), counts)
+        order = np.argsort(pairs[:, 1], kind="stable")
+        offsets = pairs[order, 1]
+        ends = np.append(offsets[1:], head.size)
+        first = offsets + _MESSAGE_WORDS.itemsize
+        chosen = deaf[order] & (ends - first >= _LARGE_MESSAGE_BYTES) & (ends <= head.size)
+        return list(zip(first[chosen].tolist(), ends[chosen].tolist(), strict=True))
+
+    def _settled(self, source: Source, slabs: Iterable[Slab]) -> Iterator[_Item]:
+        """The records of the chunks that are held."""
+        for slab in slabs:
+            chunks, failure = slab.finished()
+            batch = self._together(slab, chunks)
+            if batch is not None:
+                self._messages += len(batch)
+                yield batch
+            else:
+                yield from self._one_by_one(source, slab, chunks)
+            if chunks:
+                self._reached(chunks[-1].end)
+            if failure is not None:
+                at = slab.chunks[len(chunks)].start
+                slab.empty()
+                raise source.damaged(str(failure), what="chunk", at=at) from failure
+
+    def _together(self, slab: Slab, chunks: Sequence[Chunk]) -> Batch | None:
+        """All messages of some chunks; `None` where they hold more, or their index is not as it should be."""
+        if not chunks or not all(chunk.index for chunk in chunks):
+            return None
+        try:
+            places = _indexed(slab.buffer, chunks)
+        except (struct.error, ValueError):
+            return None
+        known = np.flatnonzero(np.bincount(places.channels))
+        if len(places.runs) != 1 or not all(key in self._channels for key in known.tolist()):
+            return None
+        return self._batch_of(places, slice(0, len(places.channels)), known)
+
+    def _one_by_one(self, source: Source, slab: Slab, chunks: Sequence[Chunk]) -> Iterator[_Item]:
+        for chunk in chunks:
+            try:
+                if chunk.complete:
+                    chunk.complete()
+                yield from self._chunk(slab, chunk)
+            except (struct.error, ValueError) as error:
+                slab.empty()
+                raise source.damaged(str(error), what="chunk", at=chunk.start) from error
+            self._reached(chunk.end)
 
     def _outside_chunks(self, source: Source, op: int, body: _Body, start: int) -> Iterator[_Item]:
         try:
@@ -204,23 +363,9 @@ class McapScan(FileScan):
         except (struct.error, ValueError) as error:
             what = _WHAT.get(op, f"record 0x{op:02x}")
             raise source.damaged(str(error), what=what, at=start) from error
-        self._readable = f"byte {source.offset}"
+        self._reached(source.offset)
 
-    def _settled(self, source: Source, held: deque[_Held]) -> Iterator[_Item]:
-        """The records of the chunks that are held."""
-        if not held:
-            return
-        while held:
-            chunk = held.popleft()
-            try:
-                records = chunk.records.result()
-                yield from self._chunk(records, chunk.index, chunk.start)
-            except (struct.error, ValueError) as error:
-                held.clear()
-                raise source.damaged(str(error), what="chunk", at=chunk.start) from error
-            self._readable = f"byte {held[0].start if held else self._behind}"
-
-    def _add_to_crcs(self, op: int, *parts: bytes) -> None:
+    def _add_to_crcs(self, op: int, *parts: _Body) -> None:
         if op == _DATA_END:
             self._crc_of_summary, self._in_summary = 0, True
         for part in parts:
@@ -296,46 +441,53 @@ class McapScan(FileScan):
         type_, format_, definition = self._schemas.get(schema, ("", "", ""))
         connection = Connection(topic, type_, encoding, definition, format_)
         self._channels[key] = (schema, topic), connection
+        if self._topics is not None and topic not in self._topics:
+            self._deaf.add(key)
         yield connection
 
-    def _chunk(self, records: _Body, index: Sequence[bytes], start: int) -> Iterator[_Item]:
+    def _chunk(self, slab: Slab, chunk: Chunk) -> Iterator[_Item]:
         """The records of a chunk: by its index, else by walking them, else one by one."""
+        records = slab.buffer[chunk.first : chunk.last]
         places = None
-        if index:
+        if chunk.index:
             try:
-                places = _indexed(records, index)
+                places = _indexed(records, [replace(chunk, first=0, last=len(records))])
             except (struct.error, ValueError):
                 self._contradictions += 1
         if places is None:
             try:
-                places = _Places.of(records, _walked(records))
+                places = _Places.of(records, _walked(records.data))
             except (struct.error, ValueError):
-                yield from self._records_in_chunk(memoryview(records), start)
+                yield from self._records_in_chunk(records.data, chunk.start)
                 return
-        raw = memoryview(records)
         for gap, behind, first, last in places.runs:
-            yield from self._records_in_chunk(raw[gap:behind], start)
+            yield from self._records_in_chunk(records.data[gap:behind], chunk.start)
             yield from self._batch(places, first, last)
 
     def _batch(self, places: _Places, first: int, last: int) -> Iterator[_Item]:
         """Messages that follow each other, up to the first whose channel is not declared."""
-        channels = places.channels[first:last]
-        known = np.unique(channels)
+        known = np.flatnonzero(np.bincount(places.channels[first:last]))
         missing = [key for key in known.tolist() if key not in self._channels]
         if missing:
-            last = first + int(np.argmax(np.isin(channels, missing)))
-            channels = places.channels[first:last]
-            known = np.unique(channels)
+            last = first + int(np.argmax(np.isin(places.channels[first:last], missing)))
+            known = np.flatnonzero(np.bincount(places.channels[first:last]))
         if last > first:
             self._messages += last - first
-            payloads = Payloads(places.buffer, places.starts[first:last], places.ends[first:last])
-            senders = tuple(self._channels[key][1] for key in known.tolist())
-            sources = np.searchsorted(known, channels).astype(np.int64)
-            yield Batch(senders, sources, places.stamps_ns[first:last], payloads)
+            yield self._batch_of(places, slice(first, last), known)
         if missing:
             raise ValueError(
                 f"a message belongs to channel {int(places.channels[last])}, which is not declared before it"
             )
+
+    def _batch_of(self, places: _Places, rows: slice, known: IntArray) -> Batch:
+        starts, ends = places.starts[rows], places.ends[rows]
+        if self._deaf:
+            # They may not have been read.
+            ends = np.where(np.isin(places.channels[rows], list(self._deaf)), starts, ends)
+        payloads = Payloads(places.buffer, starts, ends)
+        senders = tuple(self._channels[key][1] for key in known.tolist())
+        sources = np.searchsorted(known, places.channels[rows])
+        return Batch(senders, sources, places.stamps_ns[rows], payloads)
 
     def _cut_chunk(self, source: Source, start: int) -> Iterator[_Item]:
         """The whole records of a chunk that the file ends in, where it is not compressed."""
@@ -384,21 +536,91 @@ def _announces_data_crc(source: Source) -> bool:
     return end[:1] != bytes((_DATA_END,)) or end[-4:] != b"\0\0\0\0"
 
 
-def _inflated(chunk: bytes) -> _Body:
-    """The records of a chunk, its sizes and its checksum verified."""
-    _, _, size, announced = _CHUNK_HEAD.unpack_from(chunk)
-    compression, at = _text(chunk, _CHUNK_HEAD.size)
-    (packed_size,) = struct.unpack_from("<Q", chunk, at)
-    packed = memoryview(chunk)[at + 8 :]
-    if packed_size != len(packed):
-        raise ValueError(f"it announces {packed_size} bytes of records and has {len(packed)}")
+def _channels_in_summary(source: Source) -> frozenset[int] | None:
+    """All channels that the summary lists; `None` when there is none to rely on."""
+    tail = source.at(source.size - len(MAGIC) - _FOOTER_BODY.size, 8)
+    start = int.from_bytes(tail, "little")
+    end = source.size - len(MAGIC) - _FOOTER_BODY.size - _RECORD.size
+    if not 0 < start < end or end - start > MAX_PEEK_BYTES:
+        return None
+    summary = source.at(start, end - start)
     try:
-        records = inflate(packed, compression, size=size)
-    except ValueError as error:
-        raise ValueError(f"CRC cannot be checked: {error}") from error
-    if announced and (found := crc32(records)) != announced:
-        raise ValueError(f"its CRC is {found:08x}, the file says {announced:08x}")
-    return records
+        places = [at for op, at in _ops(memoryview(summary)) if op == _CHANNEL]
+        return frozenset(struct.unpack_from("<H", summary, at + _RECORD.size)[0] for at in places)
+    except struct.error:
+        return None
+
+
+@dataclass(frozen=True)
+class _ChunkHead:
+    """What stands before the records of a chunk.
+
+    Attributes:
+        raw: Its bytes.
+        size: Bytes of its records.
+        announced: Their checksum; 0 without one.
+        compression: By name; empty without one.
+        packed: Bytes of the records as they are in the file.
+    """
+
+    raw: bytes
+    size: int
+    announced: int
+    compression: str
+    packed: int
+
+    @classmethod
+    def read(cls, source: Source, length: int) -> _ChunkHead:
+        """Read it from the start of a chunk of this length.
+
+        Raises:
+            ValueError: It contradicts itself.
+        """
+        what = f"record 0x{_CHUNK:02x}"
+        head = source.take(min(_CHUNK_HEAD.size + 4, length), what)
+        if len(head) < _CHUNK_HEAD.size + 4:
+            raise ValueError(f"its head has {len(head)} bytes")
+        _, _, size, announced = _CHUNK_HEAD.unpack_from(head)
+        named = int.from_bytes(head[_CHUNK_HEAD.size :], "little")
+        if named > min(_LONGEST_COMPRESSION, length - len(head)):
+            raise ValueError(f"a text of {named} bytes is longer than its record")
+        head += source.take(min(named + 8, length - len(head)), what)
+        compression, at = _text(head, _CHUNK_HEAD.size)
+        (packed,) = struct.unpack_from("<Q", head, at)
+        if packed != length - len(head):
+            raise ValueError(f"it announces {packed} bytes of records and has {length - len(head)}")
+        chunk = cls(head, size, announced, compression, packed)
+        if chunk.plain and packed != size:
+            raise ValueError(
+                f"CRC cannot be checked: it holds {packed} bytes instead of the announced {size}"
+            )
+        return chunk
+
+    @property
+    def plain(self) -> bool:
+        """Whether its records are not compressed."""
+        return not self.compression
+
+    def inflate(self, room: memoryview, packed: bytes) -> None:
+        """Inflate its records to where there is room for them, and verify them.
+
+        Raises:
+            ValueError: They are damaged.
+        """
+        try:
+            inflate_into(room, packed, self.compression)
+        except ValueError as error:
+            raise ValueError(f"CRC cannot be checked: {error}") from error
+        self.verify(room)
+
+    def verify(self, records: memoryview) -> None:
+        """Hold the records against the checksum.
+
+        Raises:
+            ValueError: They have another one.
+        """
+        if self.announced and (found := crc32(records)) != self.announced:
+            raise ValueError(f"its CRC is {found:08x}, the file says {self.announced:08x}")
 
 
 def _ops(records: memoryview) -> Iterator[tuple[int, int]]:
@@ -410,32 +632,46 @@ def _ops(records: memoryview) -> Iterator[tuple[int, int]]:
         at += _RECORD.size + length
 
 
-def _walked(records: _Body) -> IntArray:
+def _walked(records: memoryview) -> IntArray:
     """Where the messages of a chunk are, by walking it."""
-    return np.array([at for op, at in _ops(memoryview(records)) if op == _MESSAGE], dtype=np.int64)
+    return np.array([at for op, at in _ops(records) if op == _MESSAGE], dtype=np.int64)
 
 
-def _indexed(records: _Body, index: Sequence[bytes]) -> _Places:
-    """Where the messages of a chunk are, by its index.
+def _entries(chunks: Sequence[Chunk]) -> tuple[list[int], IntArray, IntArray, IntArray]:
+    """The channel of each index record and its number of entries; times and offsets, and whose they are.
 
     Raises:
-        ValueError: The index contradicts the chunk.
+        ValueError: An index record holds something else.
     """
-    parts = [np.zeros((3, 0), dtype=np.int64)]
-    for body in index:
-        channel, length = struct.unpack_from("<HI", body)
-        if length + 6 != len(body) or length % 16:
-            raise ValueError("the index is no list of times and offsets")
-        pairs = np.frombuffer(body, dtype="<u8", offset=6).reshape(-1, 2)
-        if pairs.max(initial=0) >= 1 << 63:
-            raise ValueError("a number is beyond 63 bits")
-        times, offsets = pairs.astype(np.int64).T
-        parts.append(np.stack((np.full(len(times), channel), times, offsets)))
-    channels, times, offsets = np.concatenate(parts, axis=1)
+    heads, counts, entries, owners = entries_of(chunks, head=6, words=4)
+    named = [struct.unpack("<HI", head) for head in heads]
+    if any(length != 16 * count for (_, length), count in zip(named, counts.tolist(), strict=True)):
+        raise ValueError("the index is no list of times and offsets")
+    pairs = entries.reshape(-1).view("<u8").reshape(-1, 2)
+    if pairs.max(initial=0) >= _LATEST_NS:
+        raise ValueError("a number is beyond 63 bits")
+    return [channel for channel, _ in named], counts, pairs.astype(np.int64), owners
+
+
+def _indexed(buffer: Bytes, chunks: Sequence[Chunk]) -> _Places:
+    """Where the messages of chunks that lie side by side are, by their indexes.
+
+    Raises:
+        ValueError: An index contradicts its chunk.
+    """
+    named, counts, pairs, owners = _entries(chunks)
+    times, offsets = pairs.T
+    firsts = np.array([chunk.first for chunk in chunks], dtype=np.int64)
+    lasts = np.array([chunk.last for chunk in chunks], dtype=np.int64)
+    if (offsets >= (lasts - firsts)[owners]).any():
+        raise ValueError("the index leads out of its chunk")
+    offsets = offsets + firsts[owners]
+    channels = np.repeat(np.array(named, dtype=np.int64), counts)
     order = np.argsort(offsets, kind="stable")
-    places = _Places.of(records, offsets[order])
+    places = _Places.of(buffer[: chunks[-1].last], offsets[order])
     if (places.channels != channels[order]).any() or (places.stamps_ns != times[order]).any():
         raise ValueError("the index tells other channels or times")
+    check_not_crossed(offsets[order], places.ends, lasts)
     return places
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -20,6 +20,7 @@ SLAB_BYTES = 8 << 20
 
 _SMALLEST_BYTES = 1 << 16
 _SLAB_MESSAGES = 1 << 17
+_CLOSE_BYTES = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,14 +72,31 @@ class Pending:
             self._buffer = larger
         return start
 
-    def portions(self, batch: Batch, kept: IntArray) -> Iterator[slice]:
-        """The wanted messages of a batch in portions that fit."""
-        sizes = batch.payloads.ends[kept] - batch.payloads.starts[kept]
-        total = np.cumsum(sizes) // SLAB_BYTES
-        bounds = [0, *(np.flatnonzero(np.diff(total)) + 1).tolist(), len(kept)]
-        for first, last in pairwise(bounds):
-            if last > first:
-                yield slice(first, last)
+    def take(
+        self, batch: Batch, wanted: Container[Connection], first: int
+    ) -> Iterator[dict[Connection, Waiting]]:
+        """Take the wanted messages of a batch; what is to be decoded now comes back.
+
+        Where they are many they are not copied, so what comes back holds until the next
+        batch is asked for.
+
+        Args:
+            batch: Some messages.
+            wanted: The connections whose messages are wanted.
+            first: The number of the first message in the recording.
+        """
+        good = np.array([connection in wanted for connection in batch.connections], dtype=bool)
+        kept = np.arange(len(batch)) if good.all() else np.flatnonzero(good[batch.sources])
+        for some in _portions(batch, kept):
+            rows = kept[some]
+            if _size(batch, rows) >= SLAB_BYTES // 8:
+                if self._count:
+                    yield self.empty()
+                yield _in_place(batch, rows, first)
+                continue
+            self.add_many(batch, rows, rows + first)
+            if self.full:
+                yield self.empty()
 
     def add_many(self, batch: Batch, kept: IntArray, numbers: IntArray) -> None:
         """Take copies of some messages of a batch."""
@@ -90,13 +108,16 @@ class Pending:
             self._buffer[start : self._used] = buffer[first:last]
             new_starts, new_ends = starts + (start - first), ends + (start - first)
         else:
-            # Most of it is something else, such as pictures that nobody wants.
-            start = self._reserve(wanted)
-            new_ends = start + np.cumsum(ends - starts)
-            new_starts = new_ends - (ends - starts)
-            places = (a.tolist() for a in (starts, ends, new_starts, new_ends))
-            for old, old_end, new, new_end in zip(*places, strict=True):
-                self._buffer[new:new_end] = buffer[old:old_end]
+            # Most of it is something else, such as pictures that nobody wants: what lies close is copied.
+            breaks = np.flatnonzero(starts[1:] - ends[:-1] > _CLOSE_BYTES) + 1
+            bounds = np.concatenate(([0], breaks, [len(starts)]))
+            run_starts, run_ends = starts[bounds[:-1]], ends[bounds[1:] - 1]
+            start = self._reserve(int((run_ends - run_starts).sum()))
+            moved = start + np.cumsum(run_ends - run_starts) - (run_ends - run_starts) - run_starts
+            for old, old_end, by in zip(run_starts.tolist(), run_ends.tolist(), moved.tolist(), strict=True):
+                self._buffer[old + by : old_end + by] = buffer[old:old_end]
+            by = np.repeat(moved, np.diff(bounds))
+            new_starts, new_ends = starts + by, ends + by
         table = np.stack((numbers, batch.stamps_ns[kept], new_starts, new_ends), axis=1)
         sources = batch.sources[kept]
         for place in np.unique(sources).tolist():
@@ -119,3 +140,28 @@ class Pending:
             waiting[connection] = Waiting(numbers, stamps_ns, Payloads(buffer, starts, ends))
         self._used, self._rows, self._count = 0, {}, 0
         return waiting
+
+
+def _size(batch: Batch, rows: IntArray) -> int:
+    return int((batch.payloads.ends[rows] - batch.payloads.starts[rows]).sum())
+
+
+def _portions(batch: Batch, kept: IntArray) -> Iterator[slice]:
+    """The wanted messages of a batch in portions that fit."""
+    sizes = batch.payloads.ends[kept] - batch.payloads.starts[kept]
+    total = np.cumsum(sizes) // SLAB_BYTES
+    bounds = [0, *(np.flatnonzero(np.diff(total)) + 1).tolist(), len(kept)]
+    for first, last in pairwise(bounds):
+        if last > first:
+            yield slice(first, last)
+
+
+def _in_place(batch: Batch, rows: IntArray, first: int) -> dict[Connection, Waiting]:
+    """Messages of a batch by connection, where they are."""
+    waiting, sources, payloads = {}, batch.sources[rows], batch.payloads
+    for place, connection in enumerate(batch.connections):
+        own = rows[sources == place]
+        if len(own):
+            found = Payloads(payloads.buffer, payloads.starts[own], payloads.ends[own])
+            waiting[connection] = Waiting(own + first, batch.stamps_ns[own], found)
+    return waiting

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ariac_score.errors import LogError
 from ariac_score.logs.columnar.columns import Bytes, IntArray, Payloads
 from ariac_score.logs.salvage import (
     Batch,
@@ -20,11 +23,13 @@ from ariac_score.logs.salvage import (
     FileScan,
     Message,
     Source,
+    check_announced,
     checked_stamp,
-    inflate,
+    inflate_into,
     normalised_type,
 )
-from ariac_score.logs.tiling import gaps_between, words_at
+from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of, nothing_to_do
+from ariac_score.logs.tiling import check_not_crossed, gaps_between, records_at
 
 __all__ = ["MAGIC", "Ros1Scan"]
 
@@ -62,33 +67,45 @@ class _Places:
     runs: Sequence[tuple[int, int, int, int]]
 
     @classmethod
-    def of(cls, records: memoryview, offsets: IntArray) -> _Places:
+    def of(cls, buffer: Bytes, offsets: IntArray) -> _Places:
         """Read where the messages at some offsets lie, whose headers must all be built alike.
 
         Raises:
             ValueError: There are other things than whole messages, or messages besides them.
         """
-        buffer = np.frombuffer(records, dtype=np.uint8)
         nothing = np.zeros(0, dtype=np.int64)
         connections = stamps_ns = starts = ends = nothing
         if len(offsets):
-            head, _ = _sized(records, int(offsets[0]))
-            connection_at, time_at = _built(bytes(head))
-            heads = _heads(buffer, offsets, 4 + len(head))
-            same = np.ones(4 + len(head), dtype=bool)
-            same[4 + connection_at : 8 + connection_at] = same[4 + time_at : 12 + time_at] = False
-            if (heads[:, same] != heads[0, same]).any():
-                raise ValueError("the headers of its messages differ")
-            connections = words_at(buffer, offsets + 4 + connection_at, "u4")
-            seconds, nanoseconds = (words_at(buffer, offsets + 4 + time_at + i, "u4") for i in (0, 4))
-            stamps_ns = seconds * 10**9 + nanoseconds
-            starts = offsets + 8 + len(head)
-            ends = starts + words_at(buffer, starts - 4, "u4")
+            head, _ = _sized(buffer.data, int(offsets[0]))
+            form, fixed = _form_of(bytes(head))
+            words = records_at(buffer, offsets, form)
+            for start, end in fixed:
+                expected = bytes(buffer[offsets[0] + start : offsets[0] + end])
+                if words[f"fixed{start}"].tobytes() != expected * len(words):
+                    raise ValueError("the headers of its messages differ")
+            connections = words["connection"].astype(np.int64)
+            stamps_ns = words["sec"].astype(np.int64) * 10**9 + words["nanosec"]
+            starts = offsets + form.itemsize
+            ends = starts + words["length"]
         runs = tuple(gaps_between(offsets, ends, len(buffer)))
         for gap, behind, _, _ in runs:
-            if len(_walked(records[gap:behind])):
+            if len(_walked(buffer.data[gap:behind])):
                 raise ValueError("there are other messages")
         return cls(buffer, connections, stamps_ns, starts, ends, runs)
+
+
+def _form_of(head: bytes) -> tuple[np.dtype[Any], list[tuple[int, int]]]:
+    """The form of messages with such a header, and the stretches of it that are the same in all."""
+    connection_at, time_at = (4 + at for at in _built(head))
+    words = {"connection": ("<u4", connection_at), "sec": ("<u4", time_at), "nanosec": ("<u4", time_at + 4)}
+    words["length"] = ("<u4", 4 + len(head))
+    free = sorted([(connection_at, connection_at + 4), (time_at, time_at + 8)])
+    bounds = [0, free[0][0], free[0][1], free[1][0], free[1][1], 4 + len(head)]
+    fixed = [(a, b) for a, b in zip(bounds[::2], bounds[1::2], strict=True) if b > a]
+    words |= {f"fixed{a}": (f"V{b - a}", a) for a, b in fixed}
+    formats, offsets = zip(*words.values(), strict=True)
+    form = np.dtype({"names": list(words), "formats": formats, "offsets": offsets, "itemsize": 8 + len(head)})
+    return form, fixed
 
 
 def _built(head: bytes) -> tuple[int, int]:
@@ -109,13 +126,6 @@ def _built(head: bytes) -> tuple[int, int]:
     return found[b"conn"], found[b"time"]
 
 
-def _heads(buffer: Bytes, offsets: IntArray, size: int) -> Bytes:
-    if int(offsets.min()) < 0 or int(offsets.max()) + size > len(buffer):
-        raise ValueError("a message lies outside")
-    windows = np.ndarray((len(buffer) - size + 1,), f"V{size}", buffer.data, strides=(1,))
-    return windows[offsets].view(np.uint8).reshape(-1, size)
-
-
 def _walked(records: memoryview) -> IntArray:
     """Where the messages of a chunk are, by walking it."""
     at, found = 0, []
@@ -127,18 +137,23 @@ def _walked(records: memoryview) -> IntArray:
     return np.array(found, dtype=np.int64)
 
 
-def _indexed(records: memoryview, index: Sequence[bytes]) -> _Places:
-    """Where the messages of a chunk are, by its index.
+def _indexed(buffer: Bytes, chunks: Sequence[Chunk]) -> _Places:
+    """Where the messages of chunks that lie side by side are, by their indexes.
 
     Raises:
-        ValueError: The index contradicts the chunk.
+        ValueError: An index contradicts its chunk.
     """
-    entries = np.concatenate([np.frombuffer(body, dtype="<u4").reshape(-1, 3) for body in index])
+    _, _, entries, owners = entries_of(chunks, head=0, words=3)
     seconds, nanoseconds, offsets = entries.astype(np.int64).T
+    firsts, lasts = (np.array([getattr(c, end) for c in chunks], dtype=np.int64) for end in ("first", "last"))
+    if (offsets >= (lasts - firsts)[owners]).any():
+        raise ValueError("the index leads out of its chunk")
+    offsets = offsets + firsts[owners]
     order = np.argsort(offsets, kind="stable")
-    places = _Places.of(records, offsets[order])
+    places = _Places.of(buffer[: chunks[-1].last], offsets[order])
     if (places.stamps_ns != (seconds * 10**9 + nanoseconds)[order]).any():
         raise ValueError("the index tells other times")
+    check_not_crossed(offsets[order], places.ends, lasts)
     return places
 
 
@@ -147,8 +162,9 @@ class Ros1Scan(FileScan):
 
     format = "ROS 1 bag"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, jobs: int = 0) -> None:
         super().__init__(path)
+        self._jobs = jobs
         self._connections: dict[int, Connection] = {}
         self._found: Counter[int] = Counter()
         self._announced: Counter[int] = Counter()
@@ -166,9 +182,16 @@ class Ros1Scan(FileScan):
             if source.take(min(len(MAGIC), source.size), "magic") != MAGIC:
                 raise source.damaged("the file does not start as a ROS 1 bag of version 2.0 does", at=0)
             announced = self._bag_header(source)
-            while source.left:
-                yield from self._record(source)
-                self._readable = f"byte {source.offset}"
+            with Slabs(self._jobs) as slabs:
+                try:
+                    while source.left:
+                        yield from self._record(source, slabs)
+                    yield from self._settled(source, slabs.rest())
+                except LogError:
+                    # What is before the damage counts, and damage in it is told instead.
+                    yield from self._settled(source, slabs.rest())
+                    raise
+            self._reached(source.offset)
             self._check_whole(source, *announced)
 
     def _bag_header(self, source: Source) -> tuple[int, int]:
@@ -188,37 +211,69 @@ class Ros1Scan(FileScan):
             pass
         return connections, chunks
 
-    def _record(self, source: Source) -> Iterator[_Item]:
+    def _record(self, source: Source, slabs: Slabs) -> Iterator[_Item]:
+        """Read one record; chunks are held together with their index, and inflated meanwhile."""
         start = source.offset
         try:
             header = _header(source.take(_u32(source, "record"), "record"))
             op = _byte(header, b"op")
         except ValueError as error:
+            yield from self._settled(source, slabs.rest())
             raise source.damaged(str(error), what="record", at=start) from error
         what = _WHAT.get(op, f"record of type {op}")
         length = _u32(source, what)
+        if op == _CHUNK and length <= source.left:
+            yield from self._hold(source, slabs, header, length, start)
+            return
+        if op == _INDEX:
+            for _ in source.blocks(length, what):
+                pass
+            return
+        yield from self._settled(source, slabs.rest())
+        if op == _CHUNK:
+            yield from self._cut_chunk(source, header, start)
         if op not in _READ:
             for _ in source.blocks(length, what):
                 pass
             return
-        if op == _CHUNK and length > source.left:
-            yield from self._cut_chunk(source, header, start)
         try:
-            body = memoryview(source.take(length, what))
-            if op == _CHUNK:
-                self._chunks += 1
-                records = inflate(body, _text(header, b"compression"), size=_number(header, b"size"))
-                yield from self._chunk(memoryview(records), self._index(source), start)
-            else:
-                yield from self._items(op, header, body, start)
+            yield from self._items(op, header, memoryview(source.take(length, what)), start)
         except (struct.error, ValueError) as error:
             raise source.damaged(str(error), what=what, at=start) from error
+        self._reached(source.offset)
 
-    def _index(self, source: Source) -> Sequence[bytes]:
-        """The index records behind a chunk, looked at without moving on: they may be cut off or wrong."""
+    def _hold(
+        self, source: Source, slabs: Slabs, header: _Header, length: int, start: int
+    ) -> Iterator[_Item]:
+        """Read a chunk and its index; its records are inflated on the way."""
+        try:
+            compression, size = _text(header, b"compression"), _number(header, b"size")
+            check_announced(size, length)
+            plain = compression == "none"
+            if plain and size != length:
+                raise ValueError(f"it holds {length} bytes instead of the announced {size}")
+            packed = 0 if plain else length
+            yield from self._settled(source, slabs.turn(size, packed))
+        except ValueError as error:
+            yield from self._settled(source, slabs.rest())
+            raise source.damaged(str(error), what="chunk", at=start) from error
+
+        def filled(room: memoryview) -> Callable[[], None]:
+            if plain:
+                source.take_into(room, "chunk")
+                return nothing_to_do
+            return partial(inflate_into, room, source.take(length, "chunk"), compression)
+
+        chunk = slabs.add(size, packed, start, filled)
+        chunk.index = self._index(source)
+        chunk.end = source.offset
+
+    def _index(self, source: Source) -> list[bytes]:
+        """The index records behind a chunk, up to the first that is cut off or wrong."""
         found: list[bytes] = []
-        at, room = source.offset, _LARGEST_INDEX_BYTES
+        room = _LARGEST_INDEX_BYTES
         while True:
+            at = source.offset
             size = int.from_bytes(source.at(at, 4), "little")
             head = source.at(at + 4, size) if size <= _LARGEST_INDEX_HEADER else b""
             try:
@@ -232,25 +287,73 @@ class Ros1Scan(FileScan):
             if not length or len(body) != length:
                 return found
             found.append(body)
-            at += 8 + size + length
+            source.skip(8 + size + length)
 
-    def _chunk(self, records: memoryview, index: Sequence[bytes], start: int) -> Iterator[_Item]:
-        """The records of a chunk: by its index, else by walking them, else one by one."""
-        places = None
-        if index:
+    def _settled(self, source: Source, slabs: Iterable[Slab]) -> Iterator[_Item]:
+        """The records of the chunks that are held."""
+        for slab in slabs:
+            chunks, failure = slab.finished()
+            self._chunks += len(chunks)
+            batch = self._together(slab, chunks)
+            if batch is not None:
+                yield batch
+            else:
+                yield from self._one_by_one(source, slab, chunks)
+            if chunks:
+                self._reached(chunks[-1].end)
+            if failure is not None:
+                at = slab.chunks[len(chunks)].start
+                slab.empty()
+                raise source.damaged(str(failure), what="chunk", at=at) from failure
+
+    def _together(self, slab: Slab, chunks: Sequence[Chunk]) -> Batch | None:
+        """All messages of some chunks; `None` where they hold more, or their index is not as it should be."""
+        if not chunks or not all(chunk.index for chunk in chunks):
+            return None
+        try:
+            places = _indexed(slab.buffer, chunks)
+        except (struct.error, ValueError):
+            return None
+        known = np.unique(places.connections)
+        if len(places.runs) != 1 or not all(key in self._connections for key in known.tolist()):
+            return None
+        return self._batch_of(places, slice(0, len(places.connections)), known)
+
+    def _one_by_one(self, source: Source, slab: Slab, chunks: Sequence[Chunk]) -> Iterator[_Item]:
+        for chunk in chunks:
             try:
-                places = _indexed(records, index)
+                yield from self._chunk(slab, chunk)
+            except (struct.error, ValueError) as error:
+                slab.empty()
+                raise source.damaged(str(error), what="chunk", at=chunk.start) from error
+            self._reached(chunk.end)
+
+    def _chunk(self, slab: Slab, chunk: Chunk) -> Iterator[_Item]:
+        """The records of a chunk: by its index, else by walking them, else one by one."""
+        records = slab.buffer[chunk.first : chunk.last]
+        places = None
+        if chunk.index:
+            try:
+                places = _indexed(records, [replace(chunk, first=0, last=len(records))])
             except (struct.error, ValueError):
                 self._contradictions += 1
         if places is None:
             try:
-                places = _Places.of(records, _walked(records))
+                places = _Places.of(records, _walked(records.data))
             except (struct.error, ValueError):
-                yield from self._records_in_chunk(records, start)
+                yield from self._records_in_chunk(records.data, chunk.start)
                 return
         for gap, behind, first, last in places.runs:
-            yield from self._records_in_chunk(records[gap:behind], start)
+            yield from self._records_in_chunk(records.data[gap:behind], chunk.start)
             yield from self._batch(places, first, last)
+
+    def _batch_of(self, places: _Places, rows: slice, known: IntArray) -> Batch:
+        sources = np.searchsorted(known, places.connections[rows])
+        counts = np.bincount(sources, minlength=len(known)).tolist()
+        self._found.update(dict(zip(known.tolist(), counts, strict=True)))
+        payloads = Payloads(places.buffer, places.starts[rows], places.ends[rows])
+        senders = tuple(self._connections[key] for key in known.tolist())
+        return Batch(senders, sources, places.stamps_ns[rows], payloads)
 
     def _batch(self, places: _Places, first: int, last: int) -> Iterator[_Item]:
         """Messages that follow each other, up to the first whose connection is not declared."""
@@ -262,12 +365,7 @@ class Ros1Scan(FileScan):
             numbers = places.connections[first:last]
             known = np.unique(numbers)
         if last > first:
-            sources = np.searchsorted(known, numbers).astype(np.int64)
-            counts = np.bincount(sources, minlength=len(known)).tolist()
-            self._found.update(dict(zip(known.tolist(), counts, strict=True)))
-            payloads = Payloads(places.buffer, places.starts[first:last], places.ends[first:last])
-            senders = tuple(self._connections[key] for key in known.tolist())
-            yield Batch(senders, sources, places.stamps_ns[first:last], payloads)
+            yield self._batch_of(places, slice(first, last), known)
         if missing:
             raise ValueError(
                 f"a message belongs to connection {int(places.connections[last])}, "

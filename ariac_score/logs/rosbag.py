@@ -7,19 +7,18 @@ from pathlib import Path
 
 from ariac_score.contracts import LogDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs import mcap, ros1bag, sqlite_bag
-from ariac_score.logs.folder import METADATA, METADATA_KEY, FolderScan
 from ariac_score.logs.gathering import Gathering
-from ariac_score.logs.salvage import Batch, Connection, Message, Scan, Survey
+from ariac_score.logs.opening import SUFFIXES, cannot_be_read, looks_like_recording, open_scan
+from ariac_score.logs.salvage import Batch, Connection, Message, Scan
+from ariac_score.logs.survey import Survey
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.model import LogDefect, Trial
 from ariac_score.trial.spans import Span
 
-__all__ = ["RosbagReader", "open_scan"]
+__all__ = ["RosbagReader"]
 
 _PROGRESS_EVERY = 4096
 _CONTRADICTING = "chunks whose index contradicts their records were read without it"
-_SUFFIXES = (".bag", ".db3", ".mcap")
 
 
 class RosbagReader:
@@ -40,10 +39,10 @@ class RosbagReader:
     def can_read(self, path: Path) -> bool:
         """Whether this looks like a ROS recording, whole or not; never an error."""
         try:
-            return _looks_like_recording(path)
+            return looks_like_recording(path)
         except OSError:
             # What cannot even be looked at is ours if it is called so: `read` then says why.
-            return path.suffix in _SUFFIXES
+            return path.suffix in SUFFIXES
 
     def describe(self, path: Path) -> LogDescription:
         """What the recording holds; of a damaged one, what is readable.
@@ -81,8 +80,8 @@ class RosbagReader:
                 says contradicts itself.
             NothingToScoreError: It holds no message.
         """
-        scan = open_scan(path)
         survey, gathering, progress_at = Survey(), Gathering(wanted, path), _PROGRESS_EVERY
+        scan = open_scan(path, jobs=wanted.jobs, topics=gathering.topics)
         try:
             for item in _surveyed(scan, survey, path):
                 gathering.take(item)
@@ -108,57 +107,6 @@ class RosbagReader:
         return builder.build()
 
 
-def _looks_like_recording(path: Path) -> bool:
-    if path.is_dir():
-        metadata = path / METADATA
-        if not metadata.is_file():
-            return False
-        with metadata.open("rb") as file:
-            return METADATA_KEY.encode() in file.read(1 << 16) or any(
-                child.suffix in _SUFFIXES for child in path.iterdir()
-            )
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        start = file.read(16)
-    if not start:
-        return path.suffix in _SUFFIXES
-    if start.startswith(sqlite_bag.MAGIC):
-        return path.suffix == ".db3"
-    return start.startswith((mcap.MAGIC, ros1bag.MAGIC[:8]))
-
-
-def open_scan(path: Path) -> Scan:
-    """The scan for what lies at a path, chosen by its first bytes, else by its suffix."""
-    try:
-        if path.is_dir():
-            return FolderScan(path)
-        with path.open("rb") as file:
-            start = file.read(16)
-    except OSError as error:
-        raise _cannot_be_read(error, path) from error
-    if not start:
-        raise NothingToScoreError(
-            "the file is empty", file=path, hint="the recorder wrote nothing; record again"
-        )
-    if start.startswith(mcap.MAGIC) or (path.suffix == ".mcap"):
-        return mcap.McapScan(path)
-    if start.startswith(sqlite_bag.MAGIC) or (path.suffix == ".db3"):
-        return sqlite_bag.SqliteScan(path)
-    if start.startswith(ros1bag.MAGIC[:8]) or (path.suffix == ".bag"):
-        return ros1bag.Ros1Scan(path)
-    raise NothingToScoreError(
-        "it is not a ROS recording",
-        file=path,
-        hint="recordings are .bag, .db3 or .mcap files, or rosbag2 folders",
-    )
-
-
-def _cannot_be_read(error: OSError | MemoryError, path: Path) -> LogError:
-    cause = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return LogError(f"it cannot be read: {cause}", file=path, hint="check that it is there and may be read")
-
-
 def _surveyed(scan: Scan, survey: Survey, path: Path) -> Iterator[Connection | Message | Batch]:
     """The items of a scan, counted; where it breaks off, the error says what was readable."""
     try:
@@ -178,7 +126,7 @@ def _surveyed(scan: Scan, survey: Survey, path: Path) -> Iterator[Connection | M
             hint=error.hint,
         ) from error
     except (OSError, MemoryError) as error:
-        raise _cannot_be_read(error, path) from error
+        raise cannot_be_read(error, path) from error
 
 
 def _contradicting(scan: Scan, path: Path) -> Iterator[LogDefect]:
@@ -198,4 +146,4 @@ def _clock(survey: Survey) -> str:
 def _trial_id(path: Path) -> str:
     # Not from the metadata: the same recording must have one name in every container.
     resolved = path.resolve()
-    return resolved.stem if resolved.suffix in _SUFFIXES else resolved.name
+    return resolved.stem if resolved.suffix in SUFFIXES else resolved.name

@@ -8,39 +8,59 @@ message definitions and the messages (`ariac_score.logs.types`).
 
 from __future__ import annotations
 
+import os
 import re
 import sys
-from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Protocol
+from typing import Any, BinaryIO, NamedTuple, Protocol
 
-import numpy as np
-
-from ariac_score.contracts import TopicDescription
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.columns import IntArray, Payloads
 
 __all__ = [
+    "LARGEST_FILE_BYTES",
     "LARGEST_INFLATED_BYTES",
+    "MAX_PEEK_BYTES",
+    "MOST_INFLATION",
     "Batch",
     "Connection",
     "FileScan",
     "Message",
     "Scan",
     "Source",
-    "Survey",
+    "check_announced",
     "checked_stamp",
     "inflate",
+    "inflate_file",
+    "inflate_into",
     "normalised_type",
 ]
 
-LARGEST_INFLATED_BYTES = 1 << 30
+
+def _limit(name: str, default: int) -> int:
+    """A limit that the environment may set."""
+    text = os.environ.get(name, "")
+    if text and not (text.isascii() and text.isdigit()):
+        raise LogError(f"the environment variable {name} is {text!r}", hint="give a whole number")
+    return int(text) if text else default
+
+
+LARGEST_INFLATED_BYTES = _limit("ARIAC_SCORE_LARGEST_CHUNK_BYTES", 1 << 30)
 """A chunk or message that announces more is refused: recorders write some MB."""
 
+LARGEST_FILE_BYTES = _limit("ARIAC_SCORE_LARGEST_FILE_BYTES", 1 << 37)
+"""A compressed file that inflates to more is refused."""
+
+MOST_INFLATION = _limit("ARIAC_SCORE_MOST_INFLATION", 1000)
+"""So many times its size anything may inflate to, once it is large."""
+
+_ALWAYS_ALLOWED_BYTES = 1 << 26
 _BLOCK_BYTES = 1 << 20
+_BUFFER_BYTES = 1 << 14
 _LATEST_NS = 2**63
 _TWO_PART_TYPE = re.compile(r"([A-Za-z]\w*)/([A-Za-z]\w*)", re.ASCII)
 _RE_RECORD = "record the trial again, or take another copy of the file; a score may not rest on part of a log"
@@ -106,7 +126,8 @@ class Scan(Protocol):
     """One recording, read once from start to end.
 
     Iterating yields every declared connection before its first message, and the
-    messages in recorded order, singly or in batches. It raises `LogError` where the recording stops
+    messages in recorded order, singly or in batches. Their bytes hold until the next item
+    is asked for: the memory they lie in is used again. It raises `LogError` where the recording stops
     being readable, and at the end when it turns out not to be whole.
 
     Attributes:
@@ -171,7 +192,7 @@ class Source:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file: BinaryIO = path.open("rb")
+        self._file: BinaryIO = path.open("rb", buffering=_BUFFER_BYTES)
         self.size = path.stat().st_size
         self.offset = 0
 
@@ -203,6 +224,34 @@ class Source:
             raise self.damaged("the file ends early", what=what)
         self.offset += count
         return taken
+
+    def take_into(self, room: memoryview, what: str) -> None:
+        """The next bytes, put where there is room for them.
+
+        Raises:
+            LogError: The file ends before.
+        """
+        self._reserve(len(room), what)
+        if self._file.readinto(room) != len(room):  # type: ignore[attr-defined]  # every file has it
+            raise self.damaged("the file ends early", what=what)
+        self.offset += len(room)
+
+    def read_at(self, offset: int, room: memoryview, what: str) -> None:
+        """Bytes from elsewhere, put where there is room for them, without moving on.
+
+        Raises:
+            LogError: They are not there.
+        """
+        self._file.seek(offset)
+        count = self._file.readinto(room)  # type: ignore[attr-defined]  # every file has it
+        self._file.seek(self.offset)
+        if count != len(room):
+            raise self.damaged("the file ends early", what=what, at=offset)
+
+    def skip(self, count: int) -> None:
+        """Move on over bytes that are there."""
+        self.offset += count
+        self._file.seek(self.offset)
 
     def peek(self, count: int) -> bytes:
         """The next bytes, at most so many, without moving on."""
@@ -246,7 +295,11 @@ class FileScan:
         self.path = path
         self._readable = "byte 0"
         self._source: Source | None = None
-        self._contradictions = 0
+        self._contradictions = self._done = 0
+
+    def _reached(self, offset: int) -> None:
+        """Take note that everything before this byte was readable."""
+        self._done, self._readable = offset, f"byte {offset}"
 
     @property
     def index_contradictions(self) -> int:
@@ -262,7 +315,7 @@ class FileScan:
     def share(self) -> float:
         """The share read, 0 to 1."""
         source = self._source
-        return source.offset / source.size if source and source.size else 0.0
+        return self._done / source.size if source and source.size else 0.0
 
 
 _INFLATERS = {
@@ -283,8 +336,8 @@ def inflate(packed: bytes | memoryview, compression: str, *, size: int | None = 
     Raises:
         ValueError: It cannot be inflated to that size; the message says why.
     """
-    if size is not None and size > LARGEST_INFLATED_BYTES:
-        raise ValueError(f"it announces {size} bytes, more than the {LARGEST_INFLATED_BYTES} allowed")
+    if size is not None:
+        check_announced(size, len(packed))
     if compression in ("", "none"):
         inflated: bytes | memoryview = packed
     elif compression in _INFLATERS:
@@ -294,6 +347,101 @@ def inflate(packed: bytes | memoryview, compression: str, *, size: int | None = 
     if size is not None and len(inflated) != size:
         raise ValueError(f"it holds {len(inflated)} bytes instead of the announced {size}")
     return inflated
+
+
+def check_announced(size: int, packed: int | None = None) -> None:
+    """Make sure that so many bytes may be inflated at all, from so many packed ones.
+
+    Raises:
+        ValueError: They are too many.
+    """
+    if size > LARGEST_INFLATED_BYTES:
+        raise ValueError(f"it announces {size} bytes, more than the {LARGEST_INFLATED_BYTES} allowed")
+    if packed is not None and size > max(_ALWAYS_ALLOWED_BYTES, packed * MOST_INFLATION):
+        raise ValueError(
+            f"it announces {size} bytes in {packed}, more than {MOST_INFLATION} times as many are not allowed"
+        )
+
+
+def inflate_file(packed: Path, into: Path) -> None:
+    """Undo the zstd compression of a whole file, piece by piece.
+
+    Raises:
+        ValueError: It cannot be inflated, or inflates to more than is allowed.
+    """
+    module = import_module(_INFLATERS["zstd"][0])
+    engine, total = module.ZstdDecompressor(), 0
+    most = min(LARGEST_FILE_BYTES, max(_ALWAYS_ALLOWED_BYTES, packed.stat().st_size * MOST_INFLATION))
+    with packed.open("rb") as source, into.open("wb") as target:
+        while not engine.eof:
+            feed = source.read(_BLOCK_BYTES) if engine.needs_input else b""
+            if engine.needs_input and not feed:
+                raise ValueError("its zstd data ends early")
+            try:
+                part = engine.decompress(feed, max_length=_BLOCK_BYTES)
+            except module.ZstdError as error:
+                raise ValueError(f"its zstd data is broken: {error}") from error
+            total += len(part)
+            if total > most:
+                raise ValueError(f"its zstd data inflates to more than {most} bytes")
+            target.write(part)
+        if engine.unused_data or source.read(1):
+            raise ValueError("bytes follow its zstd data")
+
+
+def inflate_into(room: memoryview, packed: bytes | memoryview, compression: str) -> None:
+    """Undo a compression whose announced size is the size of a buffer, into that buffer.
+
+    Raises:
+        ValueError: It cannot be inflated to that size; the message says why.
+    """
+    if compression == "lz4" and _inflate_fast_lz4(room, packed):
+        return
+    room[:] = inflate(packed, compression, size=len(room))
+
+
+def _inflate_fast_lz4(room: memoryview, packed: bytes | memoryview) -> bool:
+    """Inflate one whole lz4 frame where cramjam is installed, which writes in place.
+
+    Whatever is odd is left undone, for the slower way to tell.
+    """
+    cramjam = _cramjam()
+    if cramjam is None or not room or _end_of_lz4(packed) != len(packed):
+        return False
+    try:
+        count: int = cramjam.lz4.decompress_into(packed, room)
+    except cramjam.DecompressionError:
+        return False
+    return count == len(room)
+
+
+@cache
+def _cramjam() -> Any:
+    try:
+        return import_module("cramjam")
+    except ImportError:
+        return None
+
+
+def _end_of_lz4(packed: bytes | memoryview) -> int:
+    """Where a frame of lz4 ends, by the lengths of its blocks; -1 when it is none.
+
+    Source: LZ4 frame format description, version 1.6.
+    """
+    if len(packed) < 7 or packed[:4] != b"\x04\x22\x4d\x18":
+        return -1
+    flags = packed[4]
+    if flags >> 6 != 1 or flags & 0b11:
+        return -1  # of another version, or with a dictionary
+    at = 7 + (8 if flags & 0b1000 else 0)
+    behind_block, behind_frame = (4 if flags & bit else 0 for bit in (0b10000, 0b100))
+    while at + 4 <= len(packed):
+        length = int.from_bytes(packed[at : at + 4], "little") & 0x7FFFFFFF
+        at += 4
+        if not length:
+            return at + behind_frame
+        at += length + behind_block
+    return -1
 
 
 def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:
@@ -322,82 +470,3 @@ def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:
     if engine.unused_data:
         raise ValueError(f"{len(engine.unused_data)} bytes follow its {compression} data")
     return b"".join(parts)
-
-
-@dataclass
-class _Topic:
-    types: set[str] = field(default_factory=set)
-    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
-
-
-class Survey:
-    """Counts what a scan passes by: topics, messages, stamps."""
-
-    def __init__(self) -> None:
-        self._topics: dict[str, _Topic] = {}
-        self.messages = 0
-
-    def declare(self, connection: Connection) -> None:
-        """Take note of a topic, even when no message follows."""
-        self._topics.setdefault(connection.topic, _Topic()).types.add(connection.type)
-
-    def count(self, message: Message) -> None:
-        """Take note of a message of a declared connection."""
-        self.messages += 1
-        self._topics[message.connection.topic].stamps_ns.append(message.stamp_ns)
-
-    def count_many(self, batch: Batch) -> None:
-        """Take note of many messages of declared connections."""
-        self.messages += len(batch)
-        for place, connection in enumerate(batch.connections):
-            stamps_ns = batch.stamps_ns[batch.sources == place]
-            self._topics[connection.topic].stamps_ns.frombytes(stamps_ns.tobytes())
-
-    @property
-    def first_ns(self) -> int | None:
-        """The earliest stamp of all, ns; `None` without messages."""
-        return min((int(s.min()) for s in self._stamps_ns()), default=None)
-
-    @property
-    def last_ns(self) -> int | None:
-        """The latest stamp of all, ns; `None` without messages."""
-        return max((int(s.max()) for s in self._stamps_ns()), default=None)
-
-    def _stamps_ns(self) -> Iterator[IntArray]:
-        """The stamps of every topic that has some."""
-        for topic in self._topics.values():
-            if topic.stamps_ns:
-                yield np.frombuffer(topic.stamps_ns, dtype=np.int64)
-
-    @property
-    def duration_s(self) -> float:
-        """From the earliest to the latest stamp, s; 0 without messages."""
-        return ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
-
-    def topics(self) -> tuple[TopicDescription, ...]:
-        """The topics sorted by name, times relative to the earliest stamp of all."""
-        origin_ns = self.first_ns or 0
-        return tuple(_described(name, self._topics[name], origin_ns) for name in sorted(self._topics))
-
-    def steps_back(self) -> Iterator[tuple[str, int]]:
-        """Each topic on which stamps run backwards, and how often, sorted by topic."""
-        for name in sorted(self._topics):
-            stamps = np.frombuffer(self._topics[name].stamps_ns, dtype=np.int64)
-            steps = int((np.diff(stamps) < 0).sum())
-            if steps:
-                yield name, steps
-
-    def words(self) -> str:
-        """Such as `4 topics, 3012 messages, 0.00 s to 30.10 s`."""
-        counted = f"{len(self._topics)} topics, {self.messages} messages"
-        return f"{counted}, 0.00 s to {self.duration_s:.2f} s" if self.messages else counted
-
-
-def _described(name: str, topic: _Topic, origin_ns: int) -> TopicDescription:
-    type_ = ", ".join(sorted(topic.types))
-    if not topic.stamps_ns:
-        return TopicDescription(name, type_, 0)
-    stamps = np.sort(np.frombuffer(topic.stamps_ns, dtype=np.int64))
-    gap_s = int(np.diff(stamps).max()) / 1e9 if len(stamps) > 1 else None
-    first_s, last_s = ((int(stamp) - origin_ns) / 1e9 for stamp in (stamps[0], stamps[-1]))
-    return TopicDescription(name, type_, len(stamps), first_s, last_s, gap_s)

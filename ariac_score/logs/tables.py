@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ariac_score.logs.columnar import Column, ColumnDecoder
 from ariac_score.logs.columnar.columns import IntArray
 from ariac_score.logs.columnar.plan import PlanError
+from ariac_score.logs.opening import open_scan
 from ariac_score.logs.pending import Pending, Waiting
-from ariac_score.logs.rosbag import open_scan
 from ariac_score.logs.salvage import Batch, Connection
 from ariac_score.logs.types import UnknownTypeError, column_decoder_for
 
@@ -109,12 +109,13 @@ class _Growing:
         return Table(connection.topic, connection.type, stamps_ns, columns, self._defects, self._unreadable)
 
 
-def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None]) -> list[Table]:
+def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None], *, jobs: int = 0) -> list[Table]:
     """Read some fields of some topics.
 
     Args:
         path: The recording.
         wanted: Dotted paths by topic; `None` for all fields of a topic.
+        jobs: Threads that inflate its chunks; 0: as many as there are processors.
 
     Returns:
         A table for each connection on a wanted topic, in the order they were declared.
@@ -123,23 +124,22 @@ def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None]) -> list[
         LogError: The recording is damaged.
     """
     pending, growing = Pending(), dict[Connection, _Growing]()
-    scan = open_scan(path)
+    decoded = set[Connection]()
+    scan = open_scan(path, jobs=jobs, topics=wanted.keys())
     for item in scan:
         if isinstance(item, Connection):
             if item.topic in wanted:
                 growing[item] = _growing(item, wanted[item.topic])
+                if growing[item].decoder is not None:
+                    decoded.add(item)
         elif isinstance(item, Batch):
-            good = np.array([_is_decoded(growing, c) for c in item.connections], dtype=bool)
-            kept = np.flatnonzero(good[item.sources])
-            for some in pending.portions(item, kept):
-                pending.add_many(item, kept[some], kept[some])
-                if pending.full:
-                    _empty(pending, growing, scan.share)
-        elif _is_decoded(growing, item.connection):
+            for waiting in pending.take(item, decoded, 0):
+                _take(waiting, growing, scan.share)
+        elif item.connection in decoded:
             pending.add(item, 0)
             if pending.full:
-                _empty(pending, growing, scan.share)
-    _empty(pending, growing, 1.0)
+                _take(pending.empty(), growing, scan.share)
+    _take(pending.empty(), growing, 1.0)
     return [found.table(connection) for connection, found in growing.items()]
 
 
@@ -150,10 +150,8 @@ def _growing(connection: Connection, fields: Iterable[str] | None) -> _Growing:
         return _Growing(None, str(error))
 
 
-def _is_decoded(growing: Mapping[Connection, _Growing], connection: Connection) -> bool:
-    return connection in growing and growing[connection].decoder is not None
-
-
-def _empty(pending: Pending, growing: Mapping[Connection, _Growing], share: float) -> None:
-    for connection, waiting in pending.empty().items():
-        growing[connection].take(waiting, share)
+def _take(
+    waiting: Mapping[Connection, Waiting], growing: Mapping[Connection, _Growing], share: float
+) -> None:
+    for connection, messages in waiting.items():
+        growing[connection].take(messages, share)

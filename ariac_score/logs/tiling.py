@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ariac_score.logs.columnar.columns import Bytes, IntArray
 
-__all__ = ["gaps_between", "words_at"]
+__all__ = ["check_not_crossed", "gaps_between", "records_at"]
 
 
-def words_at(buffer: Bytes, places: IntArray, dtype: str) -> IntArray:
-    """Little-endian numbers at some places of a buffer, in which they must lie.
+def records_at(buffer: Bytes, places: IntArray, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """What records of one form hold at some places of a buffer, in which they must lie.
 
     Raises:
-        ValueError: A place is outside, or a number is beyond 63 bits.
+        ValueError: A place is outside.
     """
-    size = np.dtype(dtype).itemsize
     if not len(places):
-        return np.zeros(0, dtype=np.int64)
-    if int(places.min()) < 0 or int(places.max()) + size > len(buffer):
-        raise ValueError("a number lies outside")
-    windows = np.ndarray((len(buffer) - size + 1,), f"V{size}", buffer.data, strides=(1,))
-    found = windows[places].view(f"<{dtype}")
-    if dtype == "u8" and int(found.max()) >= 1 << 63:
-        raise ValueError("a number is beyond 63 bits")
-    return found.astype(np.int64)
+        return np.zeros(0, dtype=dtype)
+    if int(places.min()) < 0 or int(places.max()) + dtype.itemsize > len(buffer):
+        raise ValueError("a record lies outside")
+    windows = np.ndarray((len(buffer) - dtype.itemsize + 1,), f"V{dtype.itemsize}", buffer.data, strides=(1,))
+    return windows[places].view(dtype)
 
 
 def gaps_between(starts: IntArray, ends: IntArray, size: int) -> Iterator[tuple[int, int, int, int]]:
@@ -52,3 +50,19 @@ def gaps_between(starts: IntArray, ends: IntArray, size: int) -> Iterator[tuple[
         breaks.insert(0, 0)
     for at, following in zip(breaks, [*breaks[1:], len(starts)], strict=True):
         yield int(before[at]), int(after[at]), at, following
+
+
+def check_not_crossed(starts: IntArray, ends: IntArray, bounds: IntArray) -> None:
+    """Make sure that no record lies on both sides of a bound.
+
+    Args:
+        starts: Where the records start, increasing, shape (n,).
+        ends: Where they end, shape (n,).
+        bounds: Where nothing may go on, shape (k,).
+
+    Raises:
+        ValueError: One does.
+    """
+    before = np.searchsorted(starts, bounds) - 1
+    if (ends[before[before >= 0]] > bounds[before >= 0]).any():
+        raise ValueError("a message goes on behind the end of its chunk")

@@ -193,7 +193,7 @@ class TransformTree:
             )
             return
         name = "::".join((body.id, *body.links))
-        builder.add_signal(f"position/{name}", "m", t, positions)
+        builder.add_signal(f"position/{name}", "m", t, positions, source="tf frames")
 
     def _positions(
         self, builder: TrialBuilder, origin_ns: int, chain: Sequence[str]
@@ -396,5 +396,5 @@ class ModelPoses:
                 subject = "::".join((track.body.id, *track.body.links))
                 t = times_s(track.stamps_ns, origin_ns)
                 rows = np.frombuffer(track.rows, dtype=np.float64).reshape(-1, 6)
-                builder.add_signal(f"position/{subject}", "m", t, rows[:, :3])
-                builder.add_signal(f"velocity/{subject}", "m/s", t, rows[:, 3:])
+                builder.add_signal(f"position/{subject}", "m", t, rows[:, :3], source="model states")
+                builder.add_signal(f"velocity/{subject}", "m/s", t, rows[:, 3:], source="model states")

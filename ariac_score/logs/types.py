@@ -13,6 +13,7 @@ from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Literal
 
+from ariac_score.logs.definitions import FieldDefinitions, parsed_definitions
 from ariac_score.logs.salvage import Connection
 
 if TYPE_CHECKING:
@@ -123,9 +124,51 @@ def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = No
         PlanError: Its messages can be decoded one by one only.
     """
     from ariac_score.logs.columnar import ColumnDecoder  # noqa: PLC0415  # describing needs none
+    from ariac_score.logs.columnar.plan import PlanError  # noqa: PLC0415
 
-    store = _store_of(connection)
-    return ColumnDecoder(store, connection.type, cdr=connection.encoding == "cdr", wanted=wanted)
+    paths = None if wanted is None else tuple(wanted)
+    cdr = connection.encoding == "cdr"
+    light = _light_store_of(connection)
+    if light is not None:
+        try:
+            return ColumnDecoder(light, connection.type, cdr=cdr, wanted=paths)
+        except PlanError:
+            pass  # rosbags may say it better
+    return ColumnDecoder(_store_of(connection), connection.type, cdr=cdr, wanted=paths)
+
+
+class _LightStore:
+    """What is needed of a type store to decode columns; rosbags is loaded when a message needs it."""
+
+    def __init__(self, connection: Connection, fielddefs: FieldDefinitions) -> None:
+        self._connection = connection
+        self.fielddefs = fielddefs
+        self.max_sequence_length = _LONGEST_SEQUENCE
+
+    def deserialize_cdr(self, rawdata: bytes, typename: str) -> object:
+        """One message."""
+        return self._store().deserialize_cdr(rawdata, typename)
+
+    def deserialize_ros1(self, rawdata: bytes, typename: str) -> object:
+        """One message."""
+        return self._store().deserialize_ros1(rawdata, typename)
+
+    def _store(self) -> Typestore:
+        try:
+            return _store_of(self._connection)
+        except UnknownTypeError as error:
+            raise ValueError(str(error)) from error
+
+
+def _light_store_of(connection: Connection) -> _LightStore | None:
+    """What is known of a connection's types without rosbags; `None` when rosbags must be asked."""
+    known = {"cdr": ("ros2msg",), "ros1": ("ros1msg",)}.get(connection.encoding, ())
+    if connection.definition_format not in known or not connection.definition:
+        return None
+    if not _TYPE_NAME.fullmatch(connection.type):
+        return None
+    found = parsed_definitions(connection.definition, connection.type)
+    return _LightStore(connection, found) if found else None
 
 
 def _store_of(connection: Connection) -> Typestore:

@@ -152,7 +152,7 @@ class Oracle:
                     continue
                 thread = threading.Thread(target=self._attend, args=(client,), daemon=True)
                 self._threads.add(thread)
-            thread.start()
+                thread.start()
 
     def stop(self) -> None:
         """Take no more connections, end those that are open, and complete their logs."""
@@ -214,7 +214,11 @@ class Oracle:
                 return None
             number = len(self.conversations) + 1
             log = self._folder / f"connection_{number:03}.jsonl"
-            conversation = Conversation(self._bench.judge(), log)
+            try:
+                conversation = Conversation(self._bench.judge(), log)
+            except OSError:  # what it says could not be kept
+                self.refused += 1
+                return None
             self.conversations.append(conversation)
             self._open.add(conversation)
         return conversation

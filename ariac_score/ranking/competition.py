@@ -36,12 +36,21 @@ _TRIAL_CONFIGS = ("trials/{trial}.yaml", "trial_config/{trial}.yaml")
 
 @dataclass(frozen=True)
 class Team:
-    """A team: its id in paths, its name for people, its sensor configuration, the judges' marks."""
+    """A team.
+
+    Attributes:
+        id: As in paths.
+        name: For people.
+        config: Its sensor configuration.
+        judges: For each judge the marks given.
+        disqualified: Why it has no rank; empty when it has not been disqualified.
+    """
 
     id: str
     name: str
     config: Path | None = None
     judges: tuple[tuple[float, ...], ...] = ()
+    disqualified: str = ""
 
 
 @dataclass(frozen=True)
@@ -85,6 +94,7 @@ class Competition:
         ranking: What differs from the ranking of the rule set.
         sha256: Hash of the file; empty for the official folders.
         logs: Folder of the teams' folders, where runs lie as `<team>/<trial>_<n>`.
+        adjustments: What the stewards decided, where the file names it.
     """
 
     id: str
@@ -100,14 +110,16 @@ class Competition:
     ranking: Mapping[str, Any] = field(default_factory=dict)
     sha256: str = ""
     logs: Path | None = None
+    adjustments: Path | None = None
 
 
-def load_competition(path: Path, rules: str = "") -> Competition:
+def load_competition(path: Path, rules: str = "", *, may_be_empty: bool = False) -> Competition:
     """Read a competition.
 
     Args:
         path: A `competition.yaml`, a folder with one, or a folder with the official layout.
         rules: Rule set to use instead of the one it names.
+        may_be_empty: Whether one without any team, trial or run is fine.
 
     Raises:
         NothingToScoreError: There is no competition at the path, or it has no team or trial.
@@ -122,7 +134,8 @@ def load_competition(path: Path, rules: str = "") -> Competition:
             file=path,
             hint="name a rule set with --rules, or in competition.yaml",
         )
-    if not competition.teams or not competition.trials or not (competition.runs or competition.refused):
+    whole = competition.teams and competition.trials and (competition.runs or competition.refused)
+    if not whole and not may_be_empty:
         missing = "team" if not competition.teams else "trial" if not competition.trials else "run"
         raise NothingToScoreError(
             f"the competition has no {missing}; {_seen(competition)}",
@@ -180,6 +193,9 @@ def _from_file(file: Path, rules: str) -> Competition:
         ranking=data.get("ranking", {}),
         sha256=document.sha256,
         logs=_logs_folder(root, data["runs"]),
+        adjustments=_existing(document, root, data["adjustments"], ("adjustments",))
+        if "adjustments" in data
+        else None,
     )
 
 
@@ -211,7 +227,7 @@ def _team(document: YamlDocument, root: Path, number: int, entry: Mapping[str, A
     if "config" in entry:
         config = _existing(document, root, entry["config"], ("teams", number, "config"))
     marks = tuple(tuple(float(mark) for mark in judge) for judge in entry.get("judges", []))
-    return Team(entry["id"], entry.get("name", entry["id"]), config, marks)
+    return Team(entry["id"], entry.get("name", entry["id"]), config, marks, entry.get("disqualified", ""))
 
 
 def _plain_team(document: YamlDocument, root: Path, name: str) -> Team:

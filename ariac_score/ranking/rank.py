@@ -3,7 +3,9 @@
 For each team and trial the best runs are kept; where the rules compare teams, the kept
 runs make the cohort and are priced with it; their mean is the score of the trial, the
 sum over trials the execution of the team. A run that cannot be read or decided costs
-its own team that run, by name and reason, and nobody else anything.
+its own team that run, by name and reason, and nobody else anything. What has no score
+counts 0, or what the worst run kept in that trial got where that is worse: a run that was
+not made, or that crashed, never puts its team ahead of one that drove.
 """
 
 from __future__ import annotations
@@ -11,25 +13,41 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_HALF_EVEN, Decimal
+from typing import Any
 
 from ariac_score.cohort import Cohort, contributed, make_cohort
 from ariac_score.engine import reprice
 from ariac_score.errors import FormulaError, RunEndedError, ScoreError
 from ariac_score.expression import Expression, Number, add_up
 from ariac_score.ranking.competition import Competition, RunKey, Team
-from ariac_score.ranking.spec import Spec
+from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
 from ariac_score.result import Result
 from ariac_score.ruleset import RuleSet
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import Contributed
+from ariac_score.scoring.steward import Adjustment
 
-__all__ = ["OUTCOMES", "Cell", "Ranking", "RunOutcome", "Standing", "rank_results"]
+__all__ = [
+    "OUTCOMES",
+    "Cell",
+    "Ranking",
+    "RunOutcome",
+    "Standing",
+    "Stewarded",
+    "cell_digits",
+    "final_ranking",
+    "is_scored",
+    "merit",
+    "rank_again",
+    "rank_results",
+]
 
 OUTCOMES: Mapping[str, str] = {
     "scored": "it has a score",
     "crashed": "the simulator died and wrote no score: 0",
     "cancelled": "the run was cancelled and has no score: 0",
     "aborted": "the run ended before all orders were in; its score stands",
+    "disqualified": "the stewards disqualified it: 0",
     "undecided": "something the score depends on is undecided: not counted",
     "unreadable": "the log cannot be read as one trial: not counted",
     "no_value": "the rules have no value for it, such as a division by 0: not counted",
@@ -37,7 +55,7 @@ OUTCOMES: Mapping[str, str] = {
     "no_run": "there is no run",
 }
 """How a run, or a team's trial, can end."""
-_AS_ZERO = ("crashed", "cancelled")
+_AS_ZERO = ("crashed", "cancelled", "disqualified")
 
 
 @dataclass(frozen=True)
@@ -79,7 +97,7 @@ class Cell:
     """What one trial brings one team.
 
     Attributes:
-        score: Mean of the runs kept; 0 when there are none.
+        score: Mean of the runs kept; without any 0, or the worst of the trial.
         outcome: `scored`, or why it is 0: one of `OUTCOMES`.
         reason: In words.
         runs: Numbers of the runs that count.
@@ -108,6 +126,10 @@ class Standing:
         ties: The values that separate teams of equal value, by name.
         cells: By trial.
         remarks: What a reader of the ranking must know about this team.
+        places: How many trials it won, in how many it came second, and so on.
+        separated_by: What puts it behind the team before it: `value`, or one of the ties;
+            empty for the first, for one that shares its rank, and for one without any.
+        disqualified: Why it has no rank, where it was disqualified.
     """
 
     rank: int | None
@@ -119,6 +141,9 @@ class Standing:
     ties: Mapping[str, float | None]
     cells: Mapping[str, Cell]
     remarks: tuple[str, ...] = ()
+    places: tuple[int, ...] = ()
+    separated_by: str = ""
+    disqualified: str = ""
 
 
 @dataclass(frozen=True)
@@ -134,6 +159,8 @@ class Ranking:
         runs: Every run, sorted by team, trial and number.
         cohort: The values across teams; `None` when the rules compare none.
         strangers: What lies among the runs and belongs to nobody.
+        worst: By trial what counts where there is no score: 0, or the worst run kept.
+        stewarded: What the stewards made of it; all the rest is the automatic ranking.
     """
 
     competition: str
@@ -144,6 +171,23 @@ class Ranking:
     runs: tuple[RunOutcome, ...]
     cohort: Cohort | None
     strangers: tuple[str, ...] = ()
+    worst: Mapping[str, Decimal] = field(default_factory=dict)
+    stewarded: Stewarded | None = None
+
+
+@dataclass(frozen=True)
+class Stewarded:
+    """A ranking after the decisions of stewards.
+
+    Attributes:
+        ranking: The adjusted ranking.
+        adjustments: The decisions, in the order of their file.
+        sha256: Of the file.
+    """
+
+    ranking: Ranking
+    adjustments: tuple[Adjustment, ...]
+    sha256: str
 
 
 def rank_results(
@@ -165,9 +209,56 @@ def rank_results(
     outcomes = [
         _priced(run, kept, rule_set, cohort, pools) for run in sorted(outcomes, key=lambda run: run.key)
     ]
+    return _ranking(competition, spec, rule_set, outcomes, cohort)
+
+
+def final_ranking(ranking: Ranking) -> Ranking:
+    """The ranking that counts: the adjusted one, where stewards decided something."""
+    return ranking.stewarded.ranking if ranking.stewarded else ranking
+
+
+def rank_again(
+    competition: Competition,
+    spec: Spec,
+    rule_set: RuleSet,
+    ranking: Ranking,
+    changed: Mapping[RunKey, RunOutcome],
+) -> Ranking:
+    """The ranking with other outcomes of some runs; the values across teams stay as they are.
+
+    Args:
+        competition: As for `ranking`.
+        spec: As for `ranking`.
+        rule_set: As for `ranking`.
+        ranking: An automatic ranking.
+        changed: The outcomes that differ.
+    """
+    outcomes = [changed.get(run.key, run) for run in ranking.runs]
+    # Runs are chosen by what was known of them before other teams and runs were looked at.
+    later = rule_set.sheet.needs_cohort or bool(rule_set.sheet.pooled)
+    known = [replace(run, score=None) if later and run.task is not None else run for run in outcomes]
+    kept = {run.key for best in _kept(known, spec).values() for run in best}
+    counting = ("scored", "aborted", *_AS_ZERO)
+    outcomes = [replace(run, kept=run.key in kept and run.outcome in counting) for run in outcomes]
+    return _ranking(competition, spec, rule_set, outcomes, ranking.cohort)
+
+
+def _ranking(
+    competition: Competition,
+    spec: Spec,
+    rule_set: RuleSet,
+    outcomes: Sequence[RunOutcome],
+    cohort: Cohort | None,
+) -> Ranking:
+    """The ranking that priced runs make."""
+    worst = _worst(competition, outcomes, spec)
+    outcomes = [_at_worst(run, worst[run.trial]) if run.trial in worst else run for run in outcomes]
+    groups: dict[tuple[str, str], list[RunOutcome]] = {}
+    for run in outcomes:
+        groups.setdefault((run.team, run.trial), []).append(run)
     cells = {
         (team.id, trial.id): _cell(
-            [run for run in outcomes if (run.team, run.trial) == (team.id, trial.id)], spec, rule_set.digits
+            groups.get((team.id, trial.id), []), spec, rule_set.digits, worst[trial.id]
         )
         for team in competition.teams
         for trial in competition.trials
@@ -181,6 +272,7 @@ def rank_results(
         runs=tuple(outcomes),
         cohort=cohort,
         strangers=competition.strangers,
+        worst=worst,
     )
 
 
@@ -244,14 +336,15 @@ def _kept(outcomes: Sequence[RunOutcome], spec: Spec) -> dict[tuple[str, str], t
         if run.task is not None or run.score is not None:
             groups.setdefault((run.team, run.trial), []).append(run)
     return {
-        key: tuple(sorted(runs, key=lambda run: (_sort_key(run, spec), run.number))[: spec.keep])
+        key: tuple(sorted(runs, key=lambda run: merit(run, spec))[: spec.keep])
         for key, runs in groups.items()
     }
 
 
-def _sort_key(run: RunOutcome, spec: Spec) -> list[tuple[int, float | Decimal]]:
+def merit(run: RunOutcome, spec: Spec) -> tuple[bool, list[tuple[int, float | Decimal]], int]:
+    """What runs of a team and trial are sorted by, the best first; one without a score of its own last."""
     own: Mapping[str, float | Decimal | None] = {"task": run.task, "score": run.score, **run.terms}
-    return [key.sortable(own.get(key.name)) for key in spec.by]
+    return run.outcome in _AS_ZERO, [key.sortable(own.get(key.name)) for key in spec.by], run.number
 
 
 def _cohort(
@@ -261,8 +354,9 @@ def _cohort(
 ) -> Cohort:
     """The means over the best run of each team that has one, in the order of the teams."""
     trials: dict[str, list[Contributed]] = {}
+    counting = [team for team in competition.teams if not team.disqualified] or competition.teams
     for trial in competition.trials:
-        best = [kept.get((team.id, trial.id), ())[:1] for team in competition.teams]
+        best = [kept.get((team.id, trial.id), ())[:1] for team in counting]
         trials[trial.id] = [_brought(run, rule_set) for runs in best for run in runs]
     return make_cohort(rule_set, trials)
 
@@ -330,19 +424,48 @@ def _priced(
     return replace(run, score=result.score, result=result, kept=counts)
 
 
-def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int) -> Cell:
+def _worst(competition: Competition, outcomes: Sequence[RunOutcome], spec: Spec) -> dict[str, Decimal]:
+    """For each trial what counts where there is no score: 0, or the worst run kept where that is worse."""
+    out = {team.id for team in competition.teams if team.disqualified}
+    scores: dict[str, list[Decimal]] = {trial.id: [Decimal(0)] for trial in competition.trials}
+    for run in outcomes:
+        known = run.kept and run.score is not None and run.outcome not in _AS_ZERO
+        if known and run.trial in scores and run.team not in out:
+            assert run.score is not None  # just asked
+            scores[run.trial].append(run.score)
+    return {trial: (min if spec.more_is_better else max)(found) for trial, found in scores.items()}
+
+
+_COUNTS = "; it counts "
+
+
+def _at_worst(run: RunOutcome, worst: Decimal) -> RunOutcome:
+    if run.outcome not in _AS_ZERO or not worst:
+        return run
+    reason = run.reason.partition(_COUNTS)[0]
+    return replace(run, score=worst, reason=f"{reason}{_COUNTS}{worst:f}, the worst of the trial")
+
+
+def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int, worst: Decimal) -> Cell:
     kept = [run for run in runs if run.kept and run.score is not None]
     if not kept:
         why = next((run for run in runs if run.outcome not in ("scored", "aborted")), None)
         outcome, reason = (why.outcome, why.reason) if why else ("no_run", OUTCOMES["no_run"])
-        return Cell(Decimal(0), outcome, reason, (), len(runs))
+        counts = f"{_COUNTS}{worst:f}, the worst of the trial" if worst and _COUNTS not in reason else ""
+        return Cell(worst, outcome, f"{reason}{counts}", (), len(runs))
     total = sum((run.score for run in kept if run.score is not None), Decimal(0))
+    if spec.fill:
+        total += worst * (spec.keep - len(kept))
     mean = total / (spec.keep if spec.fill else len(kept))
-    decimals = digits if spec.keep == 1 else max(digits, 9)
-    score = mean.quantize(Decimal(1).scaleb(-decimals), rounding=ROUND_HALF_EVEN)
+    score = mean.quantize(Decimal(1).scaleb(-cell_digits(spec, digits)), rounding=ROUND_HALF_EVEN)
     zeros = [run for run in kept if run.outcome in _AS_ZERO]
     outcome, reason = (zeros[0].outcome, zeros[0].reason) if len(zeros) == len(kept) else ("scored", "")
     return Cell(score, outcome, reason, tuple(sorted(run.number for run in kept)), len(runs))
+
+
+def cell_digits(spec: Spec, digits: int) -> int:
+    """Decimal digits of what a trial brings a team: those of a run, or more for a mean."""
+    return digits if spec.keep == 1 else max(digits, 9)
 
 
 # Teams ---------------------------------------------------------------------------------
@@ -365,21 +488,44 @@ def _standings(
         }
         for team in competition.teams
     ]
+    counting = [number for number, team in enumerate(competition.teams) if not team.disqualified]
+    values = dict(zip(counting, spec.values([totals[number] for number in counting]), strict=True))
+    won = _places([own[competition.teams[number].id] for number in counting], spec)
+    ties = [key.name for key in spec.ties if key.name != COUNT_BACK]
     found = [
         Standing(
             None,
             team.id,
             team.name,
-            value,
+            values.get(number),
             total["execution"] or Decimal(0),
             total["judges"],
-            {key.name: _tie(key.name, team.id, total, outcomes) for key in spec.ties},
+            {name: _tie(name, team.id, total, outcomes) for name in ties},
             own[team.id],
-            _remarks(own[team.id], value, _missing_marks(team, competition.teams)),
+            _remarks(own[team.id], values.get(number), _missing_marks(team, competition.teams), team),
+            won[counting.index(number)] if number in values else (),
+            disqualified=team.disqualified,
         )
-        for team, total, value in zip(competition.teams, totals, spec.values(totals), strict=True)
+        for number, (team, total) in enumerate(zip(competition.teams, totals, strict=True))
     ]
     return _ranked(found, spec)
+
+
+def _places(teams: Sequence[Mapping[str, Cell]], spec: Spec) -> list[tuple[int, ...]]:
+    """For each team how many trials it won, in how many it came second, and so on; equal ones share."""
+    counts = [[0] * len(teams) for _ in teams]
+    for trial in teams[0] if teams else ():
+        scored = [cells[trial].score for cells in teams if is_scored(cells[trial])]
+        for own, cells in zip(counts, teams, strict=True):
+            score = cells[trial].score
+            if is_scored(cells[trial]):
+                own[sum(1 for s in scored if (s > score if spec.more_is_better else s < score))] += 1
+    return [tuple(own) for own in counts]
+
+
+def is_scored(cell: Cell) -> bool:
+    """Whether a team has a run of its own that counts in this trial."""
+    return cell.outcome == "scored"
 
 
 def _judges(team: Team, spec: Spec) -> Decimal | None:
@@ -411,11 +557,15 @@ def _missing_marks(team: Team, teams: Sequence[Team]) -> str:
     return f"marks of {len(team.judges)} judges, {own} in all; others have {judges} and {marks}"
 
 
-def _remarks(cells: Mapping[str, Cell], value: Number | None, missing_marks: str) -> tuple[str, ...]:
+def _remarks(
+    cells: Mapping[str, Cell], value: Number | None, missing_marks: str, team: Team
+) -> tuple[str, ...]:
     remarks = [
         f"{trial}: {cell.outcome}: {cell.reason}" for trial, cell in cells.items() if cell.outcome != "scored"
     ]
-    if value is None:
+    if team.disqualified:
+        remarks.append(f"disqualified: {team.disqualified}")
+    elif value is None:
         remarks.append("no value: the judges' marks are missing")
     elif missing_marks:
         remarks.append(missing_marks)
@@ -425,15 +575,27 @@ def _remarks(cells: Mapping[str, Cell], value: Number | None, missing_marks: str
 def _ranked(found: Sequence[Standing], spec: Spec) -> tuple[Standing, ...]:
     """Best first; teams that nothing separates share a rank, and the next rank counts them all."""
 
-    def place(standing: Standing) -> list[tuple[int, float | Decimal]]:
+    def place(standing: Standing) -> list[Any]:
         value = standing.value
         first = (1, 0.0) if value is None else (0, -value if spec.highest else value)
-        return [first, *(key.sortable(standing.ties[key.name]) for key in spec.ties)]
+        return [first, *(_tie_key(key, standing) for key in spec.ties)]
 
-    ordered = sorted(found, key=place)
+    ordered = sorted(found, key=lambda standing: (bool(standing.disqualified), place(standing)))
+    names = ["value", *(key.name for key in spec.ties)]
     ranked: list[Standing] = []
     for position, standing in enumerate(ordered, start=1):
-        same = bool(ranked) and place(ranked[-1]) == place(standing)
-        rank = None if standing.value is None else ranked[-1].rank if same else position
-        ranked.append(replace(standing, rank=rank))
+        pairs = zip(names, place(ranked[-1]), place(standing), strict=True) if ranked else ()
+        differ = [name for name, before, own in pairs if before != own]
+        if standing.value is None:
+            ranked.append(standing)
+        elif ranked and not differ:
+            ranked.append(replace(standing, rank=ranked[-1].rank))
+        else:
+            ranked.append(replace(standing, rank=position, separated_by=differ[0] if differ else ""))
     return tuple(ranked)
+
+
+def _tie_key(key: Key, standing: Standing) -> Any:
+    if key.name == COUNT_BACK:
+        return tuple(-count for count in standing.places)
+    return key.sortable(standing.ties[key.name])

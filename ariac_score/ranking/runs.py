@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from ariac_score.contracts import Wanted
@@ -17,7 +18,7 @@ from ariac_score.result_json import load_result
 from ariac_score.ruleset import RuleSet
 from ariac_score.trial.channels import LogMap
 
-__all__ = ["score_runs", "strict_evaluation"]
+__all__ = ["score_runs", "strict_evaluation", "without_sketch"]
 
 MAX_TEXT_BYTES = 4_000_000
 """An official text is a few kilobytes."""
@@ -35,6 +36,7 @@ def score_runs(
     *,
     registry: Registry | None = None,
     progress: Progress = _silent,
+    sketches: bool = False,
 ) -> dict[RunKey, Result | ScoreError]:
     """Each run's result, or why there is none.
 
@@ -45,19 +47,42 @@ def score_runs(
         rule_set: By which they are scored.
         registry: The installed plugins.
         progress: Called before each run with how many are done.
+        sketches: Keep what pages draw; of a season that is most of the memory, and nothing is
+            priced by it.
+
+    Raises:
+        ResultError: Stored results were made under different rule sets: what one of them
+            looked at, another may not have.
     """
     registry = registry or Registry()
     configs = {("team", team.id): team.config for team in competition.teams} | {
         ("trial", trial.id): trial.config for trial in competition.trials
     }
     results: dict[RunKey, Result | ScoreError] = {}
+    made_under: dict[tuple[str, str], Run] = {}
     for done, run in enumerate(competition.runs):
         progress(done, run)
         also = [c for c in (configs.get(("trial", run.trial)), configs.get(("team", run.team))) if c]
         try:
-            results[run.key] = _scored(run, rule_set, registry, competition.root, also)
+            if _is_stored(run):
+                stored = _stored(run)
+                made_under.setdefault(stored.provenance.rule_set, run)
+                result = reprice(stored, rule_set)
+            else:
+                made_under.setdefault((rule_set.id, rule_set.sha256), run)
+                result = score_trial(
+                    run.path,
+                    rule_set,
+                    registry=registry,
+                    also=also,
+                    root=competition.root,
+                    trial_id=run.trial,
+                    team=run.team,
+                )
+            results[run.key] = result if sketches else without_sketch(result)
         except ScoreError as error:
             results[run.key] = _within(error, competition.root)
+        _refuse_different_rules(made_under)
     return results
 
 
@@ -69,19 +94,47 @@ def _within(error: ScoreError, root: Path) -> ScoreError:
     return error
 
 
-def _scored(run: Run, rule_set: RuleSet, registry: Registry, root: Path, also: list[Path]) -> Result:
-    if run.path.suffix == ".json" and run.path.is_file():
-        stored = load_result(run.path)
-        if stored.measured.trial != run.trial or stored.measured.team not in ("", run.team):
-            raise ResultError(
-                f"it is of {stored.measured.team or 'no team'}, trial {stored.measured.trial}",
-                file=run.path,
-                hint="name stored results as the runs they are of",
-            )
-        return reprice(stored, rule_set)
-    return score_trial(
-        run.path, rule_set, registry=registry, also=also, root=root, trial_id=run.trial, team=run.team
+def without_sketch(result: Result) -> Result:
+    """A result without what pages draw."""
+    return replace(result, measured=replace(result.measured, sketch=None))
+
+
+def _is_stored(run: Run) -> bool:
+    return run.path.suffix == ".json" and run.path.is_file()
+
+
+def _stored(run: Run) -> Result:
+    stored = load_result(run.path)
+    if stored.adjusted is not None:
+        raise ResultError(
+            "it is adjusted by stewards already",
+            file=run.path,
+            hint="rank the automatic results, and give the decisions with --adjustments",
+        )
+    if stored.measured.trial != run.trial or stored.measured.team not in ("", run.team):
+        raise ResultError(
+            f"it is of {stored.measured.team or 'no team'}, trial {stored.measured.trial}",
+            file=run.path,
+            hint="name stored results as the runs they are of",
+        )
+    return stored
+
+
+def _refuse_different_rules(made_under: Mapping[tuple[str, str], Run]) -> None:
+    """Results of different rule sets are never ranked together."""
+    if len(made_under) < 2:
+        return
+    (first, run), (other, stranger) = list(made_under.items())[:2]
+    raise ResultError(
+        f"it was made under {_rules_told(other)}, and {run.path.name} of {run.team} "
+        f"under {_rules_told(first)}",
+        file=stranger.path,
+        hint="results of different rule sets are not ranked together: score all runs under one",
     )
+
+
+def _rules_told(rules: tuple[str, str]) -> str:
+    return f"{rules[0]} (SHA-256 {rules[1][:12]}…)"
 
 
 def strict_evaluation(competition: Competition, log_map: LogMap) -> Evaluation:

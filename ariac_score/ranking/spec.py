@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ariac_score.datafiles import schema_errors
 from ariac_score.errors import DataFileError, FormulaError, RuleSetError, did_you_mean
 from ariac_score.expression import Expression, Number, Traced
 from ariac_score.ruleset import RuleSet
 
-__all__ = ["Key", "Spec", "ranking_spec"]
+__all__ = ["COUNT_BACK", "Intervals", "Key", "Spec", "places", "ranking_spec"]
 
 TEAM_NAMES = ("execution", "judges")
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+COUNT_BACK = "count_back"
+"""The tie-break by places: more trials won, then more second places, and so on."""
 _FUNCTIONS = ("rank", "share")
 
 
@@ -24,7 +31,7 @@ class Key:
     """One thing runs or teams are compared by.
 
     Attributes:
-        name: `score`, `task`, `execution`, `judges`, or a term of the trial.
+        name: `score`, `task`, `execution`, `judges`, a term of the trial, or `count_back`.
         highest: Whether more is better.
     """
 
@@ -37,18 +44,36 @@ class Key:
 
 
 @dataclass(frozen=True)
+class Intervals:
+    """How the uncertainty of ranks is estimated.
+
+    Attributes:
+        resample: What is drawn anew: `trials_and_runs`, `trials` (each with its runs), or `runs`.
+        draws: How many competitions are drawn.
+        seed: Of the random numbers.
+        level: How often intervals and groups are to hold.
+    """
+
+    resample: str = "trials_and_runs"
+    draws: int = 10_000
+    seed: int = 1
+    level: float = 0.95
+
+
+@dataclass(frozen=True)
 class Spec:
     """How runs become a ranking.
 
     Attributes:
         keep: How many runs of a trial count.
         by: What makes a run better.
-        fill: Whether a run that was not made counts as 0.
+        fill: Whether a run that was not made counts, as 0 or the worst one kept.
         judges: `sum` or `mean` of the judges' marks.
         value: What teams are ranked by.
         highest: Whether the highest value comes first.
         ties: What separates teams of equal value.
         strict: The organisers' own program that is reproduced beside; empty for none.
+        intervals: How the uncertainty of ranks is estimated.
     """
 
     keep: int
@@ -59,12 +84,24 @@ class Spec:
     highest: bool
     ties: tuple[Key, ...]
     strict: str = ""
+    intervals: Intervals = field(default_factory=Intervals)
 
     @property
     def terms(self) -> tuple[str, ...]:
         """The terms of the trial that runs or teams are compared by."""
         names = [key.name for key in (*self.by, *self.ties)]
-        return tuple(dict.fromkeys(n for n in names if n not in ("score", "task", *TEAM_NAMES)))
+        return tuple(dict.fromkeys(n for n in names if n not in ("score", "task", COUNT_BACK, *TEAM_NAMES)))
+
+    @property
+    def more_is_better(self) -> bool:
+        """Whether points are good: of two teams equal otherwise, whether the one with more comes first."""
+        try:
+            one, two = self.values([{"execution": Decimal(n), "judges": Decimal(1)} for n in (1, 2)])
+        except FormulaError:  # not even then it has a value
+            return self.highest
+        assert one is not None  # both have all that a value can ask for
+        assert two is not None
+        return one == two or (two > one) == self.highest
 
     def values(self, teams: Sequence[Mapping[str, Decimal | None]]) -> list[Number | None]:
         """The value of each team; `None` where it needs marks that were not given.
@@ -80,6 +117,74 @@ class Spec:
             else:
                 values.append(self.value.evaluate(_Team(team, teams)).value)
         return values
+
+    def columns(self, execution: FloatArray, judges: FloatArray | None) -> FloatArray:
+        """The value of each team in each of many competitions, as `values` has it for one.
+
+        Args:
+            execution: Shape (teams, competitions).
+            judges: Shape (teams,), where the value needs it.
+
+        Raises:
+            FormulaError: The value cannot be had in one of them, such as by a division by zero.
+        """
+        given = {"execution": execution}
+        if judges is not None:
+            given["judges"] = np.repeat(judges[:, None], execution.shape[1], axis=1)
+        names: dict[str, FloatArray] = dict(given)
+        root = _CallsAsNames(given, names).visit(ast.parse(self.value.source, mode="eval"))
+        formula = Expression.parse(ast.unparse(root), where=self.value.where)
+        return formula.columns({name: column.ravel() for name, column in names.items()}).reshape(
+            execution.shape
+        )
+
+
+class _CallsAsNames(ast.NodeTransformer):
+    """Calls of `rank` and `share` replaced by names of the columns they come to."""
+
+    def __init__(self, given: Mapping[str, FloatArray], names: dict[str, FloatArray]) -> None:
+        self.given, self.names = given, names
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:  # the name ast asks for
+        """`rank(execution)` becomes the name `rank_of_execution`."""
+        self.generic_visit(node)
+        if not isinstance(node.func, ast.Name) or node.func.id not in _FUNCTIONS:
+            return node
+        assert isinstance(node.args[0], ast.Name)  # checked when the spec was read
+        function, name = node.func.id, node.args[0].id
+        column = self.given[name]
+        made = places([column]) if function == "rank" else _shares(column)
+        self.names[f"{function}_of_{name}"] = made.astype(np.float64)
+        return ast.copy_location(ast.Name(f"{function}_of_{name}", ast.Load()), node)
+
+
+def places(keys: Sequence[FloatArray]) -> IntArray:
+    """1 and one for each better team, in each column; the first key on which two differ decides.
+
+    Args:
+        keys: Most important first, each of shape (teams, competitions), more is better.
+
+    >>> places([np.array([[2.0], [3.0], [2.0]])]).ravel()
+    array([2, 1, 2])
+    """
+    first = keys[0]
+    found = np.empty(first.shape, dtype=np.int64)
+    for team in range(len(first)):
+        better = first > first[team]
+        if len(keys) > 1:
+            equal = first == first[team]
+            for key in keys[1:]:
+                if np.count_nonzero(equal) == first.shape[1]:
+                    break  # in every column it is equal to itself alone
+                better |= equal & (key > key[team])
+                equal &= key == key[team]
+        found[team] = 1 + np.count_nonzero(better, axis=0)
+    return found
+
+
+def _shares(column: FloatArray) -> FloatArray:
+    top = column.max(axis=0)
+    return np.where(top > 0, column / np.where(top > 0, top, 1.0), 0.0)
 
 
 class _Team:
@@ -156,6 +261,7 @@ def ranking_spec(rule_set: RuleSet, overrides: Mapping[str, Any], *, file: str) 
         highest=data.get("best", "highest") == "highest",
         ties=_keys(data.get("ties", []), [*TEAM_NAMES, *terms], "ties", file),
         strict=data.get("strict", ""),
+        intervals=Intervals(**data.get("intervals", {})),
     )
 
 
@@ -163,6 +269,9 @@ def _keys(data: Sequence[Mapping[str, str]], known: Sequence[str], place: str, f
     keys = []
     for number, entry in enumerate(data):
         ((direction, name),) = entry.items()
+        if direction == COUNT_BACK:
+            keys.append(Key(COUNT_BACK, highest=True))
+            continue
         if name not in known:
             raise DataFileError(
                 f"{name!r} is nothing that can be compared here",

@@ -6,9 +6,11 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 
+from ariac_score.ranking.adjusting import decisions_by_run
 from ariac_score.ranking.compare import Difference
 from ariac_score.ranking.nist_text import Evaluation
-from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing
+from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing, final_ranking
+from ariac_score.ranking.statistics import Statistics
 from ariac_score.report.style import Style, plain
 from ariac_score.report.text import amount_text
 
@@ -22,12 +24,15 @@ def ranking_text(
     strict: Evaluation | None = None,
     differences: Sequence[Difference] = (),
     style: Style | None = None,
+    statistics: Statistics | None = None,
 ) -> str:
-    """The leaderboard, then what is out of the ordinary, then what the organisers' program makes of it."""
+    """The leaderboard, how sure it is, what is out of the ordinary, what the organisers' program gives."""
     style = style or Style()
     sections = [
         _head(ranking, style),
+        _stewarded(ranking, style),
         _leaderboard(ranking, style),
+        _sure(ranking, statistics, style) if statistics else (),
         _unusual(ranking, style),
         _cohort(ranking, style),
         _strict(strict, differences, style) if strict else (),
@@ -52,6 +57,35 @@ def _many(number: int, what: str) -> str:
     ('1 trial', '3 trials')
     """
     return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _stewarded(ranking: Ranking, style: Style) -> Iterator[str]:
+    """The ranking as adjusted, what moved, and every decision; the automatic one follows."""
+    if ranking.stewarded is None:
+        return
+    after = ranking.stewarded.ranking
+    yield style("As adjusted by the stewards", "bold")
+    yield from _leaderboard(after, style)
+    yield ""
+    before = {standing.team: standing for standing in ranking.standings}
+    for standing in after.standings:
+        then = before[standing.team]
+        if (then.rank, then.execution) != (standing.rank, standing.execution):
+            sums = " -> ".join(amount_text(s.execution) for s in (then, standing))
+            yield f"  {plain(standing.name)}: {sums}, rank {_rank_change(then.rank, standing.rank)}"
+    yield style("Decisions", "bold")
+    scores = {run.key: run.score for run in ranking.runs}
+    for (team, trial, number), adjusted in decisions_by_run(ranking).items():
+        told = [
+            "none" if s is None else amount_text(s) for s in (scores[team, trial, number], adjusted.score)
+        ]
+        yield f"  {plain(team)}, {plain(trial)}, run {number}: {' -> '.join(told)}"
+        for decision in adjusted.adjustments:
+            yield f"    {decision.id}: {plain(decision.effect)}"
+            yield f"      {plain(decision.author)}, {decision.time}: {plain(decision.reason)}"
+    yield style(f"adjustments: sha256 {ranking.stewarded.sha256[:16]}…", "dim")
+    yield ""
+    yield style("Automatic", "bold")
 
 
 def _leaderboard(ranking: Ranking, style: Style) -> Iterator[str]:
@@ -86,10 +120,54 @@ def _row(standing: Standing, ranking: Ranking, *, judged: bool) -> list[str]:
     return [rank, plain(standing.name), *([value, execution, judges] if judged else [execution]), *cells]
 
 
+def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[str]:
+    """Where each team may stand, and which cannot be told apart."""
+    names = {standing.team: standing.name for standing in ranking.standings}
+    level = f"{100 * statistics.intervals.level:g} %"
+    yield style("How sure" if ranking.stewarded is None else "How sure, as adjusted", "bold")
+    if statistics.teams:
+        yield style(
+            f"  {statistics.intervals.draws} competitions drawn by {DRAWN[statistics.resample]}, "
+            f"seed {statistics.intervals.seed}; at {level}, all together",
+            "dim",
+        )
+    for odds in statistics.teams:
+        chances = ", ".join(
+            f"{rank} in {_percent(chance)}" for rank, chance in enumerate(odds.chances, 1) if chance >= 0.005
+        )
+        yield f"  {plain(names[odds.team])}: rank {_from_to(odds.low, odds.high)}; {chances}"
+    for group in statistics.groups:
+        if len(group.teams) > 1:
+            told = ", ".join(plain(names[team]) for team in group.teams)
+            yield f"  cannot be told apart: {told}"
+    yield from (style(f"  {plain(note)}", "dim") for note in statistics.notes)
+    for standing in final_ranking(ranking).standings:
+        if standing.separated_by not in ("", "value"):
+            key = standing.separated_by
+            yield f"  {plain(standing.name)} comes after the team of equal value before it by {key}"
+
+
+DRAWN = {
+    "trials_and_runs": "trial and run",
+    "trials": "trial, each with its runs",
+    "runs": "run",
+}
+"""What was drawn, in words."""
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def _from_to(low: int, high: int) -> str:
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
 def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
     """Every run that did not simply get a score, and every trial without one."""
     lines = [
-        f"  {plain(s.team)}, {plain(trial)}: {OUTCOMES['no_run']}, so the trial brings 0"
+        f"  {plain(s.team)}, {plain(trial)}: {OUTCOMES['no_run']}, "
+        f"so the trial brings {amount_text(cell.score)}"
         for s in ranking.standings
         for trial, cell in s.cells.items()
         if cell.outcome == "no_run"
@@ -100,7 +178,7 @@ def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
         f"  {plain(s.team)}: {plain(remark)}"
         for s in ranking.standings
         for remark in s.remarks
-        if remark.startswith(("no value", "marks of"))
+        if remark.startswith(("no value", "marks of", "disqualified"))
     ]
     if lines:
         yield style("Out of the ordinary", "bold")
@@ -165,13 +243,23 @@ def _strict_stops(strict: Evaluation) -> Iterator[str]:
         yield f"  {where}: {stop.exception}: {plain(stop.cause)}"
 
 
-def ranking_csv(ranking: Ranking) -> str:
-    """One line for each team, best first, with the score and outcome of each trial."""
+def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
+    """One line for each team, best first, with the score and outcome of each trial.
+
+    Where stewards decided, the ranking is the adjusted one, beside each team's automatic rank and value.
+    """
+    automatic = {standing.team: standing for standing in ranking.standings}
+    stewarded = ranking.stewarded
+    ranking = ranking if stewarded is None else stewarded.ranking
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    columns = [f"{trial} {what}" for trial in ranking.trials for what in ("score", "outcome", "runs")]
-    writer.writerow(["rank", "team", "name", "value", "execution", "judges", *columns, "remarks"])
+    added = [] if stewarded is None else ["automatic rank", "automatic value"]
+    columns = [_safe(f"{trial} {what}") for trial in ranking.trials for what in ("score", "outcome", "runs")]
+    head = ["rank", "team", "name", "value", "execution", "judges", *columns, "remarks"]
+    writer.writerow([*head, "rank low", "rank high", *added])
+    odds = {each.team: each for each in statistics.teams} if statistics else {}
     for standing in ranking.standings:
+        own = odds.get(standing.team)
         row: list[str] = [
             "" if standing.rank is None else str(standing.rank),
             _safe(standing.team),
@@ -183,7 +271,13 @@ def ranking_csv(ranking: Ranking) -> str:
         for trial in ranking.trials:
             cell = standing.cells[trial]
             row += [f"{cell.score:f}", cell.outcome, " ".join(map(str, cell.runs))]
-        writer.writerow([*row, _safe("; ".join(standing.remarks))])
+        row.append(_safe("; ".join(standing.remarks)))
+        row += ["", ""] if own is None else [str(own.low), str(own.high)]
+        if stewarded is not None:
+            then = automatic[standing.team]
+            row.append("" if then.rank is None else str(then.rank))
+            row.append("" if then.value is None else repr(then.value))
+        writer.writerow(row)
     return out.getvalue()
 
 

@@ -13,6 +13,7 @@ from ariac_score.findings import Finding, Verdict
 from ariac_score.report.style import Style, plain
 from ariac_score.result import Result
 from ariac_score.scoring.ledger import Line
+from ariac_score.scoring.steward import Adjusted
 from ariac_score.trial.signals import Sample
 
 __all__ = ["amount_text", "explain_text", "score_text"]
@@ -43,6 +44,7 @@ def score_text(result: Result, style: Style | None = None) -> str:
     style = style or Style()
     sections = [
         _headline(result, style),
+        _adjusted(result, style),
         _ledger(result, style),
         _losses(result, style),
         _undecided(result, style),
@@ -54,10 +56,13 @@ def score_text(result: Result, style: Style | None = None) -> str:
 
 def _headline(result: Result, style: Style) -> Iterator[str]:
     measured = result.measured
+    if result.adjusted is not None:
+        yield _adjusted_headline(result.adjusted, style)
     if result.score is not None:
         looks = ("bold", "green" if result.score > 0 else "yellow")
         possible = f" of {amount_text(result.possible)} possible" if result.possible is not None else ""
-        yield style(amount_text(result.score), *looks) + possible
+        automatic = "" if result.adjusted is None else "automatic score "
+        yield automatic + style(amount_text(result.score), *looks) + possible
     elif result.status == "needs_cohort":
         yield style("needs_cohort", "bold", "yellow") + f" — {plain(result.missing)}"
     else:
@@ -74,6 +79,34 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     official = measured.official
     if official is not None and official.total is not None:
         yield from _official(result, official.total, style)
+
+
+def _adjusted_headline(adjusted: Adjusted, style: Style) -> str:
+    if adjusted.disqualified:
+        return style("disqualified", "bold", "red") + " by the stewards: 0"
+    if adjusted.score is None:
+        return style("no score", "bold", "yellow") + " even as adjusted by the stewards"
+    return style(amount_text(adjusted.score), "bold", "yellow") + " as adjusted by the stewards"
+
+
+def _adjusted(result: Result, style: Style) -> Iterator[str]:
+    """What the stewards decided, decision by decision, with what each moved."""
+    if result.adjusted is None:
+        return
+    yield style("Adjusted by the stewards", "bold")
+    if result.score is not None:
+        yield _dotted("automatic score", amount_text(result.score))
+    lines = [] if result.adjusted.ledger is None else result.adjusted.ledger.children
+    moved = [line for line in lines if line.kind == "factor"]
+    for number, decision in enumerate(result.adjusted.adjustments):
+        amount = amount_text(moved[number].amount, sign=True) if moved else "-"
+        yield _dotted(f"{decision.id}: {plain(decision.effect)}", amount)
+        yield f"    {plain(decision.author)}, {decision.time}: {plain(decision.reason)}"
+    yield style(f"adjustments: sha256 {result.adjusted.sha256[:16]}…; below, the automatic result", "dim")
+
+
+def _dotted(label: str, amount: str) -> str:
+    return f"  {label} {'·' * max(2, _WIDTH - 2 - len(label))} {amount}"
 
 
 def _official(result: Result, total: float, style: Style) -> Iterator[str]:
@@ -245,6 +278,10 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
     """
     style = style or Style()
     lines: list[str] = []
+    adjusted = result.adjusted.ledger if result.adjusted else None
+    if adjusted is not None:
+        for line in _matching(adjusted, path) if path else [adjusted]:
+            lines += [*_explained(line, result, style, 0), ""]
     if result.ledger is not None:
         matching = [result.ledger] if not path else _matching(result.ledger, path)
         for line in matching:

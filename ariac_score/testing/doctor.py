@@ -25,6 +25,8 @@ _ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 }
 _NAME = re.compile(r"[a-z0-9_]+(\.[a-z0-9_]+)+")
 _PREFIX = "ariac_score."
+_EXECUTORS = "ariac_score.executors"
+"""Where the runs of a batch are scored: no plugins of a trial, and checked when they are named."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,14 @@ def ailments() -> list[Ailment]:
 def _unknown_groups() -> Iterator[Ailment]:
     """Plugins that nobody will ever ask: their group is misspelt, or of another version."""
     for group in sorted(entry_points().groups):
-        if not group.startswith(_PREFIX) or group in GROUPS:
+        if not group.startswith(_PREFIX) or group in GROUPS or group == _EXECUTORS:
             continue
         for point in entry_points(group=group):
             name, brought = brought_by(point)
             yield Ailment(
                 f"{point.name} ({name} {brought})",
                 f"is in the group {group!r}, which does not exist",
-                did_you_mean(group, GROUPS),
+                did_you_mean(group, [*GROUPS, _EXECUTORS]),
             )
 
 

@@ -143,7 +143,8 @@ def _items(trial: Trial, needed: frozenset[str]) -> list[Sample | Event]:
         if name.partition("/")[0] in needed
         for i in range(len(signal))
     )
-    return sorted((*samples, *trial.events), key=lambda item: item.t_s)
+    # What happens at an instant is known before what is measured at it.
+    return sorted((*trial.events, *samples), key=lambda item: item.t_s)
 
 
 def _step(item: Sample | Event) -> Step:

@@ -7,8 +7,10 @@ signal has reached it, with the values that `align` gives it in the whole log, t
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +29,16 @@ class _Track:
     """The samples of one signal so far."""
 
     unit: str = ""
-    t: list[float] = field(default_factory=list)
-    values: list[Value] = field(default_factory=list)
+    t: array[float] = field(default_factory=lambda: array("d"))
+    values: Any = field(default_factory=lambda: array("d"))  # of several components: a list of tuples
+
+    def append(self, sample: Sample) -> None:
+        """Keep one more."""
+        if not self.t and isinstance(sample.value, tuple):
+            self.values = []
+        self.values.append(sample.value)
+        self.t.append(sample.t_s)
+        self.unit = sample.unit
 
 
 class Arrivals:
@@ -62,9 +72,7 @@ class Arrivals:
             t = track.t
             if t and not sample.t_s > t[-1]:
                 raise ValueError(f"{sample.signal} was at {t[-1]} s and is at {sample.t_s} s now")
-            track.unit = sample.unit
-            t.append(sample.t_s)
-            track.values.append(sample.value)
+            track.append(sample)
 
     def __contains__(self, signal: str) -> bool:
         track = self._tracks.get(signal)
@@ -147,7 +155,8 @@ class Alignment:
         t = track.t
         if t[at] == t_s:
             self._at[i] = at + 1
-            return track.values[at]
+            known: Value = track.values[at]
+            return known
         if at == 0 or not t[at] - t[at - 1] <= self._longest_s:
             return None
         around = Signal("", "", np.array(t[at - 1 : at + 1]), np.array(track.values[at - 1 : at + 1]))

@@ -97,7 +97,9 @@ class TrialBuilder:
             total = count + (known.count if known else 0)
             self._defects[kind, where] = LogDefect(kind, where, total, message)
 
-    def add_signal(self, name: str, unit: str, t: FloatArray, values: FloatArray) -> None:
+    def add_signal(
+        self, name: str, unit: str, t: FloatArray, values: FloatArray, *, source: str = ""
+    ) -> None:
         """Take the samples of one signal in recorded order and settle them.
 
         Raises:
@@ -144,7 +146,7 @@ class TrialBuilder:
             "values that are NaN, infinite or impossible were left out, as gaps",
         )
         if len(settled.t):
-            self.signals[name] = Signal(name, unit, settled.t, settled.values)
+            self.signals[name] = Signal(name, unit, settled.t, settled.values, source)
 
     def build(self) -> Trial:
         """The trial, with updates of orders applied and everything in order of time."""

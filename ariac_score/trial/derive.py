@@ -6,7 +6,7 @@ itself is never replaced by something derived.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ __all__ = [
     "Derivation",
     "centred_velocity",
     "derive_signals",
+    "nearest_distances",
     "source_quantities",
 ]
 
@@ -30,6 +31,8 @@ TELEPORT_SPEED_M_S = 5.0
 
 HALF_WINDOW_SAMPLES = 2
 """Samples on each side of a centred difference at 100 Hz (catalogue, 1.1)."""
+
+_BLOCK_SAMPLES = 4096
 
 TOOL_LINKS = ("tcp", "tool0")
 """Names of the link that is a robot's tool centre point; `tool0` is that of ROS-Industrial."""
@@ -131,6 +134,50 @@ def centred_velocity(
     return t[moving], velocity, int(jump.sum())
 
 
+def nearest_distances(
+    of_one: Sequence[FloatArray], of_others: Sequence[Sequence[FloatArray]], components: slice = slice(None)
+) -> FloatArray:
+    """The smallest distance between a point of one body and a point of each other one.
+
+    Block by block and component by component, so that what is computed stays in the
+    processor's cache. The root is taken of the smallest square, which is the smallest root
+    to the bit: roots are rounded correctly, so none overtakes another.
+
+    Args:
+        of_one: Tracks of points, each of shape (n, k), m; at least one.
+        of_others: Of each other body its tracks, likewise.
+        components: Which of the k count.
+
+    Returns:
+        For each other body, shape (len(of_others), n), m; infinite for one without points.
+
+    >>> robot, human = np.array([[0.0, 0.0], [3.0, 4.0]]), np.zeros((2, 2))
+    >>> nearest_distances([robot], [[human]]).tolist()
+    [[0.0, 5.0]]
+    """
+    count = len(of_one[0])
+    nearest: FloatArray = np.full((len(of_others), count), np.inf)
+    size = len(range(*components.indices(of_one[0].shape[1])))
+    room = np.empty((size + 2, len(of_one), min(count, _BLOCK_SAMPLES)))
+    for first in range(0, count, _BLOCK_SAMPLES):
+        part = slice(first, first + _BLOCK_SAMPLES)
+        smallest = nearest[:, part]
+        *here, total, square = room[:, :, : smallest.shape[1]]
+        for link, track in enumerate(of_one):
+            for component, values in enumerate(track[part, components].T):
+                here[component][link] = values
+        for other, tracks in enumerate(of_others):
+            for track in tracks:
+                for component, there in enumerate(track[part, components].T):
+                    into = square if component else total
+                    np.subtract(there, here[component], out=into)
+                    np.multiply(into, into, out=into)
+                    if component:
+                        np.add(total, square, out=total)
+                np.minimum(smallest[other], total.min(axis=0), out=smallest[other])
+    return np.sqrt(nearest)
+
+
 def derive_signals(trial: Trial, wanted: Iterable[Derivation], *, speed_window_s: float = 0.0) -> Trial:
     """The trial with every wanted signal that can be derived from what it records.
 
@@ -181,6 +228,10 @@ class _Deriver:
         self.speed_window_s = speed_window_s
         self.shortest_gaps_s = shortest_gaps_s
         self.defects: set[LogDefect] = set()
+        self._nearest_of: dict[tuple[str, float, int], tuple[FloatArray, FloatArray]] = {}
+        self._humans_of: dict[str, list[str]] = {}
+        for robot, human in trial.pairs():
+            self._humans_of.setdefault(robot.id, []).append(human.id)
 
     def get(self, name: str, max_gap_s: float) -> Signal | None:
         """The recorded or derived signal; `None` when it cannot be had."""
@@ -203,7 +254,7 @@ class _Deriver:
         derived = derive(subject, max_gap_s) if derive else None
         if derived is None or not len(derived[0]):
             return None
-        self.signals[name] = Signal(name, QUANTITIES[quantity].unit, *derived)
+        self.signals[name] = Signal(name, QUANTITIES[quantity].unit, *derived, source="derived")
         return self.signals[name]
 
     def _velocity(self, point: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
@@ -253,27 +304,46 @@ class _Deriver:
         return t, (values[: len(names[0])], values[len(names[0]) :])
 
     def _nearest(
-        self, subject: str, max_gap_s: float, columns: slice
+        self, subject: str, max_gap_s: float, components: int
     ) -> tuple[FloatArray, FloatArray] | None:
         """The smallest distance between a point of the robot and one of the human."""
-        points = self._points_of(subject, max_gap_s, "position")
-        if points is None:
-            return None
-        t, (of_robot, of_human) = points
-        nearest = np.full(len(t), np.inf)
-        for a in of_robot:
-            for b in of_human:
-                np.minimum(nearest, _norm((b - a)[:, columns]), out=nearest)
-        return t, nearest
+        key = subject, max_gap_s, components
+        if key not in self._nearest_of:
+            points = self._points_of(subject, max_gap_s, "position")
+            if points is None:
+                return None
+            t, (of_robot, of_human) = points
+            found = {subject: of_human} | self._seen_together(subject.partition("/")[0], t, of_robot)
+            distances = nearest_distances(of_robot, list(found.values()), slice(components))
+            for other, distance_m in zip(found, distances, strict=True):
+                self._nearest_of[other, max_gap_s, components] = t, distance_m
+        return self._nearest_of[key]
+
+    def _seen_together(
+        self, robot: str, t: FloatArray, of_robot: Sequence[FloatArray]
+    ) -> dict[str, list[FloatArray]]:
+        """The tracks of all humans that are sampled with a robot, by pair: they are measured at once."""
+        if not all(
+            self.signals[f"position/{point}"].values is values
+            for point, values in zip(_points(self.bodies[robot]), of_robot, strict=True)
+        ):
+            return {}
+        found = {}
+        for human in self._humans_of.get(robot, ()):
+            names = [f"position/{point}" for point in _points(self.bodies[human])]
+            signals = [self.signals[name] for name in names if name in self.signals]
+            if len(signals) == len(names) and all(np.array_equal(s.t, t) for s in signals):
+                found[f"{robot}/{human}"] = [s.values for s in signals]
+        return found
 
     def _centre_distance(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
-        return self._nearest(subject, max_gap_s, slice(0, 3))
+        return self._nearest(subject, max_gap_s, 3)
 
     def _centre_distance_2d(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
-        return self._nearest(subject, max_gap_s, slice(0, 2))
+        return self._nearest(subject, max_gap_s, 2)
 
     def _separation(self, subject: str, max_gap_s: float) -> tuple[FloatArray, FloatArray] | None:
-        nearest = self._nearest(subject, max_gap_s, slice(0, 3))
+        nearest = self._nearest(subject, max_gap_s, 3)
         if nearest is None:
             return None
         robot, _, human = subject.partition("/")

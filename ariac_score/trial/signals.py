@@ -38,6 +38,7 @@ class Signal:
         unit: SI unit of every value.
         t: Sample times, shape (n,), s of trial time, strictly increasing.
         values: Shape (n,) or (n, k), finite.
+        source: Where it was recorded, such as the topic, or `derived`; empty when nobody says.
 
     Raises:
         ValueError: The times do not increase, or a value is not finite. Readers
@@ -48,6 +49,7 @@ class Signal:
     unit: str
     t: FloatArray
     values: FloatArray
+    source: str = ""
 
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=np.float64)

@@ -8,18 +8,19 @@ to the bit; what that cannot be promised for is called odd and left to `float`.
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Numbers", "Text"]
+__all__ = ["PADDING", "Numbers", "Text"]
 
 _Words = NDArray[np.uint64]
 _Places = NDArray[np.intp]
 
-_PADDING = 64
-"""Reading on behind the last byte meets zeros."""
+PADDING = 64
+"""Reading goes on so far behind the last byte."""
 
 _DIGITS_AT_ONCE = 8
 _MAX_WORDS = 3
@@ -54,24 +55,34 @@ class Text:
     """A block of text of which eight bytes can be had at any place.
 
     Args:
-        block: The text.
+        padded: The text and at least `PADDING` bytes more, which nobody may change meanwhile;
+            a whole number of words.
+        length: Of the text.
     """
 
-    def __init__(self, block: bytes) -> None:
-        self.length = len(block)
-        self.padded = block + bytes(_PADDING - len(block) % 8)
+    def __init__(self, padded: bytes | bytearray, length: int) -> None:
+        self.padded, self.length = padded, length
         self.bytes = np.frombuffer(self.padded, dtype=np.uint8)
         self.words: _Words = np.frombuffer(self.padded, dtype="<u8")
 
-    def word(self, at: _Places) -> _Words:
-        """Eight bytes from each place, the first of them lowest."""
+    @classmethod
+    def of(cls, block: bytes) -> Text:
+        """A text on its own."""
+        return cls(block + bytes(PADDING + -len(block) % 8), len(block))
+
+    def words_from(self, at: _Places) -> Iterator[_Words]:
+        """Eight bytes from each place, the first of them lowest; then the next eight, and so on."""
         at = np.minimum(at, self.length)
         index = at >> 3
         shift = ((at & 7) << 3).view(np.uint64)
         # Shifted by all of its 64 bits nothing is left of the second word, which is what is wanted.
-        word: _Words = self.words[index] >> shift
-        word |= self.words[index + 1] << (_SIXTY_FOUR - shift)
-        return word
+        rest = _SIXTY_FOUR - shift
+        following = self.words[index]
+        for step in range(1, _MAX_WORDS + 1):
+            word, following = following, self.words[index + step]
+            word >>= shift
+            word |= following << rest
+            yield word
 
     def byte(self, at: _Places) -> NDArray[np.uint8]:
         """The byte at each place."""
@@ -139,15 +150,18 @@ def _run_of_digits(
 ) -> tuple[_Places, _Parts, NDArray[np.bool_]]:
     """How many digits stand at some places, what they make eight by eight, and where there are too many."""
     count, parts, more = np.zeros(len(begin), dtype=np.intp), _Parts(), wanted
-    for _ in range(_MAX_WORDS):
-        if not more.any():
-            break
-        places, digits = _digits(text.word(begin + count))
+    if not wanted.any():
+        return count, parts, more
+    # Where the digits go on they fill the word, so that the next ones begin with the next word.
+    for word in text.words_from(begin):
+        places, digits = _digits(word)
         if not more.all():
             places, digits = places * more, digits * more
         parts.append((places, digits))
         count = count + places
         more = places == _DIGITS_AT_ONCE
+        if not more.any():
+            break
     return count, parts, more
 
 

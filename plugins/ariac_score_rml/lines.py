@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ariac_score_rml.automaton import Watch, watch_columns
 from ariac_score_rml.columns import Columns, NotColumnarError, Stream, Topic
-from ariac_score_rml.digits import Numbers, Text
+from ariac_score_rml.digits import PADDING, Numbers, Text
 from ariac_score_rml.machine import Letter, Machine
 from ariac_score_rml.running import Run
 
@@ -158,17 +158,31 @@ class _Lines(Topic):
 
 def _texts(file: BinaryIO) -> Iterator[Text]:
     """Whole lines, about as many bytes at a time as a block may have."""
-    begun = b""
-    while block := file.read(_BLOCK_BYTES):
-        cut = block.rfind(b"\n") + 1
-        if not cut and len(begun) > _LONGEST_LINE_BYTES:
-            raise _NotAlikeError
+    size = _BLOCK_BYTES
+    buffer = bytearray(_room(size))
+    begun = 0  # bytes of a line that the block before left
+    while True:
+        with memoryview(buffer) as room:
+            read = file.readinto(room[begun:size])  # type: ignore[attr-defined]  # every file of bytes has it
+        filled = begun + read
+        cut = filled if not read else buffer.rfind(b"\n", 0, filled) + 1
         if cut:
-            yield Text(begun + block[:cut])
-            begun = b""
-        begun += block[cut:]
-    if begun:
-        yield Text(begun)
+            buffer[filled : filled + PADDING] = bytes(PADDING)
+            yield Text(buffer, cut)
+        if not read:
+            return
+        begun = filled - cut
+        rest = bytes(buffer[cut:filled])
+        if begun == size:
+            size *= 2
+        if size > _LONGEST_LINE_BYTES:
+            raise _NotAlikeError
+        buffer = bytearray(_room(size)) if len(buffer) < _room(size) else buffer
+        buffer[:begun] = rest
+
+
+def _room(size: int) -> int:
+    return size + PADDING + -size % 8
 
 
 def _topics(file: BinaryIO) -> list[_Lines]:
@@ -191,7 +205,7 @@ def _topics(file: BinaryIO) -> list[_Lines]:
         while len(rest):
             if len(layouts) == _MAX_LAYOUTS:
                 raise _NotAlikeError
-            layouts.append(_Layout.of(text.padded[starts[rest[0]] : ends[rest[0]]]))
+            layouts.append(_Layout.of(bytes(text.padded[starts[rest[0]] : ends[rest[0]]])))
             found.append([])
             left = _take(layouts[-1], found[-1], text, (starts, ends), rest, count)
             if len(left) == len(rest):
@@ -260,8 +274,9 @@ def run_lines(machine: Machine, file: BinaryIO) -> Run | None:
 def _letters(machine: Machine, watch: Watch) -> str:
     """The letter after each event: that of the state before the next one."""
     letters: list[Letter] = [machine.letter(state) for state in watch.states]
-    before = watch.before[watch.before >= 0]
-    if not len(before):
+    judged = int(np.count_nonzero(watch.before >= 0))  # all of them up to a rejection
+    before = watch.before[:judged]
+    if not judged:
         return ""
     table = np.frombuffer("".join(letters).encode(), dtype=np.uint8)
     return table[before[1:]].tobytes().decode() + watch.end

@@ -363,7 +363,7 @@ class Machine:
         return None if not isinstance(state.asked, tuple) else state.asked
 
     def _find_asked(self, root: Term) -> None:
-        """Of every part that a step may reach, the parts first: a state that grows is not gone through anew."""
+        """Of every part a step may reach, inner ones first: no growing state is gone through anew."""
         todo: list[tuple[Term, list[Term] | None]] = [(root, None)]
         path: set[int] = set()
         while todo:

@@ -6,7 +6,18 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import inf
 
-from ariac_score import Alignment, Arrivals, Event, Finding, Sample, Standing, Trial, Verdict
+from ariac_score import (
+    COMPETITION_ENDED,
+    COMPETITION_STARTED,
+    Alignment,
+    Arrivals,
+    Event,
+    Finding,
+    Sample,
+    Standing,
+    Trial,
+    Verdict,
+)
 from ariac_score_rml.automaton import AfterViolation
 from ariac_score_rml.faults import RmlRunError
 from ariac_score_rml.machine import Letter, Machine
@@ -19,6 +30,8 @@ Fields = Mapping[str, str]
 Wanted = Sequence[tuple[str, Fields]]
 """The topics of one subject: name, and signal by field."""
 
+LATEST_S = 1e12
+"""What is later is no time."""
 PENDING = "the specification still asks for something"
 
 
@@ -85,7 +98,7 @@ class EventsOnline:
         if self._final is not None:
             return self._final
         time = event.get("time")
-        t_s = float(time) if isinstance(time, int | float) else 0.0
+        t_s = float(time) if isinstance(time, int | float) and abs(time) < LATEST_S else 0.0
         trace = self._trace
         try:
             reason = trace.take(event)  # type: ignore[arg-type]  # it was read from JSON
@@ -127,11 +140,11 @@ class SignalsOnline:
         watch: Callable[[Trial], Iterable[Finding]],
     ) -> None:
         self._arrivals, self._watch = Arrivals(), watch
+        self.undecided = "" if wanted else "whom it is about is not known before the trial"
         self._subjects = [
             _Followed(
                 subject,
-                machine(),
-                after,
+                lambda: Trace(machine(), after),
                 [_Topic(*topic, self._arrivals, max_gap_s) for topic in topics],
             )
             for subject, topics in wanted.items()
@@ -139,8 +152,10 @@ class SignalsOnline:
 
     def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
         """Take samples, and judge every instant that all topics have reached by now."""
-        del events  # the specification speaks of samples
         self._arrivals.take(samples)
+        for event in events:
+            for followed in self._subjects:
+                followed.told(event)
         for followed in self._subjects:
             yield from followed.judged()
 
@@ -169,16 +184,29 @@ class _Topic:
 class _Followed:
     """The specification for one robot, human or pair, or for the trial."""
 
-    def __init__(
-        self, subject: str, machine: Machine, after: AfterViolation, topics: Sequence[_Topic]
-    ) -> None:
+    def __init__(self, subject: str, trace: Callable[[], Trace], topics: Sequence[_Topic]) -> None:
         self.subject, self.topics = subject, topics
+        self._new_trace = trace
+        self.window = -inf, inf
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
         self.broken: RmlRunError | None = None
-        try:
-            self.trace: Trace | None = Trace(machine, after)
-        except RmlRunError as error:
-            self.trace, self.broken = None, error
+        self.trace: Trace | None = None
         self.over = False
+        try:
+            self.trace = self._new_trace()
+        except RmlRunError as error:
+            self.broken = error
+
+    def told(self, event: Event) -> None:
+        """Where the competition starts, what came before is forgotten."""
+        from_s, to_s = self.window
+        if event.kind == COMPETITION_STARTED and from_s == -inf:
+            self.window = event.t_s, to_s
+            self._begin_anew()
+        elif event.kind == COMPETITION_ENDED:
+            self.window = from_s, event.t_s
 
     def judged(self) -> Iterator[Standing]:
         """What can be said by now."""
@@ -190,7 +218,7 @@ class _Followed:
                 for topic in self.topics
                 if topic.waiting and topic.waiting[0][0] == t_s
             ]
-            if not self.over:
+            if not self.over and self.window[0] <= t_s <= self.window[1]:
                 yield self._said(t_s, events)
 
     def _next_s(self) -> float:

@@ -144,13 +144,15 @@ class _Parser:
             f"{what} was expected, not {self.next}",
             line=place.line,
             column=place.column,
-            hint=self._hint(),
+            hint=self._hint(what),
         )
         if self.at > self.furthest_at:
             self.furthest, self.furthest_at = error, self.at
         return error
 
-    def _hint(self) -> str:
+    def _hint(self, what: str) -> str:
+        if self.next.kind == "string" and what == "a value":
+            return "guards compare numbers alone; a text is compared by the pattern, as in {name: 'abc'}"
         if self.next.kind == ">=":
             return "'>=' is one token: put a space before '='"
         if self.next.kind in ("min", "max"):

@@ -12,6 +12,7 @@ from ariac_score_rml.values import Json
 __all__ = ["read_events"]
 
 _SPACE = re.compile(r"[ \t\r\n]*")
+_COMMA = re.compile(r",[ \t\r\n]*\}")
 _STRING_OR_COMMA = re.compile(r'"(?:[^"\\]|\\.)*(?:"|\\?\Z)|,(?=[ \t\r\n]*\})', re.DOTALL)
 
 
@@ -30,7 +31,8 @@ def read_events(text: str, *, file: object = None) -> Iterator[Json]:
     decoder = json.JSONDecoder(
         object_pairs_hook=_record, parse_constant=_no_constant, parse_float=_float, parse_int=_int
     )
-    text = _STRING_OR_COMMA.sub(lambda m: " " if m.group() == "," else m.group(), text)
+    if _COMMA.search(text):  # of a long trace each string would be looked at
+        text = _STRING_OR_COMMA.sub(lambda m: " " if m.group() == "," else m.group(), text)
     at, count = _SPACE.match(text, 0).end(), 0  # type: ignore[union-attr]  # it matches nothing too
     while at < len(text):
         count += 1

@@ -11,6 +11,7 @@ import numpy as np
 
 from ariac_score import (
     Body,
+    Course,
     Finding,
     OnlineWatch,
     Sample,
@@ -38,7 +39,7 @@ from ariac_score_standards.severity import (
     no_severities,
     travelled_m,
 )
-from ariac_score_standards.watching import BoolArray, FloatArray, Watched, watch_pairs
+from ariac_score_standards.watching import BoolArray, FloatArray, Watched, pairs_of, seen, watch_pairs
 
 _CLAUSE = "derived from ISO/TS 15066:2016, 5.5.4"
 
@@ -486,6 +487,19 @@ class SsmSeparation(SsmFormula):
             judge=self._judge,
             optional=self._optional,
         )
+
+    def courses(self, trial: Trial) -> Iterator[Course]:
+        """Distance and required distance of every pair; without a requirement where none applies."""
+        pairs = pairs_of(trial)
+        for pair, watched in seen(
+            trial, pairs, self._wanted, max_gap_s=self.max_gap_s, optional=self._optional
+        ):
+            now = self._moments(watched)
+            required_m = np.where(self._applies(now), now.required_m, np.nan)
+            words = self._distance.replace("_", " ")
+            yield Course(
+                pair.name, words, "m", watched.t, now.distance_m, required_m, max_gap_s=self.max_gap_s
+            )
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the distance is enough there."""

@@ -46,6 +46,7 @@ class SubjectsOnline:
     ) -> None:
         self._max_gap_s, self._judge, self._watch = max_gap_s, judge, watch
         self._arrivals = Arrivals()
+        self.undecided = "" if subjects else "whom it is about is not known before the trial"
         self._by_signal: dict[str, list[_Followed]] = {}
         for subject, names in subjects.items():
             self._follow(subject, names)
@@ -106,6 +107,7 @@ class PairsOnline(SubjectsOnline):
         )
         self._of_pair = re.compile(first)
         super().__init__({}, max_gap_s=max_gap_s, judge=judge, watch=watch)
+        self.undecided = ""  # pairs show by their signals
 
     def _met(self, signal: str) -> None:
         named = self._of_pair.fullmatch(signal)

@@ -186,6 +186,25 @@ def watch_subjects(
             yield from judge(subject, watched)
 
 
+def seen(
+    trial: Trial,
+    subjects: Iterable[Subject],
+    wanted: Mapping[str, str],
+    *,
+    max_gap_s: float,
+    optional: Mapping[str, str] | None = None,
+) -> Iterator[tuple[Subject, Watched]]:
+    """Every subject whose signals the log has, with what can be judged of it, to be drawn."""
+    for subject in subjects:
+        names = {template: subject.fill(template) for template in wanted}
+        if not trial.signals.keys() >= set(names.values()):
+            continue
+        signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
+        watched = _watched(trial, signals, max_gap_s, names, _present(trial, subject, optional or {}))
+        if len(watched.t):
+            yield subject, watched
+
+
 def nobody(trial: Trial, clause: str, kinds: tuple[str, ...] = ("robot", "human")) -> Finding:
     """The finding when there is no subject to watch."""
     missing = " and no ".join(kind for kind in kinds if not trial.bodies_of(kind))
@@ -223,7 +242,7 @@ def _watched(
     window = trial.window
     gaps: list[Span] = []
     if window is not None:
-        inside = (t >= window.start_s) & (t <= window.end_s)
+        inside = slice(t.searchsorted(window.start_s), t.searchsorted(window.end_s, side="right"))
         t, columns = t[inside], [column[inside] for column in columns]
         gaps = uncovered_spans(t, window, max_gap_s=max_gap_s)
     units = {signal.name: signal.unit for signal in signals}

@@ -13,6 +13,8 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 from ariac_score import (
+    COMPETITION_ENDED,
+    COMPETITION_STARTED,
     Arrivals,
     Body,
     Event,
@@ -71,11 +73,15 @@ class FormulaOnline:
         known = Trial("", bodies=tuple(bodies))
         judged = [] if self.undecided else subjects(known, monitor.sources)
         self._subjects = [_Followed(monitor, subject, self._arrivals) for subject in judged]
+        if not self._subjects:
+            self.undecided = self.undecided or "whom it is about is not known before the trial"
 
     def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
         """Take samples, and judge every instant of which all is known by now."""
-        del events  # the trial is taken to begin with its first sample
         self._arrivals.take(samples)
+        for event in events:
+            for followed in self._subjects:
+                followed.told(event)
         if self._first_s == inf:
             self._first_s = min((sample.t_s for sample in samples), default=inf)
         for followed in self._subjects:
@@ -95,18 +101,32 @@ class _Followed:
         names = [source.signal(subject) for source in monitor.sources.values()]
         self.aligned = arrivals.aligned(names, max_gap_s=monitor.max_gap_s)
         self.margins = _Margins(self.body, list(monitor.sources), monitor.constants)
+        self.window = -inf, inf
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
         self.network: Network | None = None
         self.start_s = 0.0
         self.over = False
         self.worst = Verdict.SATISFIED
 
+    def told(self, event: Event) -> None:
+        """Where the competition starts, what came before is forgotten; until then the first sample counts."""
+        from_s, to_s = self.window
+        if event.kind == COMPETITION_STARTED and from_s == -inf:
+            self.window = event.t_s, to_s
+            self._begin_anew()
+        elif event.kind == COMPETITION_ENDED:
+            self.window = from_s, event.t_s
+
     def judged(self, first_s: float) -> Iterator[Standing]:
         """What can be said by now."""
         for t_s, values in self.aligned.rows():
-            if self.over:
+            from_s, to_s = self.window
+            if self.over or not from_s <= t_s <= to_s:
                 continue
             if self.network is None:
-                self.start_s = min(first_s, t_s)
+                self.start_s = min(first_s, t_s) if from_s == -inf else from_s
                 self.network = Network(self.body, self.start_s, self.monitor.beyond, self.monitor.max_gap_s)
             try:
                 margins = self.margins.of(values)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import filecmp
 import json
@@ -527,6 +528,19 @@ def test_a_cluster_gives_the_bytes_of_one_machine(trials: Path, tmp_path: Path) 
     assert same(tmp_path / "here", tmp_path / "there")
 
 
+def test_a_ray_cluster_gives_the_same_bytes(trials: Path, tmp_path: Path) -> None:
+    ray = pytest.importorskip("ray", reason="the extra 'ray' is not installed")
+    from ariac_score.batch.ray import RayExecutor, ray_executor  # noqa: PLC0415  # of that extra
+
+    with pytest.raises(UsageError, match="needs an address"):
+        ray_executor(jobs=0, scheduler="", out=tmp_path, work=tmp_path)
+    batch(trials, tmp_path / "here")
+    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+    batch(trials, tmp_path / "there", executor=lambda _out, _work: RayExecutor())
+
+    assert same(tmp_path / "here", tmp_path / "there")
+
+
 def test_a_scheduler_that_is_not_there_is_named(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -557,6 +571,57 @@ def test_a_run_named_by_a_uri_is_fetched_where_it_is_scored(
         assert done.document.decode() == as_json(score_trial(trials / name, RULES))
     else:
         assert "check the address, and the credentials" in found.reason
+
+
+# What becomes of it --------------------------------------------------------------------
+
+
+def test_a_batch_is_ranked_as_its_logs_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    batch(COMPETITION, tmp_path / "out", rules="")
+    command = ["rank", str(COMPETITION), "--output-format", "json"]
+
+    assert main(command) == main([*command, "--batch", str(tmp_path / "out")])
+
+    said = capsys.readouterr().out
+    first, second = said[: len(said) // 2], said[len(said) // 2 :]
+    assert first == second
+
+
+def test_a_batch_of_other_rules_or_other_runs_is_not_ranked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(COMPETITION, tmp_path / "in")
+    batch(tmp_path / "in", tmp_path / "out", rules="")
+    command = ["rank", str(tmp_path / "in"), "--batch", str(tmp_path / "out")]
+    assert main([*command, "--rules", "ariac2024.release_5"]) == 4
+    assert "put the new prices on it first" in capsys.readouterr().err
+    shutil.copytree(tmp_path / "in/logs/aurora/kitting_1", tmp_path / "in/logs/aurora/kitting_9")
+    assert main(command) == 4
+    assert "1 runs are not in it: aurora/kitting/9" in capsys.readouterr().err
+    assert main(["rank", str(tmp_path / "in"), "--batch", str(tmp_path / "in")]) == 4
+    assert "this is no folder of a batch" in capsys.readouterr().err
+
+
+def test_tables_are_exported_with_every_row_and_no_formula(trials: Path, tmp_path: Path) -> None:
+    (trials / "a.jsonl").rename(trials / "=cmd().jsonl")
+    batch(trials, tmp_path / "out")
+    assert main(["export", str(tmp_path / "out"), "-o", str(tmp_path / "runs.csv")]) == 0
+    with (tmp_path / "runs.csv").open(encoding="utf-8", newline="") as text:
+        table = list(csv.DictReader(text))
+    assert [row["trial"] for row in table][:2] == ["'=cmd().jsonl", "b.jsonl"]
+    assert {row["trial"]: row["outcome"] for row in table}["cut.jsonl"] == "unreadable"
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet' is not installed")
+    file = tmp_path / "checks.parquet"
+    assert main(["export", str(tmp_path / "out"), "--table", "checks", "-o", str(file)]) == 0
+    connection = sqlite3.connect(tmp_path / "out" / "index.sqlite")
+    (count,) = connection.execute("SELECT count(*) FROM checks").fetchone()
+    connection.close()
+    assert parquet.read_table(file).num_rows == count > 0
+
+
+def test_a_folder_without_a_batch_has_no_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(tmp_path)]) == 4
+    assert "call 'batch' again" in capsys.readouterr().err
 
 
 # What is refused -----------------------------------------------------------------------

@@ -174,3 +174,25 @@ def test_a_text_that_is_not_utf_8_is_refused(spec: Path, capsys: pytest.CaptureF
 
     assert main(["rml", "check", str(spec)]) == 4
     assert "byte 7: the specification is not UTF-8 text" in capsys.readouterr().err
+
+
+def test_a_state_that_grows_without_bound_names_its_equation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = tmp_path / "grows.rml"
+    spec.write_text("a matches {x:1}; Main = a Grows; Grows = a (Grows | a);", encoding="utf-8")
+    events = trace(tmp_path, '{"x":1}\n' * 200)
+
+    assert main(["rml", "run", str(spec), str(events), "--max-state", "100"]) == 6
+
+    shown = capsys.readouterr()
+    assert "cannot be judged" in shown.out
+    assert "beyond 100 parts, most of them of equation 'Grows'" in shown.err
+
+
+@pytest.mark.parametrize("most", ["0", "-1", "many", "1e3"])
+def test_a_limit_that_is_none_is_refused(spec: Path, tmp_path: Path, most: str) -> None:
+    with pytest.raises(SystemExit) as refused:
+        main(["rml", "run", str(spec), str(trace(tmp_path, "")), f"--max-state={most}"])
+
+    assert refused.value.code == 4

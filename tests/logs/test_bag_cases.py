@@ -2,7 +2,8 @@
 
 `pytest --bag-cases DIR` runs another folder: each recording `FILE` with `FILE.expected.json`
 beside it, which has of each topic its type, count, first and last stamp, and of each field
-the number of its values with their exact sum, or a digest of its texts.
+the number of its values with their exact sum, or a digest of its texts. A folder of the MCAP
+conformance suite has one `expected.json` for all its files.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import hashlib
 import json
 import math
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +34,26 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     given = metafunc.config.getoption("--bag-cases")
     folder = Path(given) if given else ROOT.parent / "shared" / "bags"
     cases = sorted(p for suffix in SCANS for p in folder.rglob(f"*{suffix}.expected.json"))
-    if given and not cases:
+    if given and not cases and not list(folder.rglob("expected.json")):
         raise pytest.UsageError(f"--bag-cases {folder}: it holds no recording with an .expected.json")
     if "expected" in metafunc.fixturenames:
         ids = [str(p.relative_to(folder)).removesuffix(".expected.json") for p in cases]
         metafunc.parametrize("expected", cases or [None], ids=ids or ["none"])
+    if "conformance" in metafunc.fixturenames:
+        suites = sorted(p for p in folder.rglob("expected.json") if _is_conformance(p))
+        files = [(p.parent / name, facts) for p in suites for name, facts in _read(p).items()]
+        ids = [file.name for file, _ in files]
+        metafunc.parametrize("conformance", files or [None], ids=ids or ["none"])
+
+
+def _read(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def _is_conformance(path: Path) -> bool:
+    """Whether it speaks of files of the MCAP conformance suite."""
+    return all("messages_topic_log_publish_seq_hex" in facts for facts in _read(path).values())
 
 
 def described(expected: Path | None) -> tuple[Path, dict[str, Any]]:
@@ -55,8 +72,26 @@ def recorded(path: Path) -> dict[str, list[Message]]:
             found[item.topic] = found[item.topic]
             continue
         for message in item.messages() if isinstance(item, Batch) else (item,):
-            found[message.connection.topic].append(message)
+            found[message.connection.topic].append(message._replace(payload=bytes(message.payload)))
     return found
+
+
+def test_every_file_of_the_conformance_suite(conformance: tuple[Path, dict[str, Any]] | None) -> None:
+    if conformance is None:
+        pytest.skip("the MCAP conformance suite is not in the folder of recordings")
+    path, facts = conformance
+    found = sorted((m.connection.topic, m.stamp_ns, bytes(m.payload).hex()) for m in each_message(path))
+
+    expected = facts["messages_topic_log_publish_seq_hex"]
+    assert found == sorted((topic, log_ns, payload) for topic, log_ns, _, _, payload in expected)
+
+
+def each_message(path: Path) -> Iterator[Message]:
+    for item in McapScan(path):
+        if isinstance(item, Batch):
+            yield from item.messages()
+        elif isinstance(item, Message):
+            yield item
 
 
 def test_topics_counts_and_times(expected: Path | None) -> None:

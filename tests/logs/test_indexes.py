@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -149,3 +150,111 @@ def test_any_changed_byte_gives_the_same_numbers_or_an_error_or_a_defect(
         except LogError:
             continue
         assert all(len(signal) <= 6 for signal in trial.signals.values())
+
+
+LARGE = [
+    Recorded("/speed", VECTOR, 10**18 + i * 10**8, {"x": i / 8})
+    if i % 3
+    else Recorded("/picture", STRING, 10**18 + i * 10**8, {"data": "x" * 150_000})
+    for i in range(90)
+]
+
+
+def marked(path: Path) -> bytearray:
+    """The content of a file, a byte of its last picture changed."""
+    content = bytearray(path.read_bytes())
+    content[content.rindex(b"x" * 64)] ^= 1
+    return content
+
+
+def test_pictures_that_nobody_wants_are_not_looked_at(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.mcap", LARGE, storage="mcap")
+    expected = figures(read(path))
+    path.write_bytes(marked(path))
+
+    assert figures(read(path)) == expected
+    with pytest.raises(LogError, match="CRC"):
+        list(McapScan(path))
+    assert "CRC" in RosbagReader().describe(path).damage
+
+
+def test_messages_that_were_left_out_are_empty_and_counted(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.mcap", LARGE, storage="mcap")
+    items = [item for item in McapScan(path, topics={"/speed"}) if isinstance(item, Batch)]
+    sizes = [len(m.payload) for item in items for m in item.messages() if m.connection.topic == "/picture"]
+
+    assert sizes[-3:] == [0, 0, 0]
+    assert sum(map(len, items)) == len(LARGE)
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("which", [-1, -2])
+def test_what_was_left_out_is_read_where_the_index_is_wrong(
+    tmp_path: Path, change: Change, which: int
+) -> None:
+    path = write_bag(tmp_path / "t.mcap", LARGE, storage="mcap")
+    expected = figures(read(path))
+    content = bytearray(path.read_bytes())
+    change(content, *list(index_records("mcap", bytes(content)))[which])
+    path.write_bytes(content)
+
+    trial = read(path)
+
+    assert figures(trial) == expected
+    assert [(d.kind, d.count) for d in trial.log_defects] == [("contradicting_index", 1)]
+
+
+def test_what_is_read_after_all_is_verified(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.mcap", LARGE, storage="mcap")
+    content = marked(path)
+    an_offset_is_wrong(content, *list(index_records("mcap", bytes(content)))[-1])
+    path.write_bytes(content)
+
+    with pytest.raises(LogError, match="CRC"):
+        read(path)
+
+
+def test_a_chunk_without_a_wanted_message_is_not_inflated(tmp_path: Path) -> None:
+    dice = random.Random(5)  # noqa: S311  # of pictures
+    pictures = [
+        Recorded("/picture", STRING, 2 * 10**18 + i, {"data": dice.randbytes(400_000).hex()})
+        for i in range(6)
+    ]
+    path = write_bag(tmp_path / "t.mcap", [*LARGE, *pictures], storage="mcap", compression="zstd")
+    expected, content = figures(read(path)), path.read_bytes()
+    # The last chunk holds pictures alone.
+    chunks = [at for op, at in records_of(content) if op == 6]
+    path.write_bytes(content[: chunks[-1] + 200] + b"\0" * 64 + content[chunks[-1] + 264 :])
+
+    assert len(chunks) > 2
+    assert figures(read(path)) == expected
+    with pytest.raises(LogError):
+        list(McapScan(path))
+
+
+def records_of(content: bytes) -> Iterator[tuple[int, int]]:
+    at = 8
+    while at < len(content) - 8:
+        op, length = struct.unpack_from("<BQ", content, at)
+        yield op, at
+        at += 9 + length
+
+
+@every_format
+def test_the_number_of_threads_changes_nothing(
+    tmp_path: Path, storage: Any, name: str, compression: str
+) -> None:
+    path = write_bag(tmp_path / name, MESSAGES, storage=storage, compression=compression)
+    scans = [(McapScan if storage == "mcap" else Ros1Scan)(path, jobs=jobs) for jobs in (1, 2, 7)]
+    found = [
+        [
+            (m.connection.topic, m.stamp_ns, bytes(m.payload))
+            for item in scan
+            if isinstance(item, Batch)
+            for m in item.messages()
+        ]
+        for scan in scans
+    ]
+
+    assert len(found[0]) == 30
+    assert found[0] == found[1] == found[2]

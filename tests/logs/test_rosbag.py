@@ -498,3 +498,25 @@ def test_the_states_of_a_competition_count_where_they_change(tmp_path: Path) -> 
 
     assert (trial.started_s, trial.ended_s) == (1.0, 3.0)
     assert len(trial.events) == 2
+
+
+def test_what_no_plan_can_express_is_decoded_one_by_one_and_said(tmp_path: Path) -> None:
+    """More fields than a plan takes: rosbags reads each message, and the trial tells."""
+    from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
+
+    name, store = "test_msgs/msg/Wide", get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg("\n".join(f"float32 f{i}" for i in range(4100)), name))
+    with Writer(tmp_path / "wide", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/wide", name, typestore=store)
+        for i in range(3):
+            message = store.types[name](*[0.5 * i] * 4100)
+            writer.write(connection, 10**18 + i * 10**9, bytes(store.serialize_cdr(message, name)))
+    channel = Channel("/wide", name, signals=(FieldMap("speed/human", "m/s", ("f4099",)),))
+
+    trial = READER.read(tmp_path / "wide", wanted(channel))
+
+    assert trial.signals["speed/human"].values.tolist() == [0.0, 0.5, 1.0]
+    (defect,) = trial.log_defects
+    assert (defect.kind, defect.where) == ("decoded_one_by_one", "/wide")
+    assert "more than 4096 fields" in defect.message

@@ -24,6 +24,7 @@ from ariac_score.cli import main  # noqa: E402  # after the libraries are there
 from ariac_score.errors import RuleSetError  # noqa: E402
 from ariac_score.oracle.conversation import Conversation  # noqa: E402
 from ariac_score.oracle.judges import SpecBench  # noqa: E402
+from ariac_score.oracle.replay import replay  # noqa: E402
 from ariac_score.registry import Registry  # noqa: E402
 from ariac_score.testing import kitting_trial, recorded_messages, write_event_log  # noqa: E402
 
@@ -219,3 +220,38 @@ def test_the_older_dialect_is_a_choice(tmp_path: Path) -> None:
     assert json.loads(talk.answer('{"topic": "x", "p": "home"}'))["verdict"] == "currently_true"
     assert json.loads(talk.answer('{"topic": "x", "p": "away"}'))["verdict"] == "false"
     talk.close("tested")
+
+
+GUARD = """
+dropped matches {topic: 'chatter', data: 'drop'};
+negative matches {service: 'add_two_ints', request: {a: a}} with a < 0;
+bad matches dropped | negative;
+good not matches bad;
+Main = good*;
+"""
+"""What the oracle of the recorded run asked of the cell, as its verdicts show it."""
+
+
+@pytest.mark.parametrize("name", ["cell_guard_status.jsonl", "cell_guard_oracle.jsonl"])
+def test_a_recorded_run_of_a_generated_node_gets_the_verdicts_it_got(
+    shared: Path, tmp_path: Path, name: str
+) -> None:
+    file = tmp_path / "guard.rml"
+    file.write_text(GUARD, encoding="utf-8")
+    bench = SpecBench(file, Registry(), {"after_violation": "resume"})
+
+    found = replay(shared / "rosmonitoring/data/generated" / name, bench)
+
+    assert (found.agreeing, found.undecided, found.without, found.differences) == (8, 0, 0, ())
+
+
+def test_a_recorded_run_that_was_judged_otherwise_is_told_apart(shared: Path, tmp_path: Path) -> None:
+    file = tmp_path / "guard.rml"
+    file.write_text(GUARD.replace("a < 0", "a < -1"), encoding="utf-8")
+    bench = SpecBench(file, Registry(), {"after_violation": "resume"})
+
+    found = replay(shared / "rosmonitoring/data/generated/cell_guard_oracle.jsonl", bench)
+
+    assert [(one.channel, one.theirs) for one in found.differences] == [
+        ("/add_two_ints/request", "currently_false")
+    ]

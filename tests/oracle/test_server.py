@@ -235,6 +235,17 @@ def test_a_client_beyond_the_limit_is_refused_at_the_handshake(running: Running)
     first.close()
 
 
+def test_a_client_whose_log_cannot_be_made_is_refused(running: Running) -> None:
+    oracle = running()
+    (oracle._folder / "connection_001.jsonl").mkdir()
+
+    with pytest.raises(websocket.WebSocketBadStatusException, match="503"):
+        connect(oracle)
+
+    assert oracle.refused == 1
+    assert oracle.conversations == []
+
+
 # Bad clients -----------------------------------------------------------------------------
 
 
@@ -379,7 +390,7 @@ def test_so_many_who_only_connect_do_not_keep_a_monitor_out_for_ever(running: Ru
     with ExitStack() as strangers:
         for _ in range(40):
             strangers.enter_context(socket.create_connection((host, int(port)), timeout=TIMEOUT_S))
-    client = next(filter(None, (_tried(oracle) for _ in range(100))))
+    client = next(filter(None, (_tried(oracle) for _ in range(5_000))))
 
     assert exchange(client, [snapshot(1.0)])[0]["verdict"] == "currently_true"
     client.close()

@@ -364,3 +364,17 @@ def test_any_text_is_read_or_refused(text: str) -> None:
         assert error.line >= 1
     else:
         assert parse(format_rml(spec)) == spec
+
+
+def test_a_text_in_a_guard_is_answered_with_where_texts_are_compared() -> None:
+    with pytest.raises(RmlError, match="a value was expected, not 'abc'") as refused:
+        compile_rml("a matches {x:v} with v == 'abc'; Main = a;")
+
+    assert "by the pattern" in refused.value.hint
+
+
+def test_a_long_chain_of_equations_is_checked_link_by_link() -> None:
+    links = [f"A{i} = A{i + 1}; " for i in range(3_000)]
+
+    for text in ("".join(links), "".join(reversed(links))):
+        assert not compile_rml("a matches {x:1}; Main = A0; " + text + "A3000 = a*;").warnings

@@ -42,7 +42,7 @@ def both(text: str, spec: str = SPEC) -> tuple[Run | None, Run]:
 def _numbers(words: list[str]) -> Numbers:
     lengths = [len(word) + 1 for word in words]
     begin = np.cumsum([0, *lengths[:-1]])
-    return Numbers.at(Text(("".join(f"{word}," for word in words)).encode()), begin)
+    return Numbers.at(Text.of(("".join(f"{word}," for word in words)).encode()), begin)
 
 
 def _decimal(places: int, value: float) -> str:
@@ -139,10 +139,11 @@ def test_lines_of_one_layout_are_read_in_columns(values: list[str]) -> None:
     assert fast == slow
 
 
-def test_blocks_join_without_a_seam(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("block_bytes", [1, 10, 29, 100, 1000])
+def test_blocks_join_without_a_seam(monkeypatch: pytest.MonkeyPatch, block_bytes: int) -> None:
     text = "".join(f'{{"topic": "{"s" if i % 3 else "t"}", "x": {i / 64}}}\n' for i in range(60)).rstrip()
     expected = both(text)
-    monkeypatch.setattr("ariac_score_rml.lines._BLOCK_BYTES", 100)
+    monkeypatch.setattr("ariac_score_rml.lines._BLOCK_BYTES", block_bytes)
 
     assert expected[0] is not None
     assert both(text) == expected

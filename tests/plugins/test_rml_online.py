@@ -12,7 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score import (
+    COMPETITION_ENDED,
+    COMPETITION_STARTED,
     Body,
+    Event,
     EventMonitor,
     OnlineMonitor,
     Sample,
@@ -152,6 +155,28 @@ def test_once_and_everything_are_for_good() -> None:
         (0.01, Verdict.VIOLATED, True),
     ]
     assert [s.final for s in everything] == [False, True, True, True]
+
+
+def test_with_the_start_of_the_competition_the_specification_begins_and_with_its_end_it_ends() -> None:
+    t = [k / 100 for k in range(6)]
+    events = (Event(0.01, COMPETITION_STARTED), Event(0.04, COMPETITION_ENDED))
+    trial = replace(trial_of(t, [1.0, 3.0, 1.0, 3.0, 1.0, 3.0], t, t), events=events)
+    monitor = RmlSpec(*SPECS["alternating"], t_off_s=0.0)
+    watch = monitor.begin(BODIES)
+    came = sorted((*events, *samples(trial)), key=lambda item: item.t_s)
+
+    steps = [([], [item]) if isinstance(item, Event) else ([item], []) for item in came]
+    said = [s for own, happened in steps for s in watch.step(own, happened)]
+
+    # Far at 0.01 s is no beginning, near at 0.04 s leaves something open: only of the competition.
+    assert [(s.t_s, s.verdict.value) for s in said] == [
+        (0.0, "inconclusive"),
+        (0.01, "violated"),
+        (0.02, "inconclusive"),
+        (0.03, "satisfied"),
+        (0.04, "inconclusive"),
+    ]
+    assert [f.span.start_s for f in monitor.watch(trial) if f.span] == [0.01, 0.04]
 
 
 def test_nothing_is_said_without_a_specification_events_or_bodies() -> None:

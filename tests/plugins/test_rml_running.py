@@ -243,6 +243,17 @@ def test_a_state_that_grows_without_bound_ends_the_run_and_names_its_equation() 
     assert "'Grows'" in str(found.error)
 
 
+def test_what_a_growing_state_may_ask_is_found_out_part_by_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    machine = compile_rml(P + "Main = Grows; Grows = r (Grows | r);").machine()
+    looked_at: list[object] = []
+    following = machine._next_parts
+    monkeypatch.setattr(machine, "_next_parts", lambda term: looked_at.append(term) or following(term))
+
+    run_trace(machine, [R] * 300)
+
+    assert len(looked_at) < 300 * 12  # not 300 * 300
+
+
 def test_the_limit_of_a_state_is_where_it_says() -> None:
     machine = compile_rml(P + "Main = r q(1);").machine()
     state = machine.after(machine.start, R)

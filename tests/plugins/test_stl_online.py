@@ -11,7 +11,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, OnlineMonitor, Sample, Signal, Span, Standing, Trial, Verdict, uncovered_spans
+from ariac_score import (
+    COMPETITION_ENDED,
+    COMPETITION_STARTED,
+    Body,
+    Event,
+    OnlineMonitor,
+    Sample,
+    Signal,
+    Span,
+    Standing,
+    Trial,
+    Verdict,
+    uncovered_spans,
+)
 from ariac_score.testing import ContractCheck, contract_checks, made_trial
 from ariac_score_stl import StlFormula, stages
 from ariac_score_stl.online import undecided_online
@@ -292,6 +305,12 @@ def test_what_cannot_be_said_before_the_end_is_said_to_be_so(text: str, more: An
     assert ending(monitor, trial) == list(monitor.watch(trial))
 
 
+def test_a_formula_about_nobody_known_says_so() -> None:
+    watch = formula("always v < 1").begin((Body("human", "human"),))
+
+    assert watch.undecided == "whom it is about is not known before the trial"  # type: ignore[attr-defined]
+
+
 @pytest.mark.parametrize("text", ["always v < 1", "historically v < 1", "always eventually[0,9] v < 1"])
 def test_what_can_be_said_is_not_put_off(text: str) -> None:
     assert undecided_online(formula(text)) == ""
@@ -312,6 +331,31 @@ def test_a_formula_without_value_is_undecided_from_there_on() -> None:
         (Verdict.INCONCLUSIVE, True),
     ]
     assert "division by zero" in found[1][1].message
+
+
+def test_with_the_start_of_the_competition_the_formula_begins_and_with_its_end_it_ends() -> None:
+    events = (Event(0.2, COMPETITION_STARTED), Event(0.4, COMPETITION_ENDED))
+    trial = replace(
+        log([k / 10 for k in range(7)], d=[9] * 7, v=[0.9, 0.1, 0.2, 0.1, 0.9, 0.9, 0.9]), events=events
+    )
+    text = "always historically[0,0.2] v < 0.4"
+    watch = formula(text).begin(trial.bodies)
+    came = sorted((*events, *samples(trial)), key=lambda item: item.t_s)
+
+    steps = [([], [item]) if isinstance(item, Event) else ([item], []) for item in came]
+    found = [s for own, happened in steps for s in watch.step(own, happened)]
+
+    # 0.9 at the first sample is before the competition, of which nothing is known.
+    assert [(s.t_s, s.verdict.value) for s in found] == [
+        (0.0, "violated"),
+        (0.1, "violated"),
+        (0.2, "inconclusive"),
+        (0.3, "inconclusive"),
+        (0.4, "violated"),
+    ]
+    (violation, undecided) = formula(text).watch(trial)
+    assert violation.span == Span(0.4, 0.4)
+    assert undecided.span == Span(0.2, 0.4)
 
 
 def ending(monitor: StlFormula, trial: Trial) -> list[Any]:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 from ariac_score.trial.derive import (
     TELEPORT_SPEED_M_S,
     Derivation,
     centred_velocity,
     derive_signals,
+    nearest_distances,
     source_quantities,
 )
 from ariac_score.trial.model import Body, LogDefect, Trial
@@ -24,6 +27,7 @@ LAWFUL = settings(max_examples=60, derandomize=True, deadline=None)
 ROBOT, HUMAN = Body("gantry", "robot"), Body("person_1", "human")
 PAIR = "gantry/person_1"
 TWO = np.array([0.0, 0.01])
+FINITE = st.floats(-1e9, 1e9)
 
 
 def track(name: str, t: FloatArray | list[float], *points: tuple[float, float, float]) -> Signal:
@@ -454,3 +458,46 @@ def test_a_followed_link_that_is_not_recorded_leaves_distance_and_speed_unknown(
     blind = derived(trial(STANDING, VISITOR, bodies=(ARTICULATED, HUMAN)), "speed", "centre_distance")
 
     assert not {"speed/gantry", f"centre_distance/{PAIR}"} & blind.signals.keys()
+
+
+@given(
+    hnp.arrays(np.float64, st.tuples(st.integers(1, 4), st.integers(0, 30), st.just(3)), elements=FINITE),
+    st.integers(1, 3),
+)
+@settings(max_examples=60, deadline=None)
+def test_the_nearest_distance_is_the_least_of_all_to_the_bit(tracks: Any, points: int) -> None:
+    human = [np.roll(tracks[0], i + 1, axis=0) * 0.75 for i in range(points)]
+    expected = np.full(tracks.shape[1], np.inf)
+    for a in tracks:
+        for b in human:
+            dx, dy, dz = (b - a).T
+            expected = np.minimum(expected, np.sqrt(dx * dx + dy * dy + dz * dz))
+
+    found = nearest_distances(list(tracks), [human, human[:1], []])
+    assert found[0].tobytes() == expected.tobytes()
+    assert np.isinf(found[2]).all()
+
+
+def test_the_nearest_distance_does_not_depend_on_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    dice = np.random.default_rng(3)
+    one, other = dice.normal(size=(2, 100, 3)), dice.normal(size=(2, 100, 3))
+    whole = nearest_distances(list(one), [list(other)], slice(2))
+    monkeypatch.setattr("ariac_score.trial.derive._BLOCK_SAMPLES", 7)
+
+    assert nearest_distances(list(one), [list(other)], slice(2)).tobytes() == whole.tobytes()
+
+
+def test_humans_measured_at_once_have_the_distances_they_have_alone() -> None:
+    dice, t = np.random.default_rng(4), np.arange(50) / 10
+    bodies = [ROBOT, *(Body(f"person_{i}", "human") for i in range(4))]
+    tracks = {b.id: Signal(f"position/{b.id}", "m", t, dice.normal(size=(50, 3))) for b in bodies}
+    tracks["person_3"] = Signal("position/person_3", "m", t[:40], dice.normal(size=(40, 3)))
+    together = derived(trial(*tracks.values(), bodies=tuple(bodies)), "centre_distance", "separation")
+
+    for body in bodies[1:]:
+        pair = (ROBOT, body)
+        alone = derived(trial(*(tracks[b.id] for b in pair), bodies=pair), "centre_distance", "separation")
+        for quantity in ("centre_distance", "separation"):
+            name = f"{quantity}/{ROBOT.id}/{body.id}"
+            assert together.signals[name].t.tobytes() == alone.signals[name].t.tobytes()
+            assert together.signals[name].values.tobytes() == alone.signals[name].values.tobytes()

@@ -33,7 +33,7 @@ class Payloads:
     def joined(cls, payloads: Iterable[bytes | memoryview]) -> Payloads:
         """Separate messages, copied one after the other."""
         parts = list(payloads)
-        ends = np.cumsum([len(part) for part in parts], dtype=np.int64)
+        ends = np.cumsum(np.fromiter(map(len, parts), np.int64, len(parts)))
         starts = np.concatenate(([0], ends[:-1])).astype(np.int64) if parts else ends
         return cls(np.frombuffer(b"".join(parts), dtype=np.uint8), starts, ends)
 

@@ -6,18 +6,15 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from keyword import iskeyword
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.logs.columnar.columns import Bytes, Column, Columns, Defect, IntArray, Payloads, ranges
-from ariac_score.logs.columnar.plan import Field, Plan, Stream, compile_plan
+from ariac_score.logs.columnar.plan import Definitions, Field, Plan, Stream, compile_plan
 from ariac_score.logs.columnar.walk_many import Interned, walk
 from ariac_score.logs.columnar.walk_one import Layout, MisfitError, lay_out
-
-if TYPE_CHECKING:
-    from rosbags.typesys.store import Typestore
 
 __all__ = ["ColumnDecoder"]
 
@@ -128,7 +125,7 @@ class ColumnDecoder:
     """
 
     def __init__(
-        self, store: Typestore, type_: str, *, cdr: bool, wanted: Iterable[str] | None = None
+        self, store: Definitions, type_: str, *, cdr: bool, wanted: Iterable[str] | None = None
     ) -> None:
         self._store, self._type, self._cdr = store, type_, cdr
         self._interned = Interned()

@@ -12,16 +12,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from ariac_score.logs.columnar.columns import IntArray
 
-if TYPE_CHECKING:
-    from rosbags.typesys.store import Typestore
-
-__all__ = ["Block", "Field", "Plan", "PlanError", "Repeat", "Step", "Stream", "Text", "compile_plan"]
+__all__ = [
+    "Block",
+    "Definitions",
+    "Field",
+    "Plan",
+    "PlanError",
+    "Repeat",
+    "Step",
+    "Stream",
+    "Text",
+    "compile_plan",
+]
 
 _NUMBERS = {
     "bool": "u1",
@@ -46,6 +54,22 @@ _DEEPEST = 64
 _MOST_STEPS = 4096
 _DUMMY = "structure_needs_at_least_one_member"
 """What ROS 2 writes into an empty message, and ROS 1 does not."""
+
+
+class Definitions(Protocol):
+    """What is needed of a type store of rosbags."""
+
+    max_sequence_length: int
+
+    @property
+    def fielddefs(self) -> Any:
+        """Constants and fields of each type, by name."""
+
+    def deserialize_cdr(self, rawdata: bytes, typename: str) -> object:
+        """One CDR message."""
+
+    def deserialize_ros1(self, rawdata: bytes, typename: str) -> object:
+        """One message as ROS 1 packs it."""
 
 
 class PlanError(Exception):
@@ -168,7 +192,7 @@ class Plan:
     longest_sequence: int
 
 
-def compile_plan(store: Typestore, type_: str, *, cdr: bool, wanted: Iterable[str] | None = None) -> Plan:
+def compile_plan(store: Definitions, type_: str, *, cdr: bool, wanted: Iterable[str] | None = None) -> Plan:
     """Compile the definition of a type.
 
     Args:
@@ -211,7 +235,7 @@ class _Fixed:
 
 
 class _Compiler:
-    def __init__(self, store: Typestore, *, cdr: bool, wanted: frozenset[str] | None) -> None:
+    def __init__(self, store: Definitions, *, cdr: bool, wanted: frozenset[str] | None) -> None:
         self._store, self._cdr, self._wanted = store, cdr, wanted
         self.streams: list[Stream] = []
         self._steps = 0

@@ -1,0 +1,68 @@
+"""What a batch found out, for those who rank it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from ariac_score.batch.index import RUNS, Row, read_rows
+from ariac_score.batch.supervise import DESCRIPTION
+from ariac_score.errors import FormulaError, LogError, RunEndedError, ScoreError, UsageError
+from ariac_score.ranking.competition import Competition, RunKey
+from ariac_score.ranking.runs import without_sketch
+from ariac_score.result import Result
+from ariac_score.result_json import load_result
+from ariac_score.ruleset import RuleSet
+
+__all__ = ["results_of_batch"]
+
+
+def results_of_batch(
+    folder: Path, competition: Competition, rule_set: RuleSet, *, sketches: bool = False
+) -> dict[RunKey, Result | ScoreError]:
+    """Each run's stored result, or why there is none.
+
+    Args:
+        folder: Of the batch.
+        competition: Whose runs they are.
+        rule_set: By which it is ranked; the batch must have been scored by it.
+        sketches: Keep what pages draw; of a season that is most of the memory.
+
+    Raises:
+        UsageError: The folder holds no finished batch of this competition under these rules.
+    """
+    again = f"ariac-score batch {competition.file} -o {folder}"
+    try:
+        told = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+        made_under = told["rule_set"]["id"], told["rule_set"]["sha256"]
+    except (OSError, ValueError, KeyError, TypeError) as cause:
+        raise UsageError("this is no folder of a batch", file=folder, hint=again) from cause
+    if made_under != (rule_set.id, rule_set.sha256):
+        raise UsageError(
+            f"it was scored under {made_under[0]} ({made_under[1][:12]}…), not under {rule_set.id} "
+            f"({rule_set.sha256[:12]}…)",
+            file=folder,
+            hint=f"put the new prices on it first: {again}",
+        )
+    rows = {row.key: row for row in read_rows(folder / RUNS)}
+    missing = [run.key for run in competition.runs if run.key not in rows]
+    if missing:
+        named = ", ".join("/".join(map(str, key)) for key in missing[:3])
+        raise UsageError(f"{len(missing)} runs are not in it: {named}", file=folder, hint=again)
+    return {run.key: _result(rows[run.key], folder, sketches=sketches) for run in competition.runs}
+
+
+def _result(row: Row, folder: Path, *, sketches: bool) -> Result | ScoreError:
+    summary = row.summary
+    if row.object:
+        try:
+            result = load_result(folder / row.object)
+            return result if sketches else without_sketch(result)
+        except ScoreError:
+            if not summary.reason:
+                raise
+    if summary.outcome in ("crashed", "cancelled"):
+        return RunEndedError(summary.reason, outcome=summary.outcome)
+    if summary.outcome == "no_value":
+        return FormulaError(summary.reason)
+    return LogError(f"{summary.outcome.replace('_', ' ')}: {summary.reason}")

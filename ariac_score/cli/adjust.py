@@ -1,0 +1,49 @@
+"""`ariac-score adjust RESULT [ADJUSTMENTS]`: decisions of stewards on top of an automatic result."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    from ariac_score.cli.outcome import add_output  # noqa: PLC0415  # commands are registered one by one
+
+    parser = commands.add_parser(
+        "adjust",
+        help="apply decisions of stewards on top of a result",
+        description="Apply an adjustments.yaml to a stored result. The automatic result stays in it, "
+        "untouched and shown. Without ADJUSTMENTS, print a file to begin with.",
+    )
+    parser.add_argument(
+        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
+    )
+    parser.add_argument(
+        "adjustments", nargs="?", type=Path, metavar="ADJUSTMENTS", help="adjustments.yaml of the stewards"
+    )
+    add_output(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Load both, apply, show; the same output and exit codes as `score`."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.adjustments import adjust, adjustments_template, load_adjustments  # noqa: PLC0415
+    from ariac_score.cli.outcome import show  # noqa: PLC0415
+    from ariac_score.cli.output import refuse_inputs, write  # noqa: PLC0415
+    from ariac_score.result_json import load_result, measured_sha256  # noqa: PLC0415
+
+    refuse_inputs(arguments.output, arguments.result)
+    stored = load_result(arguments.result)
+    measured = measured_sha256(stored)
+    if arguments.adjustments is None:
+        write(adjustments_template(stored, measured=measured), arguments.output)
+        return 0
+    refuse_inputs(arguments.output, arguments.adjustments)
+    adjusted, others = adjust(stored, load_adjustments(arguments.adjustments), measured=measured)
+    if others:
+        print(f"{others} adjustments of the file are about other results", file=sys.stderr)
+    return show(adjusted, arguments)

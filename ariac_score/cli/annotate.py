@@ -1,0 +1,54 @@
+"""`ariac-score annotate LOG RESULT -o out.mcap`: a recording to open beside the log."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "annotate",
+        help="what a result says about its log, as a recording to open beside it",
+        description="Write a ROS 2 recording (MCAP) with state and margin of every monitor, violations as "
+        "markers, and a log, on the clock of the log: for Foxglove, PlotJuggler or RViz.",
+    )
+    parser.add_argument("path", type=Path, metavar="LOG", help="the log or bundle the result was made from")
+    parser.add_argument(
+        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the .mcap to write")
+    parser.add_argument(
+        "--rules", default="", metavar="NAME", help="rule set instead of the one in the result"
+    )
+    parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read the log again, watch it, write."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.annotations import mcap_bytes, messages_of  # noqa: PLC0415
+    from ariac_score.cli.output import refuse_inputs, write_bytes  # noqa: PLC0415
+    from ariac_score.logmap import load_log_map  # noqa: PLC0415
+    from ariac_score.margins import read_again, tracks  # noqa: PLC0415
+    from ariac_score.registry import Registry  # noqa: PLC0415
+    from ariac_score.result_json import load_result  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set, rule_set_from_text  # noqa: PLC0415
+
+    for source in (arguments.path, arguments.result):
+        refuse_inputs(arguments.output, source)
+    result = load_result(arguments.result)
+    rule_set = (
+        load_rule_set(arguments.rules)
+        if arguments.rules
+        else rule_set_from_text(result.rules, file="the rules in the result")
+    )
+    registry = Registry()
+    mapping = load_log_map(arguments.log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
+    trial = read_again(result, arguments.path, rule_set, log_map=arguments.log_map, registry=registry)
+    found = tracks(result, trial, rule_set, registry=registry)
+    write_bytes(mcap_bytes(messages_of(result, trial, found, frame=mapping.root_frame)), arguments.output)
+    return 0

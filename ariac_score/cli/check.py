@@ -1,0 +1,92 @@
+"""`ariac-score check LOG --rules NAME`: can this log be scored, and what is missing?"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ariac_score.readiness import Readiness
+    from ariac_score.report.style import Style
+
+EXIT_UNDECIDED = 6
+_WORDS = {"withholds": ("missing", "red"), "costs": ("costs", "yellow"), "nothing": ("unpriced", "dim")}
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "check",
+        help="can this log be scored, and what is missing?",
+        description="What a team asks before it submits. Exit code 0: the log can be scored; 5: there is "
+        "nothing to score; 6: it is damaged, or lacks what the score depends on.",
+    )
+    parser.add_argument(
+        "path", type=Path, metavar="LOG", help="log, bag folder, bundle folder or bundle.yaml"
+    )
+    parser.add_argument(
+        "--rules", required=True, metavar="NAME", help="rule set: a name ('rules list') or a .yaml file"
+    )
+    parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check, show, and say with the exit code whether it can be scored."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.cli.output import progress_bar  # noqa: PLC0415
+    from ariac_score.readiness import check_log  # noqa: PLC0415
+    from ariac_score.report.style import style_for  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+
+    rule_set = load_rule_set(arguments.rules)
+    with progress_bar(arguments.path) as progress:
+        found = check_log(arguments.path, rule_set, log_map=arguments.log_map, progress=progress)
+    if arguments.output_format == "json":
+        print(json.dumps(_data(found), indent=1, sort_keys=True))
+    else:
+        for line in _lines(found, arguments.path.name, style_for(sys.stdout)):
+            print(line)
+    return 0 if found.ready else EXIT_UNDECIDED
+
+
+def _lines(found: Readiness, name: str, style: Style) -> Iterator[str]:
+    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+
+    under = f"under {found.result.provenance.rule_set[0]}"
+    if found.ready:
+        yield style(plain(name), "bold") + style(f" can be scored {under}", "green")
+    else:
+        yield style(plain(name), "bold") + style(f" cannot be scored {under}", "red")
+    # Checks that lack the same thing share a line.
+    alike: dict[tuple[str, str, str], list[str]] = {}
+    for lack in found.lacks:
+        alike.setdefault((lack.effect, lack.cause, lack.remedy), []).append(lack.what)
+    for (effect, cause, remedy), checks in alike.items():
+        word, look = _WORDS[effect]
+        yield f"  {style(f'{word:<9}', look)}{', '.join(checks)}: {plain(cause)}"
+        if remedy:
+            yield f"           {plain(remedy)}"
+    yield f"  {style('decided  ', 'green')}{', '.join(found.decided) or 'nothing'}"
+    for note in found.notes:
+        yield f"  note     {plain(note)}"
+
+
+def _data(found: Readiness) -> dict[str, Any]:
+    return {
+        "ready": found.ready,
+        "rule_set": found.result.provenance.rule_set[0],
+        "status": found.result.status,
+        "lacks": [
+            {"what": lack.what, "effect": lack.effect, "cause": lack.cause, "remedy": lack.remedy}
+            for lack in found.lacks
+        ],
+        "decided": list(found.decided),
+        "notes": list(found.notes),
+    }

@@ -1,0 +1,60 @@
+"""`ariac-score export RESULT|BATCH`: a stored result, or tables of a batch, as other programs read them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    from ariac_score.cli.outcome import add_output  # noqa: PLC0415  # commands are registered one by one
+
+    parser = commands.add_parser(
+        "export",
+        help="a stored result as JUnit, SARIF, GitHub annotations, Markdown, CSV or JSON Lines",
+        description="Show a stored result in another format, without its log; or write a table of a batch "
+        "as CSV or Parquet.",
+    )
+    parser.add_argument(
+        "result",
+        type=Path,
+        metavar="RESULT|BATCH",
+        help="JSON written by 'score --output-format json'; or the folder of a batch",
+    )
+    parser.add_argument(
+        "--table", choices=("runs", "checks"), default="runs", help="of a batch; default: runs"
+    )
+    add_output(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Load and show; the same output and exit codes as `score`."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.cli.outcome import show  # noqa: PLC0415
+    from ariac_score.cli.output import refuse_inputs  # noqa: PLC0415
+    from ariac_score.result_json import load_result  # noqa: PLC0415
+
+    refuse_inputs(arguments.output, arguments.result)
+    if arguments.result.is_dir():
+        return _table(arguments)
+    return show(load_result(arguments.result), arguments)
+
+
+def _table(arguments: argparse.Namespace) -> int:
+    """A table of a batch: Parquet when the file is named so, else CSV."""
+    from ariac_score.batch.export import table_csv, write_parquet  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.cli.output import write  # noqa: PLC0415
+    from ariac_score.errors import UsageError  # noqa: PLC0415
+
+    if arguments.output_format not in ("text", "csv"):
+        raise UsageError(
+            f"a batch has no {arguments.output_format}", hint="--output-format csv, or -o FILE.parquet"
+        )
+    if arguments.output is not None and arguments.output.suffix == ".parquet":
+        write_parquet(arguments.result, arguments.table, arguments.output)
+    else:
+        write(table_csv(arguments.result, arguments.table), arguments.output)
+    return 0

@@ -1,0 +1,127 @@
+"""What commands do with a result: show it, and say with the exit code what it is."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from decimal import Decimal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ariac_score.findings import Verdict
+    from ariac_score.result import Result
+
+__all__ = ["add_output", "failed_criteria", "show"]
+
+EXIT_CRITERION = 1
+EXIT_UNDECIDED = 6
+FORMATS = ("text", "json", "junit", "sarif", "github", "markdown", "csv", "jsonl")
+_CRITERION = re.compile(
+    r"(?P<what>violation|unknown)(:(?P<check>\w+))?|score<(?P<limit>-?\d+(\.\d+)?)", re.ASCII
+)
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how a result is shown, and when it fails."""
+    parser.add_argument(
+        "--output-format", choices=FORMATS, default="text", help="default: text; see docs/ci.md"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
+    parser.add_argument(
+        "--fail-on",
+        action="append",
+        type=_criterion,
+        default=[],
+        metavar="WHAT",
+        help="exit with 1 on 'violation', 'unknown', 'violation:CHECK', 'unknown:CHECK' or 'score<X'; "
+        "may be given several times",
+    )
+
+
+def _criterion(text: str) -> str:
+    if _CRITERION.fullmatch(text) is None:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not violation, unknown, violation:CHECK, unknown:CHECK or 'score<X'"
+        )
+    return text
+
+
+def show(result: Result, arguments: argparse.Namespace) -> int:
+    """Print or write a result as the arguments ask, say what withholds a score and which criteria fail."""
+    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+
+    failed = failed_criteria(result, arguments.fail_on)
+    write(_shown(result, arguments), arguments.output)
+    for words in failed:
+        print(f"failed: {words}", file=sys.stderr)
+    if result.final is None:
+        _say_what_withholds(result)
+        return EXIT_UNDECIDED
+    return EXIT_CRITERION if failed else 0
+
+
+def _shown(result: Result, arguments: argparse.Namespace) -> str:
+    from ariac_score.report.exports import exported  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.report.style import Style, style_for  # noqa: PLC0415
+    from ariac_score.report.text import score_text  # noqa: PLC0415
+    from ariac_score.result_json import as_json  # noqa: PLC0415
+
+    if arguments.output_format == "json":
+        return as_json(result)
+    if arguments.output_format == "text":
+        return score_text(result, Style() if arguments.output else style_for(sys.stdout))
+    return exported(result, arguments.output_format)
+
+
+def _say_what_withholds(result: Result) -> None:
+    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+
+    for assumption in result.assumptions:
+        if assumption.policy == "withhold":
+            print(f"undecided: {assumption.finding}: {plain(assumption.message)}", file=sys.stderr)
+    if result.missing:
+        print(f"{result.status}: {plain(result.missing)}", file=sys.stderr)
+    if result.status == "needs_cohort":
+        print("hint: give the organisers' cohort with --cohort, or rank all teams", file=sys.stderr)
+
+
+def failed_criteria(result: Result, criteria: list[str]) -> list[str]:
+    """Which criteria a result fails, in words; what stewards decided counts.
+
+    Raises:
+        UsageError: A criterion names a check that the rules do not have.
+    """
+    from ariac_score.errors import UsageError, did_you_mean  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.findings import Verdict  # noqa: PLC0415
+
+    words = []
+    for text in dict.fromkeys(criteria):
+        match = _CRITERION.fullmatch(text)
+        assert match is not None  # the option takes nothing else
+        if match["limit"] is not None:
+            if result.final is not None and result.final < Decimal(match["limit"]):
+                words.append(f"{text}: it is {result.final:f}")
+            continue
+        if match["check"] and match["check"] not in result.checks:
+            raise UsageError(
+                f"--fail-on {text}: the rules have no check {match['check']!r}",
+                hint=did_you_mean(match["check"], result.checks),
+            )
+        verdict = Verdict.VIOLATED if match["what"] == "violation" else Verdict.INCONCLUSIVE
+        found = _found(result, verdict, match["check"] or "")
+        if found:
+            more = f" and {len(found) - 3} more" if len(found) > 3 else ""
+            words.append(f"{text}: {', '.join(found[:3])}{more}")
+    return words
+
+
+def _found(result: Result, verdict: Verdict, check: str) -> list[str]:
+    """The findings of a verdict, as the stewards left them."""
+    from ariac_score.scoring.steward import with_verdicts  # noqa: PLC0415  # keeps --help quick
+
+    findings = result.measured.findings
+    if result.adjusted is not None:
+        findings = with_verdicts(findings, result.adjusted.adjustments)
+    return [key for key, f in findings.items() if f.verdict is verdict and check in ("", f.check)]

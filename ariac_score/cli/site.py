@@ -1,0 +1,220 @@
+"""`ariac-score report COMPETITION -o site/`: a competition as a folder of pages."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ariac_score.errors import ScoreError
+    from ariac_score.ranking.competition import Competition, RunKey
+    from ariac_score.ranking.rank import Ranking
+    from ariac_score.ranking.ranking_json import Publication
+    from ariac_score.result import Result
+    from ariac_score.ruleset import RuleSet
+    from ariac_score.sensitivity import RankSensitivity
+
+__all__ = ["is_competition", "refuse_site_arguments", "site_of_competition", "site_of_ranking"]
+
+NOW = "now"
+"""`--sensitivity now`: look at it as part of making the site."""
+_RANKING = Path("data/ranking.json")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options that only a competition has."""
+    parser.add_argument(
+        "--rules", default="", metavar="NAME", help="competition: rule set instead of its own"
+    )
+    parser.add_argument(
+        "--adjustments",
+        type=Path,
+        metavar="FILE",
+        help="competition: adjustments.yaml of the stewards, instead of the competition's own",
+    )
+    parser.add_argument(
+        "--results", type=Path, metavar="DIR", help="ranking: its results, where they are not where it says"
+    )
+    parser.add_argument(
+        "--previous",
+        type=Path,
+        metavar="OLD",
+        help="competition or ranking: say what changed since this ranking.json, or folder of a site",
+    )
+    parser.add_argument(
+        "--sensitivity",
+        metavar="FILE|now",
+        help="competition or ranking: show this output of 'sensitivity --output-format json'; "
+        "'now' finds out, which may take minutes",
+    )
+
+
+def refuse_site_arguments(arguments: argparse.Namespace) -> None:
+    """Refuse what only a competition can be given.
+
+    Raises:
+        UsageError: One of these options is given.
+    """
+    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
+
+    for name in ("rules", "adjustments", "results", "previous", "sensitivity"):
+        if getattr(arguments, name):
+            raise UsageError(
+                f"--{name} is for the site of a competition, and this is one trial",
+                file=arguments.result,
+                hint=f"drop --{name}",
+            )
+
+
+def is_competition(path: Path) -> bool:
+    """Whether a path is that of a competition, and not of a result or ranking."""
+    return path.is_dir() or path.suffix in (".yaml", ".yml")
+
+
+def site_of_competition(arguments: argparse.Namespace) -> int:
+    """Score every run, rank, and make the site."""
+    from tempfile import TemporaryDirectory  # noqa: PLC0415  # keeps --help quick
+
+    from ariac_score.cli.output import counting_bar, write  # noqa: PLC0415
+    from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code  # noqa: PLC0415
+    from ariac_score.ranking.compare import differences  # noqa: PLC0415
+    from ariac_score.ranking.competition import load_competition  # noqa: PLC0415
+    from ariac_score.ranking.rank import rank_results  # noqa: PLC0415
+    from ariac_score.ranking.ranking_json import ranking_json  # noqa: PLC0415
+    from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
+    from ariac_score.ranking.spec import ranking_spec  # noqa: PLC0415
+    from ariac_score.ranking.statistics import rank_statistics  # noqa: PLC0415
+    from ariac_score.ranking.stored import write_results  # noqa: PLC0415
+    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+
+    out = _out(arguments)
+    competition = load_competition(arguments.result, arguments.rules, may_be_empty=True)
+    rule_set = load_rule_set(competition.rules)
+    spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
+    previous = _previous(arguments)
+    with counting_bar("scoring", len(competition.runs)) as step:
+        results = score_runs(
+            competition,
+            rule_set,
+            progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
+            sketches=True,
+        )
+    ranking = adjusted_by_stewards(
+        arguments.adjustments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)
+    )
+    strict = evaluation_of(competition, rule_set, spec) if competition.runs else None
+    found = differences(strict, ranking) if strict else ()
+    sensitivity = _sensitivity(arguments, ranking, competition, rule_set, results)
+    after = ranking.stewarded
+    with TemporaryDirectory() as folder:
+        stored = write_results(ranking, Path(folder), write)
+        text = ranking_json(
+            ranking,
+            spec,
+            rank_statistics(ranking, spec, rule_set.digits),
+            rank_statistics(after.ranking, spec, rule_set.digits) if after else None,
+            strict,
+            found,
+            folder="results" if stored else "",
+            results=stored,
+        )
+        file = Path(folder) / "ranking.json"
+        write(text, file)
+        _make(file, Path(folder), out, previous, sensitivity)
+    return exit_code(ranking)
+
+
+def site_of_ranking(arguments: argparse.Namespace) -> int:
+    """Make the site of a stored ranking, without any log."""
+    from ariac_score.cli.rank import exit_code  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.errors import UsageError  # noqa: PLC0415
+    from ariac_score.ranking.ranking_json import load_publication  # noqa: PLC0415
+    from ariac_score.ranking.stored import results_folder  # noqa: PLC0415
+
+    out = _out(arguments)
+    publication = load_publication(arguments.result)
+    if arguments.sensitivity == NOW:
+        raise UsageError(
+            "a stored ranking has no runs to vary anything in",
+            hint="give the output of 'sensitivity COMPETITION --output-format json'",
+        )
+    if arguments.rules or arguments.adjustments:
+        given = "--rules" if arguments.rules else "--adjustments"
+        raise UsageError(
+            "a stored ranking has its rules and decisions", hint=f"drop {given}, or give the competition"
+        )
+    previous = _previous(arguments)
+    sensitivity = _sensitivity(arguments, publication.ranking)
+    folder = arguments.results or results_folder(publication, arguments.result)
+    if folder is not None and not folder.is_dir():
+        raise UsageError(
+            "the results of this ranking are not here",
+            file=folder,
+            hint="say with --results where they are, or rank with --results DIR",
+        )
+    _make(arguments.result, folder, out, previous, sensitivity)
+    return exit_code(publication.ranking)
+
+
+def _out(arguments: argparse.Namespace) -> Path:
+    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
+
+    out: Path | None = arguments.output
+    if out is None:
+        raise UsageError("a competition is a folder of pages", hint="say where with -o FOLDER")
+    source = arguments.result.resolve()
+    if source.is_dir() and out.resolve() in (source, *source.parents):
+        raise UsageError(
+            "the site would be written into what it is made from", file=out, hint="name another folder"
+        )
+    return out
+
+
+def _previous(arguments: argparse.Namespace) -> Publication | None:
+    from ariac_score.ranking.ranking_json import load_publication  # noqa: PLC0415  # keeps --help quick
+
+    path: Path | None = arguments.previous
+    if path is None:
+        return None
+    return load_publication(path / _RANKING if path.is_dir() else path)
+
+
+def _sensitivity(
+    arguments: argparse.Namespace,
+    ranking: Ranking,
+    competition: Competition | None = None,
+    rule_set: RuleSet | None = None,
+    results: dict[RunKey, Result | ScoreError] | None = None,
+) -> Sequence[RankSensitivity] | None:
+    from ariac_score.registry import Registry  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.sensitivity import load_rank_sensitivity, rank_sensitivity  # noqa: PLC0415
+
+    if arguments.sensitivity is None:
+        return None
+    if arguments.sensitivity == NOW and competition is not None:
+        assert rule_set is not None  # given together
+        assert results is not None
+        return rank_sensitivity(competition, rule_set, results, registry=Registry())
+    return load_rank_sensitivity(Path(arguments.sensitivity), ranking.competition, ranking.rule_set)
+
+
+def _make(
+    file: Path,
+    folder: Path | None,
+    out: Path,
+    previous: Publication | None,
+    sensitivity: Sequence[RankSensitivity] | None,
+) -> None:
+    from ariac_score.cli.output import counting_bar, write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.ranking.ranking_json import load_publication  # noqa: PLC0415
+    from ariac_score.report.site.site import Site, write_site  # noqa: PLC0415
+
+    publication = load_publication(file)
+    site = Site(publication, file.read_text(encoding="utf-8"), folder, previous, sensitivity)
+    with counting_bar("drawing", len(publication.results)) as step:
+        count = write_site(site, out, write, progress=step)
+    print(f"{count} files in {out}; open {out / 'index.html'}", file=sys.stderr)

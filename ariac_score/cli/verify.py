@@ -1,0 +1,106 @@
+"""`ariac-score verify RESULT`: does a stored result hold, alone and against its log?"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ariac_score.report.style import Style
+    from ariac_score.verify import Verification
+
+EXIT_DIFFERS = 1
+_LOOKS = {"ok": "green", "failed": "red", "note": "yellow"}
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "verify",
+        help="does a stored result hold, alone and against its log?",
+        description="Check schema, sums, hashes and versions of a stored result; with its log compute "
+        "everything again and compare to the byte. Exit code 0: it holds; 1: something does not.",
+    )
+    parser.add_argument(
+        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
+    )
+    parser.add_argument(
+        "--log",
+        type=Path,
+        metavar="PATH",
+        help="what it was scored from: a log, a bundle, or the competition it is a run of",
+    )
+    parser.add_argument("--rules", default="", metavar="NAME", help="the rule set it should be by")
+    parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    parser.add_argument(
+        "--adjustments",
+        type=Path,
+        metavar="FILE",
+        help="adjustments.yaml that an adjusted result should be by",
+    )
+    parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Verify, show every step, and say with the exit code whether all of them hold."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.report.style import style_for  # noqa: PLC0415
+    from ariac_score.verify import verify_result  # noqa: PLC0415
+
+    found = verify_result(
+        arguments.result,
+        log=arguments.log,
+        rules=arguments.rules,
+        log_map=arguments.log_map,
+        adjustments=arguments.adjustments,
+    )
+    if arguments.output_format == "json":
+        print(json.dumps(_data(found), indent=1, sort_keys=True))
+    else:
+        for line in _lines(found, arguments.result.name, style_for(sys.stdout)):
+            print(line)
+    return 0 if found.holds else EXIT_DIFFERS
+
+
+def _lines(found: Verification, name: str, style: Style) -> Iterator[str]:
+    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+
+    yield f"{style(plain(name), 'bold')}: {plain(_kind(found))}"
+    for step in found.steps:
+        first, *more = step.words.split("\n")
+        yield f"  {style(f'{step.outcome:<7}', _LOOKS[step.outcome])}{step.name:<12} {plain(first)}"
+        yield from (f"{' ' * 22}{plain(line)}" for line in more)
+    failed = [step.name for step in found.steps if step.outcome == "failed"]
+    yield style("it holds", "green") if not failed else style(f"does not hold: {', '.join(failed)}", "red")
+
+
+def _kind(found: Verification) -> str:
+    """Whether it is an automatic or an adjusted result, with its scores."""
+    result = found.result
+    if result is None:
+        return "no whole result"
+    automatic = "withheld" if result.score is None else f"{result.score:f}"
+    under = f"under {result.provenance.rule_set[0]}"
+    if result.adjusted is None:
+        return f"automatic result, score {automatic}, {under}"
+    final = "none" if result.adjusted.score is None else f"{result.adjusted.score:f}"
+    count = len(result.adjusted.adjustments)
+    decisions = "1 decision" if count == 1 else f"{count} decisions"
+    return f"adjusted result, score {final} by {decisions} of stewards, automatic score {automatic}, {under}"
+
+
+def _data(found: Verification) -> dict[str, Any]:
+    result = found.result
+    return {
+        "holds": found.holds,
+        "kind": None if result is None else "automatic" if result.adjusted is None else "adjusted",
+        "automatic_score": None if result is None or result.score is None else float(result.score),
+        "score": None if result is None or result.final is None else float(result.final),
+        "steps": [{"name": s.name, "outcome": s.outcome, "words": s.words} for s in found.steps],
+    }

@@ -1,0 +1,220 @@
+"""What every monitor of a result says over time: its margin and its state, instant by instant.
+
+A monitor that can watch online is asked about every instant. Of any other only what its
+findings say is known: where they begin and end, and the samples they rest on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ariac_score.asking import needs_of
+from ariac_score.contracts import OnlineMonitor
+from ariac_score.engine import file_hashes, find_trial, read_trial
+from ariac_score.errors import ResultError
+from ariac_score.findings import Finding, Verdict
+from ariac_score.guard import broken
+from ariac_score.logmap import load_log_map
+from ariac_score.quiet import quiet
+from ariac_score.registry import Plugin, Registry
+from ariac_score.result import Result
+from ariac_score.ruleset import RuleSet
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.model import Trial
+from ariac_score.trial.signals import Sample, Signal
+from ariac_score.trial.vocabulary import quantity_of
+
+__all__ = ["Moment", "Track", "read_again", "tracks"]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What a monitor says of one instant.
+
+    Attributes:
+        t_s: The instant, s of trial time.
+        verdict: What holds from here on; `None`: nothing is said.
+        margin: Signed distance to the limit, negative when violated; `None` without one.
+        message: One sentence for people; empty where nothing is new.
+    """
+
+    t_s: float
+    verdict: Verdict | None
+    margin: float | None
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Track:
+    """What one monitor says about one subject, in order of time.
+
+    Attributes:
+        check: Name of the check.
+        subject: Whom it is about.
+        unit: Unit of the margins.
+        moments: Strictly increasing in time.
+    """
+
+    check: str
+    subject: str
+    unit: str
+    moments: tuple[Moment, ...]
+
+
+def read_again(result: Result, path: Path, rule_set: RuleSet, *, log_map: str, registry: Registry) -> Trial:
+    """The trial of a result, read from its log with every signal its monitors need.
+
+    Raises:
+        ResultError: The log is not one the result was made from.
+        ScoreError: The log cannot be read.
+    """
+    mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
+    bundle, readers = find_trial(path, registry)
+    known = {source.sha256 for source in result.provenance.inputs}
+    for source in file_hashes(bundle):
+        if source.role == "log" and source.sha256 not in known:
+            raise ResultError(
+                f"the result was not made from {source.name}: its sha256 is {source.sha256[:16]}…",
+                file=path,
+                hint="give the log the result is of; 'ariac-score verify' says what differs",
+            )
+    needs = [
+        need
+        for plugin, name, check in _monitors(rule_set, registry)
+        for need in needs_of(plugin, name, check)
+    ]
+    trial = read_trial(bundle, readers, mapping, registry, quantities=[need.quantity for need in needs])
+    wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
+    return derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
+
+
+def _monitors(rule_set: RuleSet, registry: Registry) -> Iterator[tuple[Plugin, str, object]]:
+    for name, check in rule_set.build(registry).items():
+        used = rule_set.checks[name]
+        if used.group == "ariac_score.monitors":
+            yield registry.find(used.group, used.use), name, check
+
+
+def tracks(result: Result, trial: Trial, rule_set: RuleSet, *, registry: Registry) -> list[Track]:
+    """What every monitor says over time, in the order of the rule set.
+
+    Args:
+        result: The result.
+        trial: Its trial, with the derived signals.
+        rule_set: By which it was scored.
+        registry: The installed plugins.
+
+    Raises:
+        PluginError: A monitor raised.
+    """
+    found: list[Track] = []
+    for plugin, name, check in _monitors(rule_set, registry):
+        findings = list(result.measured.of(name).values())
+        watched: dict[str, Track] = {}
+        if isinstance(check, OnlineMonitor):
+            watched = _watched(plugin, name, check, trial)
+        told = _told(name, [f for f in findings if f.subject not in watched], result)
+        found += [*watched.values(), *told]
+    return found
+
+
+# Monitors that watch online ------------------------------------------------------------
+
+
+def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) -> dict[str, Track]:
+    """The standing of an online monitor at every instant of the competition, by subject."""
+    wanted = {need.quantity for need in needs_of(plugin, name, monitor)}
+    signals = [s for key, s in sorted(trial.signals.items()) if quantity_of(key) in wanted]
+    window = trial.window
+    moments: dict[str, list[Moment]] = {}
+    units: dict[str, str] = {}
+    try:
+        with quiet(plugin.origin):
+            watch = monitor.begin()
+            for samples in _steps(signals):
+                for standing in watch.step(samples):
+                    if window is not None and window.start_s <= standing.t_s <= window.end_s:
+                        moments.setdefault(standing.subject, []).append(
+                            Moment(standing.t_s, standing.verdict, standing.robustness, standing.message)
+                        )
+                        units[standing.subject] = standing.unit
+    except Exception as cause:
+        raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
+    return {
+        subject: Track(name, subject, units[subject], tuple(_news(own))) for subject, own in moments.items()
+    }
+
+
+def _steps(signals: Sequence[Signal]) -> Iterator[list[Sample]]:
+    """All samples, those of one instant together."""
+    if not signals:
+        return
+    times = np.concatenate([signal.t for signal in signals])
+    which = np.concatenate([np.full(len(signal), i) for i, signal in enumerate(signals)])
+    index = np.concatenate([np.arange(len(signal)) for signal in signals])
+    order = np.lexsort((which, times))
+    cuts = np.flatnonzero(np.diff(times[order])) + 1
+    for group in np.split(order, cuts):
+        yield [signals[which[i]].sample(int(index[i])) for i in group]
+
+
+def _news(moments: Iterable[Moment]) -> Iterator[Moment]:
+    """The moments, with their words only where the state changes."""
+    before: Verdict | None = None
+    for moment in moments:
+        yield moment if moment.verdict is not before else Moment(moment.t_s, moment.verdict, moment.margin)
+        before = moment.verdict
+
+
+# Monitors of which only the findings are known ------------------------------------------
+
+
+def _told(name: str, findings: Sequence[Finding], result: Result) -> Iterator[Track]:
+    """A track for each subject, made of its findings."""
+    subjects: dict[str, list[Finding]] = {}
+    for finding in findings:
+        subjects.setdefault(finding.subject, []).append(finding)
+    for subject, own in subjects.items():
+        moments: dict[float, Moment] = {}
+        for finding in own:
+            moments |= {m.t_s: m for m in _moments(finding, result) if _says_more(m, moments.get(m.t_s))}
+        ordered = tuple(moments[t_s] for t_s in sorted(moments))
+        unit = next((finding.unit for finding in own if finding.unit), "")
+        if ordered:
+            yield Track(name, subject, unit, ordered)
+
+
+def _says_more(moment: Moment, known: Moment | None) -> bool:
+    """Whether a moment is worth more than another at the same time: worse news first."""
+    if known is None or known.verdict is None:
+        return True
+    return moment.verdict is not None and _rank(moment) < _rank(known)
+
+
+def _rank(moment: Moment) -> tuple[int, float]:
+    order = [Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE, None]
+    return order.index(moment.verdict), math.inf if moment.margin is None else moment.margin
+
+
+def _moments(finding: Finding, result: Result) -> Iterator[Moment]:
+    """Where a finding begins, its samples, and where it ends."""
+    window = result.measured.window
+    at = [sample.t_s for sample in finding.evidence]
+    margin = finding.robustness
+    if finding.span is None:
+        start_s = min(at) if at else window.start_s if window else None
+        if start_s is not None:
+            yield Moment(start_s, finding.verdict, margin, finding.message)
+        return
+    span = finding.span
+    yield Moment(span.start_s, finding.verdict, margin if span.start_s in at else None, finding.message)
+    inside = {t_s for t_s in at if span.start_s < t_s <= span.end_s}
+    for t_s in sorted(inside):
+        yield Moment(t_s, finding.verdict, margin)
+    if span.end_s > span.start_s and span.end_s not in inside:
+        yield Moment(span.end_s, None, None)

@@ -1,0 +1,143 @@
+"""A ranking after the decisions of stewards, beside the automatic one, which stays as it is.
+
+A decision about a run changes what that run is worth, and with it which runs are kept. It changes
+no other team's score: the values across teams stay those of the automatic ranking.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from decimal import Decimal
+
+from ariac_score.adjustments import Adjustments, apply, check_targets
+from ariac_score.engine import price_trial, reprice
+from ariac_score.errors import FormulaError, did_you_mean
+from ariac_score.ranking.competition import Competition, RunKey
+from ariac_score.ranking.rank import Ranking, RunOutcome, Stewarded, rank_again
+from ariac_score.ranking.spec import Spec
+from ariac_score.result import Result
+from ariac_score.result_json import measured_sha256
+from ariac_score.ruleset import RuleSet
+from ariac_score.scoring.steward import Adjusted, Adjustment, with_verdicts
+
+__all__ = ["adjusted_ranking", "decisions_by_run"]
+
+
+def adjusted_ranking(
+    competition: Competition, spec: Spec, rule_set: RuleSet, ranking: Ranking, adjustments: Adjustments
+) -> Ranking:
+    """The automatic ranking with what stewards made of it beside.
+
+    Raises:
+        DataFileError: A decision is about no run, was made for another result, or makes no sense.
+    """
+    decided: dict[RunKey, list[Adjustment]] = {}
+    for decision in adjustments.decisions:
+        decided.setdefault(_target(decision, ranking.runs).key, []).append(decision)
+    runs = {run.key: run for run in ranking.runs}
+    changed = {
+        key: _changed(runs[key], own, rule_set, ranking, adjustments.sha256) for key, own in decided.items()
+    }
+    after = rank_again(competition, spec, rule_set, ranking, changed)
+    return replace(ranking, stewarded=Stewarded(after, adjustments.decisions, adjustments.sha256))
+
+
+def _target(decision: Adjustment, runs: Sequence[RunOutcome]) -> RunOutcome:
+    """The run a decision is about."""
+    named = [
+        run
+        for run in runs
+        if run.trial == decision.trial
+        and decision.team in ("", run.team)
+        and decision.run in (None, run.number)
+    ]
+    if not named:
+        whom = ", ".join(
+            word
+            for word in (
+                decision.team,
+                decision.trial,
+                "" if decision.run is None else f"run {decision.run}",
+            )
+            if word
+        )
+        known = {run.team for run in runs} | {run.trial for run in runs}
+        wrong = next((w for w in (decision.team, decision.trial) if w and w not in known), "")
+        hint = did_you_mean(wrong, known) if wrong else "look at the runs of the ranking"
+        raise decision.refuse(f"the competition has no run of {whom}", hint)
+    same = [run for run in named if _measured(run) == decision.measured]
+    if not same:
+        raise decision.refuse(
+            f"it was made for another result: nothing measured of {decision.trial} is "
+            f"{decision.measured[:16]}…",
+            "the log or the engine has changed since: look at the new result ('rank --results DIR', "
+            "'ariac-score adjust RESULT') and decide again",
+        )
+    if len(same) > 1:
+        raise decision.refuse(
+            f"{len(same)} runs measure the same", "name 'team:' and 'run:' in the target as well"
+        )
+    return same[0]
+
+
+def _measured(run: RunOutcome) -> str:
+    return "" if run.result is None else measured_sha256(run.result)
+
+
+def _changed(
+    run: RunOutcome, own: Sequence[Adjustment], rule_set: RuleSet, ranking: Ranking, sha256: str
+) -> RunOutcome:
+    """A run as the decisions about it leave it."""
+    assert run.result is not None  # it has a measurement
+    result = run.result
+    if ranking.cohort is not None and run.outcome == "undecided":
+        result = reprice(result, rule_set, ranking.cohort.of_trial(run.trial))
+    check_targets([replace(decision, team="", trial="") for decision in own], result, rule_set)
+    adjusted = apply(result, own, rule_set, sha256=sha256)
+    return replace(
+        run,
+        outcome=_outcome(run, adjusted),
+        reason="; ".join(f"{a.author}: {a.effect}: {a.reason}" for a in adjusted.adjustments),
+        score=adjusted.score,
+        task=_task(run, result, adjusted, rule_set),
+        result=replace(result, adjusted=adjusted),
+    )
+
+
+def _outcome(run: RunOutcome, adjusted: Adjusted) -> str:
+    if adjusted.disqualified:
+        return "disqualified"
+    decided = adjusted.score is not None and (
+        run.outcome == "undecided" or any(a.score is not None for a in adjusted.adjustments)
+    )
+    return "scored" if decided and run.outcome in ("undecided", "crashed", "cancelled") else run.outcome
+
+
+def _task(run: RunOutcome, result: Result, adjusted: Adjusted, rule_set: RuleSet) -> Decimal | None:
+    """What the run is compared with the team's others by: the task score, moved as the score is."""
+    if rule_set.sheet.task is None:
+        return None
+    settled = next((a for a in adjusted.adjustments if a.settles), None)
+    if settled is not None:
+        return settled.score or Decimal(0)
+    findings = with_verdicts(result.measured.findings, adjusted.adjustments)
+    try:
+        priced = price_trial(
+            replace(result.measured, findings=findings), rule_set, result.provenance, result.cohort
+        )
+    except FormulaError:
+        return run.task
+    points = sum((a.points for a in adjusted.adjustments if a.points is not None), Decimal(0))
+    return None if priced.task is None else priced.task.amount + points
+
+
+def decisions_by_run(ranking: Ranking) -> Mapping[RunKey, Adjusted]:
+    """What stewards made of each run they decided on."""
+    if ranking.stewarded is None:
+        return {}
+    return {
+        run.key: run.result.adjusted
+        for run in ranking.stewarded.ranking.runs
+        if run.result is not None and run.result.adjusted is not None
+    }

@@ -1,0 +1,137 @@
+"""What changed from one publication of a ranking to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from decimal import Decimal
+
+from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.rank import RunOutcome, Standing
+from ariac_score.ranking.ranking_json import Publication
+
+__all__ = ["Changes", "RunChange", "TeamChange", "changes_between"]
+
+
+@dataclass(frozen=True)
+class TeamChange:
+    """One team before and now.
+
+    Attributes:
+        team: Id.
+        name: As shown now, or before where it is gone.
+        rank_before: `None` without a rank, or where it was not there.
+        rank: Now.
+        execution_before: Sum over its trials; `None` where it was not there.
+        execution: Now; `None` where it is gone.
+        note: `new`, `gone`, or empty.
+    """
+
+    team: str
+    name: str
+    rank_before: int | None
+    rank: int | None
+    execution_before: Decimal | None
+    execution: Decimal | None
+    note: str = ""
+
+    @property
+    def moved(self) -> bool:
+        """Whether anything about it differs."""
+        return (self.rank_before, self.execution_before) != (self.rank, self.execution)
+
+
+@dataclass(frozen=True)
+class RunChange:
+    """One run that is not as it was.
+
+    Attributes:
+        key: Team, trial, number.
+        what: `new`, `gone`, `changed`, or `scored from other files`.
+        before: Its score, or its outcome in words; empty where there was none.
+        now: The same now.
+    """
+
+    key: RunKey
+    what: str
+    before: str
+    now: str
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What changed.
+
+    Attributes:
+        rules: Id and SHA-256 before and now, where they differ.
+        how: Keys of the ranking's declaration that differ.
+        trials: Trials that are new, or gone (with a minus before them).
+        teams: Every team of either, in the order of the ranking now.
+        runs: Every run that differs.
+    """
+
+    rules: tuple[tuple[str, str], tuple[str, str]] | None
+    how: tuple[str, ...]
+    trials: tuple[str, ...]
+    teams: tuple[TeamChange, ...]
+    runs: tuple[RunChange, ...]
+
+    @property
+    def any(self) -> bool:
+        """Whether anything changed."""
+        return bool(
+            self.rules or self.how or self.trials or self.runs or any(team.moved for team in self.teams)
+        )
+
+
+def changes_between(before: Publication, now: Publication) -> Changes:
+    """What changed from one publication to the next."""
+    old, new = before.final, now.final
+    keys = sorted(before.how.keys() | now.how.keys())
+    return Changes(
+        rules=None if old.rule_set == new.rule_set else (old.rule_set, new.rule_set),
+        how=tuple(key for key in keys if before.how.get(key) != now.how.get(key)),
+        trials=(
+            *(trial for trial in new.trials if trial not in old.trials),
+            *(f"-{trial}" for trial in old.trials if trial not in new.trials),
+        ),
+        teams=tuple(_teams(before, now)),
+        runs=tuple(_runs(before, now)),
+    )
+
+
+def _teams(before: Publication, now: Publication) -> Iterator[TeamChange]:
+    old: dict[str, Standing] = {standing.team: standing for standing in before.final.standings}
+    for standing in now.final.standings:
+        was = old.pop(standing.team, None)
+        yield TeamChange(
+            standing.team,
+            standing.name,
+            was.rank if was else None,
+            standing.rank,
+            was.execution if was else None,
+            standing.execution,
+            "" if was else "new",
+        )
+    for gone in old.values():
+        yield TeamChange(gone.team, gone.name, gone.rank, None, gone.execution, None, "gone")
+
+
+def _runs(before: Publication, now: Publication) -> Iterator[RunChange]:
+    old = {run.key: run for run in before.final.runs}
+    new = {run.key: run for run in now.final.runs}
+    for key in sorted(old.keys() | new.keys()):
+        was, is_now = old.get(key), new.get(key)
+        if was is None or is_now is None:
+            yield RunChange(key, "gone" if is_now is None else "new", _told(was), _told(is_now))
+        elif (was.score, was.outcome, was.kept) != (is_now.score, is_now.outcome, is_now.kept):
+            yield RunChange(key, "changed", _told(was), _told(is_now))
+        elif before.inputs.get(key) != now.inputs.get(key):
+            yield RunChange(key, "scored from other files", _told(was), _told(is_now))
+
+
+def _told(run: RunOutcome | None) -> str:
+    if run is None:
+        return ""
+    worth = run.outcome if run.score is None else f"{run.score:f}"
+    return f"{worth}, counts" if run.kept else worth

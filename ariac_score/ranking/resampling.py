@@ -1,0 +1,439 @@
+"""Other competitions that might as well have happened, drawn from the runs of this one.
+
+Trials are drawn with replacement, the same for all teams; in each trial drawn, the runs of
+each team with replacement; then the best of them count as the rules say. What differs from
+draw to draw is what the ranking owes to chance. docs/ranking.md says why it is done so.
+
+Scores are whole multiples of their last digit, so that sums and ties are exact; random
+whole numbers are made from the raw bits of PCG64, whose stream numpy promises to keep. So
+a seed gives the same draws on every machine and with every version of numpy.
+
+Source: Davison and Hinkley, Bootstrap Methods and their Application (1997), section 3.8;
+Efron and Tibshirani, An Introduction to the Bootstrap (1993), section 7.4 (extremes).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import ROUND_HALF_EVEN, Decimal
+from functools import lru_cache
+from itertools import pairwise
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.ranking.rank import Ranking, RunOutcome, cell_digits, is_scored, merit
+from ariac_score.ranking.spec import COUNT_BACK, FloatArray, IntArray, Spec, places
+
+__all__ = ["Draws", "RandomBits", "Sampled", "draw", "sampled", "student_quantile", "widening"]
+
+BLOCK = 1000
+"""Competitions drawn at a time; part of what a seed means."""
+_LARGEST = 2**53
+_HALF_WORD = np.uint64(32)
+_LOW = np.uint64(0xFFFFFFFF)
+
+
+class RandomBits:
+    """Random whole numbers from the raw output of a PCG64.
+
+    >>> RandomBits(1).below(np.array([6, 6, 6, 6]))
+    array([2, 3, 4, 5])
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._source = np.random.PCG64(seed)
+
+    def halves(self, count: int) -> NDArray[np.uint64]:
+        """So many numbers of 32 bits: of each word first the low half, then the high one."""
+        words = self._source.random_raw((count + 1) // 2)
+        out = np.empty(2 * len(words), dtype=np.uint64)
+        np.bitwise_and(words, _LOW, out=out[0::2])
+        np.right_shift(words, _HALF_WORD, out=out[1::2])
+        return out[:count]
+
+    def below(self, bounds: IntArray) -> IntArray:
+        """For each bound a number from 0 to below it.
+
+        Each is as likely as any other but for 2^-32 of the bound.
+        """
+        numbers = self.halves(bounds.size).reshape(bounds.shape)
+        numbers *= bounds.astype(np.uint64)
+        numbers >>= _HALF_WORD
+        return numbers.astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """The runs of a competition as columns to draw from.
+
+    Attributes:
+        teams: Ids, in the order of the ranking; those without a value are left out.
+        scores: By team, trial and place by merit, in units of the last digit; the last
+            place holds what a run that was not made counts.
+        counts: By team and trial how many runs can be drawn.
+        cells: By team and trial what the ranking says, in the same units.
+        digits: Decimal digits of the units.
+        terms: By name, as `scores`: terms that separate equal teams.
+        judges: What the judges' marks come to, where every team has them.
+    """
+
+    teams: tuple[str, ...]
+    scores: IntArray
+    counts: IntArray
+    cells: IntArray
+    digits: int
+    terms: Mapping[str, FloatArray]
+    judges: FloatArray | None
+
+    @property
+    def execution(self) -> IntArray:
+        """Sum over the trials, in units, shape (teams,)."""
+        total: IntArray = self.cells.sum(axis=1)
+        return total
+
+    def amount(self, units: IntArray) -> FloatArray:
+        """Units as points."""
+        points = units.astype(np.float64)
+        return points / 10.0**self.digits if self.digits >= 0 else points * 10.0**-self.digits
+
+
+def sampled(ranking: Ranking, spec: Spec, digits: int) -> Sampled:
+    """What there is to draw from.
+
+    Args:
+        ranking: The ranking.
+        spec: How its runs became it.
+        digits: Decimal digits of a score.
+    """
+    standings = [standing for standing in ranking.standings if standing.value is not None]
+    teams = {standing.team: number for number, standing in enumerate(standings)}
+    trials = {trial: number for number, trial in enumerate(ranking.trials)}
+    groups: dict[tuple[int, int], list[RunOutcome]] = {}
+    for run in ranking.runs:
+        cell = (teams.get(run.team), trials.get(run.trial))
+        known = run.score is not None and (run.task is not None or run.outcome in ("scored", "aborted"))
+        if cell[0] is not None and cell[1] is not None and known:
+            groups.setdefault((cell[0], cell[1]), []).append(run)
+    groups = {key: sorted(runs, key=lambda run: merit(run, spec)) for key, runs in groups.items()}
+    own = [[standing.cells[trial] for trial in ranking.trials] for standing in standings]
+    most = max((len(runs) for runs in groups.values()), default=0)
+    digits = _affordable(groups, cell_digits(spec, digits), len(trials), spec.keep)
+    scores = np.zeros((len(teams), len(trials), most + 1), dtype=np.int64)
+    counts = np.zeros((len(teams), len(trials)), dtype=np.int64)
+    terms = {name: np.zeros(scores.shape) for name in spec.terms}
+    for (team, trial), runs in groups.items():
+        if is_scored(own[team][trial]):
+            counts[team, trial] = len(runs)
+            for place, run in enumerate(runs):
+                assert run.score is not None  # asked above
+                scores[team, trial, place] = _units(run.score, digits)
+                for name, column in terms.items():
+                    column[team, trial, place] = run.terms.get(name, 0.0)
+    if spec.fill:
+        for trial, name in enumerate(ranking.trials):
+            scores[:, trial, most] = _units(ranking.worst.get(name, Decimal(0)), digits)
+    judges = [standing.judges for standing in standings]
+    return Sampled(
+        teams=tuple(teams),
+        scores=scores,
+        counts=counts,
+        cells=np.array([[_units(c.score, digits) for c in row] for row in own], dtype=np.int64).reshape(
+            counts.shape
+        ),
+        digits=digits,
+        terms=terms,
+        judges=np.array([float(mark) for mark in judges if mark is not None]) if None not in judges else None,
+    )
+
+
+def _affordable(
+    groups: Mapping[tuple[int, int], Sequence[RunOutcome]], digits: int, trials: int, keep: int
+) -> int:
+    """So many digits that no sum leaves what a float holds exactly."""
+    largest = max(
+        (abs(run.score or Decimal(0)) for runs in groups.values() for run in runs), default=Decimal(0)
+    )
+    while largest.scaleb(digits) * (trials * keep + 1) >= _LARGEST:
+        digits -= 1
+    return digits
+
+
+def _units(amount: Decimal, digits: int) -> int:
+    return int(amount.scaleb(digits).quantize(Decimal(1), rounding=ROUND_HALF_EVEN))
+
+
+# How far a draw is from what was published -----------------------------------------------
+
+
+def widening(count: int, degrees: int, level: float) -> float:
+    """By what deviations are multiplied because few were drawn from.
+
+    Draws from n deviate too little by the root of (n - 1) / n, and quantiles of few are
+    those of Student, not of the normal distribution.
+
+    Source: Hesterberg, What Teachers Should Know About the Bootstrap, The American
+    Statistician 69 (2015), section 4.3; here deviations are widened and not the level,
+    for a quantile beyond the outermost draw cannot be read off.
+    """
+    normal = NormalDist().inv_cdf((1 + level) / 2)
+    # Rounded: the last bits of functions of the C library differ between machines.
+    return round(math.sqrt(count / (count - 1)) * student_quantile(degrees, level) / normal, 9)
+
+
+def student_quantile(degrees: int, level: float) -> float:
+    """How far from 0 a t-distributed number stays with this probability.
+
+    Source: Abramowitz and Stegun, Handbook of Mathematical Functions, 26.7.3 and 26.7.4.
+
+    >>> round(student_quantile(2, 0.95), 3), round(student_quantile(14, 0.95), 3)
+    (4.303, 2.145)
+    """
+    low, high = 0.0, 1.0
+    while _within(high, degrees) < level and high < 1e9:
+        high *= 2
+    for _ in range(100):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _within(middle, degrees) < level else (low, middle)
+    return high
+
+
+_NEARLY_NORMAL = 400
+"""Degrees of freedom from which Student's distribution is taken for the normal one."""
+
+
+def _within(t: float, degrees: int) -> float:
+    """The probability that a t-distributed number is at most this far from 0."""
+    if degrees > _NEARLY_NORMAL:
+        return 2 * NormalDist().cdf(t) - 1
+    angle = math.atan(t / math.sqrt(degrees))
+    sine, square = math.sin(angle), math.cos(angle) ** 2
+    odd = degrees % 2
+    if degrees == 1:
+        return 2 * angle / math.pi
+    term = total = math.cos(angle) if odd else 1.0
+    for k in range(2 + odd, degrees - 1 + odd, 2):
+        term *= square * (k - 1) / k
+        total += term if k < degrees else 0.0
+    return 2 / math.pi * (angle + sine * total) if odd else sine * total
+
+
+# Drawing -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Draws:
+    """The competitions drawn.
+
+    Attributes:
+        execution: Shape (teams, draws), in units, deviations not widened.
+        ties: What separates equal teams, most important first, each of shape
+            (teams, draws), more is better; `None` for the execution, which follows.
+    """
+
+    execution: IntArray
+    ties: tuple[FloatArray | None, ...]
+
+
+def draw(runs: Sampled, spec: Spec, resample: str) -> Draws:
+    """Draw competitions.
+
+    Args:
+        runs: What to draw from.
+        spec: How runs become a ranking, how many draws, and the seed.
+        resample: `trials_and_runs`, `trials` or `runs`.
+    """
+    bits = RandomBits(spec.intervals.seed)
+    sampler = _Sampler(runs, spec, bits, resample)
+    blocks = [
+        sampler.block(min(BLOCK, spec.intervals.draws - start))
+        for start in range(0, spec.intervals.draws, BLOCK)
+    ]
+    execution = np.concatenate([block.execution for block in blocks], axis=1)
+    ties = zip(*(block.ties for block in blocks), strict=True) if blocks[0].ties else ()
+    return Draws(execution, tuple(_joined(parts) for parts in ties))
+
+
+def _joined(parts: Sequence[FloatArray | None]) -> FloatArray | None:
+    whole = [part for part in parts if part is not None]
+    return np.concatenate(whole, axis=1) if whole else None
+
+
+class _Sampler:
+    """Draws blocks of competitions."""
+
+    def __init__(self, runs: Sampled, spec: Spec, bits: RandomBits, resample: str) -> None:
+        self.runs, self.spec, self.bits = runs, spec, bits
+        self.of_trials = resample != "runs"
+        self.of_runs = resample != "trials"
+        self.teams, self.trials = runs.counts.shape
+        self.most = runs.scores.shape[2] - 1
+        self.even = bool((runs.counts == self.most).all())
+        self.shift = _shifts(runs, spec) if self.of_runs else np.zeros_like(runs.cells)
+        self.rows = (np.arange(self.teams) * self.trials)[:, None]
+
+    def block(self, size: int) -> Draws:
+        """So many competitions."""
+        execution = np.zeros((self.teams, size), dtype=np.int64)
+        terms = {name: np.zeros((self.teams, size)) for name in self.spec.terms}
+        counted = any(key.name == COUNT_BACK for key in self.spec.ties)
+        won = np.zeros((self.teams if counted else 0, self.teams, size))
+        for chosen in self._chosen(size):
+            picked = self._picked(chosen)
+            cells = self._cells(chosen, picked)
+            execution += cells
+            for name in terms:
+                terms[name] += self._term(self.runs.terms[name], chosen, picked)
+            if counted:
+                self._count(won, cells, chosen)
+        return Draws(execution, tuple(self._ties(terms, won, size)))
+
+    def _chosen(self, size: int) -> IntArray:
+        """For each place of a competition the trial that stands there, shape (trials, size)."""
+        if self.of_trials:
+            return self.bits.below(np.full((self.trials, size), self.trials, dtype=np.int64))
+        return np.repeat(np.arange(self.trials)[:, None], size, axis=1)
+
+    def _picked(self, chosen: IntArray) -> list[NDArray[np.uint8 | np.uint16]]:
+        """The runs kept, as places by merit, the best first; each of shape (teams, size)."""
+        counts = self.runs.counts[:, chosen]
+        kind = np.uint8 if self.most < 256 else np.uint16
+        if not self.of_runs:
+            return []
+        best = [np.full(counts.shape, self.most, dtype=kind) for _ in range(min(self.spec.keep, self.most))]
+        for run in range(self.most):
+            drawn = self.bits.below(counts).astype(kind)
+            if not self.even:
+                drawn[counts <= run] = self.most
+            for number, kept in enumerate(best):
+                best[number] = np.minimum(kept, drawn)
+                drawn = np.maximum(kept, drawn)
+        return best
+
+    def _cells(self, chosen: IntArray, picked: Sequence[NDArray[np.uint8 | np.uint16]]) -> IntArray:
+        """What the trial brings each team."""
+        counts = self.runs.counts[:, chosen]
+        if self.of_runs:
+            base = (self.rows + chosen) * (self.most + 1)
+            total = self.runs.scores[:, chosen, self.most] * (self.spec.keep - len(picked))
+            for place in picked:
+                total += self.runs.scores.ravel()[base + place]
+            cells = _mean(total, self._divisor(counts)) + self.shift[:, chosen]
+        else:
+            cells = self.runs.cells[:, chosen]
+        if self.even:
+            return cells
+        return self._behind(cells, counts > 0)
+
+    def _divisor(self, counts: IntArray) -> IntArray | int:
+        if self.spec.fill or self.spec.keep == 1:
+            return self.spec.keep
+        return np.clip(counts, 1, self.spec.keep)
+
+    def _behind(self, cells: IntArray, made: NDArray[np.bool_]) -> IntArray:
+        """A trial without a run is worth 0, or what the worst team got in this draw."""
+        if self.spec.more_is_better:
+            worst = np.where(made, cells, 0).min(axis=0)
+            return np.where(made, cells, np.minimum(worst, 0))
+        worst = np.where(made, cells, 0).max(axis=0)
+        return np.where(made, cells, np.maximum(worst, 0))
+
+    def _term(
+        self, column: FloatArray, chosen: IntArray, picked: Sequence[NDArray[np.uint8 | np.uint16]]
+    ) -> FloatArray:
+        if not self.of_runs:
+            kept = column[:, :, : self.spec.keep]
+            total = np.zeros(kept.shape[:2])
+            for number in range(kept.shape[2]):
+                total += kept[:, :, number]
+            return total[:, chosen]
+        base = (self.rows + chosen) * (self.most + 1)
+        found = np.zeros(base.shape)
+        for place in picked:
+            found += column.ravel()[base + place]
+        return found
+
+    def _count(self, won: FloatArray, cells: IntArray, chosen: IntArray) -> None:
+        """Add the places of one trial; who made no run gets none."""
+        made = self.runs.counts[:, chosen] > 0
+        oriented = cells if self.spec.more_is_better else -cells
+        known = np.where(made, oriented, np.iinfo(np.int64).min).astype(np.float64)
+        place = places([known]) - 1
+        team, competition = np.nonzero(made)
+        won[place[team, competition], team, competition] += 1
+
+    def _ties(self, terms: Mapping[str, FloatArray], won: FloatArray, size: int) -> list[FloatArray | None]:
+        keys: list[FloatArray | None] = []
+        for key in self.spec.ties:
+            sign = 1.0 if key.highest else -1.0
+            if key.name == "execution":
+                keys.append(None)
+            elif key.name == COUNT_BACK:
+                keys.extend(won)
+            elif key.name == "judges":
+                marks = np.zeros(self.teams) if self.runs.judges is None else self.runs.judges
+                keys.append(np.repeat(sign * marks[:, None], size, axis=1))
+            else:
+                keys.append(sign * terms[key.name])
+        return keys
+
+
+def _mean(total: IntArray, divisor: IntArray | int) -> IntArray:
+    """A sum divided, halves to the even digit, as a published mean is rounded."""
+    if isinstance(divisor, int) and divisor == 1:
+        return total
+    whole = total // divisor
+    rest = 2 * (total - whole * divisor)
+    up: IntArray = whole + ((rest > divisor) | ((rest == divisor) & (whole % 2 == 1)))
+    return up
+
+
+# The best of few -------------------------------------------------------------------------
+
+
+def _shifts(runs: Sampled, spec: Spec) -> IntArray:
+    """By what a trial drawn anew would on average be worth less than the one published.
+
+    The best of runs drawn from five is at most the best of the five, and on average
+    less; what was published is as likely too high as too low. So draws are shifted by
+    the difference, which is known exactly.
+    """
+    shift = np.zeros_like(runs.cells)
+    for team, trial in zip(*np.nonzero(runs.counts), strict=True):
+        count = int(runs.counts[team, trial])
+        weights, whole = kept_weights(count, spec.keep)
+        scores = [int(score) for score in runs.scores[team, trial, :count]]
+        missing = int(runs.scores[team, trial, -1]) * max(spec.keep - count, 0) if spec.fill else 0
+        divisor = spec.keep if spec.fill or spec.keep == 1 else min(spec.keep, count)
+        total = sum(weight * score for weight, score in zip(weights, scores, strict=True)) + missing * whole
+        shift[team, trial] = int(runs.cells[team, trial]) - round_half_even(total, divisor * whole)
+    return shift
+
+
+def round_half_even(value: int, divisor: int) -> int:
+    """Whole numbers divided and rounded."""
+    whole, rest = divmod(value, divisor)
+    return whole + (2 * rest > divisor or (2 * rest == divisor and whole % 2 == 1))
+
+
+@lru_cache(maxsize=256)
+def kept_weights(count: int, keep: int) -> tuple[tuple[int, ...], int]:
+    """How often each of so many runs is among the best kept of as many draws, as numerators.
+
+    Returns:
+        For each run, the best first, the expected number of times it is kept, times the
+        second number, which is how many ways of drawing there are.
+
+    >>> kept_weights(2, 1)  # of two runs, the better one is the best in 3 of 4 ways
+    ((3, 1), 4)
+    """
+    kept = min(keep, count)
+    at_most = [0]
+    for place in range(1, count + 1):
+        # In how many ways are at least j of the draws among the first `place` runs?
+        ways = [math.comb(count, m) * place**m * (count - place) ** (count - m) for m in range(count + 1)]
+        at_most.append(sum(min(m, kept) * way for m, way in enumerate(ways)))
+    return tuple(b - a for a, b in pairwise(at_most)), count**count

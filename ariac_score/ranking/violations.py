@@ -1,0 +1,95 @@
+"""What was violated in the runs of a competition, by standard and clause."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from ariac_score.findings import Finding, Verdict
+from ariac_score.ranking.competition import RunKey
+from ariac_score.result import Measured
+
+__all__ = ["Clause", "Tally", "clause_of", "tallied", "verdicts_of"]
+
+Clause = tuple[str, str]
+"""A standard or rulebook, and the place in it."""
+Verdicts = Mapping[Clause, Mapping[str, int]]
+"""How many findings of each verdict there are, by clause."""
+
+_DERIVED = "derived from "
+
+
+@dataclass(frozen=True)
+class Tally:
+    """One clause over a whole competition.
+
+    Attributes:
+        clause: Standard and place.
+        verdicts: How many findings of each verdict, over all teams.
+        violated: By team how many violations.
+        undecided: By team how many findings could not be decided.
+        runs: By team in how many runs it was violated.
+    """
+
+    clause: Clause
+    verdicts: Mapping[str, int] = field(default_factory=dict)
+    violated: Mapping[str, int] = field(default_factory=dict)
+    undecided: Mapping[str, int] = field(default_factory=dict)
+    runs: Mapping[str, int] = field(default_factory=dict)
+
+
+def clause_of(finding: Finding, use: str) -> Clause:
+    """The standard and the place in it that a finding names; without any the plugin that made it.
+
+    >>> clause_of(Finding("robot", Verdict.SATISFIED, "", clause="ISO/TS 15066:2016, 5.5.4"), "x")
+    ('ISO/TS 15066:2016', '5.5.4')
+    """
+    derived = finding.clause.startswith(_DERIVED)
+    standard, _, place = finding.clause.removeprefix(_DERIVED).partition(", ")
+    if not standard:
+        return use, ""
+    return standard, f"{place} (derived)" if derived else place
+
+
+def verdicts_of(measured: Measured, uses: Mapping[str, str]) -> dict[Clause, dict[str, int]]:
+    """What one run comes to.
+
+    Args:
+        measured: The run.
+        uses: By check the plugin it uses.
+    """
+    found: dict[Clause, Counter[str]] = {}
+    for finding in measured.findings.values():
+        clause = clause_of(finding, uses.get(finding.check, finding.check))
+        found.setdefault(clause, Counter())[finding.verdict.value] += 1
+    return {clause: dict(counts) for clause, counts in sorted(found.items())}
+
+
+def tallied(runs: Iterable[tuple[RunKey, Verdicts]]) -> tuple[Tally, ...]:
+    """The clauses of a competition, those violated most first.
+
+    Args:
+        runs: Each run looked at.
+    """
+    verdicts: dict[Clause, Counter[str]] = {}
+    by_team: dict[tuple[Clause, str], Counter[str]] = {}
+    for (team, _, _), found in runs:
+        for clause, counts in found.items():
+            verdicts.setdefault(clause, Counter()).update(counts)
+            for verdict in (Verdict.VIOLATED.value, Verdict.INCONCLUSIVE.value):
+                by_team.setdefault((clause, verdict), Counter())[team] += counts.get(verdict, 0)
+            by_team.setdefault((clause, "runs"), Counter())[team] += bool(counts.get(Verdict.VIOLATED.value))
+    tallies = [
+        Tally(
+            clause,
+            dict(counts),
+            dict(by_team[clause, Verdict.VIOLATED.value]),
+            dict(by_team[clause, Verdict.INCONCLUSIVE.value]),
+            dict(by_team[clause, "runs"]),
+        )
+        for clause, counts in verdicts.items()
+    ]
+    return tuple(
+        sorted(tallies, key=lambda tally: (-tally.verdicts.get(Verdict.VIOLATED.value, 0), tally.clause))
+    )

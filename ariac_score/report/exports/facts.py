@@ -1,0 +1,89 @@
+"""What every export says of a result, in the same words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ariac_score.findings import Finding
+from ariac_score.report.style import plain
+from ariac_score.report.text import amount_text
+from ariac_score.result import Result
+from ariac_score.scoring.steward import with_verdicts
+
+__all__ = ["checks", "cut", "final_findings", "headline", "name", "remarks", "when", "why_none"]
+
+LONGEST = 2000
+"""Characters of a stranger's text that are shown where a reader may choke on more."""
+
+
+def cut(text: str, longest: int = LONGEST) -> str:
+    """Text on one line, everything that could steer a reader made visible, and not endless."""
+    shown = plain(text[: longest + 1])
+    return shown if len(shown) <= longest else shown[: longest - 1] + "…"
+
+
+def final_findings(result: Result) -> Mapping[str, Finding]:
+    """The findings with the verdicts that count: what stewards decided, else what was found.
+
+    In order of their ids, for a stored result has no other order.
+    """
+    decisions = () if result.adjusted is None else result.adjusted.adjustments
+    findings = with_verdicts(result.measured.findings, decisions)
+    return {key: findings[key] for key in sorted(findings, key=_by_number)}
+
+
+def _by_number(key: str) -> tuple[str, int, str]:
+    check, _, number = key.rpartition("#")
+    return check, int(number) if number.isascii() and number.isdigit() else 0, key
+
+
+def checks(result: Result) -> Mapping[str, Mapping[str, Any]]:
+    """The checks in order of their names, likewise."""
+    return dict(sorted(result.checks.items()))
+
+
+def name(result: Result) -> str:
+    """Whose trial, as far as is known."""
+    measured = result.measured
+    return cut(f"{measured.team}/{measured.trial}" if measured.team else measured.trial, 200)
+
+
+def headline(result: Result) -> str:
+    """The score that counts, and how it came about."""
+    if result.final is None:
+        return f"no score: {why_none(result)}"
+    if result.adjusted is None:
+        possible = "" if result.possible is None else f" of {amount_text(result.possible)} possible"
+        return f"score {amount_text(result.final)}{possible}"
+    automatic = "withheld" if result.score is None else amount_text(result.score)
+    word = "disqualified: score" if result.adjusted.disqualified else "adjusted score"
+    return f"{word} {amount_text(result.final)} (automatic {automatic})"
+
+
+def why_none(result: Result) -> str:
+    """Why there is no score."""
+    if result.missing:
+        return cut(result.missing)
+    withheld = [a for a in result.assumptions if a.policy == "withhold"]
+    if not withheld:
+        return result.status
+    more = f" and {len(withheld) - 1} more" if len(withheld) > 1 else ""
+    return f"undecided: {withheld[0].finding}: {cut(withheld[0].message)}{more}"
+
+
+def when(finding: Finding) -> str:
+    """When it was, s of trial time; empty for things without a time."""
+    if finding.span is None:
+        return ""
+    return f"{finding.span.start_s:.3f} s to {finding.span.end_s:.3f} s"
+
+
+def remarks(result: Result) -> list[str]:
+    """What stewards decided, a line each."""
+    if result.adjusted is None:
+        return []
+    return [
+        f"adjusted by {cut(a.author, 200)}, {a.time}: {cut(a.effect)}: {cut(a.reason)}"
+        for a in result.adjusted.adjustments
+    ]

@@ -1,0 +1,111 @@
+"""JUnit XML: a suite for each check, a case for each finding; what is undecided is an error, never a pass.
+
+Source: the common subset that CI systems read (`testsuites`, `failure`, `error`, `skipped`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+from ariac_score.findings import Finding, Verdict
+from ariac_score.report.exports.facts import (
+    checks,
+    cut,
+    final_findings,
+    headline,
+    name,
+    remarks,
+    when,
+    why_none,
+)
+from ariac_score.report.text import amount_text
+from ariac_score.result import Result
+
+__all__ = ["junit_text"]
+
+_ELEMENTS = {Verdict.VIOLATED: "failure", Verdict.INCONCLUSIVE: "error", Verdict.NOT_APPLICABLE: "skipped"}
+
+
+def junit_text(result: Result) -> str:
+    """A result as JUnit XML, with a newline at its end."""
+    root = Element("testsuites", name=f"ariac-score {name(result)}")
+    _score(result, root)
+    findings = final_findings(result)
+    for check in checks(result):
+        own = [(key, finding) for key, finding in findings.items() if finding.check == check]
+        suite = SubElement(root, "testsuite", name=f"{result.provenance.rule_set[0]}.{check}")
+        for key, finding in own:
+            _case(suite, f"{result.provenance.rule_set[0]}.{check}", key, finding)
+    for suite in root:
+        _count(suite, [suite])
+    _count(root, list(root))
+    indent(root, " ")
+    return tostring(root, encoding="unicode", xml_declaration=False).join(
+        ('<?xml version="1.0" encoding="UTF-8"?>\n', "\n")
+    )
+
+
+def _score(result: Result, root: Element) -> None:
+    """The suite that says whether there is a score, and what it is."""
+    suite = SubElement(root, "testsuite", name="score")
+    properties = SubElement(suite, "properties")
+    for key, value in _properties(result):
+        SubElement(properties, "property", name=key, value=value)
+    case = SubElement(suite, "testcase", classname=result.provenance.rule_set[0], name="score", time="0")
+    if result.final is None:
+        SubElement(case, "error", type=result.status, message=why_none(result))
+    SubElement(case, "system-out").text = "\n".join([headline(result), *remarks(result)])
+
+
+def _properties(result: Result) -> Iterator[tuple[str, str]]:
+    yield "rule_set", result.provenance.rule_set[0]
+    yield "rule_set_sha256", result.provenance.rule_set[1]
+    yield "status", result.status
+    for key, amount in (
+        ("score", result.final),
+        ("automatic_score", result.score),
+        ("possible", result.possible),
+    ):
+        if amount is not None:
+            yield key, amount_text(amount)
+    for source in result.provenance.inputs:
+        yield f"sha256 of {cut(source.name, 200)}", source.sha256
+
+
+def _case(suite: Element, classname: str, key: str, finding: Finding) -> None:
+    case = SubElement(
+        suite, "testcase", classname=classname, name=f"{key} {cut(finding.subject, 200)}", time="0"
+    )
+    element = _ELEMENTS.get(finding.verdict)
+    if element is None:
+        return
+    told = SubElement(case, element, message=cut(finding.message))
+    if element != "skipped":
+        told.set("type", finding.verdict.value)
+        told.text = "\n".join(_details(finding))
+
+
+def _details(finding: Finding) -> Iterator[str]:
+    yield cut(finding.message)
+    if finding.span is not None:
+        yield f"when: {when(finding)}"
+    if finding.robustness is not None:
+        yield f"margin: {finding.robustness:.9g} {cut(finding.unit, 40)}"
+    if finding.clause:
+        yield f"clause: {cut(finding.clause)}"
+    for sample in finding.evidence:
+        values = sample.value if isinstance(sample.value, tuple) else (sample.value,)
+        numbers = ", ".join(f"{value:.9g}" for value in values)
+        yield f"evidence: {cut(sample.signal, 200)} = {numbers} {sample.unit} at {sample.t_s:.3f} s"
+
+
+def _count(element: Element, suites: list[Element]) -> None:
+    """The numbers a reader trusts instead of counting."""
+    cases = [case for suite in suites for case in suite.iter("testcase")]
+    element.set("tests", str(len(cases)))
+    for attribute, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
+        element.set(attribute, str(sum(1 for case in cases if case.find(tag) is not None)))
+    if element.tag == "testsuites":  # only suites have a number of those skipped
+        del element.attrib["skipped"]
+    element.set("time", "0")

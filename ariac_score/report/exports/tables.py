@@ -1,0 +1,116 @@
+"""CSV and JSON Lines: every finding as a row, for spreadsheets and for programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator
+from decimal import Decimal
+from typing import Any
+
+from ariac_score.report.exports.facts import final_findings, remarks
+from ariac_score.report.style import plain
+from ariac_score.result import Result, canonical
+
+__all__ = ["csv_text", "jsonl_text"]
+
+_FORMULA = tuple("=+-@|%\t\r\n\uff1d\uff0b\uff0d\uff20")
+"""How a cell begins that some spreadsheet takes for a formula or a command; the last are full-width."""
+
+_COLUMNS = (
+    "team", "trial", "rule_set", "status", "score", "automatic_score", "adjustments",
+    "finding", "check", "plugin", "priced", "subject", "verdict", "automatic_verdict",
+    "start_s", "end_s", "margin", "unit", "critical", "clause", "message",
+)  # fmt: skip
+
+
+def csv_text(result: Result) -> str:
+    """A row for each finding, each with the score of the trial, under a row of names."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for row in _rows(result):
+        writer.writerow([_cell(row[column]) for column in _COLUMNS])
+    return out.getvalue()
+
+
+def jsonl_text(result: Result) -> str:
+    """A line for the result, then one for each amount of the ledger, each decision, each finding."""
+    return "".join(json.dumps(line, sort_keys=True, allow_nan=False) + "\n" for line in _records(result))
+
+
+def _cell(value: object) -> str:
+    """A cell that no spreadsheet runs; numbers stay numbers, whatever their sign."""
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return f"'{plain(value)}" if value.lstrip(" ").startswith(_FORMULA) else plain(value)
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
+def _amount(value: Decimal | None) -> float | None:
+    return None if value is None else float(value)
+
+
+def _head(result: Result) -> dict[str, Any]:
+    return {
+        "team": result.measured.team,
+        "trial": result.measured.trial,
+        "rule_set": result.provenance.rule_set[0],
+        "status": result.status,
+        "score": _amount(result.final),
+        "automatic_score": _amount(result.score),
+        "adjustments": "; ".join(remarks(result)),
+    }
+
+
+def _rows(result: Result) -> Iterator[dict[str, Any]]:
+    head = _head(result)
+    for key, finding in final_findings(result).items():
+        used = result.checks[finding.check]
+        yield {
+            **head,
+            "finding": key,
+            "check": finding.check,
+            "plugin": used["use"],
+            "priced": used["priced"],
+            "subject": finding.subject,
+            "verdict": finding.verdict.value,
+            "automatic_verdict": result.measured.findings[key].verdict.value,
+            "start_s": None if finding.span is None else canonical(finding.span.start_s),
+            "end_s": None if finding.span is None else canonical(finding.span.end_s),
+            "margin": finding.robustness,
+            "unit": finding.unit,
+            "critical": finding.critical,
+            "clause": finding.clause,
+            "message": finding.message,
+        }
+
+
+def _records(result: Result) -> Iterator[dict[str, Any]]:
+    yield {
+        "record": "result",
+        **_head(result),
+        "adjustments": remarks(result),
+        "possible": _amount(result.possible),
+        "rule_set_sha256": result.provenance.rule_set[1],
+        "inputs": [{"name": s.name, "role": s.role, "sha256": s.sha256} for s in result.provenance.inputs],
+    }
+    ledgers = [result.ledger, result.adjusted.ledger if result.adjusted else None]
+    for which, ledger in zip(("automatic", "adjusted"), ledgers, strict=True):
+        for line in ledger.leaves if ledger is not None else ():
+            yield {
+                "record": "amount",
+                "ledger": which,
+                "path": line.path,
+                "label": line.label,
+                "amount": float(line.amount),
+                "findings": list(line.findings),
+            }
+    shared = set(_head(result))
+    findings = result.measured.findings
+    for row in _rows(result):
+        own = {key: value for key, value in row.items() if key not in shared}
+        quantities = dict(findings[row["finding"]].quantities)
+        yield {"record": "finding", **own, "quantities": quantities}

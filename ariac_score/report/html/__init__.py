@@ -1,0 +1,1 @@
+"""Results as pages: self-contained HTML that needs no network and runs no stranger's text."""

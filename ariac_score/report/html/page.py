@@ -1,0 +1,98 @@
+"""From a template to a page: everything escaped, nothing loaded, no stranger's script run."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ariac_score.report.html import wording
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
+
+__all__ = ["embedded_json", "page", "policy_of", "shipped"]
+
+_REPORT = Path(__file__).parents[1]
+_TEMPLATES = (_REPORT / "html/templates", _REPORT / "site/templates")
+
+
+def page(template: str, **values: Any) -> str:
+    """A page from a template.
+
+    Args:
+        template: Its name, such as `trial.html.j2`.
+        values: What it speaks of; a name that it asks for and nobody gave is an error.
+    """
+    return _environment().get_template(template).render(**values)
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    # Imported here: only pages need it.
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined  # noqa: PLC0415
+
+    environment = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        loader=FileSystemLoader(_TEMPLATES),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        auto_reload=False,
+    )
+    environment.filters.update(
+        amount=wording.amount,
+        brief=wording.brief,
+        file_name=wording.file_name,
+        number=wording.number,
+        seconds=wording.seconds,
+        told=wording.told,
+    )
+    environment.globals.update(embedded_json=embedded_json, policy_of=policy_of, shipped=shipped)
+    return environment
+
+
+@lru_cache(maxsize=8)
+def shipped(name: str) -> Markup:
+    """The text of one of our own style sheets or scripts, to stand in a page as it is."""
+    from markupsafe import Markup  # noqa: PLC0415  # only pages need it
+
+    for folder in _TEMPLATES:
+        if (folder / name).is_file():
+            return Markup((folder / name).read_text(encoding="utf-8"))  # noqa: S704  # ours
+    raise FileNotFoundError(name)
+
+
+def policy_of(*scripts: str) -> str:
+    """The content security policy of a page: our scripts by their hash, nothing else, no network.
+
+    Args:
+        scripts: The texts of its inline scripts, exactly as they stand in the page.
+    """
+    hashes = [base64.b64encode(hashlib.sha256(s.encode("utf-8")).digest()).decode("ascii") for s in scripts]
+    allowed = " ".join(f"'sha256-{digest}'" for digest in hashes) or "'none'"
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def embedded_json(text: str) -> Markup:
+    r"""JSON to stand in a `<script type="application/json">`: the same value, and no tag can end it.
+
+    >>> print(embedded_json('"</script>"'))
+    "\u003c/script>"
+
+    Raises:
+        ValueError: It is not JSON.
+    """
+    from markupsafe import Markup  # noqa: PLC0415  # only pages need it
+
+    json.loads(text)
+    # Outside of strings JSON has no such sign, so that an escape is right wherever one stands.
+    return Markup(text.replace("<", "\\u003c"))  # noqa: S704  # no tag left

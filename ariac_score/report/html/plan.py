@@ -1,0 +1,186 @@
+"""The cell seen from above: where everybody went, and where something was violated."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from ariac_score.findings import Finding, Verdict
+from ariac_score.report.html.scale import ticks
+from ariac_score.trial.sketch import Route, Sketch
+
+__all__ = ["Pin", "Plan", "Way", "plan_of"]
+
+MOST_PINS = 40
+APART = 3.2
+"""Pins are this far from each other, percent of the box."""
+LEAST_M = 2.0
+"""A plan is never less than this wide and high."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """One route: its path, in m, y downwards, and where it begins and ends, percent of the box."""
+
+    body: str
+    kind: str
+    path: str
+    start: tuple[float, float]
+    end: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A violation: its number on the plan, its finding, its place in percent, and the other body's.
+
+    Attributes:
+        number: On the plan.
+        finding: Its id.
+        left: Percent from the left.
+        top: Percent from the top.
+        line: From the one to the other body at that moment, in user units; empty with one body.
+    """
+
+    number: int
+    finding: str
+    left: float
+    top: float
+    line: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A drawing of `width` by `height` m, y downwards.
+
+    Attributes:
+        width: In m.
+        height: In m.
+        ways: The routes.
+        pins: The violations, in order of time.
+        columns: Round numbers of x and percent from the left.
+        rows: Round numbers of y and percent from the top.
+        unpinned: Number of violations whose place is not known or that are too many.
+    """
+
+    width: float
+    height: float
+    ways: tuple[Way, ...]
+    pins: tuple[Pin, ...]
+    columns: tuple[tuple[float, float], ...]
+    rows: tuple[tuple[float, float], ...]
+    unpinned: int
+
+
+@dataclass(frozen=True)
+class _Box:
+    left: float
+    top: float
+    width: float
+    height: float
+
+    def units(self, x_m: float, y_m: float) -> str:
+        return f"{_short(x_m - self.left)} {_short(self.top - y_m)}"
+
+    def percent(self, x_m: float, y_m: float) -> tuple[float, float]:
+        return (
+            round(100 * (x_m - self.left) / self.width, 3),
+            round(100 * (self.top - y_m) / self.height, 3),
+        )
+
+
+def _short(value: float) -> str:
+    return f"{value:.3f}".rstrip("0").rstrip(".") or "0"
+
+
+def plan_of(sketch: Sketch, findings: Mapping[str, Finding]) -> Plan | None:
+    """The plan; `None` where the log records no positions."""
+    if not sketch.routes:
+        return None
+    box = _box(sketch.routes)
+    pins, unpinned = _pins(sketch.routes, findings, box)
+    right, bottom = box.left + box.width, box.top - box.height
+    return Plan(
+        round(box.width, 4),
+        round(box.height, 4),
+        tuple(_way(route, box) for route in sketch.routes),
+        tuple(pins),
+        tuple((x, box.percent(x, box.top)[0]) for x in ticks(box.left, right, 8)),
+        tuple((y, box.percent(box.left, y)[1]) for y in ticks(bottom, box.top, 6)),
+        unpinned,
+    )
+
+
+def _box(routes: Sequence[Route]) -> _Box:
+    xs = [x for route in routes for x in route.x_m]
+    ys = [y for route in routes for y in route.y_m]
+    width, height = max(xs) - min(xs), max(ys) - min(ys)
+    # Not flatter than one to four, so that a walk along a wall can still be seen.
+    wide = max(width, LEAST_M, height / 2) * 1.1
+    high = max(height, LEAST_M, width / 4) * 1.1
+    middle_x, middle_y = (max(xs) + min(xs)) / 2, (max(ys) + min(ys)) / 2
+    return _Box(middle_x - wide / 2, middle_y + high / 2, wide, high)
+
+
+def _way(route: Route, box: _Box) -> Way:
+    holes, pieces, drawing = frozenset(route.holes_s), [], False
+    for t, x, y in zip(route.t_s, route.x_m, route.y_m, strict=True):
+        pieces.append(("L" if drawing else "M") + box.units(x, y))
+        drawing = t not in holes
+    return Way(
+        route.body,
+        route.kind,
+        "".join(pieces),
+        box.percent(route.x_m[0], route.y_m[0]),
+        box.percent(route.x_m[-1], route.y_m[-1]),
+    )
+
+
+def _pins(routes: Sequence[Route], findings: Mapping[str, Finding], box: _Box) -> tuple[list[Pin], int]:
+    broken = sorted(
+        (
+            (finding.span.start_s, key)
+            for key, finding in findings.items()
+            if finding.verdict is Verdict.VIOLATED and finding.span is not None
+        ),
+    )
+    pins: list[Pin] = []
+    for _, key in broken:
+        places = list(_places(routes, findings[key]))
+        if places and len(pins) < MOST_PINS:
+            x = (places[0][0] + places[-1][0]) / 2
+            y = (places[0][1] + places[-1][1]) / 2
+            line = "M" + "L".join(box.units(*place) for place in places) if len(places) > 1 else ""
+            pins.append(_beside(pins, Pin(len(pins) + 1, key, *box.percent(x, y), line)))
+    return pins, len(broken) - len(pins)
+
+
+def _beside(pins: Sequence[Pin], pin: Pin) -> Pin:
+    """A pin moved to the side until it hides none of those before it."""
+    left = pin.left
+    while any(abs(left - one.left) < APART and abs(pin.top - one.top) < APART for one in pins):
+        left += APART
+    return replace(pin, left=round(left, 3)) if left < 100 else pin
+
+
+def _places(routes: Sequence[Route], finding: Finding) -> Iterator[tuple[float, float]]:
+    """Where the bodies of a finding were at its worst moment."""
+    assert finding.span is not None  # only violations with a time are asked about
+    at_s = finding.evidence[0].t_s if finding.evidence else finding.span.start_s
+    for body in finding.subject.split("/")[:2]:
+        for route in routes:
+            if route.body.partition("::")[0] == body:
+                yield _place(route, at_s)
+                break
+
+
+def _place(route: Route, at_s: float) -> tuple[float, float]:
+    """Where a body was, on the straight line between the two samples around a moment."""
+    after = min(max(bisect_left(route.t_s, at_s), 0), len(route.t_s) - 1)
+    before = max(after - 1, 0)
+    gap_s = route.t_s[after] - route.t_s[before]
+    share = min(max((at_s - route.t_s[before]) / gap_s, 0.0), 1.0) if gap_s > 0 else 0.0
+    return (
+        route.x_m[before] + share * (route.x_m[after] - route.x_m[before]),
+        route.y_m[before] + share * (route.y_m[after] - route.y_m[before]),
+    )

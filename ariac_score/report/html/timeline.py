@@ -1,0 +1,156 @@
+"""The trial from start to end: orders, submissions, and a lane for each monitor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from ariac_score.findings import Finding, Verdict
+from ariac_score.report.html.scale import Scale
+from ariac_score.report.html.wording import seconds
+from ariac_score.result import Result
+
+__all__ = ["Block", "Lane", "Timeline", "timeline_of"]
+
+MOST_BLOCKS = 400
+"""A lane with more episodes than this shows the longest."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A stretch of a lane.
+
+    Attributes:
+        state: `violated`, `inconclusive`, `order` or `submitted`.
+        left: Where it begins, percent of the width.
+        width: How long it is, percent of the width.
+        title: What it is, in words.
+        finding: Id of the finding it leads to; empty where there is none.
+    """
+
+    state: str
+    left: float
+    width: float
+    title: str
+    finding: str = ""
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One row of the timeline.
+
+    Attributes:
+        name: The check, the order, or what else it shows.
+        use: The plugin, for a check.
+        ground: What holds where no block lies: `satisfied`, `not_applicable`, `inconclusive` or nothing.
+        blocks: In order of time.
+        counts: How many findings there are, by verdict.
+        untimed: Ids of violations that have no time.
+    """
+
+    name: str
+    use: str = ""
+    ground: str = ""
+    blocks: tuple[Block, ...] = ()
+    counts: Mapping[str, int] | None = None
+    untimed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """The lanes, over one scale of time."""
+
+    scale: Scale
+    orders: tuple[Lane, ...]
+    monitors: tuple[Lane, ...]
+
+
+def timeline_of(result: Result, monitors: Iterable[str]) -> Timeline | None:
+    """The timeline of a trial; `None` where the log does not say when it began and ended.
+
+    Args:
+        result: The result.
+        monitors: Names of the checks that have a lane.
+    """
+    window = result.measured.window
+    if window is None or window.duration_s <= 0:
+        return None
+    scale = Scale(window.start_s, window.end_s)
+    lanes = [_monitor(name, result, scale) for name in monitors]
+    return Timeline(scale, tuple(_orders(result, scale)), tuple(lanes))
+
+
+def _orders(result: Result, scale: Scale) -> Iterable[Lane]:
+    for order_id, announced_s in result.measured.orders.items():
+        handed, otherwise = _handed_in(result, order_id)
+        start_s = scale.start if announced_s is None else announced_s
+        words = "announced at an unknown time" if announced_s is None else f"announced at {seconds(start_s)}"
+        words += f", last submission at {seconds(handed[-1])}" if handed else otherwise
+        end_s = handed[-1] if handed else scale.end
+        blocks = [Block("order", *scale.stretch(start_s, end_s), words)]
+        blocks += [Block("submitted", scale.at(t), 0.0, f"submitted at {seconds(t)}") for t in handed]
+        yield Lane(order_id, blocks=tuple(blocks))
+
+
+def _handed_in(result: Result, order_id: str) -> tuple[list[float], str]:
+    """When an order was handed in, s; where that is not known, what is, as the end of a sentence."""
+    measured = result.measured
+    tasks = {
+        task.path.rpartition("/")[2]
+        for order in measured.scopes.inner
+        if order.path == order_id
+        for task in order.inner
+    }
+    brought = measured.sketch.brought if measured.sketch else ()
+    handed = sorted(one.submitted_s for one in brought if one.task in tasks)
+    if handed:
+        return handed, ""
+    summaries = measured.official.summaries if measured.official else ()
+    for said in summaries:
+        if said.id == order_id and said.submitted_s is not None:
+            return [], f", submitted at {seconds(said.submitted_s)} by the official record"
+        if said.id == order_id and said.submitted is not None:
+            return [], f", {'' if said.submitted else 'not '}submitted by the official record"
+    if tasks and measured.sketch and "submissions" in measured.witnessed:
+        return [], ", never submitted"
+    return [], ", no submission is recorded" if tasks else ""
+
+
+def _monitor(name: str, result: Result, scale: Scale) -> Lane:
+    found = result.measured.of(name)
+    counts: dict[str, int] = {}
+    for finding in found.values():
+        counts[finding.verdict.value] = counts.get(finding.verdict.value, 0) + 1
+    shown = _longest((key, f) for key, f in found.items() if f.span and _marked(f))
+    blocks = [
+        Block(
+            finding.verdict.value,
+            *scale.stretch(finding.span.start_s, finding.span.end_s),
+            f"{finding.subject}, {seconds(finding.span.start_s)} to {seconds(finding.span.end_s)}",
+            key,
+        )
+        for key, finding in shown
+        if finding.span
+    ]
+    untimed = tuple(key for key, f in found.items() if _marked(f) and not f.span)
+    return Lane(
+        name, result.checks[name]["use"], _ground(counts, untimed, found), tuple(blocks), counts, untimed
+    )
+
+
+def _marked(finding: Finding) -> bool:
+    return finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
+
+
+def _longest(found: Iterable[tuple[str, Finding]]) -> Sequence[tuple[str, Finding]]:
+    kept = sorted(found, key=lambda item: -item[1].span.duration_s if item[1].span else 0.0)[:MOST_BLOCKS]
+    return sorted(kept, key=lambda item: item[1].span.start_s if item[1].span else 0.0)
+
+
+def _ground(counts: Mapping[str, int], untimed: Sequence[str], found: Mapping[str, Finding]) -> str:
+    """What a lane shows between its blocks."""
+    if any(found[key].verdict is Verdict.INCONCLUSIVE for key in untimed):
+        return "inconclusive"
+    if counts.get("satisfied") or counts.get("violated"):
+        return "satisfied"
+    return "not_applicable" if counts.get("not_applicable") and not counts.get("inconclusive") else ""

@@ -1,0 +1,161 @@
+"""The page of one trial: from a result to what its template shows."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Any
+
+from ariac_score.findings import Finding, Verdict
+from ariac_score.recoverable import recoverable_losses
+from ariac_score.report.html.charts import Chart, chart_of
+from ariac_score.report.html.orders import grouped, orders_of
+from ariac_score.report.html.page import page, shipped
+from ariac_score.report.html.plan import plan_of
+from ariac_score.report.html.timeline import timeline_of
+from ariac_score.report.html.waterfall import waterfall_of
+from ariac_score.report.html.wording import brief, file_name, number, seconds
+from ariac_score.result import Result
+from ariac_score.ruleset import rule_set_from_text
+from ariac_score.scoring.policy import POLICIES
+from ariac_score.scoring.steward import Adjustment
+
+__all__ = ["anchor", "embedded_result", "trial_page"]
+
+MOST_CHARTS = 12
+MOST_LOSSES = 12
+_ESCAPED = re.compile(r"((?<!\\)(?:\\\\)*)\\u003c")
+_EMBEDDED = re.compile(r'<script type="application/json" id="ariac-score-result">\n(.*?)</script>', re.DOTALL)
+
+
+def trial_page(result: Result, stored: str, home: str = "") -> str:
+    """The page of a trial: one file that needs nothing else.
+
+    Args:
+        result: The result.
+        stored: The same as canonical JSON, to be taken along.
+        home: Where the page of its competition is; empty for none.
+    """
+    measured, findings = result.measured, result.measured.findings
+    rule_set = rule_set_from_text(result.rules, file="the rules in the result")
+    monitors = [name for name, check in rule_set.checks.items() if check.group == "ariac_score.monitors"]
+    ledger = result.ledger or result.task
+    falls = waterfall_of(ledger, findings) if ledger else None
+    sketch = measured.sketch
+    charts, omitted = _charts(result)
+    losses = recoverable_losses(result, rule_set)
+    return page(
+        "trial.html.j2",
+        script=shipped("zoom.js"),
+        home=home,
+        result=result,
+        measured=measured,
+        stored=stored,
+        decisions=_decisions(result),
+        decided={one.finding: one for one, _ in _decisions(result) if one.finding},
+        counts=Counter(f.verdict.value for f in findings.values()),
+        ledger=ledger,
+        falls=falls,
+        chart_words=_chart_words,
+        policies=POLICIES,
+        losses=losses[:MOST_LOSSES],
+        timeline=timeline_of(result, monitors),
+        charts=charts,
+        omitted=omitted,
+        plan=plan_of(sketch, findings) if sketch else None,
+        sketch=sketch,
+        orders=orders_of(result),
+        groups=_groups(result, monitors),
+        anchor=anchor,
+        grouped=grouped,
+        verdicts=[verdict.value for verdict in Verdict],
+    )
+
+
+def anchor(name: str, kind: str = "f") -> str:
+    """The id of the place of a finding (or of an order or a check) on the page, safe to link to.
+
+    >>> anchor("separation#1"), anchor("order 0", "o")
+    ('f-separation.1', 'o-order-0-202f8b12ba2c')
+    """
+    check, mark, number = name.rpartition("#")
+    return f"{kind}-{file_name(check)}.{number}" if mark else f"{kind}-{file_name(name)}"
+
+
+@dataclass(frozen=True)
+class _Group:
+    """The findings of one check, those that cost something first."""
+
+    name: str
+    check: Mapping[str, Any]
+    monitor: bool
+    counts: Mapping[str, int]
+    clauses: tuple[str, ...]
+    findings: tuple[tuple[str, Finding], ...]
+
+
+_ORDER = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE)
+
+
+def _groups(result: Result, monitors: list[str]) -> list[_Group]:
+    groups = []
+    for name, check in result.checks.items():
+        found = result.measured.of(name)
+        ordered = sorted(found.items(), key=lambda item: _ORDER.index(item[1].verdict))
+        groups.append(
+            _Group(
+                name,
+                check,
+                name in monitors,
+                Counter(f.verdict.value for f in found.values()),
+                tuple(dict.fromkeys(f.clause for f in found.values() if f.clause)),
+                tuple(ordered),
+            )
+        )
+    return sorted(groups, key=lambda group: (not group.counts.get("violated"), not group.monitor))
+
+
+def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:
+    """What stewards decided, and what each decision moved; nothing is known of that without a score."""
+    if result.adjusted is None:
+        return []
+    lines = result.adjusted.ledger.children if result.adjusted.ledger else ()
+    moved: list[Decimal | None] = [line.amount for line in lines if line.kind == "factor"]
+    decided = result.adjusted.adjustments
+    return list(zip(decided, moved or [None] * len(decided), strict=True))
+
+
+def _charts(result: Result) -> tuple[list[Chart], int]:
+    """The charts, those with the worst margins first, and how many more there would be."""
+    sketch = result.measured.sketch
+    if sketch is None:
+        return [], 0
+    margins: dict[tuple[str, str], float] = {}
+    for finding in result.measured.findings.values():
+        if finding.robustness is not None:
+            key = finding.check, finding.subject
+            margins[key] = min(finding.robustness, margins.get(key, finding.robustness))
+    curves = sorted(
+        sketch.curves, key=lambda c: (margins.get((c.check, c.subject), float("inf")), c.subject, c.check)
+    )
+    drawn = [chart_of(curve, result.measured.findings) for curve in curves[:MOST_CHARTS]]
+    return [chart for chart in drawn if chart is not None], max(len(curves) - MOST_CHARTS, 0)
+
+
+def _chart_words(chart: Chart) -> str:
+    """A chart in a sentence, for those who do not see it."""
+    curve, mark = chart.curve, chart.marks[-1]
+    words = f"{brief(curve.what)} of {brief(curve.subject)}"
+    words += f" from {seconds(chart.x.start)} to {seconds(chart.x.end)}"
+    limit = f", limit there {number(mark.limit)} {curve.unit}" if mark.limit is not None else ""
+    broken = f"; {len(chart.findings)} violations" if chart.findings else ""
+    return f"{words}; at its worst {number(mark.value)} {curve.unit} at {seconds(mark.t_s)}{limit}{broken}"
+
+
+def embedded_result(text: str) -> str | None:
+    """The result that a page was made of, to the byte; `None` where the text is no such page."""
+    found = _EMBEDDED.search(text)
+    return None if found is None else _ESCAPED.sub(r"\1<", found.group(1))

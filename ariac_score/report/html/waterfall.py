@@ -1,0 +1,171 @@
+"""The ledger as steps from nothing to the score: each step a bar, all of them exactly the score."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+
+from ariac_score.expression import Traced
+from ariac_score.findings import Finding, Verdict
+from ariac_score.scoring.ledger import Ledger, Line
+
+__all__ = ["Step", "Waterfall", "waterfall_of"]
+
+MOST_STEPS = 24
+"""The ledger is opened storey by storey until it would have more steps than this."""
+
+_WORST_FIRST = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One bar.
+
+    Attributes:
+        label: What it is.
+        where: The order or task it belongs to; empty for the trial.
+        path: Its line in the ledger.
+        amount: What it brings or takes.
+        before: The sum of all steps before it.
+        left: Where its bar begins, percent of the width.
+        width: How long its bar is, percent of the width.
+        findings: Ids of the findings it rests on, the worst first.
+    """
+
+    label: str
+    where: str
+    path: str
+    amount: Decimal
+    before: Decimal
+    left: float
+    width: float
+    findings: tuple[str, ...]
+
+    @property
+    def order(self) -> str:
+        """The order it belongs to; empty for the trial."""
+        return self.where.partition("/")[0] or (self.label if self.path.endswith(f"/{self.label}") else "")
+
+    @property
+    def after(self) -> Decimal:
+        """The sum of all steps up to this one."""
+        return self.before + self.amount
+
+
+@dataclass(frozen=True)
+class Waterfall:
+    """The steps of a ledger; their amounts add up to it exactly.
+
+    Attributes:
+        steps: From nothing to the score.
+        zero: Where zero lies, percent of the width.
+        left: Where the bar of the sum begins, percent of the width.
+        width: How long it is, percent of the width.
+        decimals: Most digits that any of the sums has after its point.
+    """
+
+    steps: tuple[Step, ...]
+    zero: float
+    left: float
+    width: float
+    decimals: int
+
+
+def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
+    """The steps of a ledger.
+
+    Args:
+        ledger: Of the score, or of the task score.
+        findings: By id; what is not among them is not referred to.
+    """
+    lines = _opened(ledger)
+    running = [Decimal(0)]
+    for line in lines:
+        running.append(running[-1] + line.amount)
+    low, high = min(running), max(running)
+    room = float(high - low) or 1.0
+    steps = []
+    for line, before in zip(lines, running, strict=False):
+        start = min(before, before + line.amount)
+        steps.append(
+            Step(
+                _label(line),
+                _where(line),
+                line.path,
+                line.amount,
+                before,
+                100 * float(start - low) / room,
+                100 * abs(float(line.amount)) / room,
+                _worst_first(line, findings),
+            )
+        )
+    start = min(Decimal(0), ledger.amount)
+    return Waterfall(
+        tuple(steps),
+        100 * float(-low) / room,
+        100 * float(start - low) / room,
+        100 * abs(float(ledger.amount)) / room,
+        max(_decimals(amount) for line in lines for amount in (line.amount, *running)),
+    )
+
+
+def _decimals(amount: Decimal) -> int:
+    """Digits after the point that are not idle zeros."""
+    return len(f"{amount:f}".partition(".")[2].rstrip("0"))
+
+
+def _opened(ledger: Ledger) -> list[Line]:
+    """The lines of the deepest storey that is not too many to look at."""
+    lines: list[Line] = [ledger]
+    while True:
+        deeper = [child for line in lines for child in _telling(line)]
+        if len(deeper) > MOST_STEPS and len(lines) > 1:
+            return lines
+        if deeper == lines:
+            return lines
+        lines = deeper
+
+
+def _telling(line: Line) -> Sequence[Line]:
+    """What a line consists of, without factors that change nothing; itself where that is single findings."""
+    parts = [child for child in line.children if child.amount or child.kind not in ("factor", "rounding")]
+    if not parts or all(child.findings and not child.children for child in parts):
+        return [line]
+    return parts
+
+
+def _label(line: Line) -> str:
+    """The order or task whose line it is, else what the line says of itself."""
+    return _own(line) if _is_of(line) else line.label
+
+
+def _own(line: Line) -> str:
+    return line.subject.rpartition("/")[2]
+
+
+def _is_of(line: Line) -> bool:
+    return bool(line.subject) and line.path.endswith(f"/{_own(line)}")
+
+
+def _where(line: Line) -> str:
+    """Whom a step belongs to; a factor, which has no subject, to the line above it."""
+    if _is_of(line):
+        return line.subject.rpartition("/")[0]
+    if line.subject or line.kind == "amount":
+        return line.subject
+    above = line.path.split("/")[1:-1]
+    return above[1] if len(above) > 1 else ""
+
+
+def _worst_first(line: Line, findings: Mapping[str, Finding]) -> tuple[str, ...]:
+    keys: dict[str, None] = {}
+    for one in line.walk():
+        keys |= dict.fromkeys(one.findings)
+        keys |= dict.fromkeys(_traced(one.trace)) if one.trace else {}
+    known = [key for key in keys if key in findings]
+    return tuple(sorted(known, key=lambda key: _WORST_FIRST.index(findings[key].verdict)))
+
+
+def _traced(traced: Traced) -> list[str]:
+    return [*traced.findings, *(key for child in traced.children for key in _traced(child))]

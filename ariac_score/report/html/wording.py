@@ -1,0 +1,121 @@
+"""Text and numbers on a page: strangers' text as text, folded where long; numbers that line up."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from ariac_score.report.style import plain
+from ariac_score.report.text import amount_text
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+__all__ = ["amount", "brief", "file_name", "number", "seconds", "told"]
+
+SHOWN_AT_ONCE = 240
+"""Longer text is folded: its start is shown, and the whole on demand."""
+
+LONGEST_LABEL = 60
+MINUS = "\u2212"
+NOTHING = "\u2013"
+FIGURE_SPACE, POINT_SPACE = "\u2007", "\u2008"
+_LONGEST_NAME = 48
+_SUFFIX = re.compile(r"-[0-9a-f]{12}$")
+_RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|$)")
+
+
+def told(text: object) -> Markup:
+    """Strangers' text for the flow of a page: isolated, visible throughout, folded where long.
+
+    `<bdi>` keeps right-to-left letters from moving their neighbours; marks that steer
+    direction, and whatever else does not print, are shown as what they are.
+
+    >>> print(told("<b>"))
+    <bdi>&lt;b&gt;</bdi>
+    """
+    from markupsafe import Markup  # noqa: PLC0415  # only pages need it
+
+    shown = plain(str(text))
+    if len(shown) <= SHOWN_AT_ONCE:
+        return Markup("<bdi>{}</bdi>").format(shown)
+    return Markup(
+        '<details class="fold"><summary><bdi>{}\u2026</bdi> <small>{} characters</small></summary>'
+        "<bdi>{}</bdi></details>"
+    ).format(shown[:LONGEST_LABEL], _grouped(len(shown)), shown)
+
+
+def brief(text: object, longest: int = LONGEST_LABEL) -> str:
+    """Strangers' text for a heading, a link or a label: one line, cut where long.
+
+    >>> brief("line\\nbreak")
+    'line\\\\nbreak'
+    """
+    shown = plain(str(text))
+    return shown if len(shown) <= longest else f"{shown[: longest - 1]}\u2026"
+
+
+def _grouped(count: int) -> str:
+    return f"{count:,}".replace(",", "\u202f")
+
+
+def number(value: float | int | None, digits: int = 4) -> str:
+    """A measured number with so many significant digits, a true minus sign; a dash where there is none.
+
+    >>> number(0.123456), number(2)
+    ('0.1235', '2')
+    """
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if isinstance(value, int):
+        text = _grouped(value) if abs(value) >= 10_000 else str(value)
+    elif abs(value) >= 10**digits and abs(value) < 1e12:
+        text = _grouped(round(value))
+    else:
+        text = f"{value:.{digits}g}"
+    return text.replace("-", MINUS)
+
+
+def seconds(value: float | None, digits: int = 2) -> str:
+    """A time in s with its unit."""
+    return NOTHING if value is None else f"{value:.{digits}f}\u202fs".replace("-", MINUS)
+
+
+def amount(value: Decimal | float | None, sign: bool = False, decimals: int = 0) -> str:
+    """Points, without the zeros that say nothing; blank in their place, so that a column lines up.
+
+    Args:
+        value: The points; a dash stands for none.
+        sign: Whether what is more than 0 has a plus.
+        decimals: So many digits after the point are made room for.
+
+    >>> amount(Decimal("3.500")), amount(Decimal("28.0"), sign=True)
+    ('3.5', '+28')
+    """
+    if value is None:
+        return NOTHING
+    points = value if isinstance(value, Decimal) else Decimal(repr(value))
+    text = amount_text(points, sign=sign).replace("-", MINUS)
+    _, point, fraction = text.partition(".")
+    room = decimals - len(fraction)
+    return text + ("" if point or room <= 0 else POINT_SPACE) + FIGURE_SPACE * max(room, 0)
+
+
+def file_name(text: str) -> str:
+    """A name for a file or folder that is safe on every system and differs where the texts differ.
+
+    Plain lower-case names stay as they are. Every other, and every one that looks like
+    what this makes, gets the start of its hash, so that no two texts share a file, not
+    even where a file system does not tell `A` from `a`.
+
+    >>> file_name("aurora"), file_name("../Aurora")
+    ('aurora', 'aurora-bf3fb6a6f254')
+    """
+    slug = re.sub(r"[^a-z0-9_]+", "-", text.lower()).strip("-")[:_LONGEST_NAME].rstrip("-")
+    if slug == text and slug and not _RESERVED.match(slug) and not _SUFFIX.search(slug):
+        return slug
+    digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:12]
+    return f"{slug or 'x'}-{digest}"

@@ -1,0 +1,1 @@
+"""A competition as a static site: leaderboard, trial pages, tables; no server, no script."""

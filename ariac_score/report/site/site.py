@@ -1,0 +1,171 @@
+"""A competition as a folder of pages and tables for any web server."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ariac_score.errors import UsageError
+from ariac_score.ranking.changes import Changes, changes_between
+from ariac_score.ranking.ranking_json import Publication
+from ariac_score.ranking.violations import Tally, tallied
+from ariac_score.report.html.page import page
+from ariac_score.report.site.run_pages import RunPage, make_pages
+from ariac_score.report.site.tables import Table, table_csv, table_json, tables_of
+from ariac_score.report.site.view import view_of
+from ariac_score.sensitivity import RankSensitivity
+
+__all__ = ["Site", "competition_page", "write_site"]
+
+DATA = "data"
+RANKING = f"{DATA}/ranking.json"
+FILES = f"{DATA}/files.json"
+"""What the site consists of, so that the next one can remove what is no longer part of it."""
+
+Write = Callable[[str, Path], None]
+
+
+@dataclass(frozen=True)
+class Site:
+    """What a site is made of.
+
+    Attributes:
+        publication: The ranking.
+        text: Its JSON.
+        folder: Where the results of its runs are; `None`: there are no pages of runs.
+        previous: The publication before.
+        sensitivity: What the ranks owe to each number.
+    """
+
+    publication: Publication
+    text: str
+    folder: Path | None = None
+    previous: Publication | None = None
+    sensitivity: Sequence[RankSensitivity] | None = None
+
+
+def competition_page(
+    site: Site,
+    pages: Sequence[RunPage] = (),
+    *,
+    tables: Sequence[Table] | None = None,
+) -> str:
+    """The page of a competition.
+
+    Args:
+        site: What it is made of.
+        pages: Those of its runs.
+        tables: Which it offers to take along; by default all there are.
+    """
+    tallies = _tallies(site, pages)
+    changes = _changes(site)
+    if tables is None:
+        tables = tables_of(site.publication, tallies, site.sensitivity, changes)
+    links: Mapping[tuple[str, str, int], str] = {made.key: made.page for made in pages}
+    view = view_of(site.publication, links, tallies, site.sensitivity, changes)
+    return page("site.html.j2", view=view, tables=tables)
+
+
+def _tallies(site: Site, pages: Sequence[RunPage]) -> tuple[Tally, ...] | None:
+    return tallied((made.key, made.verdicts) for made in pages) if site.folder is not None else None
+
+
+def _changes(site: Site) -> Changes | None:
+    return None if site.previous is None else changes_between(site.previous, site.publication)
+
+
+def write_site(
+    site: Site,
+    out: Path,
+    write: Write,
+    *,
+    processes: int | None = None,
+    progress: Callable[[int, str], None] = lambda _done, _now: None,
+) -> int:
+    """Write the folder; the page that leads to all others comes last.
+
+    Files of an earlier site that are no longer part of it are removed, and nothing else.
+
+    Args:
+        site: What it is made of.
+        out: The folder: new, empty, or of an earlier site.
+        write: Writes a text to a file.
+        processes: How many make pages of runs; by default one for each core.
+        progress: Called after each page of a run.
+
+    Returns:
+        How many files there are.
+
+    Raises:
+        UsageError: The folder holds something else.
+        DataFileError: A result is not the one that was ranked.
+        ResultError: A result is not whole, or under other rules.
+    """
+    before = _files_of(out)
+    (out / DATA).mkdir(parents=True, exist_ok=True)
+    pages: list[RunPage] = []
+    written = [FILES]
+    if site.folder is not None:
+        pages = make_pages(site.publication, site.folder, out, write, processes=processes, progress=progress)
+        written += [made.page for made in pages]
+        written += [f"results/{site.publication.results[made.key].file}" for made in pages]
+    tables = tables_of(site.publication, _tallies(site, pages), site.sensitivity, _changes(site))
+    texts = {f"{DATA}/{table.name}.csv": table_csv(table) for table in tables}
+    texts |= {f"{DATA}/{table.name}.json": table_json(table) for table in tables}
+    texts[RANKING] = _pointing_here(site.text, pages=bool(pages))
+    texts["index.html"] = competition_page(site, pages, tables=tables)
+    written += texts
+    # Before the pages are replaced, so that a broken-off site still knows all that may be its own.
+    write(_listed(sorted({*before, *written})), out / FILES)
+    for name, text in texts.items():
+        write(text, out / name)
+    for stale in sorted(before - set(written)):
+        (out / stale).unlink(missing_ok=True)
+    write(_listed(sorted(written)), out / FILES)
+    return len(written)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return json.dumps({"files": list(names)}, indent=1, ensure_ascii=False) + "\n"
+
+
+def _files_of(out: Path) -> set[str]:
+    """The files of an earlier site in the folder.
+
+    Raises:
+        UsageError: The folder holds something, but no site.
+    """
+    if not out.exists():
+        return set()
+    if not out.is_dir():
+        raise UsageError("is no folder", file=out, hint="name a folder for the site")
+    try:
+        names = json.loads((out / FILES).read_text(encoding="utf-8"))["files"]
+        return {name for name in names if _is_ours(out, str(name))}
+    except (OSError, ValueError, KeyError, TypeError):
+        if any(not entry.name.startswith(".") for entry in out.iterdir()):
+            raise UsageError(
+                "the folder holds something that is no site of a competition",
+                file=out,
+                hint="name a new folder, or an empty one",
+            ) from None
+        return set()
+
+
+def _is_ours(out: Path, name: str) -> bool:
+    """Whether a listed file is one a site could have written: none of them leads elsewhere."""
+    known = name == "index.html" or name.startswith((f"{DATA}/", "trials/", "results/"))
+    return known and ".." not in name.split("/") and (out / name).resolve().is_relative_to(out.resolve())
+
+
+def _pointing_here(text: str, *, pages: bool) -> str:
+    """The ranking with its results where they are in the site."""
+    data = json.loads(text)
+    data["results"] = "../results" if pages else None
+    if not pages:
+        for run in data["runs"]:
+            run["result"] = None
+    made = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
+    return made.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"

@@ -1,0 +1,317 @@
+"""The tables of a competition, each as CSV and as JSON: what the page shows, to work with."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+
+from ariac_score.ranking.changes import Changes
+from ariac_score.ranking.rank import OUTCOMES, Stewarded
+from ariac_score.ranking.ranking_json import Publication
+from ariac_score.ranking.violations import Tally
+from ariac_score.sensitivity import RankSensitivity
+
+__all__ = ["Table", "cell_text", "table_csv", "table_json", "tables_of"]
+
+Value = str | int | float | Decimal | bool | None
+
+_FORMULA = "=+-@\t\r\n\uff1d\uff0b\uff0d\uff20"
+"""What a spreadsheet may take for the start of a formula; the last four are full-width signs."""
+_BLANK = " \u00a0\ufeff"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        name: Of its files, without their endings.
+        title: One line about it.
+        columns: Their names.
+        rows: A value for each column.
+    """
+
+    name: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Value, ...], ...]
+
+
+def table_csv(table: Table) -> str:
+    """A table as CSV: numbers as they are, strangers' text as text in every spreadsheet."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([cell_text(column) for column in table.columns])
+    writer.writerows([cell_text(value) for value in row] for row in table.rows)
+    return out.getvalue().encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def cell_text(value: Value) -> str:
+    """A value in CSV; text that a spreadsheet would calculate gets an apostrophe before it.
+
+    >>> cell_text("=cmd()"), cell_text(-1.5), cell_text(None)
+    ("'=cmd()", '-1.5', '')
+    """
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Decimal):
+        return f"{value:f}"
+    if isinstance(value, str):
+        start = value.lstrip(_BLANK)[:1]
+        return f"'{value}" if start and start in _FORMULA else value
+    return repr(value)
+
+
+def table_json(table: Table) -> str:
+    """A table as JSON: a list of objects, one for each row."""
+    data = {
+        "table": table.name,
+        "title": table.title,
+        "columns": list(table.columns),
+        "rows": [
+            {
+                column: float(value) if isinstance(value, Decimal) else value
+                for column, value in zip(table.columns, row, strict=True)
+            }
+            for row in table.rows
+        ],
+    }
+    text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
+    return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
+
+
+def tables_of(
+    publication: Publication,
+    tallies: Sequence[Tally] | None,
+    sensitivity: Sequence[RankSensitivity] | None,
+    changes: Changes | None,
+) -> tuple[Table, ...]:
+    """Every table of a competition; what was not given has none."""
+    tables = [_leaderboard(publication), _trials(publication), _runs(publication)]
+    if publication.ranking.stewarded is not None:
+        tables.append(_decisions(publication.ranking.stewarded))
+    if publication.statistics is not None:
+        tables += [_chances(publication), _pairs(publication), _groups(publication)]
+    if tallies is not None:
+        tables.append(_violations(publication, tallies))
+    if sensitivity is not None:
+        tables.append(_sensitivity(sensitivity))
+    if changes is not None:
+        tables += [_team_changes(changes), _run_changes(changes)]
+    return tuple(tables)
+
+
+def _leaderboard(publication: Publication) -> Table:
+    statistics = publication.statistics
+    odds = {each.team: each for each in statistics.teams} if statistics else {}
+    groups = statistics.groups if statistics else ()
+    ties = list(publication.final.standings[0].ties) if publication.final.standings else []
+    columns = ["rank", "rank_low", "rank_high", "groups", "team", "name", "value", "execution"]
+    columns += ["execution_low", "execution_high", "judges", "runs_made", "runs_counted", "places"]
+    columns += [*(f"tie: {name}" for name in ties), "separated_by", "disqualified", "remarks"]
+    columns += ["automatic_rank", "automatic_execution"]
+    automatic = {standing.team: standing for standing in publication.ranking.standings}
+    rows: list[tuple[Value, ...]] = []
+    for s in publication.final.standings:
+        own = odds.get(s.team)
+        rows.append(
+            (
+                s.rank,
+                own.low if own else None,
+                own.high if own else None,
+                " ".join(group.label for group in groups if s.team in group.teams),
+                s.team,
+                s.name,
+                s.value,
+                s.execution,
+                own.execution[0] if own else None,
+                own.execution[1] if own else None,
+                s.judges,
+                sum(cell.made for cell in s.cells.values()),
+                sum(len(cell.runs) for cell in s.cells.values()),
+                " ".join(map(str, s.places)),
+                *(s.ties[name] for name in ties),
+                s.separated_by,
+                s.disqualified,
+                "; ".join(s.remarks),
+                automatic[s.team].rank,
+                automatic[s.team].execution,
+            )
+        )
+    return Table("leaderboard", "Leaderboard", tuple(columns), tuple(rows))
+
+
+def _trials(publication: Publication) -> Table:
+    rows: list[tuple[Value, ...]] = [
+        (
+            s.team,
+            s.name,
+            trial,
+            cell.score,
+            cell.outcome,
+            cell.reason,
+            " ".join(map(str, cell.runs)),
+            cell.made,
+        )
+        for s in publication.final.standings
+        for trial, cell in s.cells.items()
+    ]
+    columns = ("team", "name", "trial", "score", "outcome", "reason", "runs_counted", "runs_made")
+    return Table("trials", "What each trial brought each team", columns, tuple(rows))
+
+
+def _runs(publication: Publication) -> Table:
+    terms = list(dict.fromkeys(name for run in publication.final.runs for name in run.terms))
+    rows: list[tuple[Value, ...]] = []
+    for run in publication.final.runs:
+        stored = publication.results.get(run.key)
+        rows.append(
+            (
+                run.team,
+                run.trial,
+                run.number,
+                run.task,
+                run.score,
+                run.kept,
+                run.outcome,
+                run.reason or OUTCOMES[run.outcome],
+                stored.sha256 if stored else "",
+                *(run.terms.get(name) for name in terms),
+            )
+        )
+    columns = (
+        "team",
+        "trial",
+        "run",
+        "task",
+        "score",
+        "counts",
+        "outcome",
+        "reason",
+        "result_sha256",
+        *terms,
+    )
+    return Table("runs", "Every run", columns, tuple(rows))
+
+
+def _decisions(stewarded: Stewarded) -> Table:
+    columns = (
+        "id",
+        "author",
+        "time",
+        "reason",
+        "effect",
+        "team",
+        "trial",
+        "run",
+        "finding",
+        "measured_sha256",
+    )
+    rows: list[tuple[Value, ...]] = [
+        (d.id, d.author, d.time, d.reason, d.effect, d.team, d.trial, d.run, d.finding, d.measured)
+        for d in stewarded.adjustments
+    ]
+    return Table("decisions", "Decisions of the stewards", columns, tuple(rows))
+
+
+def _chances(publication: Publication) -> Table:
+    assert publication.statistics is not None  # asked for only then
+    rows: list[tuple[Value, ...]] = [
+        (odds.team, rank, chance)
+        for odds in publication.statistics.teams
+        for rank, chance in enumerate(odds.chances, start=1)
+    ]
+    return Table("rank_chances", "Chances of each rank", ("team", "rank", "chance"), tuple(rows))
+
+
+def _pairs(publication: Publication) -> Table:
+    assert publication.statistics is not None  # asked for only then
+    columns = ("first", "second", "ahead", "low", "high", "joint_low", "joint_high", "chance", "told_apart")
+    rows: list[tuple[Value, ...]] = [
+        (p.first, p.second, p.ahead, p.low, p.high, p.joint_low, p.joint_high, p.chance, p.told_apart)
+        for p in publication.statistics.pairs
+    ]
+    return Table("pairs", "Differences between teams", columns, tuple(rows))
+
+
+def _groups(publication: Publication) -> Table:
+    assert publication.statistics is not None  # asked for only then
+    rows: list[tuple[Value, ...]] = [
+        (group.label, team) for group in publication.statistics.groups for team in group.teams
+    ]
+    return Table("groups", "Teams that cannot be told apart", ("group", "team"), tuple(rows))
+
+
+def _violations(publication: Publication, tallies: Sequence[Tally]) -> Table:
+    rows: list[tuple[Value, ...]] = [
+        (
+            *tally.clause,
+            standing.team,
+            tally.violated.get(standing.team, 0),
+            tally.runs.get(standing.team, 0),
+            tally.undecided.get(standing.team, 0),
+        )
+        for tally in tallies
+        for standing in publication.final.standings
+    ]
+    columns = ("standard", "clause", "team", "violations", "runs_with_violations", "undecided")
+    return Table("violations", "Violations by standard and clause", columns, tuple(rows))
+
+
+def _sensitivity(found: Sequence[RankSensitivity]) -> Table:
+    return Table(
+        "sensitivity",
+        "Values of parameters at which ranks change",
+        (
+            "parameter",
+            "value",
+            "low",
+            "high",
+            "changes_at",
+            "team",
+            "rank_before",
+            "rank_after",
+            "not_varied",
+        ),
+        tuple(row for each in found for row in _sensitivity_rows(each)),
+    )
+
+
+def _sensitivity_rows(each: RankSensitivity) -> Iterator[tuple[Value, ...]]:
+    knob = each.knob
+    head = (knob.name, knob.base, knob.low, knob.high)
+    if not each.shifts:
+        yield (*head, None, None, None, None, each.skipped)
+    for shift in each.shifts:
+        moved = [team for team in shift.after if shift.after[team] != shift.before.get(team)]
+        for team in moved:
+            yield (*head, shift.value, team, shift.before.get(team), shift.after[team], "")
+        if not moved:  # there is no ranking on one side
+            yield (*head, shift.value, None, None, None, "")
+
+
+def _team_changes(changes: Changes) -> Table:
+    columns = ("team", "name", "rank_before", "rank", "execution_before", "execution", "note")
+    rows: list[tuple[Value, ...]] = [
+        (t.team, t.name, t.rank_before, t.rank, t.execution_before, t.execution, t.note)
+        for t in changes.teams
+    ]
+    return Table("team_changes", "Teams since the previous publication", columns, tuple(rows))
+
+
+def _run_changes(changes: Changes) -> Table:
+    rows: list[tuple[Value, ...]] = [
+        (*change.key, change.what, change.before, change.now) for change in changes.runs
+    ]
+    columns = ("team", "trial", "run", "what", "before", "now")
+    return Table("run_changes", "Runs since the previous publication", columns, tuple(rows))
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return " ".join(map(str, numbers))

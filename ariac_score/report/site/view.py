@@ -1,0 +1,247 @@
+"""What the page of a competition shows, worked out before a template words it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from ariac_score.ranking.changes import Changes
+from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.rank import OUTCOMES, Cell, Ranking, RunOutcome, Standing
+from ariac_score.ranking.ranking_json import Publication
+from ariac_score.ranking.statistics import Pair, Statistics, TeamOdds
+from ariac_score.ranking.violations import Tally
+from ariac_score.scoring.steward import Adjustment
+from ariac_score.sensitivity import RankSensitivity, RankShift
+
+__all__ = ["View", "view_of"]
+
+FOLDED_PAIRS = 45
+"""More pairs than these are folded: ten teams have as many."""
+
+
+@dataclass(frozen=True)
+class TeamRow:
+    """One line of the leaderboard.
+
+    Attributes:
+        standing: The team.
+        rank: As shown; `=` after a rank that is shared.
+        odds: How sure it is; `None` where nothing can be said.
+        groups: Labels of the groups it is in.
+        made: How many runs it made.
+        counted: How many of them count.
+        automatic: The team without the decisions of stewards, where there are any.
+    """
+
+    standing: Standing
+    rank: str
+    odds: TeamOdds | None
+    groups: tuple[str, ...]
+    made: int
+    counted: int
+    automatic: Standing | None = None
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One decision of the stewards, and the runs it may be about."""
+
+    adjustment: Adjustment
+    runs: tuple[RunLink, ...]
+
+
+@dataclass(frozen=True)
+class RunLink:
+    """One run of a cell, and its page where there is one."""
+
+    run: RunOutcome
+    page: str
+
+
+@dataclass(frozen=True)
+class TrialCell:
+    """One team in one trial."""
+
+    cell: Cell
+    runs: tuple[RunLink, ...]
+
+    @property
+    def page(self) -> str:
+        """The page of the first run that counts, else of the first there is."""
+        for link in self.runs:
+            if link.run.kept and link.page:
+                return link.page
+        return next((link.page for link in self.runs if link.page), "")
+
+
+@dataclass(frozen=True)
+class PairRow:
+    """One difference, and where its interval lies from 0 to 100 of the drawing."""
+
+    pair: Pair
+    low: float
+    high: float
+    at: float
+
+
+@dataclass(frozen=True)
+class View:
+    """What the page shows."""
+
+    publication: Publication
+    ranking: Ranking
+    statistics: Statistics | None
+    names: Mapping[str, str]
+    rows: tuple[TeamRow, ...]
+    cells: Mapping[str, Mapping[str, TrialCell]]
+    judged: bool
+    valued: bool
+    started: bool
+    pairs: tuple[PairRow, ...]
+    zero: float
+    chances: Mapping[tuple[str, str], float]
+    unusual: tuple[RunLink, ...]
+    tallies: tuple[Tally, ...] | None
+    looked_at: int
+    sensitivity: tuple[RankSensitivity, ...] | None
+    changes: Changes | None
+    outcomes: Mapping[str, str]
+    decisions: tuple[Decision, ...] = ()
+    decided_in: str = ""
+
+    @property
+    def has_pages(self) -> bool:
+        """Whether runs have pages."""
+        return any(cell.page for cells in self.cells.values() for cell in cells.values())
+
+    @property
+    def shared(self) -> bool:
+        """Whether teams share a rank."""
+        return any(row.rank.endswith("=") for row in self.rows)
+
+    @property
+    def folded(self) -> bool:
+        """Whether the differences are too many to be shown at once."""
+        return len(self.pairs) > FOLDED_PAIRS
+
+    def moved(self, shift: RankShift) -> list[tuple[str, int | None, int | None]]:
+        """Whose rank a shift changes: name, rank before, rank after."""
+        return [
+            (self.names.get(team, team), shift.before.get(team), rank)
+            for team, rank in shift.after.items()
+            if shift.before.get(team) != rank
+        ]
+
+
+def view_of(
+    publication: Publication,
+    links: Mapping[RunKey, str],
+    tallies: Sequence[Tally] | None,
+    sensitivity: Sequence[RankSensitivity] | None,
+    changes: Changes | None,
+) -> View:
+    """What the page shows.
+
+    Args:
+        publication: The ranking.
+        links: The page of each run that has one.
+        tallies: What was violated; `None` when no result was given.
+        sensitivity: What the ranks owe to each number; `None` when it was not given.
+        changes: Since the previous publication; `None` when none was given.
+    """
+    ranking, statistics = publication.final, publication.statistics
+    by_cell: dict[tuple[str, str], list[RunLink]] = {}
+    for run in ranking.runs:
+        by_cell.setdefault((run.team, run.trial), []).append(RunLink(run, links.get(run.key, "")))
+    pairs, zero = _pair_rows(statistics.pairs if statistics else ())
+    return View(
+        publication=publication,
+        ranking=ranking,
+        statistics=statistics,
+        names={standing.team: standing.name for standing in ranking.standings},
+        rows=tuple(_row(standing, publication) for standing in ranking.standings),
+        cells={
+            standing.team: {
+                trial: TrialCell(cell, tuple(by_cell.get((standing.team, trial), ())))
+                for trial, cell in standing.cells.items()
+            }
+            for standing in ranking.standings
+        },
+        judged=any(standing.judges is not None for standing in ranking.standings),
+        valued=publication.how["value"] != "execution",
+        started=bool(ranking.runs),
+        pairs=pairs,
+        zero=zero,
+        chances={(pair.first, pair.second): pair.chance for pair in (statistics.pairs if statistics else ())},
+        unusual=tuple(link for found in by_cell.values() for link in found if link.run.outcome != "scored"),
+        tallies=None if tallies is None else tuple(tallies),
+        looked_at=len(links),
+        sensitivity=None if sensitivity is None else tuple(sensitivity),
+        changes=changes,
+        outcomes=OUTCOMES,
+        decisions=_decisions(publication, by_cell),
+        decided_in=publication.ranking.stewarded.sha256 if publication.ranking.stewarded else "",
+    )
+
+
+def _decisions(
+    publication: Publication, by_cell: Mapping[tuple[str, str], Sequence[RunLink]]
+) -> tuple[Decision, ...]:
+    """Every decision with the run that it changed: its reason stands in the run's."""
+    stewarded = publication.ranking.stewarded
+    if stewarded is None:
+        return ()
+    before = {run.key: run for run in publication.ranking.runs}
+    changed = [
+        link for links in by_cell.values() for link in links if link.run.reason != before[link.run.key].reason
+    ]
+    return tuple(
+        Decision(
+            decision,
+            tuple(
+                link
+                for link in changed
+                if link.run.trial == decision.trial
+                and decision.team in ("", link.run.team)
+                and decision.run in (None, link.run.number)
+                and decision.reason in link.run.reason
+            ),
+        )
+        for decision in stewarded.adjustments
+    )
+
+
+def _row(standing: Standing, publication: Publication) -> TeamRow:
+    ranking, statistics = publication.final, publication.statistics
+    same = sum(1 for other in ranking.standings if other.rank == standing.rank)
+    rank = "" if standing.rank is None else f"{standing.rank}{'=' if same > 1 else ''}"
+    odds = {each.team: each for each in statistics.teams} if statistics else {}
+    groups = statistics.groups if statistics else ()
+    stewarded = publication.ranking.stewarded is not None
+    automatic = {s.team: s for s in publication.ranking.standings} if stewarded else {}
+    return TeamRow(
+        standing,
+        rank if ranking.runs else "",
+        odds.get(standing.team),
+        tuple(group.label for group in groups if standing.team in group.teams),
+        sum(cell.made for cell in standing.cells.values()),
+        sum(len(cell.runs) for cell in standing.cells.values()),
+        automatic.get(standing.team),
+    )
+
+
+def _pair_rows(pairs: Sequence[Pair]) -> tuple[tuple[PairRow, ...], float]:
+    """The pairs, and where 0 is: all intervals share one scale."""
+    low = min((min(pair.joint_low, pair.low) for pair in pairs), default=0.0)
+    high = max((max(pair.joint_high, pair.high) for pair in pairs), default=0.0)
+    low, high = min(low, 0.0), max(high, 0.0)
+    width = (high - low) or 1.0
+
+    def place(value: float) -> float:
+        return round(100 * (value - low) / width, 2)
+
+    return (
+        tuple(PairRow(p, place(p.joint_low), place(p.joint_high), place(p.ahead)) for p in pairs),
+        place(0.0),
+    )

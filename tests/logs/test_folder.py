@@ -1,0 +1,123 @@
+"""rosbag2 folders whose storage files are compressed as a whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from backports import zstd
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from ariac_score.errors import LogError
+from ariac_score.logs import salvage
+from ariac_score.logs.folder import FolderScan
+from ariac_score.logs.salvage import inflate
+from ariac_score.logs.tables import read_tables
+from ariac_score.logs.types import bundled_typestore
+
+TYPE = "std_msgs/msg/Float64"
+every_storage = pytest.mark.parametrize("storage", list(StoragePlugin))
+
+
+def recording(folder: Path, storage: Any, mode: Any = CompressionMode.FILE) -> Path:
+    """Written by rosbags, twenty numbers."""
+    store = bundled_typestore(2)
+    writer = Writer(folder, version=9, storage_plugin=storage)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/x", TYPE, typestore=store)
+        for i in range(20):
+            message = store.types[TYPE](i / 8)
+            writer.write(connection, 10**18 + i, bytes(store.serialize_cdr(message, TYPE)))
+    return folder
+
+
+def packed_file(folder: Path) -> Path:
+    (file,) = folder.glob("*.zstd") if any(folder.glob("*.zstd")) else folder.glob("*.zst")
+    return file
+
+
+@every_storage
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_compressed_recordings_are_read(tmp_path: Path, storage: Any, mode: Any) -> None:
+    (table,) = read_tables(recording(tmp_path / "r", storage, mode), {"/x": None})
+
+    assert table.columns["data"].values.tolist() == [i / 8 for i in range(20)]
+
+
+@every_storage
+def test_nothing_is_left_beside_the_recording(tmp_path: Path, storage: Any) -> None:
+    folder = recording(tmp_path / "r", storage)
+    before = sorted(p.name for p in folder.iterdir())
+    read_tables(folder, {"/x": None})
+
+    assert sorted(p.name for p in folder.iterdir()) == before
+
+
+@every_storage
+def test_cut_at_every_byte_it_is_refused(tmp_path: Path, storage: Any) -> None:
+    folder = recording(tmp_path / "r", storage)
+    file = packed_file(folder)
+    whole = file.read_bytes()
+    for size in range(0, len(whole), 7):
+        file.write_bytes(whole[:size])
+        with pytest.raises(LogError) as caught:
+            read_tables(folder, {"/x": None})
+        assert caught.value.file == str(file)
+
+
+def test_damage_inside_names_the_file_that_is_there(tmp_path: Path) -> None:
+    folder = recording(tmp_path / "r", StoragePlugin.MCAP)
+    file = packed_file(folder)
+    file.write_bytes(zstd.compress(inflate(file.read_bytes(), "zstd")[:-30]))
+
+    with pytest.raises(LogError, match=r"cut off|wrong magic") as caught:
+        list(FolderScan(folder))
+    assert caught.value.file == str(file)
+
+
+def test_what_follows_the_compressed_data_is_damage(tmp_path: Path) -> None:
+    folder = recording(tmp_path / "r", StoragePlugin.MCAP)
+    file = packed_file(folder)
+    file.write_bytes(file.read_bytes() + b"x")
+
+    with pytest.raises(LogError, match="follow"):
+        list(FolderScan(folder))
+
+
+def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = recording(tmp_path / "r", StoragePlugin.MCAP)
+    packed_file(folder).write_bytes(zstd.compress(b"\0" * (80 << 20)))
+
+    with pytest.raises(LogError, match="more than 67108864 bytes"):
+        list(FolderScan(folder))
+    monkeypatch.setattr(salvage, "MOST_INFLATION", 1 << 20)
+    with pytest.raises(LogError, match="wrong magic"):
+        list(FolderScan(folder))
+
+
+def test_the_ratio_counts_only_where_much_is_announced() -> None:
+    salvage.check_announced(1 << 26, 10)
+    salvage.check_announced((1 << 26) + 1, (1 << 17))
+    with pytest.raises(ValueError, match="1000 times"):
+        salvage.check_announced((1 << 26) + 1, (1 << 26) // 1000)
+
+
+def test_a_limit_of_the_environment_must_be_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ARIAC_SCORE_MOST_INFLATION", "many")
+    with pytest.raises(LogError, match="'many'"):
+        salvage._limit("ARIAC_SCORE_MOST_INFLATION", 5)
+    monkeypatch.setenv("ARIAC_SCORE_MOST_INFLATION", "7")
+    assert salvage._limit("ARIAC_SCORE_MOST_INFLATION", 5) == 7
+
+
+def test_messages_are_counted_over_all_files(tmp_path: Path) -> None:
+    folder = recording(tmp_path / "r", StoragePlugin.MCAP)
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("message_count: 20", "message_count: 21"))
+    scan = FolderScan(folder)
+
+    with pytest.raises(LogError, match="announces 21 messages, the files hold 20"):
+        list(scan)
+    assert scan.share == 1.0

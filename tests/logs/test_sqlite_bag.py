@@ -1,0 +1,118 @@
+"""SQLite files of ROS 2 bags: cut anywhere, of rare forms, and read without leaving a trace."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ariac_score.errors import LogError
+from ariac_score.logs.salvage import Batch
+from ariac_score.logs.sqlite_bag import SqliteScan
+from ariac_score.logs.tables import read_tables
+from ariac_score.logs.types import bundled_typestore
+
+TYPE = "std_msgs/msg/Float64"
+
+
+def bag(path: Path, values: list[float], *, page: int = 512, picture: bytes = b"") -> Path:
+    """As rosbag2 of Foxy wrote them: no definitions, an index on the time alone."""
+    store = bundled_typestore(2)
+    with closing(sqlite3.connect(path)) as db:
+        db.execute(f"PRAGMA page_size={page}")
+        db.execute(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+        )
+        db.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+        )
+        db.execute("CREATE INDEX timestamp_idx ON messages (timestamp ASC)")
+        db.execute("INSERT INTO topics VALUES (1, '/x', ?, 'cdr'), (2, '/picture', ?, 'cdr')", (TYPE, TYPE))
+        for i, value in enumerate(values):
+            payload = bytes(store.serialize_cdr(store.types[TYPE](value), TYPE))
+            db.execute(
+                "INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", (10**18 + i, payload)
+            )
+            if picture:
+                db.execute(
+                    "INSERT INTO messages(topic_id, timestamp, data) VALUES (2, ?, ?)", (10**18 + i, picture)
+                )
+        db.commit()
+    return path
+
+
+def values(path: Path) -> list[float]:
+    (table,) = read_tables(path, {"/x": None})
+    found: list[float] = table.columns["data"].values.tolist()
+    return found
+
+
+def test_cut_anywhere_it_is_refused_and_never_half_read(tmp_path: Path) -> None:
+    path = bag(tmp_path / "t.db3", [1.5, 2.5, -4.0])
+    whole = path.read_bytes()
+    assert (len(list(SqliteScan(path))), len(whole)) == (3, 2048)
+    near_a_page = {i for i in range(1, len(whole)) if i % 512 < 16 or i % 512 > 500}
+    for size in sorted({*range(1, 120), *near_a_page, *range(1, len(whole), 9)}):
+        path.write_bytes(whole[:size])
+        with pytest.raises(LogError):
+            list(SqliteScan(path))
+
+
+def test_any_changed_byte_gives_numbers_of_this_length_or_an_error(tmp_path: Path) -> None:
+    path = bag(tmp_path / "t.db3", [1.5, 2.5, -4.0])
+    whole = path.read_bytes()
+    for at in range(0, len(whole), 17):
+        changed = bytearray(whole)
+        changed[at] ^= 0xFF
+        path.write_bytes(changed)
+        try:
+            tables = read_tables(path, {"/x": None})
+        except LogError:
+            continue
+        assert sum(len(t.stamps_ns) + t.defects for t in tables) <= 3
+
+
+def test_reading_leaves_nothing_beside_the_file(tmp_path: Path) -> None:
+    path = bag(tmp_path / "t.db3", [1.0])
+    before = path.read_bytes()
+    values(path)
+
+    assert [p.name for p in tmp_path.iterdir()] == ["t.db3"]
+    assert path.read_bytes() == before
+
+
+def test_pictures_that_nobody_wants_are_empty_and_counted(tmp_path: Path) -> None:
+    path = bag(tmp_path / "t.db3", [1.0, 2.0], picture=b"\0" * 100_000)
+    batches = [item for item in SqliteScan(path, topics={"/x"}) if isinstance(item, Batch)]
+    sizes = [
+        len(m.payload) for batch in batches for m in batch.messages() if m.connection.topic == "/picture"
+    ]
+
+    assert sizes == [0, 0]
+    assert sum(map(len, batches)) == 4
+    assert values(path) == [1.0, 2.0]
+
+
+def test_many_rows_come_in_portions_and_in_order(tmp_path: Path) -> None:
+    numbers = np.arange(9000) / 4
+    path = bag(tmp_path / "t.db3", numbers.tolist(), page=4096)
+
+    assert values(path) == numbers.tolist()
+    assert len([item for item in SqliteScan(path) if isinstance(item, Batch)]) == 2
+
+
+def test_a_row_that_is_no_message_is_refused_behind_those_before_it(tmp_path: Path) -> None:
+    path = bag(tmp_path / "t.db3", [1.0, 2.0])
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("UPDATE messages SET data = 7 WHERE id = 2")
+        db.commit()
+
+    with pytest.raises(LogError, match="holds no bytes"):
+        values(path)
+    scan = SqliteScan(path)
+    with pytest.raises(LogError):
+        list(scan)
+    assert scan.readable == "row 1"

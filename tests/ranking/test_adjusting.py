@@ -1,0 +1,184 @@
+"""A ranking with the decisions of stewards beside the automatic one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ariac_score import load_result
+from ariac_score.cli import main
+from ariac_score.datafiles import schema_errors
+from ariac_score.result_json import measured_sha256
+
+ROOT = Path(__file__).parents[2]
+COMPETITION = ROOT / "examples/competition/2024"
+
+Rank = Callable[..., str]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("results")
+    assert main(["rank", str(COMPETITION), "--results", str(folder), "-o", str(folder / "ranking.txt")]) == 0
+    # From here on the stored results of one trial are ranked, which takes no logs.
+    text = (COMPETITION / "competition.yaml").read_text(encoding="utf-8")
+    text = text.replace("logs/{team}/{trial}_{run}", "'{team}/{trial}_{run}.json'")
+    text = text.replace("trial_configs: trials/{trial}.yaml\n", "")
+    text = text.replace("[{id: assembly}, {id: kitting}, {id: mixed_tasks}]", "[{id: kitting}]")
+    (folder / "competition.yaml").write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def rank(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Rank:
+    def ranked(*decisions: Any, output: str = "json", code: int = 0) -> str:
+        file = tmp_path / "adjustments.yaml"
+        file.write_text(yaml.safe_dump({"adjustments": list(decisions)}))
+        command = ["rank", str(results), "--adjustments", str(file), "--output-format", output]
+        assert main(command) == code
+        out, err = capsys.readouterr()
+        return out if code == 0 else err
+
+    return ranked
+
+
+def decision(results: Path, team: str, trial: str, run: int, effect: Any, **more: Any) -> dict[str, Any]:
+    measured = measured_sha256(load_result(results / team / f"{trial}_{run}.json"))
+    return {
+        "id": f"{team}_{trial}_{run}",
+        "author": "The jury",
+        "reason": "see protocol 3",
+        "time": "2024-05-12T14:30:00Z",
+        "target": {"team": team, "trial": trial, "run": run, "measured": measured, **more},
+        "effect": effect,
+    }
+
+
+def executions(ranking: dict[str, Any]) -> dict[str, float]:
+    return {s["team"]: s["execution"] for s in ranking["standings"]}
+
+
+def test_both_rankings_are_there_and_the_automatic_one_is_untouched(
+    results: Path, rank: Rank, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["rank", str(results), "--output-format", "json"]) == 0
+    automatic = json.loads(capsys.readouterr().out)
+
+    data = json.loads(rank(decision(results, "aurora", "kitting", 1, {"points": 100})))
+    assert schema_errors(data, "ranking") == []
+    adjusted = data.pop("adjusted")
+    assert data == automatic
+    # The run is the best one of the trial, so the whole amount arrives, and only there.
+    before, after = executions(automatic), executions(adjusted)
+    assert after["aurora"] - before["aurora"] == pytest.approx(100)
+    assert {t: after[t] for t in after if t != "aurora"} == {t: before[t] for t in before if t != "aurora"}
+    assert [s["team"] for s in adjusted["standings"]] == ["aurora", "borealis", "cygnus"]
+    assert [s["team"] for s in automatic["standings"]] == ["borealis", "aurora", "cygnus"]
+
+
+def test_without_its_best_run_a_team_falls_back_on_the_next_best(results: Path, rank: Rank) -> None:
+    data = json.loads(rank(decision(results, "borealis", "kitting", 1, {"disqualified": True})))
+    runs = {(r["team"], r["trial"], r["run"]): r for r in data["adjusted"]["runs"]}
+    cell = next(s for s in data["adjusted"]["standings"] if s["team"] == "borealis")["trials"]["kitting"]
+
+    assert runs["borealis", "kitting", 1]["outcome"] == "disqualified"
+    assert runs["borealis", "kitting", 1]["score"] == 0
+    # Run 4 has the task score 18, the most after run 1 with 22.
+    assert cell["runs"] == [4]
+    assert cell["score"] == runs["borealis", "kitting", 4]["score"]
+
+
+def test_points_of_a_decision_count_when_the_best_run_is_chosen(results: Path, rank: Rank) -> None:
+    # Run 4 had 18 against 22: five more points make it the better one.
+    data = json.loads(rank(decision(results, "borealis", "kitting", 4, {"points": 5})))
+    cell = next(s for s in data["adjusted"]["standings"] if s["team"] == "borealis")["trials"]["kitting"]
+
+    assert cell["runs"] == [4]
+
+
+def test_the_text_has_both_tables_every_decision_and_what_moved(results: Path, rank: Rank) -> None:
+    text = rank(decision(results, "aurora", "kitting", 1, {"points": 100}), output="text")
+
+    assert text.index("As adjusted by the stewards") < text.index("Decisions") < text.index("Automatic")
+    assert "Team Aurora: 38.053934511 -> 138.053934511, rank 2 -> 1" in text
+    assert "The jury, 2024-05-12T14:30:00Z: see protocol 3" in text
+
+
+def test_the_table_has_the_automatic_rank_beside(results: Path, rank: Rank) -> None:
+    lines = rank(decision(results, "aurora", "kitting", 1, {"points": 100}), output="csv").splitlines()
+
+    assert lines[0].endswith("automatic rank,automatic value")
+    assert lines[1].startswith("1,aurora,")
+    assert lines[1].endswith(",2,38.053934511")
+
+
+def test_a_competition_can_name_its_decisions(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / "cup"
+    for name in ("aurora", "cygnus"):
+        (root / "runs" / name).mkdir(parents=True)
+        for number in (1, 2):
+            stored = results / name / f"kitting_{number}.json"
+            (root / "runs" / name / stored.name).write_bytes(stored.read_bytes())
+    (root / "competition.yaml").write_text(
+        "id: cup\nrules: ariac2024.official\nruns: runs/{team}/{trial}_{run}.json\n"
+        "adjustments: decided.yaml\n"
+    )
+    own = decision(results, "cygnus", "kitting", 2, {"disqualified": True})
+    (root / "decided.yaml").write_text(yaml.safe_dump({"adjustments": [own]}))
+
+    assert main(["rank", str(root)]) == 0
+    assert "cygnus, kitting, run 2" in capsys.readouterr().out
+
+
+def test_a_stored_result_that_is_adjusted_already_is_not_ranked_as_if_automatic(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "a.yaml"
+    own = decision(results, "aurora", "kitting", 1, {"points": 100})
+    file.write_text(yaml.safe_dump({"adjustments": [own]}))
+    target = tmp_path / "runs/aurora/kitting_1.json"
+    target.parent.mkdir(parents=True)
+    stored = str(results / "aurora/kitting_1.json")
+    assert main(["adjust", stored, str(file), "--output-format", "json", "-o", str(target)]) == 0
+    (tmp_path / "competition.yaml").write_text(
+        "id: cup\nrules: ariac2024.official\nruns: runs/{team}/{trial}_{run}.json\n"
+    )
+
+    assert main(["rank", str(tmp_path)]) == 6
+    assert "adjusted by stewards already" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("changed", "cause"),
+    [
+        ({"team": "aurroa"}, "no run of aurroa, kitting, run 1"),
+        ({"trial": "kiting"}, "no run of aurora, kiting, run 1"),
+        ({"run": 9}, "no run of aurora, kitting, run 9"),
+        ({"run": 2}, "made for another result"),
+        ({"measured": "0" * 64}, "made for another result"),
+        ({"finding": "nothing#1"}, "a finding has a verdict"),
+    ],
+)
+def test_a_decision_about_no_run_of_the_competition_is_refused(
+    changed: dict[str, Any], cause: str, results: Path, rank: Rank
+) -> None:
+    own = decision(results, "aurora", "kitting", 1, {"points": 1})
+    own["target"].update(changed)
+
+    assert cause in rank(own, code=4)
+
+
+def test_the_organisers_own_program_knows_no_stewards(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["rank", str(COMPETITION), "--policy", "strict", "--adjustments", str(tmp_path / "a.yaml")]
+
+    assert main(command) == 4
+    assert "knows no stewards" in capsys.readouterr().err

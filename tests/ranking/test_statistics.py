@@ -1,0 +1,423 @@
+"""How sure a ranking is: small cases by hand, laws, and simulated competitions with known truth."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ariac_score.expression import Expression
+from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing
+from ariac_score.ranking.resampling import RandomBits, kept_weights, student_quantile, widening
+from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec, places
+from ariac_score.ranking.statistics import Pair, Statistics, rank_statistics
+
+DIGITS = 3
+LAST_DIGITS = 2.1e-3
+"""Sums that were widened are rounded to the digits of a score."""
+Scores = Mapping[str, Sequence[Sequence[float]]]
+"""For each team and trial the scores of its runs."""
+
+
+def spec(
+    *,
+    keep: int = 1,
+    fill: bool = True,
+    value: str = "execution",
+    highest: bool = True,
+    ties: tuple[Key, ...] = (),
+    intervals: Intervals | None = None,
+) -> Spec:
+    return Spec(
+        keep,
+        (Key("score", highest=True),),
+        fill=fill,
+        judges="sum",
+        value=Expression.parse(value),
+        highest=highest,
+        ties=ties,
+        intervals=intervals or Intervals(),
+    )
+
+
+def ranking(scores: Scores, of: Spec, judges: Mapping[str, float] | None = None) -> Ranking:
+    """The ranking of given scores, worked out here and not by the project's ranking."""
+    trials = [f"t{j}" for j in range(len(next(iter(scores.values()))))]
+    outcomes, standings, totals = [], [], []
+    for team, runs in scores.items():
+        cells = {}
+        for trial, own in zip(trials, runs, strict=True):
+            best = sorted((Decimal(f"{x:.3f}") for x in own), reverse=True)
+            outcomes += [
+                RunOutcome(team, trial, k, "scored", score=x, kept=k <= of.keep)
+                for k, x in enumerate(best, start=1)
+            ]
+            kept = best[: of.keep]
+            count = of.keep if of.fill else max(len(kept), 1)
+            mean = (sum(kept, Decimal(0)) / count).quantize(Decimal(10) ** -(DIGITS if of.keep == 1 else 9))
+            outcome = "scored" if kept else "no_run"
+            cells[trial] = Cell(mean, outcome, "", tuple(range(1, len(kept) + 1)), len(own))
+        marks = Decimal(str(judges[team])) if judges else None
+        execution = sum((cell.score for cell in cells.values()), Decimal(0))
+        totals.append({"execution": execution, "judges": marks})
+        standings.append((team, cells, execution, marks))
+    made = [
+        Standing(None, team, team, value, execution, marks, {}, cells)
+        for (team, cells, execution, marks), value in zip(standings, of.values(totals), strict=True)
+    ]
+    made.sort(key=lambda s: -(s.value or 0) if of.highest else (s.value or 0))
+    ranks = [1 + sum(o.value != s.value for o in made[:i]) for i, s in enumerate(made)]
+    assert ranks  # the order is all that the statistics take from it
+    return Ranking("made", "", ("r", ""), tuple(trials), tuple(made), tuple(outcomes), None)
+
+
+def statistics(scores: Scores, judges: Mapping[str, float] | None = None, **of: object) -> Statistics:
+    declared = spec(**of)  # type: ignore[arg-type]
+    return rank_statistics(ranking(scores, declared, judges), declared, DIGITS)
+
+
+def pair(found: Statistics, first: str, second: str) -> Pair:
+    return next(p for p in found.pairs if (p.first, p.second) == (first, second))
+
+
+def chances(found: Statistics) -> dict[str, tuple[float, ...]]:
+    return {odds.team: odds.chances for odds in found.teams}
+
+
+# Random numbers ------------------------------------------------------------------------
+
+
+def test_a_seed_gives_the_same_numbers_on_every_machine() -> None:
+    # default_rng(1).random(2), as the documentation of numpy prints it: the upper 53 bits of each word.
+    words = [int(word) for word in np.random.PCG64(1).random_raw(2)]
+    assert [round((word >> 11) / 2**53, 8) for word in words] == [0.51182162, 0.9504637]
+    low, high = words[0] & 0xFFFFFFFF, words[0] >> 32
+
+    drawn = RandomBits(1).below(np.array([5, 7]))
+
+    assert drawn.tolist() == [low * 5 >> 32, high * 7 >> 32]
+
+
+def test_numbers_below_a_bound_are_all_as_likely() -> None:
+    drawn = RandomBits(7).below(np.full(60_000, 6))
+
+    counts = np.bincount(drawn, minlength=6)
+
+    # Six standard deviations of a binomial with p = 1/6.
+    assert counts.sum() == 60_000
+    assert np.abs(counts - 10_000).max() < 6 * (60_000 * 5 / 36) ** 0.5
+
+
+# Tables of the t-distribution, two-sided; any textbook.
+@pytest.mark.parametrize(
+    ("degrees", "level", "quantile"),
+    [
+        (1, 0.95, 12.706),
+        (2, 0.95, 4.303),
+        (3, 0.95, 3.182),
+        (5, 0.95, 2.571),
+        (10, 0.95, 2.228),
+        (30, 0.95, 2.042),
+        (1, 0.99, 63.657),
+        (2, 0.99, 9.925),
+        (4, 0.90, 2.132),
+        (10_000, 0.95, 1.960),
+    ],
+)
+def test_quantiles_of_student_are_those_of_the_tables(degrees: int, level: float, quantile: float) -> None:
+    assert student_quantile(degrees, level) == pytest.approx(quantile, abs=6e-4)
+
+
+def test_deviations_of_few_are_widened_and_those_of_many_hardly() -> None:
+    assert widening(2, 1, 0.95) == pytest.approx(2**0.5 * 12.706 / 1.960, rel=1e-3)
+    assert 1 < widening(1000, 999, 0.95) < 1.002
+
+
+# By hand ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("count", "keep"), [(1, 1), (2, 1), (3, 1), (3, 2), (4, 2), (3, 3), (2, 5)])
+def test_how_often_a_run_is_kept_is_counted_over_all_ways_of_drawing(count: int, keep: int) -> None:
+    times = [0] * count
+    for ways in itertools.product(range(count), repeat=count):
+        for kept in sorted(ways)[:keep]:
+            times[kept] += 1
+
+    assert kept_weights(count, keep) == (tuple(times), count**count)
+
+
+def test_two_trials_drawn_by_hand() -> None:
+    # A has 10 and 0, B 4 and 4. Drawn (1,1): 20 to 8; (1,2) and (2,1): 10 to 8; (2,2): 0 to 8.
+    # Widening moves 12 and -8 away from 2 and leaves 2 as it is, so A is ahead in 3 of 4.
+    found = statistics({"A": [[10], [0]], "B": [[4], [4]]}, intervals=Intervals(resample="trials"))
+
+    assert chances(found)["A"][0] == pytest.approx(0.75, abs=0.02)
+    ahead = pair(found, "A", "B")
+    assert ahead.ahead == 2
+    by = widening(2, 1, 0.95)
+    assert (ahead.low, ahead.high) == (
+        pytest.approx(2 - 10 * by, abs=LAST_DIGITS),
+        pytest.approx(2 + 10 * by, abs=LAST_DIGITS),
+    )
+    assert not ahead.told_apart
+
+
+def test_two_runs_drawn_by_hand() -> None:
+    # A ran 10 and 6, B 9 alone. The best of two drawn from (10, 6) is 10 in 3 of 4 ways and 6 in one: 9 on
+    # average, 1 below what was published. Shifted, A is worth 11 or 7: widened 10 + w or 10 - 3 w, B 9.
+    found = statistics({"A": [[10, 6]], "B": [[9]]})
+
+    assert found.resample == "runs"
+    assert chances(found)["A"][0] == pytest.approx(0.75, abs=0.02)
+    by = widening(2, 1, 0.95)
+    assert pair(found, "A", "B").high == pytest.approx(1 + by, abs=LAST_DIGITS)
+    assert pair(found, "A", "B").low == pytest.approx(1 - 3 * by, abs=LAST_DIGITS)
+    assert any("one trial only" in note for note in found.notes)
+    assert any("one run only" in note for note in found.notes)
+
+
+def test_every_way_of_drawing_trials_and_runs_is_as_likely() -> None:
+    """Chances against all ways there are, counted in fractions."""
+    scores = {"A": [[8, 5], [1, 0]], "B": [[7, 2], [3, 1]], "C": [[6, 6], [2, 2]]}
+    by = Fraction(str(widening(2, 1, 0.95)))
+    first = dict.fromkeys(scores, Fraction(0))
+    picks = list(itertools.product(range(2), repeat=2))
+
+    def worth(team: str, trial: int, ways: tuple[int, int]) -> Fraction:
+        best, other = scores[team][trial]
+        mean = Fraction(3 * best + other, 4)
+        return Fraction(max(scores[team][trial][k] for k in ways)) + best - mean
+
+    total = {team: sum(max(own) for own in runs) for team, runs in scores.items()}
+    for trials in itertools.product(range(2), repeat=2):
+        sums = {
+            team: [worth(team, trials[0], a) + worth(team, trials[1], b) for a in picks for b in picks]
+            for team in scores
+        }
+        for combination in itertools.product(*(range(16) for _ in scores)):
+            wide = {
+                team: total[team] + by * (sums[team][k] - total[team])
+                for team, k in zip(scores, combination, strict=True)
+            }
+            top = max(wide.values())
+            for team, value in wide.items():
+                first[team] += Fraction(value == top, 4 * 16**3)
+
+    found = chances(statistics(scores))
+
+    # Five standard errors of 10 000 draws.
+    for team, chance in first.items():
+        assert found[team][0] == pytest.approx(float(chance), abs=5 * (0.25 / 10_000) ** 0.5)
+
+
+def test_a_team_that_is_always_far_ahead_is_told_apart() -> None:
+    scores = {
+        "A": [[100 + j, 101 + j] for j in range(10)],
+        "B": [[50 + j % 3, 51 + j % 2] for j in range(10)],
+        "C": [[50 + j % 2, 52 - j % 3] for j in range(10)],
+    }
+    found = statistics(scores)
+
+    odds = {o.team: (o.low, o.high) for o in found.teams}
+    assert odds["A"] == (1, 1)
+    assert odds["B"] == odds["C"] == (2, 3)
+    assert [set(group.teams) for group in found.groups] == [{"A"}, {"B", "C"}]
+    assert chances(found)["A"] == (1.0, 0.0, 0.0)
+
+
+def test_the_value_that_mixes_ranks_is_what_is_drawn() -> None:
+    # The ranks of 2025: 0.8 of the execution, 0.2 of the judges. A is always first, so ranks never change.
+    scores = {team: [[base + 0.1 * j] for j in range(8)] for team, base in (("A", 30), ("B", 20), ("C", 10))}
+    mixed = "0.8 * rank(execution) + 0.2 * rank(judges)"
+    found = statistics(scores, {"A": 1, "B": 3, "C": 2}, value=mixed, highest=False, keep=2, fill=False)
+
+    # A 0.8 + 0.6 = 1.4; B 1.6 + 0.2 = 1.8; C 2.4 + 0.4 = 2.8
+    assert pair(found, "A", "B").ahead == pytest.approx(0.4)
+    assert pair(found, "B", "C").ahead == pytest.approx(1.0)
+    assert all(p.told_apart for p in found.pairs)
+
+
+# Little to go by -------------------------------------------------------------------------
+
+
+def test_one_trial_and_one_run_say_nothing() -> None:
+    found = statistics({"A": [[3]], "B": [[2]]})
+
+    assert found.teams == ()
+    assert "nothing tells how much of it is chance" in found.notes[0]
+
+
+def test_nothing_is_drawn_where_nobody_has_a_run() -> None:
+    found = statistics({"A": [[], []], "B": [[], []]})
+
+    assert found.teams == ()
+    assert "nothing to draw from" in found.notes[0]
+
+
+def test_one_team_is_first_for_sure() -> None:
+    found = statistics({"A": [[3, 1], [2, 2]]})
+
+    (odds,) = found.teams
+    assert (odds.low, odds.high, odds.chances) == (1, 1, (1.0,))
+    assert found.pairs == ()
+    assert [group.teams for group in found.groups] == [("A",)]
+
+
+def test_teams_that_are_all_alike_share_every_rank_and_one_group() -> None:
+    found = statistics({team: [[5, 5], [5, 5], [5, 5]] for team in "ABC"})
+
+    assert [(o.low, o.high) for o in found.teams] == [(1, 3)] * 3
+    assert all(o.chances == (1.0, 0.0, 0.0) for o in found.teams)
+    assert [group.teams for group in found.groups] == [("A", "B", "C")]
+    assert {p.chance for p in found.pairs} == {0.5}
+
+
+def test_few_trials_are_said_to_be_few_and_enough_are_not() -> None:
+    def notes(count: int) -> str:
+        return " ".join(statistics({t: [[i + j, j] for j in range(count)] for i, t in enumerate("AB")}).notes)
+
+    assert "7 trials are few" in notes(7)
+    assert notes(8) == ""
+
+
+def test_a_team_without_any_run_is_never_ahead_of_one_that_ran() -> None:
+    below_zero = {
+        "A": [[-5, -9], [-1, -2], [-30, -3]],
+        "B": [[-6, -8], [-2, -7], [-4, -9]],
+        "none": [[], [], []],
+    }
+    found = statistics(below_zero)
+
+    assert chances(found)["none"][0] == 0
+    assert all(p.chance == 1 for p in found.pairs if p.second == "none") or all(
+        p.chance == 0 for p in found.pairs if p.first == "none"
+    )
+
+
+# Laws --------------------------------------------------------------------------------------
+
+competitions = st.integers(2, 4).flatmap(
+    lambda trials: st.lists(
+        st.lists(st.lists(st.integers(-50, 50), min_size=0, max_size=3), min_size=trials, max_size=trials),
+        min_size=1,
+        max_size=4,
+    )
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(scores=competitions, keep=st.integers(1, 3), fill=st.booleans())
+def test_what_holds_for_every_competition(scores: list[list[list[int]]], keep: int, fill: bool) -> None:
+    teams = {f"team{i}": own for i, own in enumerate(scores)}
+    declared = spec(keep=keep, fill=fill, intervals=Intervals(draws=200))
+    made = ranking(teams, declared)
+    found = rank_statistics(made, declared, DIGITS)
+
+    assert found == rank_statistics(made, declared, DIGITS)  # a seed is a seed
+    if not found.teams:
+        assert found.notes
+        return
+    assert [odds.team for odds in found.teams] == [s.team for s in made.standings]
+    for odds in found.teams:
+        own = next(s.value for s in made.standings if s.team == odds.team) or 0
+        better = sum((s.value or 0) > own for s in made.standings)
+        assert odds.low <= 1 + better <= odds.high  # the published rank is among those it may have
+        assert sum(odds.chances) == pytest.approx(1)
+    together = {team for group in found.groups for team in group.teams}
+    assert together == set(teams)
+    apart = {frozenset((p.first, p.second)) for p in found.pairs if p.told_apart}
+    for group in found.groups:
+        assert not any(frozenset(two) in apart for two in itertools.combinations(group.teams, 2))
+    for p in found.pairs:
+        assert p.low <= p.high
+        assert p.joint_low <= p.ahead <= p.joint_high
+
+
+@settings(max_examples=25, deadline=None)
+@given(easier=st.lists(st.integers(-20, 20), min_size=3, max_size=3), seed=st.integers(0, 99))
+def test_an_easier_trial_for_all_changes_no_difference(easier: list[int], seed: int) -> None:
+    """Teams are paired: the same trials are drawn for all of them."""
+    chance = np.random.default_rng(seed)
+    scores = {team: [[int(x) for x in chance.integers(0, 40, 3)] for _ in range(3)] for team in "ABC"}
+    moved = {
+        t: [[x + d for x in own] for own, d in zip(runs, easier, strict=True)] for t, runs in scores.items()
+    }
+    few = Intervals(draws=300)
+
+    before, after = statistics(scores, intervals=few), statistics(moved, intervals=few)
+
+    for one, other in zip(before.pairs, after.pairs, strict=True):
+        assert other.ahead == pytest.approx(one.ahead, abs=1e-9)
+        assert other.low == pytest.approx(one.low, abs=LAST_DIGITS)
+        assert other.high == pytest.approx(one.high, abs=LAST_DIGITS)
+    assert chances(before) == chances(after)
+
+
+def test_the_first_key_on_which_two_differ_decides() -> None:
+    value = np.array([[5.0], [5.0], [4.0], [5.0]])
+    second = np.array([[1.0], [2.0], [9.0], [1.0]])
+
+    assert places([value, second]).ravel().tolist() == [2, 1, 4, 2]
+
+
+def test_count_back_separates_equal_sums_in_every_draw() -> None:
+    # Equal in every trial but one, where A is drawn ahead by nothing but the places it won.
+    scores = {"A": [[3], [3], [1], [1]], "B": [[2], [2], [2], [2]]}
+    plain_chances = chances(statistics(scores))
+    counted = chances(statistics(scores, ties=(Key(COUNT_BACK, highest=True),)))
+
+    # Half the draws in which both sums are equal have two wins each: those stay shared.
+    assert counted["A"][0] <= plain_chances["A"][0]
+    assert counted["B"][0] <= plain_chances["B"][0]
+
+
+# Coverage ----------------------------------------------------------------------------------
+
+
+def simulated(
+    seed: int, rounds: int, trials: int, runs: int, spread: tuple[float, float], resample: str
+) -> tuple[float, float, float]:
+    """How often intervals hold, alone and together, and how often two teams are wrongly told apart.
+
+    Four teams, two and two of equal ability; the truth is the mean over competitions that
+    might have been held. `spread`: between trials of a team, between its runs.
+    """
+    chance = np.random.default_rng(seed)
+    ability = np.array([0.0, 0.0, 4.0, 4.0])
+    alone, together, wrong = [], [], []
+    for number in range(rounds):
+        hard = chance.normal(0, 5, trials)
+        own = 100 + ability[:, None] + hard + chance.normal(0, spread[0], (4, trials))
+        scores = own[:, :, None] + chance.normal(0, spread[1], (4, trials, runs))
+        declared = Intervals(resample=resample, draws=200, seed=number)
+        found = statistics({f"team{i}": s.tolist() for i, s in enumerate(scores)}, intervals=declared)
+        truth = {f"team{i}": float(a) * trials for i, a in enumerate(ability)}
+        gaps = [(p, truth[p.first] - truth[p.second]) for p in found.pairs]
+        alone += [p.low <= gap <= p.high for p, gap in gaps]
+        together.append(all(p.joint_low <= gap <= p.joint_high for p, gap in gaps))
+        wrong.append(any(p.told_apart and gap * p.joint_low <= 0 for p, gap in gaps))
+    return float(np.mean(alone)), float(np.mean(together)), float(np.mean(wrong))
+
+
+@pytest.mark.parametrize("spread", [(1.0, 3.0), (3.0, 1.0)])
+@pytest.mark.parametrize("trials", [4, 12])
+def test_intervals_hold_as_often_as_they_say(trials: int, spread: tuple[float, float]) -> None:
+    alone, together, wrong = simulated(11, 120, trials, 3, spread, "trials_and_runs")
+
+    # 720 intervals of 95 %, not independent of each other; 120 competitions.
+    assert alone > 0.93
+    assert together > 0.88
+    assert wrong < 0.06
+
+
+def test_drawing_trials_alone_is_as_wide_as_it_must_be_and_no_wider() -> None:
+    alone, _, wrong = simulated(5, 120, 10, 3, (2.0, 2.0), "trials")
+
+    assert 0.92 < alone < 0.98
+    assert wrong < 0.07

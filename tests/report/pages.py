@@ -1,0 +1,112 @@
+"""Results that the tests make pages of: the committed example, one with routes, one with hostile names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from ariac_score import (
+    Body,
+    Order,
+    Product,
+    Provenance,
+    Result,
+    Submission,
+    Task,
+    Trial,
+    WantedProduct,
+    as_json,
+    load_result,
+    load_rule_set,
+    measure_trial,
+    price_trial,
+    score_trial,
+)
+from ariac_score.engine import sketch_trial
+from ariac_score.registry import Registry
+from ariac_score.report.html.trial import trial_page
+from ariac_score.result import Source
+from ariac_score.testing import kitting_trial, write_trial_log
+
+EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"
+
+SCRIPT = "<script>alert('script')</script>"
+IMAGE = '"><img src=x onerror=alert("image")>'
+RIGHT_TO_LEFT = "\u202egnp.exe\u202c \u05e9\u05dc\u05d5\u05dd"
+LONG = "x" * 10_000
+FORMULA = "=cmd('calc')!A0"
+LINES = "one\ntwo\r\nthree\x1b[31m"
+HOSTILE = (SCRIPT, IMAGE, RIGHT_TO_LEFT, LONG, FORMULA, LINES, "</script><!--", "../../etc/passwd")
+
+
+def example() -> Result:
+    return load_result(EXAMPLE)
+
+
+def with_routes(folder: Path) -> Result:
+    """The example with every signal it has, so that there is a plan as well."""
+    return score_trial(write_trial_log(folder / "routes.jsonl", kitting_trial()), "paper2020")
+
+
+def hostile() -> Result:
+    """The example with hostile text wherever a log can put any."""
+    trial, rule_set, registry = _renamed(kitting_trial()), load_rule_set("paper2020"), Registry()
+    checks = rule_set.build(registry)
+    measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
+    sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
+    result = price_trial(replace(measured, sketch=sketch), rule_set, _provenance())
+    measured = result.measured
+    findings = {
+        key: replace(finding, message=HOSTILE[i % len(HOSTILE)], clause=IMAGE, labels={"by": SCRIPT})
+        for i, (key, finding) in enumerate(measured.findings.items())
+    }
+    return replace(
+        result,
+        rule_set_title=IMAGE,
+        notes=HOSTILE,
+        measured=replace(
+            measured, team=SCRIPT, trial=IMAGE, clock=LONG, unrecorded=HOSTILE, findings=findings
+        ),
+    )
+
+
+def _provenance() -> Provenance:
+    return Provenance((Source("log", SCRIPT, 1, "0" * 64),), HOSTILE, (IMAGE, "1" * 64), (LONG, "2" * 64), ())
+
+
+def _renamed(trial: Trial) -> Trial:
+    bodies = {"robot": "rob<b>ot", "human": "hum&quot;an"}
+    signals = {}
+    for name, signal in trial.signals.items():
+        new = name
+        for old, other in bodies.items():
+            new = new.replace(old, other)
+        signals[new] = replace(signal, name=new)
+    orders, submissions = [], []
+    for i, order in enumerate(trial.orders):
+        (task,) = order.tasks
+        name = f"{HOSTILE[i]}".replace("/", "|")
+        products = tuple(
+            WantedProduct(p.slot, HOSTILE[(i + j) % len(HOSTILE)], p.pose)
+            for j, p in enumerate(task.products)
+        )
+        orders.append(Order(name, (Task(f"{name}_0", products=products, agv=task.agv),), order.announced_s))
+        submissions.append(
+            Submission(
+                f"{name}_0", 14.0 + i, tuple(Product(word, products[0].pose) for word in HOSTILE), "agv1"
+            )
+        )
+    return replace(
+        trial,
+        id=SCRIPT,
+        bodies=tuple(Body(bodies[b.id], b.kind, b.radius_m) for b in trial.bodies),
+        signals=signals,
+        orders=tuple(orders),
+        submissions=tuple(submissions),
+    )
+
+
+def write_page(folder: Path, result: Result) -> Path:
+    file = folder / "trial.html"
+    file.write_text(trial_page(result, as_json(result)), encoding="utf-8")
+    return file
