@@ -277,3 +277,20 @@ def test_without_its_library_it_says_what_to_install(
     with pytest.raises(UsageError, match="py-minisign") as caught:
         sign_result(result, keys[0])
     assert "ariac-score[sign]" in caught.value.hint
+
+
+def test_verify_says_who_vouches_for_a_result(
+    result: Path, keys: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    call = ["verify", str(result), "--signature", "--public-key", str(keys[1])]
+    signed(result, keys[0])
+
+    assert main(call) == 0
+    assert "file:team_a.json" in capsys.readouterr().out
+
+    _one_space(result)
+    assert main(call) == 1
+    assert "the signature is not of these bytes" in capsys.readouterr().out
+
+    assert main(call[:3]) == 4
+    assert "--public-key" in capsys.readouterr().err
