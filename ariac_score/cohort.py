@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ariac_score.datafiles import schema_errors
+from ariac_score.datafiles import read_text, schema_errors, strict_json
 from ariac_score.errors import DataFileError, UsageError, did_you_mean
 from ariac_score.expression import add_up
 from ariac_score.result import Measured
@@ -164,9 +164,7 @@ def load_cohort(path: Path, rule_set: RuleSet) -> Cohort:
         DataFileError: Missing, not a cohort, edited, or made under other rules.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as cause:
-        raise DataFileError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
+        data = strict_json(read_text(path).decode("utf-8"))
     except (ValueError, RecursionError) as cause:
         raise DataFileError(
             f"not a cohort: {cause}", file=path, hint="give the cohort.json that 'rank --cohort-output' wrote"

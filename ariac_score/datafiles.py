@@ -28,6 +28,7 @@ __all__ = [
     "schema",
     "schema_errors",
     "shipped_rules",
+    "strict_json",
     "validate",
 ]
 
@@ -297,6 +298,38 @@ class _Builder:
 
     def _refusal(self, node: yaml.Node, cause: str, hint: str) -> DataFileError:
         return self.error(cause, file=self.file, place=_line(node), hint=hint)
+
+
+def strict_json(text: str, *, parse_float: Callable[[str], Any] = float) -> Any:
+    """The value of a JSON text that a stranger may have written.
+
+    Args:
+        text: The whole text.
+        parse_float: What makes numbers with a point or exponent.
+
+    Raises:
+        ValueError: Not JSON, a key stands twice in an object, or a number is none (NaN) or without end.
+        RecursionError: It is nested too deeply.
+
+    >>> strict_json('{"a": 1, "a": 2}')
+    Traceback (most recent call last):
+    ...
+    ValueError: key 'a' is given twice
+    """
+    return json.loads(text, object_pairs_hook=_once_each, parse_constant=_no_number, parse_float=parse_float)
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    told = dict(pairs)
+    if len(told) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"key {twice[:80]!r} is given twice")
+    return told
+
+
+def _no_number(word: str) -> Any:
+    raise ValueError(f"{word} is not a number")
 
 
 @cache

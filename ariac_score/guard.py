@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 from ariac_score.contracts import Decoder, LogDescription, Reader, Wanted
 from ariac_score.errors import PluginError, ScoreError
@@ -103,10 +104,20 @@ class GuardedDecoder:
         except (ScoreError, ValueError):
             raise
         except (Exception, SystemExit) as cause:
+            if _misfits(message, cause):
+                raise ValueError(f"its fields are not those of a {msgtype}: {cause}") from cause
             raise broken(self.plugin, f"raised {type(cause).__name__} on a {msgtype}: {cause}") from cause
         if decoded is not None and not isinstance(decoded, Order | Submission | Kit | Event):
             raise broken(self.plugin, f"makes a {type(decoded).__name__} of a {msgtype}")
         return decoded
+
+
+def _misfits(message: object, cause: BaseException) -> bool:
+    """Whether the message is to blame: its sender chose its fields, and a decoder cannot know them all."""
+    if isinstance(message, SimpleNamespace):  # it came as text, and anything may stand in any field
+        return isinstance(cause, AttributeError | TypeError | LookupError | ArithmeticError)
+    # A recording brings its own definitions, which may lack a field that the type of that name has.
+    return isinstance(cause, AttributeError) and hasattr(type(cause.obj), "__msgtype__")
 
 
 def open_readers(registry: Registry) -> tuple[dict[str, Reader], tuple[PluginError, ...]]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.adjustments import apply, check_targets
-from ariac_score.datafiles import schema_errors
+from ariac_score.datafiles import schema_errors, strict_json
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.expression import Traced
 from ariac_score.findings import Finding, Verdict
@@ -53,6 +53,8 @@ __all__ = [
 ]
 
 SCHEMA = "ariac-score/result/1"
+MAX_BYTES = 64 << 20
+"""A larger file is no result; those of whole trials have some ten KB."""
 
 
 def as_json(result: Result) -> str:
@@ -354,9 +356,12 @@ def read_result(path: Path, *, known: bool = False) -> Result:
             up to its score.
     """
     try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ResultError(f"larger than {MAX_BYTES:,} bytes", file=path, hint="is this a result?")
         text = path.read_text(encoding="utf-8")
-        exact = json.loads(text, parse_float=Decimal)
-        faults = [] if known else schema_errors(json.loads(text), "result")
+        # What a batch of ours wrote was held against its schema then, and is read in its thousands.
+        exact = (json.loads if known else strict_json)(text, parse_float=Decimal)
+        faults = [] if known else schema_errors(strict_json(text), "result")
     except OSError as cause:
         raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
     except (ValueError, RecursionError) as cause:

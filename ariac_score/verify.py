@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.adjustments import adjust, load_adjustments
-from ariac_score.datafiles import schema_errors
+from ariac_score.datafiles import schema_errors, strict_json
 from ariac_score.engine import reprice, score_trial
 from ariac_score.errors import NothingToScoreError, PluginError, ResultError, ScoreError, UsageError
 from ariac_score.ranking.competition import FILE, Competition, Run, load_competition
@@ -116,7 +116,7 @@ def verify_result(
 def _read(path: Path) -> tuple[str, Any]:
     try:
         text = path.read_text(encoding="utf-8")
-        return text, json.loads(text)
+        return text, strict_json(text)
     except OSError as cause:
         raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
     except (ValueError, RecursionError) as cause:

@@ -153,6 +153,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "scoring",
         "trial",
     },
+    "signing": {"errors", "minisign", "result_json"},
     "sensitivity": {
         "contracts",
         "engine",
@@ -249,7 +250,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
 }
 ANYTHING = {"cli", "__init__"}
-SLOW = {"rosbags", "jsonschema", "rich", "jinja2", "markupsafe", "websockets"}
+SLOW = {"rosbags", "jsonschema", "rich", "jinja2", "markupsafe", "websockets", "minisign"}
 
 
 def _part(path: Path) -> str:

@@ -46,6 +46,7 @@ _COMMANDS = (
     "rank",
     "batch",
     "merge",
+    "sign",
     "platform",
     "sensitivity",
     "rules",

@@ -43,6 +43,17 @@ def register(commands: Any) -> None:
         metavar="FILE",
         help="adjustments.yaml that an adjusted result should be by",
     )
+    parser.add_argument(
+        "--signature",
+        nargs="?",
+        type=Path,
+        const=True,
+        metavar="FILE",
+        help="check who vouches for it; by default the signature beside it, RESULT.minisig",
+    )
+    parser.add_argument(
+        "--public-key", default="", metavar="KEY", help="whose signature: a file, or the key itself"
+    )
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.set_defaults(run=run)
 
@@ -60,12 +71,29 @@ def run(arguments: argparse.Namespace) -> int:
         log_map=arguments.log_map,
         adjustments=arguments.adjustments,
     )
+    if arguments.signature is not None or arguments.public_key:
+        found = _with_signature(found, arguments)
     if arguments.output_format == "json":
         print(json.dumps(_data(found), indent=1, sort_keys=True))
     else:
         for line in _lines(found, arguments.result.name, style_for(sys.stdout)):
             print(line)
     return 0 if found.holds else EXIT_DIFFERS
+
+
+def _with_signature(found: Verification, arguments: argparse.Namespace) -> Verification:
+    """The same with one step more: whether the owner of the key vouches for these bytes."""
+    from dataclasses import replace  # noqa: PLC0415  # keeps --help quick
+
+    from ariac_score.errors import UsageError  # noqa: PLC0415
+    from ariac_score.signing import check_signature  # noqa: PLC0415
+    from ariac_score.verify import FAILED, OK, Step  # noqa: PLC0415
+
+    if not arguments.public_key:
+        raise UsageError("nothing says whose signature it should be", hint="name the key with --public-key")
+    file = arguments.signature if isinstance(arguments.signature, Path) else None
+    holds, words = check_signature(arguments.result, arguments.public_key, file)
+    return replace(found, steps=(*found.steps, Step("signature", OK if holds else FAILED, words)))
 
 
 def _lines(found: Verification, name: str, style: Style) -> Iterator[str]:

@@ -421,7 +421,8 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             yield database
         finally:
             database.close()
-    except (sqlite3.Error, OverflowError) as cause:
+    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as cause:
+        # Python decodes SQLite's own words, which may quote the damaged bytes.
         raise LogError(f"the database cannot be read: {cause}", file=path, hint=_DAMAGED) from cause
 
 

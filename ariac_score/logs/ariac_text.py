@@ -44,10 +44,11 @@ MAX_DROPS = 10_000
 
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _GAZEBO_RECORD = re.compile(
-    r"^\((?P<s>\d{1,12}) (?P<ns>\d{1,9})\) (?:\[(?:Msg|Wrn|Err|Dbg)\] )?(?:\[[^\]\s]+:\d+\] ?)?(?P<text>.*)$"
+    r"^\((?P<s>\d{1,9}|[0-8]\d{9}) (?P<ns>\d{1,9})\) "  # as ns they fit 64 bits
+    r"(?:\[(?:Msg|Wrn|Err|Dbg)\] )?(?:\[[^\]\s]+:\d+\] ?)?(?P<text>.*)$"
 )
 _ROS_RECORD = re.compile(r"^\[ ?[A-Z]+\] \[\d+\.\d+(?:, (?P<sim>\d{1,9}\.\d+))?\]: (?P<text>.*)$")
-_NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
+_NUMBER = r"-?\d{1,30}(?:\.\d{1,30})?(?:e[+-]?\d{1,2})?"  # finite, whatever stands there
 _SIM_TIME = re.compile(rf"^Sim time: ({_NUMBER})$")
 _STARTED = re.compile(r"^(?:\[Service Call\] Start Competition|Handle start service called)")
 _ENDED = re.compile(r"^(?:\[Service Call\] End Competition|Handle end service called)")
@@ -62,7 +63,7 @@ _HEADING = re.compile(
     r"(?: (?P<id>[^\s>\]]*))?[>\]]?$",
     re.IGNORECASE,
 )
-_VALUE = re.compile(r"^(?P<label>[^\[]*[^\[\s:=])\s*[:=]?\s*\[(?P<value>[^\]]*)\]$")
+_VALUE = re.compile(r"^(?P<label>[^\[]*[^\[\s:=])\s*(?:[:=]\s*)?\[(?P<value>[^\]]*)\]$")
 _UPDATE = re.compile(r"_update_\d+$")
 
 

@@ -51,16 +51,16 @@ CLOCK = "simulated time"
 _PIECE_BYTES = 1 << 20
 _END_OF_LOG = b"</gazebo_log>"
 _ENCODING = re.compile(rb"""^\s+encoding\s*=\s*(['"])(\w+)\1\s*>$""")
-_VERSION = re.compile(rb"<gazebo_version>\s*([^<]*?)\s*</gazebo_version>")
-_SIM_TIME = re.compile(rb"<sim_time>\s*(\d+)\s+(\d+)\s*</sim_time>")
-_DELETIONS = re.compile(rb"<deletions>(.*?)</deletions>", re.DOTALL)
+_VERSION = re.compile(rb"<gazebo_version>([^<]{0,200})</gazebo_version>")
+_SIM_TIME = re.compile(rb"<sim_time>\s*(\d{1,30})\s+(\d{1,30})\s*</sim_time>")
+_DELETIONS = re.compile(rb"<deletions>|</deletions>")
 _END_OF_MODEL = b"</model>"
 _NAME = re.compile(rb"<name>([^<]*)</name>")
 _MODEL = re.compile(rb"<model\s+name\s*=\s*")
 _MODEL_AS_WRITTEN = b"<model name="
 _POSE = re.compile(
-    rb"""(?:<link\s+name\s*=\s*(?P<quote>['"])(?P<link>.*?)(?P=quote)[^>]*>\s*)?"""
-    rb"""<pose[^>]*>(?P<numbers>[^<]*)</pose>"""
+    rb"""(?:<link\s+name\s*=\s*(?:'(?P<link>[^'<\n]*)'|"(?P<also>[^"<\n]*)")[^<>]*>\s*)?"""
+    rb"""<pose[^<>]*>(?P<numbers>[^<]*)</pose>"""
 )
 
 IntArray = NDArray[np.int64]
@@ -388,7 +388,7 @@ class _Scan:
             )
         found = _VERSION.search(header)
         if found:
-            self.version = found[1].decode("utf-8", "replace")
+            self.version = found[1].strip().decode("utf-8", "replace")
 
     def _read_chunk(self, body: bytes, tag: bytes, offset: int, *, whole: bool) -> None:
         named = _ENCODING.match(tag)
@@ -455,9 +455,15 @@ class _Scan:
     def _note_deletions(self, frame: bytes, index: int) -> None:
         if b"<deletions>" not in frame:
             return
-        for block in _DELETIONS.finditer(frame):
-            for name in _NAME.finditer(block[1]):
-                self.deleted.setdefault(_words(name[1].strip()), []).append(index)
+        begin = -1
+        for tag in _DELETIONS.finditer(frame):  # tag by tag: a search for pairs looks for each end anew
+            if tag[0] == b"<deletions>":
+                begin = tag.end() if begin < 0 else begin
+                continue
+            if begin >= 0:
+                for name in _NAME.finditer(frame, begin, tag.start()):
+                    self.deleted.setdefault(_words(name[1].strip()), []).append(index)
+            begin = -1
 
     def _child(self, parent: _Model, segment: bytes) -> _Model:
         quote = segment[:1]
@@ -495,7 +501,8 @@ class _Scan:
     def _take_poses(self, model: _Model, text: bytes, *, links_only: bool) -> Iterator[tuple[_Column, int]]:
         own_expected = not links_only
         for pose in _POSE.finditer(text):
-            _, written, numbers = pose.groups()
+            single, double, numbers = pose.groups()
+            written = double if single is None else single
             if not written and not own_expected:
                 continue  # a pose inside a link, of something that is neither model nor link
             own_expected = False

@@ -6,10 +6,10 @@ Source: rosbag2_storage_sqlite3, schema versions 1 to 4.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,13 @@ MAGIC = b"SQLite format 3\0"
 _HINT = "take another copy of the file, or record the trial again; a score may not rest on part of a log"
 _TABLES = {"topics": {"id", "name", "type"}, "messages": {"id", "topic_id", "timestamp", "data"}}
 _Item = Connection | Message | Batch
+
+MAX_STEPS = 20_000_000
+STEPS_PER_BYTE = 20
+"""Reading and checking a message takes some tens of steps of SQLite's machine, and a message some tens of
+bytes; a schema may make them as many as it likes, in checks and indexes of its own."""
+_STEPS_AT_ONCE = 100_000
+_SMALLEST_LENGTH = 1_000_000
 
 _BATCH_BYTES = 4 << 20
 _BATCH_ROWS = 8192
@@ -75,6 +82,10 @@ class SqliteScan:
                 bag.execute("PRAGMA trusted_schema=OFF")
                 # Without it SQLite will not even open a file that lost its end; `_damage` reports that.
                 bag.execute("PRAGMA writable_schema=ON")
+                bag.execute("PRAGMA ignore_check_constraints=ON")  # they would be computed for each row
+                bag.set_progress_handler(_patience(self.path.stat().st_size), _STEPS_AT_ONCE)
+                if hasattr(bag, "setlimit"):  # from Python 3.11 on
+                    bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(self.path.stat().st_size, _SMALLEST_LENGTH))
                 self._check_tables(bag)
                 yield from self._declared(bag)
                 yield from self._messages(bag)
@@ -101,6 +112,9 @@ class SqliteScan:
             found = {row[1] for row in bag.execute(f"PRAGMA table_xinfo({table})") if not row[6]}
             if not columns <= found:
                 raise self._error(f"table {table!r} lacks {', '.join(sorted(columns - found))}")
+        for (sql,) in bag.execute("SELECT sql FROM sqlite_master WHERE type = 'index' LIMIT 1000"):
+            if str(sql or "").count("(") > 1:  # the check of the file would compute it for each row
+                raise self._error("it has an index of computed values, so it is not read")
 
     def _declared(self, bag: sqlite3.Connection) -> Iterator[Connection]:
         definitions = _definitions(bag)
@@ -161,6 +175,12 @@ class SqliteScan:
             yield Message(self._topics[topic], stamp_ns, payload)
 
 
+def _patience(size: int) -> Callable[[], bool]:
+    """What SQLite asks now and then: whether to stop, because no honest file of this size takes as long."""
+    left = count(1 + (MAX_STEPS + STEPS_PER_BYTE * size) // _STEPS_AT_ONCE, -1)
+    return lambda: next(left) <= 0
+
+
 @dataclass
 class _Rows:
     """Some rows of the table of messages, by column; what is in them has not been looked at."""
@@ -213,8 +233,8 @@ def _fetched(cursor: sqlite3.Cursor) -> Iterator[_Rows]:
 
 def _definitions(bag: sqlite3.Connection) -> dict[str, tuple[str, str]]:
     """Format and text of the embedded definitions by type; none before schema version 4."""
-    found = bag.execute("SELECT type FROM sqlite_master WHERE name = 'message_definitions'").fetchall()
-    if found != [("table",)]:
+    found = bag.execute("SELECT type, sql FROM sqlite_master WHERE name = 'message_definitions'").fetchall()
+    if [kind for kind, _ in found] != ["table"] or "VIRTUAL" in str(found[0][1]).upper():
         return {}
     rows = bag.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
     return {str(name): (str(encoding), str(text)) for name, encoding, text in rows if text}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import lzma
 import stat
+import struct
 import tarfile
 import zipfile
 import zlib
@@ -19,6 +21,21 @@ __all__ = ["ArchiveLimits", "is_archive", "unpack"]
 _BLOCK = 1 << 20
 _SMALL = 1 << 20
 """Below this size no ratio is a bomb."""
+
+_DAMAGE = (
+    zipfile.BadZipFile,
+    tarfile.TarError,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    EOFError,
+    OSError,
+    OverflowError,
+    RuntimeError,
+    ValueError,
+)
+"""What the library says of damage: RuntimeError of a password or an unknown method (NotImplementedError),
+ValueError of a name that is no UTF-8 (UnicodeDecodeError), of a date or of a place before the file."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +70,7 @@ def is_archive(path: Path) -> bool:
     """Whether a file is an archive that `unpack` opens, by its content."""
     try:
         return zipfile.is_zipfile(path) or tarfile.is_tarfile(path)
-    except OSError:
+    except _DAMAGE:
         return False
 
 
@@ -70,14 +87,13 @@ def unpack(archive: Path, into: Path, limits: ArchiveLimits | None = None) -> tu
 
     Raises:
         LogError: It is damaged or encrypted, a name leads out of the folder or comes twice, a
-            member is a link or a device, or a limit is passed; nothing is left of it then.
+            member is a link or a device, or a limit is passed; what came out before stays in the folder.
     """
     limits = limits or ArchiveLimits()
     into.mkdir(parents=True, exist_ok=True)
     try:
         return tuple(sorted(_unpacked(archive, into, limits)))
-    except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, OSError, RuntimeError) as cause:
-        # RuntimeError is what zipfile says of a password, NotImplementedError of an unknown method.
+    except _DAMAGE as cause:
         raise _refused(archive, "", f"it cannot be read: {cause}", "send the archive again") from cause
 
 
@@ -123,6 +139,8 @@ def _members(archive: Path) -> Iterator[_Member]:
             for info in zipped.infolist():
                 mode = info.external_attr >> 16
                 plain = not mode or stat.S_IFMT(mode) in (0, stat.S_IFREG, stat.S_IFDIR)
+                if not info.filename:
+                    raise _refused(archive, "", "a member has no name", _RENAME)
                 if info.flag_bits & 1:
                     raise _refused(archive, info.filename, "it is encrypted", "send it without a password")
                 stream = zipped.open(info) if plain and not info.is_dir() else None

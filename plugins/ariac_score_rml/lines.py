@@ -33,7 +33,7 @@ _MAX_WHOLE = 2**53
 """Whole numbers beyond are not all floats."""
 
 _NUMBER = re.compile(rb"-?(?:0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
-_STRING_OR_NUMBER = re.compile(rb'"(?:[^"\\]|\\.)*"|(' + _NUMBER.pattern + rb")", re.DOTALL)
+_STRING_OR_NUMBER = re.compile(rb'"(?:[^"\\]|\\.)*(?:"|\\?\Z)|(' + _NUMBER.pattern + rb")", re.DOTALL)
 
 _Places = NDArray[np.intp]
 

@@ -13,7 +13,7 @@ __all__ = ["read_events"]
 
 _SPACE = re.compile(r"[ \t\r\n]*")
 _COMMA = re.compile(r",[ \t\r\n]*\}")
-_STRING_OR_COMMA = re.compile(r'"(?:[^"\\]|\\.)*"|,(?=[ \t\r\n]*\})', re.DOTALL)
+_STRING_OR_COMMA = re.compile(r'"(?:[^"\\]|\\.)*(?:"|\\?\Z)|,(?=[ \t\r\n]*\})', re.DOTALL)
 
 
 def read_events(text: str, *, file: object = None) -> Iterator[Json]:

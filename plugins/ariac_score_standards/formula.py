@@ -52,6 +52,9 @@ from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watch
 
 _KINDS = ("robot", "agv", "human")
 _AXES = {".x": 0, ".y": 1, ".z": 2}
+MAX_SOURCE_LENGTH = 500
+"""Longer words for a signal are none, and would take long to be found so."""
+
 _TEMPLATE = re.compile(r"(?P<name>[^\[\]]+?)(?P<axis>\.[xyz])?\s*(?:\[(?P<unit>[^\[\]]+)\])?")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -163,9 +166,9 @@ class _Source:
 
 
 def _source(name: str, told: str) -> _Source:
-    match = _TEMPLATE.fullmatch(told.strip())
+    match = _TEMPLATE.fullmatch(told.strip()) if len(told) <= MAX_SOURCE_LENGTH else None
     if match is None or "/" not in told:
-        raise ValueError(f"signal {name!r} is {told!r}, not quantity/subject such as speed/{{robot}}")
+        raise ValueError(f"signal {name!r} is {told[:80]!r}, not quantity/subject such as speed/{{robot}}")
     template, axis, unit = match["name"], match["axis"], match["unit"]
     try:
         placeholders = {field for _, field, _, _ in Formatter().parse(template) if field is not None}

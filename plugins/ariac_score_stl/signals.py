@@ -12,6 +12,9 @@ from ariac_score_stl.syntax import FUNCTIONS, StlError, is_word
 
 __all__ = ["Source", "Subject", "check_name", "parse_source", "subjects"]
 
+MAX_SOURCE_LENGTH = 500
+"""Longer words for a signal are none, and would take long to be found so."""
+
 _SOURCE = re.compile(
     r"(?P<quantity>[a-z][a-z0-9_]*)(?:\s+of\s+(?P<subject>[^\s]+))?\s+in\s+(?P<unit>[^\s].*?)\s*"
 )
@@ -66,10 +69,10 @@ def parse_source(name: str, text: str) -> Source:
     >>> parse_source("v", "speed of robot in m/s")
     Source(quantity='speed', subject='robot', unit='m/s')
     """
-    match = _SOURCE.fullmatch(text.strip())
+    match = _SOURCE.fullmatch(text.strip()) if len(text) <= MAX_SOURCE_LENGTH else None
     if match is None:
         raise StlError(
-            f"signal {name!r} is {text!r}; write 'QUANTITY in UNIT' for a robot and a human, such as "
+            f"signal {name!r} is {text[:80]!r}; write 'QUANTITY in UNIT' for a robot and a human, such as "
             "'centre_distance in m', or 'QUANTITY of robot in UNIT', such as 'speed of robot in m/s'"
         )
     return Source(match["quantity"], match["subject"] or "", match["unit"])

@@ -16,8 +16,10 @@ import pytest
 
 from ariac_score.contracts import Wanted
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs import sqlite_bag
 from ariac_score.logs.rosbag import RosbagReader
-from ariac_score.logs.salvage import LARGEST_INFLATED_BYTES, inflate, normalised_type
+from ariac_score.logs.salvage import LARGEST_INFLATED_BYTES, Batch, inflate, normalised_type
+from ariac_score.logs.sqlite_bag import SqliteScan
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import Channel, FieldMap, LogMap
 
@@ -375,3 +377,79 @@ def test_an_empty_file_in_a_folder_is_damage_not_nothing(tmp_path: Path) -> None
     with pytest.raises(LogError, match=r"t\.mcap") as error:
         READER.read(path, WANTED)
     assert not isinstance(error.value, NothingToScoreError)
+
+
+# SQLite bags with a program in their schema ----------------------------------------------
+
+
+def _sqlite_bag(folder: Path, *statements: str, rows: int = 2000) -> Path:
+    """A bag of one topic whose messages are empty, changed by a stranger."""
+    path = folder / "log.db3"
+    bag = sqlite3.connect(path)
+    bag.execute(
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+    )
+    bag.execute(
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+    )
+    bag.execute("INSERT INTO topics VALUES (1, '/a', 'std_msgs/msg/String', 'cdr')")
+    bag.executemany("INSERT INTO messages VALUES (?, 1, ?, x'00')", ((i, i) for i in range(1, rows)))
+    for statement in statements:
+        bag.execute(statement)
+    bag.commit()
+    bag.close()
+    return path
+
+
+def _messages_in(path: Path) -> int:
+    return sum(len(item) if isinstance(item, Batch) else 1 for item in SqliteScan(path)) - 1
+
+
+def test_a_plain_sqlite_bag_with_a_plain_index_is_read(tmp_path: Path) -> None:
+    path = _sqlite_bag(tmp_path, "CREATE INDEX timestamp_idx ON messages (timestamp ASC)")
+
+    assert _messages_in(path) == 1999
+
+
+def test_an_index_of_computed_values_is_refused(tmp_path: Path) -> None:
+    path = _sqlite_bag(tmp_path, "CREATE INDEX i ON messages (hex(zeroblob(1000)))")
+
+    with pytest.raises(LogError, match="an index of computed values"):
+        _messages_in(path)
+
+
+def test_checks_of_its_own_are_not_computed(tmp_path: Path) -> None:
+    path = _sqlite_bag(
+        tmp_path,
+        "CREATE TABLE more(a INTEGER CHECK (length(hex(zeroblob(1 + a * 200000000))) > 0))",
+        "INSERT INTO more VALUES (0)",
+        "PRAGMA ignore_check_constraints = ON",
+        "INSERT INTO more VALUES (4)",
+    )
+
+    assert _messages_in(path) == 1999
+
+
+@pytest.mark.parametrize("name", ["messages", "topics", "message_definitions"])
+def test_a_view_or_a_trigger_of_that_name_runs_nothing(tmp_path: Path, name: str) -> None:
+    endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i FROM n"
+    changes = [f"ALTER TABLE {name} RENAME TO kept"] if name != "message_definitions" else []
+    path = _sqlite_bag(tmp_path, *changes, f"CREATE VIEW {name} AS {endless}")
+
+    if changes:
+        with pytest.raises(LogError, match="is not a ROS 2 bag"):
+            _messages_in(path)
+    else:
+        assert _messages_in(path) == 1999
+
+
+def test_more_steps_than_any_honest_file_needs_end_the_reading(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = _sqlite_bag(tmp_path, rows=20_000)
+    assert _messages_in(path) == 19_999
+
+    monkeypatch.setattr(sqlite_bag, "MAX_STEPS", 0)
+    monkeypatch.setattr(sqlite_bag, "STEPS_PER_BYTE", 0)
+    with pytest.raises(LogError, match="interrupted"):
+        _messages_in(path)

@@ -1,0 +1,81 @@
+"""`ariac-score sign RESULT…`: vouch for results; `--new-key` makes the keys for it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def register(commands: Any) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "sign",
+        help="vouch for results with a key; the signature lies beside each",
+        description="Sign stored results in the format of minisign: RESULT.minisig is written beside each. "
+        "'verify --signature' checks it, and so does 'minisign -V'. Needs the extra 'sign'.",
+    )
+    parser.add_argument("results", nargs="*", type=Path, metavar="RESULT", help="JSON that 'score' wrote")
+    parser.add_argument(
+        "--key", type=Path, metavar="FILE", help="secret key; nobody else may be able to read it"
+    )
+    parser.add_argument(
+        "--new-key", type=Path, metavar="FILE", help="make a secret key, and FILE.pub beside it"
+    )
+    parser.add_argument(
+        "--comment", default="", metavar="TEXT", help="signed with it; default: the file's name"
+    )
+    parser.add_argument(
+        "--password",
+        action="store_true",
+        help="ask for a password on the terminal, to encrypt a new key with",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make keys, or sign each result."""
+    # Imported here, so that --help and --version stay quick.
+    from ariac_score.errors import UsageError  # noqa: PLC0415
+    from ariac_score.report.style import plain  # noqa: PLC0415
+    from ariac_score.signing import make_keys, sign_result, signature_file  # noqa: PLC0415
+
+    if arguments.new_key is not None:
+        if arguments.results:
+            raise UsageError("a new key signs nothing yet", hint="make the key first, then sign with --key")
+        for file in make_keys(arguments.new_key, _asked() if arguments.password else ""):
+            print(plain(str(file)))
+        return 0
+    if arguments.key is None or not arguments.results:
+        raise UsageError("nothing to sign, or no key", hint="ariac-score sign RESULT --key FILE")
+    signatures = [
+        (
+            signature_file(result),
+            sign_result(result, arguments.key, comment=arguments.comment, password=_asked),
+        )
+        for result in arguments.results
+    ]
+    for file, signature in signatures:  # after all of them: none of several stays unsigned unseen
+        _put(file, signature)
+        print(plain(str(file)))
+    return 0
+
+
+def _put(file: Path, signature: bytes) -> None:
+    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+
+    write(signature.decode("ascii"), file)
+
+
+def _asked() -> str:
+    from getpass import getpass  # noqa: PLC0415  # keeps --help quick
+
+    from ariac_score.errors import UsageError  # noqa: PLC0415
+
+    if not sys.stdin.isatty():
+        raise UsageError(
+            "the key has a password, and there is no terminal to ask for it",
+            hint="sign on a terminal, or use a key without a password that only this user can read",
+        )
+    return getpass("password of the key: ")

@@ -1,0 +1,273 @@
+"""One target for each parser: bytes in, nothing out, and no exception but an expected one.
+
+A target writes the bytes where its parser looks for them, and calls it as the commands do. Whatever
+it raises is a finding, and so are an input that takes too long and one that takes too much memory.
+"""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from shutil import rmtree
+
+import numpy as np
+
+from ariac_score import Body, Signal, Span, Trial, load_rule_set
+from ariac_score.contracts import Monitor, Reader, Wanted
+from ariac_score.errors import PluginError, ScoreError
+from ariac_score.expression import Expression, Traced
+from ariac_score.guard import GuardedDecoder
+from ariac_score.logmap import load_log_map
+from ariac_score.oracle.conversation import Conversation
+from ariac_score.oracle.judges import RulesBench
+from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
+from ariac_score.ranking.competition import load_competition
+from ariac_score.registry import Registry
+from ariac_score.result_json import load_result
+from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score_rml import RmlError, compile_rml, format_rml, run_trace
+from ariac_score_rml.lines import run_lines
+from ariac_score_rml.tokens import Dialect
+from ariac_score_rml.traces import read_events
+from ariac_score_stl import StlFormula
+
+__all__ = ["TARGETS", "Target"]
+
+_EVENTS = ({"x": 1, "name": "a"}, {"x": 2.5, "y": {"z": [1, 2]}}, {"x": "1"}, {"x": -1, "y": 3})
+_SPEC = "a matches {x:1}; b(n) matches {y:n}; Main = (a \\/ {let n; b(n)})*;"
+_SMALL = ArchiveLimits(members=100, bytes=1 << 22)
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is fuzzed.
+
+    Attributes:
+        run: Called with a folder it may write in, and the bytes.
+        words: Pieces of the format that a mutation should know.
+    """
+
+    run: Callable[[Path, bytes], None]
+    words: tuple[bytes, ...] = ()
+
+    def once(self, raw: bytes) -> None:
+        """Run it on one input."""
+        folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=_SHM if _SHM.is_dir() else None))
+        try:
+            self.run(folder, raw)
+        finally:
+            rmtree(folder, ignore_errors=True)
+
+
+_SHM = Path("/dev/shm")  # noqa: S108  # a folder with a random name is made in it
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Let pass what a parser says in words; a plugin that broke down is no refusal."""
+    try:
+        yield
+    except ScoreError as error:
+        if type(error) is PluginError:
+            raise
+        if not str(error):
+            raise AssertionError("a refusal without words") from error
+
+
+@cache
+def _registry() -> Registry:
+    return Registry()
+
+
+@cache
+def _wanted(log_map: str) -> Wanted:
+    mapping = load_log_map(log_map)
+    names = sorted({channel.decoder for channel in mapping.channels if channel.decoder})
+    plugins = [_registry().find("ariac_score.decoders", name) for name in names]
+    decoders = {plugin.name: GuardedDecoder(plugin, plugin.build({})) for plugin in plugins}
+    return Wanted(mapping, frozenset(QUANTITIES), decoders)
+
+
+def _reader(use: str, file: str, log_map: str = "ariac2020") -> Callable[[Path, bytes], None]:
+    def run(folder: Path, raw: bytes) -> None:
+        reader = _registry().find("ariac_score.readers", use).build({})
+        assert isinstance(reader, Reader)
+        path = folder / file
+        path.write_bytes(raw)
+        reader.can_read(path)
+        with _refusals():
+            reader.describe(path)
+        with _refusals():
+            reader.read(path, _wanted(log_map))
+
+    return run
+
+
+def _rule_set(folder: Path, raw: bytes) -> None:
+    (folder / "rules.yaml").write_bytes(raw)
+    with _refusals():
+        load_rule_set(str(folder / "rules.yaml")).build(_registry())
+
+
+def _log_map(folder: Path, raw: bytes) -> None:
+    (folder / "map.yaml").write_bytes(raw)
+    with _refusals():
+        load_log_map(str(folder / "map.yaml"))
+
+
+def _competition(folder: Path, raw: bytes) -> None:
+    (folder / "competition.yaml").write_bytes(raw)
+    with _refusals():
+        load_competition(folder)
+
+
+def _rml(_: Path, raw: bytes) -> None:
+    text = raw.decode("utf-8", "replace")
+    dialects: tuple[Dialect, ...] = ("2024", "rosmonitoring")
+    for dialect in dialects:
+        try:
+            program = compile_rml(text, dialect=dialect)
+        except RmlError:
+            continue
+        compile_rml(format_rml(program.spec), dialect=dialect)  # what it writes, it reads
+        run_trace(program.machine(max_state=1000), _EVENTS)
+
+
+def _rml_events(_: Path, raw: bytes) -> None:
+    program = compile_rml(_SPEC)
+    with _refusals():
+        run_trace(program.machine(max_state=1000), read_events(raw.decode("utf-8", "replace")))
+    run_lines(program.machine(max_state=1000), io.BytesIO(raw))
+
+
+@cache
+def _trial() -> Trial:
+    t = np.linspace(0.0, 4.0, 21)
+    distance = Signal("centre_distance/robot/human", "m", t, 2.0 + np.sin(3.0 * t))
+    speed = Signal("speed/robot", "m/s", t, np.abs(np.cos(t)))
+    return Trial(
+        id="fuzz",
+        bodies=(Body("robot", "robot", 0.0), Body("human", "human", 0.0)),
+        signals={signal.name: signal for signal in (distance, speed)},
+        recorded=Span(0.0, 4.0),
+    )
+
+
+def _stl(_: Path, raw: bytes) -> None:
+    try:
+        monitor = StlFormula(
+            formula=raw.decode("utf-8", "replace"),
+            signals={"d": "centre_distance in m", "v": "speed of robot in m/s"},
+        )
+    except ValueError:  # what the contract of plugins asks for
+        return
+    assert isinstance(monitor, Monitor)
+    with _refusals():
+        for finding in monitor.watch(_trial()):
+            assert finding.message
+
+
+class _Names:
+    """Values of a few names."""
+
+    def name(self, dotted: str) -> Traced:
+        values: Mapping[str, float] = {"a": 2.0, "b.c": -1.5, "z": 0.0}
+        if dotted not in values:
+            raise ScoreError(f"no name {dotted!r}")
+        return Traced(dotted, values[dotted], "fact")
+
+    def call(self, *_: object) -> None:
+        """Know no function but those of every formula."""
+
+
+def _expression(_: Path, raw: bytes) -> None:
+    with _refusals():
+        expression = Expression.parse(raw.decode("utf-8", "replace"))
+        with _refusals():
+            expression.evaluate(_Names())  # type: ignore[arg-type]
+        columns = {"a": np.array([1.0, 0.0, -2.0]), "z": np.zeros(3)}
+        assert np.isfinite(expression.columns(columns)).all()
+
+
+def _result(folder: Path, raw: bytes) -> None:
+    (folder / "result.json").write_bytes(raw)
+    with _refusals():
+        load_result(folder / "result.json")
+
+
+def _archive(folder: Path, raw: bytes) -> None:
+    (folder / "a").write_bytes(raw)
+    is_archive(folder / "a")
+    with _refusals():
+        inside = (folder / "in").resolve()
+        for file in unpack(folder / "a", inside, _SMALL):
+            assert file.is_relative_to(inside)
+            assert not file.is_symlink()
+    assert {path.name for path in folder.iterdir()} <= {"a", "in"}
+
+
+@cache
+def _bench() -> RulesBench:
+    return RulesBench(load_rule_set("paper2020"), _registry())
+
+
+def _oracle(folder: Path, raw: bytes) -> None:
+    conversation = Conversation(_bench().judge(), folder / "log.jsonl")
+    for frame in raw.split(b"\n"):
+        assert conversation.answer(frame)
+    conversation.close("the end of the input")
+
+
+_JSON = (b'{"', b'": ', b"[[[[", b"1e400", b"NaN", b"-Infinity", b"null", b"9" * 30, b'"\\ud800"', b'"t_s"')
+_YAML = (b"&a ", b"*a", b"\n- ", b": ", b"!!python/name:os.system ", b"<<: ", b"0x10", b"1e999", b".nan")
+_TEXT = (b"N/A", b"-1", b"1e308", b"\n\n", b"\t", b"yes", b"[", b"]", b"\x1b[31m", b"9" * 30)
+_MCAP = (b"\x89MCAP0\r\n", *(bytes([op]) for op in range(1, 16)))
+_SQL = (b"CREATE VIEW ", b"CREATE TRIGGER ", b"WITH RECURSIVE ", b"GENERATED ALWAYS AS ", b"VIRTUAL ")
+_RML = (
+    b" matches ",
+    b"{let x; ",
+    b"/\\",
+    b"\\/",
+    b"empty",
+    b"all",
+    b"none",
+    b"not ",
+    b">>",
+    b"...",
+    b" with ",
+)
+_STL = (b"always", b"eventually", b"until", b"since", b"[0:1]", b"->", b"<->", b" xor ", b"rise", b"d", b"v")
+_SUMS = (b"sum(", b" if ", b" else ", b"**", b"//", b"max(", b"a.b.c", b"__class__", b"lambda: ", b"1e308")
+
+TARGETS: Mapping[str, Target] = {
+    "archive": Target(_archive, (b"PK\x01\x02", b"PK\x03\x04", b"PK\x05\x06", b"../", b"ustar")),
+    "ariac_database": Target(_reader("ariac_database", "ariac.db"), _SQL),
+    "competition": Target(_competition, (*_YAML, b"{team}", b"../", b"runs")),
+    "expression": Target(_expression, _SUMS),
+    "jsonl": Target(_reader("jsonl", "log.jsonl"), _JSON),
+    "log_map": Target(_log_map, _YAML),
+    "mcap": Target(_reader("rosbag", "log.mcap"), _MCAP),
+    "oracle": Target(_oracle, (*_JSON, b'"topic"', b'"time"')),
+    "performance_log": Target(_reader("gazebo_text", "performance.log", "ariac2022"), _TEXT),
+    "result": Target(_result, _JSON),
+    "rml": Target(_rml, _RML),
+    "rml_events": Target(_rml_events, _JSON),
+    "ros1_bag": Target(_reader("rosbag", "log.bag"), (b"#ROSBAG V2.0\n", b"op=", b"size=", b"conn=", b"bz2")),
+    "ros_monitoring": Target(_reader("ros_monitoring", "log.json"), (*_JSON, b"array('d', [", b"'topic'")),
+    "rule_set": Target(_rule_set, (*_YAML, *_SUMS)),
+    "sensor_cost": Target(_reader("sensor_cost", "sensor_cost.txt", "ariac2024"), _TEXT),
+    "sqlite_bag": Target(_reader("rosbag", "log.db3"), _SQL),
+    "state_log": Target(
+        _reader("gazebo", "state.log", "ariac2022"),
+        (b"<chunk encoding='txt'>", b"<![CDATA[", b"]]>", b"<sim_time>", b"<pose>", b"<model name='"),
+    ),
+    "stl": Target(_stl, (*_STL, *_SUMS)),
+    "team_config": Target(_reader("ariac_team", "team.yaml"), (*_YAML, b"sensors:", b"pi/2")),
+    "trial_config": Target(_reader("ariac_config", "trial.yaml"), (*_YAML, b"orders:", b"'pi/2'")),
+    "trial_log": Target(_reader("trial_log", "trial_log.txt", "ariac2024"), _TEXT),
+}

@@ -1,0 +1,235 @@
+"""What `docs/security.md` promises: each test it names exists, and what had none is tried here."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from ariac_score import load_result, load_rule_set, score_trial
+from ariac_score.cohort import load_cohort
+from ariac_score.contracts import Wanted
+from ariac_score.datafiles import strict_json
+from ariac_score.errors import DataFileError, LogError, ResultError
+from ariac_score.logs import gazebo, jsonl
+from ariac_score.logs.ariac_text import MAX_LINE_CHARS, PerformanceLogReader
+from ariac_score.result_json import MAX_BYTES, as_json
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.trial.channels import LogMap
+from ariac_score_rml.lines import _STRING_OR_NUMBER
+from ariac_score_rml.traces import read_events
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs/security.md").read_text(encoding="utf-8")
+SHIPPED = [*sorted((ROOT / "ariac_score").rglob("*.py")), *sorted((ROOT / "plugins").rglob("*.py"))]
+WANTED = Wanted(LogMap("none"))
+LONG = 200_000  # what takes the square of it in steps is not done before the tests are given up
+
+
+@pytest.fixture(scope="module")
+def result_text(tmp_path_factory: pytest.TempPathFactory) -> str:
+    log = write_trial_log(
+        tmp_path_factory.mktemp("log") / "t.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS
+    )
+    return as_json(score_trial(log, "paper2020"))
+
+
+# The page ------------------------------------------------------------------------------
+
+
+def test_every_test_that_the_page_names_is_there() -> None:
+    named = re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", PAGE)
+    assert len(named) > 30
+    for file, name in named:
+        text = (ROOT / file).read_text(encoding="utf-8")
+        assert not name or f"def {name}(" in text, (file, name)
+
+
+# Nothing that strangers send becomes code ---------------------------------------------------
+
+NEVER_IMPORTED = {"pickle", "_pickle", "cloudpickle", "dill", "joblib", "marshal", "shelve", "jsonpickle"}
+NEVER_CALLED = {"eval", "exec", "compile", "__import__"}
+UNSAFE_OF_YAML = {"load", "load_all", "unsafe_load", "full_load", "Loader", "UnsafeLoader", "FullLoader"}
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: str(path.relative_to(ROOT)))
+def test_nothing_unpickles_evaluates_or_loads_unsafely(path: Path) -> None:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            assert not {alias.name.partition(".")[0] for alias in node.names} & NEVER_IMPORTED
+        elif isinstance(node, ast.ImportFrom):
+            assert (node.module or "").partition(".")[0] not in NEVER_IMPORTED
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            assert node.func.id not in NEVER_CALLED, f"line {node.lineno}"
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "yaml":
+            assert node.attr not in UNSAFE_OF_YAML, f"line {node.lineno}"
+        elif isinstance(node, ast.keyword):
+            assert node.arg not in ("allow_pickle", "shell"), f"line {node.value.lineno}"
+
+
+# JSON ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"a": 1, "a": 1}',
+        '{"b": {"a": 1, "c": 2, "a": 3}}',
+        "NaN",
+        "[Infinity]",
+        "-Infinity",
+        "{",
+        "9" * 5000,
+    ],
+)
+def test_json_with_two_meanings_or_none_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"twice|is not a number|Expecting|Exceeds"):
+        strict_json(text)
+
+
+def test_json_with_one_meaning_is_read() -> None:
+    assert strict_json('{"a": {"a": [1, 2.5, null]}}') == {"a": {"a": [1, 2.5, None]}}
+
+
+def _twice(text: str) -> str:
+    return text.replace("{", '{"score": 99, ', 1)
+
+
+def _nested(_: str) -> str:
+    return "[" * 100_000
+
+
+def _no_number(text: str) -> str:
+    return text.replace('"score": 19.761677', '"score": NaN')
+
+
+@pytest.mark.parametrize("change", [_twice, _nested, _no_number])
+def test_a_result_of_two_meanings_is_refused(
+    change: Callable[[str], str], result_text: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "r.json"
+    file.write_text(result_text, encoding="utf-8")
+    assert load_result(file).score is not None
+    file.write_text(change(result_text), encoding="utf-8")
+
+    with pytest.raises(ResultError, match="not a result"):
+        load_result(file)
+
+
+def test_a_result_as_large_as_allowed_is_read_and_a_larger_one_is_not(
+    result_text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "r.json"
+    file.write_bytes(result_text.encode())
+    size = file.stat().st_size
+    assert size < MAX_BYTES
+    monkeypatch.setattr("ariac_score.result_json.MAX_BYTES", size)
+    assert load_result(file).score is not None
+    monkeypatch.setattr("ariac_score.result_json.MAX_BYTES", size - 1)
+    with pytest.raises(ResultError, match="larger than"):
+        load_result(file)
+
+
+def test_a_cohort_of_two_meanings_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "cohort.json"
+    file.write_text('{"rules": 1, "rules": 2}')
+    with pytest.raises(DataFileError, match="key 'rules' is given twice"):
+        load_cohort(file, load_rule_set("ariac2024.official"))
+
+
+# Lines ---------------------------------------------------------------------------------
+
+
+def test_a_line_as_long_as_allowed_is_a_record_and_a_longer_one_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "t.jsonl"
+    head = {"record": "trial", "format": jsonl.FORMAT, "id": "x", "clock": "simulated time", "witnessed": []}
+    lines = [json.dumps(head) + "\n", json.dumps({"record": "end", "records": 2}) + "\n"]
+    file.write_text("".join(lines))
+    reader = jsonl.JsonLinesReader()
+    monkeypatch.setattr(jsonl, "MAX_LINE_BYTES", len(lines[0]))
+    assert reader.read(file, WANTED).id == "x"
+    monkeypatch.setattr(jsonl, "MAX_LINE_BYTES", len(lines[0]) - 1)
+    with pytest.raises(LogError, match="the line is longer than"):
+        reader.read(file, WANTED)
+
+
+def test_a_line_of_a_printed_log_that_never_ends_is_read_in_pieces(tmp_path: Path) -> None:
+    file = tmp_path / "performance.log"
+    said = (ROOT / "tests/data/performance_2020.log").read_text()
+    file.write_text(said + "(10 0) [Dbg] " + "x" * 20 * MAX_LINE_CHARS + "\n")
+
+    official = PerformanceLogReader().read(file, WANTED).official
+
+    assert official is not None
+    assert official.total == 28.0
+
+
+# Regular expressions: what took the square or the cube of a length in steps ---------------------
+
+
+def test_white_space_without_end_in_a_printed_value_ends(tmp_path: Path) -> None:
+    file = tmp_path / "performance.log"
+    text = (ROOT / "tests/data/performance_2020.log").read_text()
+    file.write_text(text.replace("Total game score:", "Total game score" + " " * 60_000 + "x", 1))
+    PerformanceLogReader().describe(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"<gazebo_version>" + b" " * LONG + b"<x",
+        b"<deletions>" * LONG,
+        b"<link name='" * LONG,
+        b"<link name='" + b"''" * LONG,
+        b"<pose" * LONG,
+        b"<sim_time>" * LONG + b"9" * LONG,
+        b"<model name='" * 3 + b" " * LONG,
+    ],
+    ids=lambda text: text[:12].decode(),
+)
+def test_half_a_tag_repeated_without_end_ends(text: bytes) -> None:
+    for pattern in (
+        gazebo._VERSION,
+        gazebo._SIM_TIME,
+        gazebo._DELETIONS,
+        gazebo._NAME,
+        gazebo._MODEL,
+        gazebo._POSE,
+    ):
+        assert sum(1 for _ in pattern.finditer(text)) <= len(text)
+
+
+def test_a_simulated_time_of_thousands_of_digits_is_corrupt(tmp_path: Path) -> None:
+    file = tmp_path / "state.log"
+    frame = f"<sdf><state><sim_time>{'9' * 5000} 0</sim_time></state></sdf>"
+    chunks = "".join(f"<chunk encoding='txt'><![CDATA[{text}]]></chunk>" for text in ("<sdf></sdf>", frame))
+    file.write_text(f"<gazebo_log>{chunks}</gazebo_log>")
+    with pytest.raises(LogError):
+        gazebo.GazeboStateReader().read(file, WANTED)
+
+
+def test_a_string_of_escapes_that_never_ends_ends() -> None:
+    with pytest.raises(LogError):
+        list(read_events('{"' + '\\"' * LONG))
+    assert not any(found[1] for found in _STRING_OR_NUMBER.finditer(b'"' + b'\\"' * LONG))
+
+
+def test_the_source_of_a_signal_may_be_as_long_as_it_says_and_no_longer() -> None:
+    from ariac_score_standards.formula import MAX_SOURCE_LENGTH, _source  # noqa: PLC0415  # of plugins
+    from ariac_score_stl.signals import StlError, parse_source  # noqa: PLC0415
+
+    longest = "speed/" + "x" * (MAX_SOURCE_LENGTH - 6)
+    assert _source("v", longest).quantity == "speed"
+    with pytest.raises(ValueError, match="not quantity/subject"):
+        _source("v", longest + "x")
+    with pytest.raises(ValueError, match="not quantity/subject"):
+        _source("v", "speed/a" + " " * LONG + "b")
+    assert parse_source("v", "speed of " + "x" * 484 + " in m/s").unit == "m/s"
+    with pytest.raises(StlError):
+        parse_source("v", "speed in m" + " " * LONG + "x")
