@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -50,16 +52,34 @@ def files_of(task: Task) -> Iterator[tuple[str, Path]]:
 
 def signature_of(task: Task) -> str:
     """Hash of what the file system says about the files of a run; it changes whenever one of them does."""
-    told: list[list[object]] = []
-    for name, file in files_of(task):
-        try:
-            status = file.stat()
-        except OSError as error:
-            told.append([name, str(error.errno)])
-            continue
-        times = [status.st_mtime_ns, status.st_ctime_ns]
-        told.append([name, str(file.absolute()), status.st_size, status.st_ino, *times])
-    return _hash(told)
+    path = str(Path(task.path.partition("#run=")[0]).absolute())
+    told = sorted(_statuses(path)) + [status for name in task.also for status in _statuses(name)]
+    return _hash([task.path, *told])
+
+
+def _statuses(path: str) -> Iterator[tuple[str, int, int, int, int]]:
+    """Size, number and times of a file, or of all below a folder; folders that are links are not entered.
+
+    Plain strings throughout: of a season that is done this is most of what a call does.
+    """
+    try:
+        status = os.stat(path)  # noqa: PTH116
+    except OSError as error:
+        yield path, -1, error.errno or 0, 0, 0
+        return
+    if not stat.S_ISDIR(status.st_mode):
+        yield path, status.st_size, status.st_ino, status.st_mtime_ns, status.st_ctime_ns
+        return
+    try:
+        entries = sorted(entry.path for entry in os.scandir(path))
+    except OSError as error:
+        yield path, -2, error.errno or 0, 0, 0
+        return
+    for entry in entries:
+        if os.path.islink(entry) and os.path.isdir(entry):  # noqa: PTH112, PTH114
+            yield entry, -3, 0, 0, 0
+        else:
+            yield from _statuses(entry)
 
 
 def contents_of(task: Task) -> str:

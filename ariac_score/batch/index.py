@@ -127,10 +127,11 @@ class Rows:
         """Take a row; a later one of the same run replaces it."""
         self._put("lines", row)
 
-    def remember(self, rows: Iterable[Row]) -> None:
-        """Take the rows of an earlier call, to be asked for."""
-        for row in rows:
-            self._put("earlier", row)
+    def remember(self, rows: Iterable[tuple[Row, str]]) -> None:
+        """Take the rows of an earlier call with their lines, to be asked for."""
+        self._connection.executemany(
+            "INSERT OR REPLACE INTO earlier VALUES (?, ?, ?, ?)", ((*row.key, line) for row, line in rows)
+        )
 
     def earlier(self, key: TaskKey) -> Row | None:
         """The row that a run had in an earlier call, if it had one."""
@@ -163,13 +164,13 @@ class Rows:
         self._connection.close()
 
 
-def read_rows(file: Path) -> Iterator[Row]:
-    """The rows in a file; a line that is none is passed over, and its run is looked at again."""
+def read_rows(file: Path) -> Iterator[tuple[Row, str]]:
+    """The rows in a file with their lines; one that is none is passed over, its run looked at again."""
     try:
         with file.open(encoding="ascii", errors="replace") as lines:
             for line in lines:
                 try:
-                    yield Row.from_line(line)
+                    yield Row.from_line(line), line
                 except ValueError:
                     continue
     except OSError:

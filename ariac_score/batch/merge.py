@@ -37,7 +37,7 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
     rows, outcomes = Rows(work), Counter[str]()
     try:
         for part in parts:
-            for row in read_rows(part / RUNS):
+            for row, _ in read_rows(part / RUNS):
                 _take(row, part, store, rows)
         for line in rows.lines():
             outcomes[Row.from_line(line).summary.outcome] += 1

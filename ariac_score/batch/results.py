@@ -44,7 +44,7 @@ def results_of_batch(
             file=folder,
             hint=f"put the new prices on it first: {again}",
         )
-    rows = {row.key: row for row in read_rows(folder / RUNS)}
+    rows = {row.key: row for row, _ in read_rows(folder / RUNS)}
     missing = [run.key for run in competition.runs if run.key not in rows]
     if missing:
         named = ", ".join("/".join(map(str, key)) for key in missing[:3])

@@ -110,9 +110,9 @@ def run_batch(
     now, cpu_s = 0, 0.0
     journal: IO[str] | None = None
 
-    def settle(row: Row) -> None:
+    def settle(row: Row, *, known: bool = False) -> None:
         rows.add(row)
-        if journal is not None:
+        if journal is not None and not known:
             journal.write(row.as_line())
             journal.flush()
         outcomes[row.summary.outcome] += 1
@@ -124,7 +124,7 @@ def run_batch(
         for task in tasks:
             found = _stored(task, basis, setting, store, seen, rows, again=again)
             if isinstance(found, Row):
-                settle(found)
+                settle(found, known=True)
             elif found is not None:
                 measured.append(found)
             else:
