@@ -6,6 +6,7 @@ everything imported and gives each run a process out of that; tasks come in as l
 
 from __future__ import annotations
 
+import atexit
 import json
 import shutil
 import signal
@@ -77,6 +78,7 @@ class _Keeper:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
             )
+            atexit.register(_end, self._process)
         to, back = self._process.stdin, self._process.stdout
         assert to is not None
         assert back is not None
@@ -86,6 +88,12 @@ class _Keeper:
             return back.readline() == _READY
         except OSError:
             return False
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Let a keeper go when its worker process ends."""
+    process.kill()
+    process.communicate()
 
 
 _KEEPER = _Keeper()
