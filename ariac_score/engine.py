@@ -45,7 +45,7 @@ from ariac_score.trial.kits import with_contents
 from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.sketch import Sketch, sketch_of
-from ariac_score.trial.spans import Span
+from ariac_score.trial.spans import Span, longest_silence_s
 from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of
 
 __all__ = [
@@ -437,9 +437,8 @@ def _announced_as(trial: Trial) -> dict[str, int]:
 
 def _coverage(signal: Signal, window: Span | None) -> Coverage:
     span = signal.span
-    long = signal.gaps(window, max_gap_s=0.0) if window else []
     rate = (len(signal) - 1) / span.duration_s if span and span.duration_s > 0 else 0.0
-    largest_gap_s = max((gap.duration_s for gap in long), default=0.0)
+    largest_gap_s = longest_silence_s(signal.t, window) if window else 0.0
     return Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source)
 
 

@@ -70,7 +70,7 @@ class Messages:
         return self._make(f"geometry_msgs/msg/{name}", *self._swinging(what, stamp_ns, 3, reach).tolist())
 
     def _turn(self, what: str, stamp_ns: int) -> Any:
-        turn = self._swinging(f"turn of {what}", stamp_ns, 4) + (0.0, 0.0, 0.0, 1.0)
+        turn = self._swinging(f"turn of {what}", stamp_ns, 4) + np.array([0.0, 0.0, 0.0, 1.0])
         return self._make("geometry_msgs/msg/Quaternion", *(turn / np.linalg.norm(turn)).tolist())
 
     def _vector(self) -> Any:
@@ -98,7 +98,9 @@ class Messages:
     def _human(self, stamp_ns: int, i: int) -> Any:
         at, turn = self._place("Point", "human", stamp_ns, 1.5), self._turn("human", stamp_ns)
         pose = self._make("geometry_msgs/msg/Pose", at, turn)
-        speeds = (self._place("Vector3", f"{what} speed of human", stamp_ns) for what in ("straight", "turning"))
+        speeds = (
+            self._place("Vector3", f"{what} speed of human", stamp_ns) for what in ("straight", "turning")
+        )
         twist = self._make("geometry_msgs/msg/Twist", *speeds)
         known = self._make("geometry_msgs/msg/PoseWithCovariance", pose, np.zeros(36))
         moving = self._make("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36))
