@@ -6,10 +6,14 @@ Measuring needs the log and knows no points; pricing needs only what was measure
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 from ariac_score.asking import ask, courses_of, needs_of
@@ -71,6 +75,9 @@ ENDED_WITHOUT_SCORE: Mapping[str, str] = {
 }
 """The outcomes after which the official text holds no score."""
 
+_WORTH_A_THREAD_BYTES = 1 << 23
+_HASHED_BLOCK_BYTES = 1 << 18
+
 
 def _no_progress(_done: float) -> None:
     """Show nothing."""
@@ -118,15 +125,17 @@ def score_trial(
     refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
     needs = _needs(checks, rule_set, registry)
     quantities = [need.quantity for need in needs]
-    trial = read_trial(
-        bundle, readers, mapping, registry, quantities=quantities, progress=progress, jobs=jobs
-    )
-    trial = _with_unknown_products(_renamed(trial, trial_id, team), rule_set)
-    wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
-    trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
-    measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
-    sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
-    provenance = _provenance(bundle, rule_set, mapping, registry)
+    with _hashing(bundle, beside=jobs != 1) as hashes:
+        trial = read_trial(
+            bundle, readers, mapping, registry, quantities=quantities, progress=progress, jobs=jobs
+        )
+        trial = _with_unknown_products(_renamed(trial, trial_id, team), rule_set)
+        wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
+        trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
+        measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
+        sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
+        inputs = hashes()
+    provenance = _provenance(bundle, inputs, rule_set, mapping, registry)
     return price_trial(replace(measured, sketch=sketch), rule_set, provenance)
 
 
@@ -534,7 +543,24 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
 # Provenance ----------------------------------------------------------------------------
 
 
-def _provenance(bundle: Bundle, rule_set: RuleSet, log_map: LogMap, registry: Registry) -> Provenance:
+@contextmanager
+def _hashing(bundle: Bundle, *, beside: bool) -> Iterator[Callable[[], tuple[Source, ...]]]:
+    """The hashes of a bundle's files, computed on another thread where they are large and it may."""
+    size = sum(file.stat().st_size for part in bundle.parts for file in _files(part))
+    if not beside or size < _WORTH_A_THREAD_BYTES:
+        yield partial(file_hashes, bundle)
+        return
+    stopped = Event()
+    with ThreadPoolExecutor(1) as pool:
+        try:
+            yield pool.submit(file_hashes, bundle, stopped).result
+        finally:
+            stopped.set()
+
+
+def _provenance(
+    bundle: Bundle, inputs: tuple[Source, ...], rule_set: RuleSet, log_map: LogMap, registry: Registry
+) -> Provenance:
     plugins = [registry.find(check.group, check.use) for check in rule_set.checks.values()]
     plugins += [registry.find("ariac_score.readers", part.reader) for part in bundle.parts]
     plugins += [
@@ -544,7 +570,7 @@ def _provenance(bundle: Bundle, rule_set: RuleSet, log_map: LogMap, registry: Re
     ]
     packages = {(p.distribution, p.version, p.package) for p in plugins}
     return Provenance(
-        inputs=file_hashes(bundle),
+        inputs=inputs,
         ignored=tuple(sorted(bundle.ignored)),
         rule_set=(rule_set.id, rule_set.sha256),
         log_map=(log_map.id, log_map.sha256),
@@ -564,9 +590,15 @@ def code_of(rule_set: RuleSet, registry: Registry) -> tuple[tuple[str, str, str,
     return tuple(sorted({_engine(), *((d, v, p, package_sha256(p)) for d, v, p in packages)}))
 
 
-def file_hashes(bundle: Bundle) -> tuple[Source, ...]:
-    """Every file of a bundle with its hash, sorted by role and name."""
-    return tuple(sorted((s for part in bundle.parts for s in _sources(part, bundle.root)), key=_by_role))
+def file_hashes(bundle: Bundle, stopped: Event | None = None) -> tuple[Source, ...]:
+    """Every file of a bundle with its hash, sorted by role and name.
+
+    Args:
+        bundle: Whose files.
+        stopped: Once it is set nobody wants the hashes any more, and they are not those of the files.
+    """
+    found = (s for part in bundle.parts for s in _sources(part, bundle.root, stopped))
+    return tuple(sorted(found, key=_by_role))
 
 
 def _engine() -> tuple[str, str, str, str]:
@@ -579,23 +611,29 @@ def _by_role(source: Source) -> tuple[str, str]:
     return source.role, source.name
 
 
-def _sources(part: Part, root: Path) -> list[Source]:
-    """The files of a part, hashed; a rosbag2 folder is several."""
-    files = sorted(p for p in part.path.rglob("*") if p.is_file()) if part.path.is_dir() else [part.path]
+def _sources(part: Part, root: Path, stopped: Event | None) -> list[Source]:
+    """The files of a part, hashed."""
     base = root if root.is_dir() else root.parent
     run = "" if part.run is None else f"#run={part.run}"
     return [
-        Source(part.role, file.relative_to(base).as_posix() + run, file.stat().st_size, _sha256(file))
-        for file in files
+        Source(
+            part.role, file.relative_to(base).as_posix() + run, file.stat().st_size, _sha256(file, stopped)
+        )
+        for file in _files(part)
     ]
 
 
-def _sha256(file: Path) -> str:
-    digest = hashlib.sha256()
+def _files(part: Part) -> list[Path]:
+    """The files of a part; a rosbag2 folder is several."""
+    return sorted(p for p in part.path.rglob("*") if p.is_file()) if part.path.is_dir() else [part.path]
+
+
+def _sha256(file: Path, stopped: Event | None) -> str:
+    digest, block = hashlib.sha256(), bytearray(_HASHED_BLOCK_BYTES)
     try:
-        with file.open("rb") as stream:
-            while block := stream.read(1 << 20):
-                digest.update(block)
+        with file.open("rb", buffering=0) as stream:
+            while (count := stream.readinto(block)) and not (stopped and stopped.is_set()):
+                digest.update(memoryview(block)[:count])
     except OSError as cause:
         raise LogError(
             f"cannot be read: {cause.strerror}", file=file, hint="check the permissions"

@@ -219,6 +219,8 @@ class McapScan(FileScan):
 
     def _filled(self, source: Source, head: _ChunkHead, room: memoryview) -> Callable[[], None]:
         """Read the records of a chunk; returns the job that completes and verifies them."""
+        if head.plain and not self._data_crc_wanted:
+            return source.take_later(room, "chunk", then=head.verify)
         if head.plain:
             source.take_into(room, "chunk")
             self._add_to_crcs(_CHUNK, room)
@@ -307,6 +309,9 @@ class McapScan(FileScan):
         try:
             heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, head.size, nothing_to_do, list(index))])
         except (struct.error, ValueError):
+            return []
+        bounds = np.sort(np.append(pairs[:, 1], head.size))
+        if np.diff(bounds).max() < _LARGE_MESSAGE_BYTES:
             return []
         deaf = np.repeat(np.isin(np.array(heads, dtype=np.int64), list(self._deaf)), counts)
         order = np.argsort(pairs[:, 1], kind="stable")
@@ -483,7 +488,9 @@ class McapScan(FileScan):
         starts, ends = places.starts[rows], places.ends[rows]
         if self._deaf:
             # They may not have been read.
-            ends = np.where(np.isin(places.channels[rows], list(self._deaf)), starts, ends)
+            deaf = np.zeros(1 << 16, dtype=bool)
+            deaf[list(self._deaf)] = True
+            ends = np.where(deaf[places.channels[rows]], starts, ends)
         payloads = Payloads(places.buffer, starts, ends)
         senders = tuple(self._channels[key][1] for key in known.tolist())
         sources = np.searchsorted(known, places.channels[rows])

@@ -11,9 +11,9 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, Protocol
@@ -236,6 +236,40 @@ class Source:
             raise self.damaged("the file ends early", what=what)
         self.offset += len(room)
 
+    def take_later(
+        self, room: memoryview, what: str, then: Callable[[memoryview], None]
+    ) -> Callable[[], None]:
+        """Move on over the next bytes, and put them where there is room for them later.
+
+        Args:
+            room: Where they go.
+            what: They are, for the error.
+            then: Looks at them.
+
+        Returns:
+            The job that does so, on whatever thread. It raises ValueError when the file ends early.
+
+        Raises:
+            LogError: The file ends before.
+        """
+        if not hasattr(os, "preadv"):
+            self.take_into(room, what)
+            return partial(then, room)
+        self._reserve(len(room), what)
+        file, offset = self._file.fileno(), self.offset
+        self.skip(len(room))
+
+        def job() -> None:
+            done = 0
+            while done < len(room):
+                count = os.preadv(file, [room[done:]], offset + done)
+                if not count:
+                    raise ValueError("the file ends early")
+                done += count
+            then(room)
+
+        return job
+
     def read_at(self, offset: int, room: memoryview, what: str) -> None:
         """Bytes from elsewhere, put where there is room for them, without moving on.
 
@@ -250,8 +284,9 @@ class Source:
 
     def skip(self, count: int) -> None:
         """Move on over bytes that are there."""
-        self.offset += count
-        self._file.seek(self.offset)
+        if count:
+            self.offset += count
+            self._file.seek(self.offset)
 
     def peek(self, count: int) -> bytes:
         """The next bytes, at most so many, without moving on."""
@@ -263,8 +298,11 @@ class Source:
         """Bytes from elsewhere, as far as they are there, without moving on."""
         if not 0 <= offset < self.size:
             return b""
+        count = min(count, MAX_PEEK_BYTES)
+        if hasattr(os, "pread"):  # which keeps what is buffered of the place that is read
+            return os.pread(self._file.fileno(), count, offset)
         self._file.seek(offset)
-        found = self._file.read(min(count, MAX_PEEK_BYTES))
+        found = self._file.read(count)
         self._file.seek(self.offset)
         return found
 

@@ -33,6 +33,7 @@ _Row = tuple[float, float, float, float, float, float, float]
 
 _FEW_CODES = 1 << 16
 _FEW_PLACES = 16
+_FEWEST_SAMPLES = 64
 _BLOCK_ROWS = 1 << 13
 """So many transforms are composed at a time: what is computed stays in the processor's cache."""
 
@@ -48,48 +49,56 @@ def times_s(stamps_ns: Sequence[int] | IntArray, origin_ns: int) -> FloatArray:
 
 
 class _Edge:
-    """How a frame lies in its parent: x, y, z (m) and the quaternion x, y, z, w, at its stamps."""
+    """How a frame lies in its parent: x, y, z (m) and the quaternion x, y, z, w, at its stamps.
+
+    What it was is kept in arrays that grow at their end, so that no part is copied twice more.
+    """
 
     def __init__(self) -> None:
         self.static: _Row | None = None
-        self._stamps_ns: list[IntArray] = []
-        self._columns: list[FloatArray] = []
-        self._single: array[float] = array("d")
-        self._single_ns: array[int] = array("q")
-
-    def add(self, stamp_ns: int, row: _Row) -> None:
-        self._single_ns.append(stamp_ns)
-        self._single.extend(row)
-
-    def add_many(self, stamps_ns: IntArray, columns: FloatArray) -> None:
-        self._gather()
-        self._stamps_ns.append(stamps_ns)
-        self._columns.append(columns)
-
-    def _gather(self) -> None:
-        """Put what came one by one behind the rest."""
-        if self._single_ns:
-            self._stamps_ns.append(np.array(self._single_ns, dtype=np.int64))
-            self._columns.append(np.array(self._single, dtype=np.float64).reshape(-1, 7).T)
-            self._single, self._single_ns = array("d"), array("q")
+        self._stamps_ns: IntArray = np.empty(0, dtype=np.int64)
+        self._columns: FloatArray = np.empty((7, 0))
+        self._used = 0
 
     @property
     def moves(self) -> bool:
-        return bool(self._stamps_ns or self._single_ns)
+        return self._used > 0
 
     @property
     def stamps_ns(self) -> IntArray:
         """All its stamps in recorded order, shape (n,)."""
-        self._gather()
-        self._stamps_ns = [np.concatenate([np.zeros(0, dtype=np.int64), *self._stamps_ns])]
-        return self._stamps_ns[0]
+        return self._stamps_ns[: self._used]
 
     @property
     def columns(self) -> FloatArray:
         """What it was at these, shape (7, n)."""
-        self._gather()
-        self._columns = [np.concatenate([np.zeros((7, 0)), *self._columns], axis=1)]
-        return self._columns[0]
+        return self._columns[:, : self._used]
+
+    def add(self, stamp_ns: int, row: _Row) -> None:
+        """Take one sample."""
+        place = self._room(1)
+        self._stamps_ns[place] = stamp_ns
+        self._columns[:, place] = np.array(row)[:, np.newaxis]
+
+    def add_many(
+        self, places: NDArray[np.intp] | slice, stamps_ns: IntArray, columns: Sequence[FloatArray]
+    ) -> None:
+        """Take the samples at some places of arrays."""
+        stamps_ns = stamps_ns[places]
+        room = self._room(len(stamps_ns))
+        self._stamps_ns[room] = stamps_ns
+        for own, column in zip(self._columns, columns, strict=True):
+            own[room] = column[places]
+
+    def _room(self, count: int) -> slice:
+        """Where the next so many samples go."""
+        start, self._used = self._used, self._used + count
+        if self._used > len(self._stamps_ns):
+            size = max(self._used, 2 * len(self._stamps_ns), _FEWEST_SAMPLES)
+            stamps_ns, columns = np.empty(size, dtype=np.int64), np.empty((7, size))
+            stamps_ns[:start], columns[:, :start] = self._stamps_ns[:start], self._columns[:, :start]
+            self._stamps_ns, self._columns = stamps_ns, columns
+        return slice(start, self._used)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,8 +193,7 @@ class TransformTree:
                     edge.static = (x, y, z, a, b, c, w)
                 found = found[moving[found]]
             if len(found):
-                places = _even(found)
-                edge.add_many(stamps_ns[places].copy(), np.stack([column[places] for column in columns]))
+                edge.add_many(_even(found), stamps_ns, columns)
 
     def settle(self, builder: TrialBuilder, origin_ns: int, matches: Sequence[BodyMatch]) -> None:
         """Hand the positions of all matching frames to the builder, with their bodies.
@@ -331,9 +339,8 @@ class TransformTree:
                 "impossible_values", where, settled.not_finite, "places too far away were left out, as gaps"
             )
             columns = settled.values.T
-            self._settled[frame] = _Settled(
-                settled.t, np.concatenate((columns[:3], _continuous(columns[3:])))
-            )
+            _make_continuous(columns[3:])
+            self._settled[frame] = _Settled(settled.t, columns)
         return self._settled[frame]
 
 
@@ -381,15 +388,17 @@ def _norm(quaternion: Sequence[FloatArray]) -> FloatArray:
     return norm
 
 
-def _continuous(quaternion: FloatArray) -> FloatArray:
-    """The same rotations as unit quaternions, each in the hemisphere of the one before; shape (4, n)."""
-    unit = quaternion / _norm(quaternion)  # type: ignore[arg-type]  # an array is a sequence of its rows
-    before, after = unit[:, :-1], unit[:, 1:]
-    x, y, z, w = before * after
-    opposite = x + y + z + w < 0
-    if opposite.any():
-        unit[:, 1:] *= np.where(np.cumsum(opposite) % 2, -1.0, 1.0)
-    return unit
+def _make_continuous(quaternions: FloatArray) -> None:
+    """Make quaternions, shape (4, n), unit ones of the same rotations, each in the hemisphere before."""
+    sign, last = 1.0, np.zeros((4, 1))
+    for first in range(0, quaternions.shape[1], _BLOCK_ROWS):
+        block = quaternions[:, first : first + _BLOCK_ROWS]
+        unit = block / _norm(block)  # type: ignore[arg-type]  # an array is a sequence of its rows
+        x, y, z, w = unit * np.concatenate((last, unit[:, :-1]), axis=1)
+        last = unit[:, -1:].copy()
+        turned = np.cumsum(x + y + z + w < 0) % 2
+        np.multiply(unit, np.where(turned, -sign, sign), out=block)
+        sign = -sign if turned[-1] else sign
 
 
 def _composed(chain: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
