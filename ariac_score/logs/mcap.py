@@ -28,7 +28,7 @@ from ariac_score.logs.salvage import (
     inflate_into,
     normalised_type,
 )
-from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of, nothing_to_do
+from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of, nothing_to_do, scratch
 from ariac_score.logs.tiling import check_not_crossed, gaps_between, records_at
 
 __all__ = ["MAGIC", "McapScan"]
@@ -204,7 +204,7 @@ class McapScan(FileScan):
                 source.skip(behind - source.offset)
                 self._reached(source.offset)
                 return
-            packed = 0 if head.plain else end - source.offset
+            packed = end - source.offset if self._data_crc_wanted and not head.plain else 0
             yield from self._settled(source, slabs.turn(head.size, packed))
             left_out = self._left_out(index, head) if head.plain else []
             if left_out:
@@ -219,8 +219,8 @@ class McapScan(FileScan):
 
     def _filled(self, source: Source, head: _ChunkHead, room: memoryview) -> Callable[[], None]:
         """Read the records of a chunk; returns the job that completes and verifies them."""
-        if head.plain and not self._data_crc_wanted:
-            return source.take_later(room, "chunk", then=head.verify)
+        if not self._data_crc_wanted:
+            return partial(head.fill, room, source.later(head.packed, "chunk"))
         if head.plain:
             source.take_into(room, "chunk")
             self._add_to_crcs(_CHUNK, room)
@@ -608,7 +608,21 @@ class _ChunkHead:
         """Whether its records are not compressed."""
         return not self.compression
 
-    def inflate(self, room: memoryview, packed: bytes) -> None:
+    def fill(self, room: memoryview, read: Callable[[memoryview], None]) -> None:
+        """Read its records to where there is room for them, inflated, and verify them.
+
+        Raises:
+            ValueError: They are damaged.
+        """
+        if self.plain:
+            read(room)
+            self.verify(room)
+            return
+        with scratch(self.packed) as packed:
+            read(packed)
+            self.inflate(room, packed)
+
+    def inflate(self, room: memoryview, packed: bytes | memoryview) -> None:
         """Inflate its records to where there is room for them, and verify them.
 
         Raises:

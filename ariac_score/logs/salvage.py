@@ -13,7 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, Protocol
@@ -236,39 +236,40 @@ class Source:
             raise self.damaged("the file ends early", what=what)
         self.offset += len(room)
 
-    def take_later(
-        self, room: memoryview, what: str, then: Callable[[memoryview], None]
-    ) -> Callable[[], None]:
-        """Move on over the next bytes, and put them where there is room for them later.
+    def later(self, count: int, what: str) -> Callable[[memoryview], None]:
+        """Move on over the next bytes, which are read later.
 
         Args:
-            room: Where they go.
+            count: How many.
             what: They are, for the error.
-            then: Looks at them.
 
         Returns:
-            The job that does so, on whatever thread. It raises ValueError when the file ends early.
+            Puts them into room of that size, on whatever thread; it raises ValueError when the
+            file ends early.
 
         Raises:
             LogError: The file ends before.
         """
         if not hasattr(os, "preadv"):
-            self.take_into(room, what)
-            return partial(then, room)
-        self._reserve(len(room), what)
-        file, offset = self._file.fileno(), self.offset
-        self.skip(len(room))
+            taken = self.take(count, what)
 
-        def job() -> None:
+            def put(room: memoryview) -> None:
+                room[:] = taken
+
+            return put
+        self._reserve(count, what)
+        file, offset = self._file.fileno(), self.offset
+        self.skip(count)
+
+        def read(room: memoryview) -> None:
             done = 0
             while done < len(room):
-                count = os.preadv(file, [room[done:]], offset + done)
-                if not count:
+                read = os.preadv(file, [room[done:]], offset + done)
+                if not read:
                     raise ValueError("the file ends early")
-                done += count
-            then(room)
+                done += read
 
-        return job
+        return read
 
     def read_at(self, offset: int, room: memoryview, what: str) -> None:
         """Bytes from elsewhere, put where there is room for them, without moving on.
@@ -433,21 +434,21 @@ def inflate_into(room: memoryview, packed: bytes | memoryview, compression: str)
     Raises:
         ValueError: It cannot be inflated to that size; the message says why.
     """
-    if compression == "lz4" and _inflate_fast_lz4(room, packed):
+    if compression in _ENDS and _inflate_fast(room, packed, compression):
         return
     room[:] = inflate(packed, compression, size=len(room))
 
 
-def _inflate_fast_lz4(room: memoryview, packed: bytes | memoryview) -> bool:
-    """Inflate one whole lz4 frame where cramjam is installed, which writes in place.
+def _inflate_fast(room: memoryview, packed: bytes | memoryview, compression: str) -> bool:
+    """Inflate one whole frame where cramjam is installed, which writes in place.
 
     Whatever is odd is left undone, for the slower way to tell.
     """
     cramjam = _cramjam()
-    if cramjam is None or not room or _end_of_lz4(packed) != len(packed):
+    if cramjam is None or not room or _ENDS[compression](packed) != len(packed):
         return False
     try:
-        count: int = cramjam.lz4.decompress_into(packed, room)
+        count: int = getattr(cramjam, compression).decompress_into(packed, room)
     except cramjam.DecompressionError:
         return False
     return count == len(room)
@@ -480,6 +481,30 @@ def _end_of_lz4(packed: bytes | memoryview) -> int:
             return at + behind_frame
         at += length + behind_block
     return -1
+
+
+def _end_of_zstd(packed: bytes | memoryview) -> int:
+    """Where the frame that starts some bytes ends; -1 when they are none, or it is not whole.
+
+    Source: RFC 8878, 3.1.1.
+    """
+    if len(packed) < 6 or bytes(packed[:4]) != b"\x28\xb5\x2f\xfd":
+        return -1
+    flags = packed[4]
+    alone, size_flag = flags >> 5 & 1, flags >> 6
+    size_bytes = (alone, 2, 4, 8)[size_flag]
+    at = 5 + (1 - alone) + (0, 1, 2, 4)[flags & 3] + size_bytes
+    while at + 3 <= len(packed):
+        head = int.from_bytes(packed[at : at + 3], "little")
+        at += 3 + (1 if head >> 1 & 3 == _ZSTD_REPEATED else head >> 3)
+        if head & 1:
+            return at + 4 * (flags >> 2 & 1)
+    return -1
+
+
+_ZSTD_REPEATED = 1
+
+_ENDS = {"lz4": _end_of_lz4, "zstd": _end_of_zstd}
 
 
 def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:
