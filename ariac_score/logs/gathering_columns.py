@@ -244,8 +244,17 @@ class Together:
         self._models.append((numbers[fits], counts, stamps_ns[fits], of_links, found, pose, velocity))
         return dict.fromkeys(numbers[~fits].tolist(), "name, pose and twist differ in length")
 
-    def hand_over(self, tree: TransformTree, models: ModelPoses, kits: Mapping[bool, ModelFrames]) -> None:
-        """Hand everything over in recorded order."""
+    def hand_over(
+        self, tree: TransformTree, models: ModelPoses, kits: Mapping[bool, ModelFrames], *, share: float
+    ) -> None:
+        """Hand everything over in recorded order.
+
+        Args:
+            tree: Takes transforms.
+            models: Takes the states of models and links.
+            kits: Takes them as well, of links and of models.
+            share: The share of the recording that was read, as far as is known, 0 to 1.
+        """
         if self._frames:
             parts = list(self._frames[0])
             if len(self._frames) > 1:
@@ -253,7 +262,7 @@ class Together:
                 order = np.argsort(parts[0], kind="stable")
                 parts = [part[order] for part in parts]
             _, parents, children, stamps_ns, moving, *fields = parts
-            tree.add_many(self._names.names, parents, children, fields, stamps_ns, moving)
+            tree.add_many(self._names.names, parents, children, fields, stamps_ns, moving, share=share)
         if self._models:
             self._hand_over_models(models, kits)
 

@@ -34,6 +34,7 @@ _Row = tuple[float, float, float, float, float, float, float]
 _FEW_CODES = 1 << 16
 _FEW_PLACES = 16
 _FEWEST_SAMPLES = 64
+_LARGEST_GUESS = 1 << 22
 _BLOCK_ROWS = 1 << 13
 """So many transforms are composed at a time: what is computed stays in the processor's cache."""
 
@@ -81,20 +82,29 @@ class _Edge:
         self._columns[:, place] = np.array(row)[:, np.newaxis]
 
     def add_many(
-        self, places: NDArray[np.intp] | slice, stamps_ns: IntArray, columns: Sequence[FloatArray]
+        self,
+        places: NDArray[np.intp] | slice,
+        stamps_ns: IntArray,
+        columns: Sequence[FloatArray],
+        share: float,
     ) -> None:
-        """Take the samples at some places of arrays."""
+        """Take the samples at some places of arrays; with them a share of all will have come."""
         stamps_ns = stamps_ns[places]
-        room = self._room(len(stamps_ns))
+        room = self._room(len(stamps_ns), share)
         self._stamps_ns[room] = stamps_ns
         for own, column in zip(self._columns, columns, strict=True):
             own[room] = column[places]
 
-    def _room(self, count: int) -> slice:
-        """Where the next so many samples go."""
+    def _room(self, count: int, share: float = 0.0) -> slice:
+        """Where the next so many samples go.
+
+        The arrays get as long as all will be, by the share: memory that nothing is written to
+        costs nothing, and moving what was written does.
+        """
         start, self._used = self._used, self._used + count
         if self._used > len(self._stamps_ns):
-            size = max(self._used, 2 * len(self._stamps_ns), _FEWEST_SAMPLES)
+            guess = min(int(1.1 * self._used / share), _LARGEST_GUESS) if share > 0 else 0
+            size = max(self._used, 2 * len(self._stamps_ns), _FEWEST_SAMPLES, guess)
             stamps_ns, columns = np.empty(size, dtype=np.int64), np.empty((7, size))
             stamps_ns[:start], columns[:, :start] = self._stamps_ns[:start], self._columns[:, :start]
             self._stamps_ns, self._columns = stamps_ns, columns
@@ -159,6 +169,8 @@ class TransformTree:
         columns: Sequence[FloatArray],
         stamps_ns: IntArray,
         moving: NDArray[np.bool_],
+        *,
+        share: float = 0.0,
     ) -> None:
         """Take many transforms, in recorded order.
 
@@ -169,6 +181,7 @@ class TransformTree:
             columns: x, y, z in m and the quaternion x, y, z, w, each of shape (n,).
             stamps_ns: Its time, ns, shape (n,).
             moving: Whether it holds at its time only, shape (n,); otherwise it is static.
+            share: The share of all transforms that will have come, as far as is known, 0 to 1.
         """
         pair = parents * len(names) + children
         usable = _are_units(columns[3:])
@@ -193,7 +206,7 @@ class TransformTree:
                     edge.static = (x, y, z, a, b, c, w)
                 found = found[moving[found]]
             if len(found):
-                edge.add_many(_even(found), stamps_ns, columns)
+                edge.add_many(_even(found), stamps_ns, columns, share)
 
     def settle(self, builder: TrialBuilder, origin_ns: int, matches: Sequence[BodyMatch]) -> None:
         """Hand the positions of all matching frames to the builder, with their bodies.
