@@ -281,4 +281,4 @@ def test_the_longest_silence_is_the_longest_stretch_without_a_sample(
 
     longest_s = longest_silence_s(np.array(sorted(stamps), dtype=float), window)
 
-    assert longest_s == max(b - a for a, b in zip(marks, marks[1:], strict=False))
+    assert longest_s == max(b - a for a, b in pairwise(marks))
