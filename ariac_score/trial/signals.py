@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -118,9 +119,17 @@ def covered(samples_s: FloatArray, t: FloatArray, *, max_gap_s: float) -> BoolAr
 
 
 def _sealed(values: FloatArray) -> FloatArray:
-    """A copy that nobody can write to, neither who handed the array in nor who unsets its flags."""
+    """The values where nobody can write to them, neither who handed them in nor who unsets flags.
+
+    That is a copy, except of what is sealed already: signals of one time base share it.
+    """
     if not values.size:  # an empty buffer makes no array, and holds nothing to protect
         return np.empty(values.shape)
+    owner: Any = values
+    while isinstance(owner, np.ndarray):
+        owner = owner.base
+    if isinstance(owner, bytes) and values.flags.c_contiguous:
+        return values
     return np.frombuffer(values.tobytes(), dtype=np.float64).reshape(values.shape)
 
 

@@ -288,3 +288,29 @@ def test_settling_settled_samples_changes_nothing(stamps: list[int]) -> None:
     assert twice.t.tolist() == once.t.tolist()
     assert (twice.disordered, twice.repeated, twice.not_finite) == (0, 0, 0)
     assert twice.largest_step_back_s == 0
+
+
+def test_signals_of_one_time_base_share_it_and_it_stays_shut() -> None:
+    first = signal([0.0, 1.0, 2.0], [1.0, 2.0, 3.0])
+    second = Signal("speed/human", "m/s", first.t, first.values[:, np.newaxis])
+
+    assert np.shares_memory(first.t, second.t)
+    assert np.shares_memory(first.values, second.values)
+    for values in (second.t, second.values):
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            values.flags.writeable = True
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 9.0
+
+
+@pytest.mark.parametrize("kept", ["array", "view", "turned around"])
+def test_what_somebody_could_still_write_to_is_copied(kept: str) -> None:
+    own = np.array([[1.0, 2.0], [3.0, 4.0]])
+    handed_in = {"array": own, "view": own[:], "turned around": own.T}[kept]
+    handed_in.flags.writeable = False
+
+    found = Signal("x", "m", np.array([0.0, 1.0]), handed_in)
+    own.flags.writeable = True
+    own[:] = 9.0
+
+    assert 9.0 not in found.values
