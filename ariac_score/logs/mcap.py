@@ -58,7 +58,7 @@ _MESSAGE_WORDS = np.dtype(
 _LONGEST_COMPRESSION = 64
 _WORTH_LEAVING_OUT_BYTES = 1 << 17
 _LARGE_MESSAGE_BYTES = 1 << 16
-_USUAL_INDEX_BYTES = 1 << 13
+_USUAL_INDEX_BYTES = 1 << 12
 _LATEST_NS = 1 << 63
 
 
@@ -105,6 +105,7 @@ class McapScan(FileScan):
         self._jobs, self._topics = jobs, topics
         self._channels_in_summary: frozenset[int] | None = None
         self._deaf: set[int] = set()
+        self._usual_index_bytes = _USUAL_INDEX_BYTES
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._channels: dict[int, tuple[tuple[int, str], Connection]] = {}
         self._messages = 0
@@ -260,7 +261,7 @@ class McapScan(FileScan):
             return found, end
         if self._channels and not self._deaf:
             return found, end  # everything is wanted
-        at, window = 0, source.at(end, _USUAL_INDEX_BYTES)
+        at, window = 0, source.at(end, self._usual_index_bytes)
         while True:
             if at + _RECORD.size > len(window):
                 # It ends here, or more must be looked at.
@@ -271,6 +272,8 @@ class McapScan(FileScan):
                 continue
             op, length = _RECORD.unpack_from(window, at)
             if op != _MESSAGE_INDEX:
+                # The next one may well be as long; what follows it must be seen to know that it ends.
+                self._usual_index_bytes = at + at // 8 + _USUAL_INDEX_BYTES
                 return found, end + at
             if length > MAX_PEEK_BYTES:
                 return [], end
