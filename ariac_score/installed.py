@@ -17,7 +17,7 @@ from importlib import import_module
 from importlib.machinery import PathFinder
 from typing import Any, NamedTuple
 
-__all__ = ["Point", "attribute_of", "brought_by", "points_in"]
+__all__ = ["Point", "attribute_of", "brought_by", "points_in", "version_of"]
 
 
 class Point(NamedTuple):
@@ -127,6 +127,26 @@ def _brought_by(folder: str) -> tuple[str, str]:
         if found.get("name") and found.get("version"):
             return _normalised(found["name"]), found["version"]
     raise _UnusualError
+
+
+def version_of(distribution: str) -> str:
+    """The version of a distribution that is installed.
+
+    Raises:
+        PackageNotFoundError: It is not (of `importlib.metadata`).
+    """
+    wanted = _normalised(distribution)
+    try:
+        for place in sys.path:
+            for name in _names_in(place):
+                stem, _, kind = name.rpartition(".")
+                if kind == "dist-info" and _normalised(stem.partition("-")[0]) == wanted:
+                    return _brought_by(f"{place or '.'}{os.sep}{name}")[1]
+    except _UnusualError:
+        pass
+    from importlib.metadata import version  # noqa: PLC0415  # see above
+
+    return version(distribution)
 
 
 def _text(file: str) -> str:

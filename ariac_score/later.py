@@ -14,7 +14,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-__all__ = ["numpy"]
+__all__ = ["numpy", "sqlite3"]
 
 
 class _Later:
@@ -30,3 +30,4 @@ class _Later:
 
 
 numpy: Any = _Later("numpy")
+sqlite3: Any = _Later("sqlite3")

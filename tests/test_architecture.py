@@ -81,7 +81,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "trial",
     },
     "audit_json": {"audit", "comparison", "expression", "result"},
-    "logs": {"backports", "contracts", "datafiles", "errors", "lz4", "numpy", "rosbags", "trial"},
+    "logs": {"backports", "contracts", "datafiles", "errors", "later", "lz4", "numpy", "rosbags", "trial"},
     "oracle": {
         "contracts",
         "engine",

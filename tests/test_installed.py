@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from importlib.machinery import PathFinder
-from importlib.metadata import entry_points
+from importlib.metadata import PackageNotFoundError, entry_points, version
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 
 from ariac_score.contracts import GROUPS
-from ariac_score.installed import Point, attribute_of, brought_by, points_in
+from ariac_score.installed import Point, attribute_of, brought_by, points_in, version_of
 
 RULES = "ariac_score.rules"
 Install = Callable[..., str]
@@ -139,3 +139,13 @@ def test_what_an_entry_point_leads_to(target: str) -> None:
 def test_what_is_no_entry_point_is_refused(target: str) -> None:
     with pytest.raises((ValueError, ImportError)):
         attribute_of(target)
+
+
+@pytest.mark.parametrize("name", ["ariac-score", "Ariac.Score", "numpy", "PyYAML"])
+def test_the_version_of_a_distribution(name: str) -> None:
+    assert version_of(name) == version(name)
+
+
+def test_what_is_not_installed_has_no_version() -> None:
+    with pytest.raises(PackageNotFoundError):
+        version_of("nobody-has-this")
