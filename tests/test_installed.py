@@ -69,15 +69,15 @@ def test_odd_distributions_are_found_as_importlib_finds_them(
 def test_of_one_distribution_in_two_places_the_first_on_the_path_counts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for version in ("1", "2"):
-        metadata = f"Name: Fair.Play\nVersion: {version}\n"
+    for number in ("1", "2"):
+        metadata = f"Name: Fair.Play\nVersion: {number}\n"
         put(
-            tmp_path / version,
-            f"{'fair_play' if version == '1' else 'Fair.Play'}-{version}.dist-info",
+            tmp_path / number,
+            f"{'fair_play' if number == '1' else 'Fair.Play'}-{number}.dist-info",
             ONE,
             metadata,
         )
-        monkeypatch.syspath_prepend(str(tmp_path / version))
+        monkeypatch.syspath_prepend(str(tmp_path / number))
 
     found = points_in(GROUPS)
 
