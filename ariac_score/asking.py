@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-from ariac_score.contracts import Charting, Monitor, Rule, SignalNeed
+from ariac_score.contracts import Charting, Monitor, Rule
 from ariac_score.errors import MissingSignalError, PluginError
 from ariac_score.findings import Finding
 from ariac_score.guard import broken
+from ariac_score.needs import needs_of
 from ariac_score.quiet import quiet
 from ariac_score.registry import Plugin
 from ariac_score.result import settled
@@ -38,27 +39,6 @@ def budget_of(trial: Trial, budget_s: float = BUDGET_S) -> float:
     """
     samples = sum(len(signal) for signal in trial.signals.values())
     return budget_s * max(samples, SMALLEST_LOG_SAMPLES) / 1e6
-
-
-def needs_of(plugin: Plugin, name: str, check: Any) -> list[SignalNeed]:
-    """What a monitor needs; nothing for a rule.
-
-    Raises:
-        PluginError: It raised, or asks for something that is no `SignalNeed`.
-    """
-    if not isinstance(check, Monitor):
-        return []
-    try:
-        with quiet(plugin.origin):
-            needs = list(_some(check.needs()))
-    except (Exception, SystemExit) as cause:
-        raise broken(
-            plugin, f"raised {type(cause).__name__} when asked what it needs: {cause}", of=name
-        ) from cause
-    for need in needs:
-        if not isinstance(need, SignalNeed):
-            raise broken(plugin, f"needs a {type(need).__name__} instead of a SignalNeed", of=name)
-    return needs
 
 
 def ask(

@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -335,9 +335,13 @@ def _no_number(word: str) -> Any:
 @cache
 def schema(name: str) -> Any:
     """One of the published schemas, such as `ruleset`."""
-    return json.loads(
-        files("ariac_score.schemas").joinpath(f"{name}.schema.json").read_text(encoding="utf-8")
-    )
+    return json.loads(_folder("schemas").joinpath(f"{name}.schema.json").read_text(encoding="utf-8"))
+
+
+def _folder(package: str) -> Path:
+    """Where a package of data lies; `importlib.resources` takes longer to load than to read it."""
+    (folder,) = import_module(f"ariac_score.{package}").__path__
+    return Path(folder)
 
 
 @cache
@@ -416,7 +420,7 @@ def validate(document: YamlDocument, name: str, *, error: type[DataFileError] = 
 
 def shipped_rules() -> dict[str, Path]:
     """The YAML files below `rules/` by their dotted name, such as `ariac2022.as_coded`."""
-    root = Path(str(files("ariac_score.rules")))
+    root = _folder("rules")
     return {
         ".".join(path.relative_to(root).with_suffix("").parts): path for path in sorted(root.rglob("*.yaml"))
     }

@@ -13,12 +13,15 @@ import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
-from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ariac_score.errors import FormulaError, did_you_mean
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from ariac_score.later import numpy as np
 
 __all__ = ["Environment", "Expression", "Number", "Traced", "add_up", "text_of"]
 
@@ -117,8 +120,8 @@ _SCALAR_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
 _COLUMN_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "min": (None, lambda *v: np.minimum.reduce(np.broadcast_arrays(*v))),
     "max": (None, lambda *v: np.maximum.reduce(np.broadcast_arrays(*v))),
-    "abs": (1, np.abs),
-    "clip": (3, np.clip),
+    "abs": (1, abs),
+    "clip": (3, lambda value, low, high: np.clip(value, low, high)),  # noqa: PLW0108  # numpy loads later
     "sum": (None, lambda *v: add_up(v)),
     "mean": (None, lambda *v: add_up(v) / len(v)),
     "any": (None, lambda *v: np.logical_or.reduce(np.broadcast_arrays(*v)).astype(float)),

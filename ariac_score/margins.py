@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ariac_score.asking import needs_of
 from ariac_score.contracts import OnlineMonitor
 from ariac_score.engine import file_hashes, find_trial, read_trial
 from ariac_score.errors import ResultError
 from ariac_score.findings import Finding, Verdict
 from ariac_score.guard import broken
 from ariac_score.logmap import load_log_map
+from ariac_score.needs import needs_of
 from ariac_score.quiet import quiet
 from ariac_score.registry import Plugin, Registry
 from ariac_score.result import Result

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ariac_score.asking import needs_of
 from ariac_score.engine import Progress, find_trial, score_trial
 from ariac_score.findings import Verdict
 from ariac_score.logmap import load_log_map
+from ariac_score.needs import needs_of
 from ariac_score.registry import Registry
 from ariac_score.result import Result
 from ariac_score.ruleset import RuleSet

@@ -15,7 +15,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, UnionType
@@ -29,6 +28,7 @@ from ariac_score.errors import (
     RuleSetError,
     did_you_mean,
 )
+from ariac_score.installed import attribute_of, points_in
 from ariac_score.parameters import ParameterFacts, facts_of
 from ariac_score.quiet import quiet
 
@@ -71,7 +71,7 @@ class Plugin:
         """
         try:
             with quiet(self.origin, deep=True):
-                return EntryPoint(self.name, self.target, self.group).load()
+                return attribute_of(self.target)
         except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
             raise PluginError(
                 f"plugin {self.origin} cannot be imported: {type(cause).__name__}: {cause}",
@@ -288,26 +288,8 @@ class Registry:
 
 
 def _installed() -> Iterator[Plugin]:
-    everything = entry_points()
-    known: dict[int, tuple[str, str]] = {}  # a distribution tells of itself once, however much it brings
-    for group in GROUPS:
-        for point in sorted(everything.select(group=group), key=lambda p: (p.name, p.value)):
-            if id(point.dist) not in known:
-                known[id(point.dist)] = brought_by(point)
-            yield Plugin(point.name, group, point.value, *known[id(point.dist)])
-
-
-def brought_by(point: EntryPoint) -> tuple[str, str]:
-    """Name and version of the distribution an entry point is of; `?` where its metadata do not say."""
-    try:
-        metadata = point.dist.metadata if point.dist else None
-    except (TypeError, FileNotFoundError):  # what Python makes of missing metadata depends on its version
-        metadata = None
-    if metadata is None:
-        return "?", "?"
-    known = [key if key in metadata else "" for key in ("Name", "Version")]
-    name, version = (metadata[key] if key else "?" for key in known)
-    return re.sub(r"[-_.]+", "-", name).lower(), version
+    for point in points_in(GROUPS):
+        yield Plugin(point.name, point.group, point.target, point.distribution, point.version)
 
 
 _DATA_PACKAGES = frozenset({"rules", "schemas"})

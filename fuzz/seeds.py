@@ -7,6 +7,7 @@ import io
 import json
 import shutil
 import sqlite3
+import struct
 import sys
 import tarfile
 import tempfile
@@ -227,6 +228,47 @@ _PLAIN = (
 )
 
 
+def _columnar(_: Path) -> Seeds:
+    def stated(payload: bytes) -> bytes:
+        return len(payload).to_bytes(2, "little") + payload
+
+    fixed = struct.pack("<dB1x3h", 1.5, 3, 1, -2, 3)
+    yield "fixed", b"\x00\x0d" + stated(b"\0\1\0\0" + fixed) * 2
+    yield "fixed_big", b"\x00\x01" + stated(b"\0\0\0\0" + struct.pack(">dB1x3h", 1.5, 3, 1, -2, 3))
+    named = struct.pack("<I4sI4x2dB", 4, b"abc\0", 2, 1.0, 2.0, 7)
+    yield (
+        "named",
+        b"\x01\x0d" + stated(b"\0\1\0\0" + named) + stated(b"\0\1\0\0" + named[:8] + b"\0\0\0\0\x07"),
+    )
+    yield "named_ros1", b"\x81\x01" + stated(struct.pack("<I3sIddB", 3, b"abc", 2, 1.0, 2.0, 7)) * 3
+    inner = struct.pack("<II2s2x4x3dI3s", 1, 2, b"a\0", 0.0, 1.0, 2.0, 3, b"\1\2\3")
+    few = struct.pack("<BI4xq", 1, 1, -5)
+    rest = struct.pack("<II2s", 1, 2, b"b\0")
+    yield "nested", b"\x02\x02" + stated(b"\0\1\0\0" + inner + few + rest)
+    ros1 = struct.pack("<II1s3dI2s", 1, 1, b"a", 0.0, 1.0, 2.0, 2, b"\1\2") + struct.pack(
+        "<BIqII1s", 1, 1, -5, 1, 1, b"b"
+    )
+    yield "nested_ros1", b"\x82\x0d" + stated(ros1) * 2
+    both = struct.pack("<I1s3dI1s", 1, b"a", 0.0, 1.0, 2.0, 1, b"\1") * 2
+    yield (
+        "stamped_ros1",
+        b"\x83\x0d"
+        + stated(struct.pack("<iI", 5, 6) + both + struct.pack("<IfI2sB", 1, 0.5, 2, b"\1\2", 65)),
+    )
+
+
+def _definitions(_: Path) -> Seeds:
+    yield "plain", b"float64 x\nuint8 LAST=3\nstring[<=2] names  # why\nint8[3] z\n"
+    yield (
+        "nested",
+        b"std_msgs/Header header\nB[] bs\n"
+        + b"=" * 80
+        + b"\nMSG: fuzz/B\ntime t\n"
+        + b"=" * 80
+        + b"\nMSG: std_msgs/Header\nuint32 seq\n",
+    )
+
+
 def _competitions(_: Path) -> Seeds:
     yield "plain", _PLAIN
     yield "2024", (HERE.parent / "examples/competition/2024/competition.yaml").read_bytes()
@@ -294,7 +336,9 @@ def _frames(_: Path) -> Seeds:
 _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "archive": _archives,
     "ariac_database": _database,
+    "columnar": _columnar,
     "competition": _competitions,
+    "definition": _definitions,
     "expression": _expressions,
     "jsonl": _jsonl,
     "log_map": _log_maps,

@@ -16,6 +16,8 @@ from pathlib import Path
 from shutil import rmtree
 
 import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from ariac_score import Body, Signal, Span, Trial, load_rule_set
 from ariac_score.contracts import Monitor, Reader, Wanted
@@ -23,6 +25,8 @@ from ariac_score.errors import PluginError, ScoreError
 from ariac_score.expression import Expression, Traced
 from ariac_score.guard import GuardedDecoder
 from ariac_score.logmap import load_log_map
+from ariac_score.logs.columnar import ColumnDecoder, Columns, Payloads
+from ariac_score.logs.definitions import parsed_definitions
 from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import RulesBench
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
@@ -223,11 +227,96 @@ def _oracle(folder: Path, raw: bytes) -> None:
     conversation.close("the end of the input")
 
 
+_DEFINITIONS = (
+    "float64 x\nuint8 y\nint16[3] z",
+    "string name\nfloat64[] values\nuint8 last",
+    "fuzz/Inner[] inner\nbool good\nint64[<=2] few\nstring[] names",
+    "builtin_interfaces/Time stamp\nfuzz/Inner[2] both\nfloat32[] low\nbyte[] raw\nchar c",
+)
+
+
+@cache
+def _store() -> Typestore:
+    store = get_typestore(Stores.EMPTY)
+    store.max_sequence_length = 1 << 16
+    types = get_types_from_msg("string frame\nfloat64[3] at\nuint8[] tags", "fuzz/msg/Inner")
+    types |= get_types_from_msg("int32 sec\nuint32 nanosec", "builtin_interfaces/msg/Time")
+    for number, text in enumerate(_DEFINITIONS):
+        types |= get_types_from_msg(text, f"fuzz/msg/T{number}")
+    store.register(types)
+    return store
+
+
+def _columnar(_: Path, raw: bytes) -> None:
+    """Messages decoded together, held against the same messages deserialised one by one by `rosbags`.
+
+    The first byte says which type and packing, the second how often each message stands; of each
+    message two bytes of length stand before it.
+    """
+    if len(raw) < 2:
+        return
+    type_, cdr, times = f"fuzz/msg/T{raw[0] % len(_DEFINITIONS)}", not raw[0] & 0x80, 1 + raw[1] % 16
+    payloads, at = list[bytes](), 2
+    while at + 2 <= len(raw) and len(payloads) < 64:
+        end = at + 2 + int.from_bytes(raw[at : at + 2], "little")
+        payloads += [raw[at + 2 : end]] * times
+        at = end
+    joined = Payloads.joined(payloads)
+    found = ColumnDecoder(_store(), type_, cdr=cdr).decode(joined)
+    alone = ColumnDecoder(_store(), type_, cdr=cdr)._one_by_one(joined, "as a reference")
+    _check_equal(found, alone)
+    if found.fallback:
+        raise AssertionError(found.fallback)
+
+
+def _check_equal(found: Columns, alone: Columns) -> None:
+    assert found.rows.tolist() == alone.rows.tolist()
+    assert [d.index for d in found.defects] == [d.index for d in alone.defects]
+    for path, column in alone.columns.items():
+        ours = found.columns[path]
+        for level, expected in zip(ours.offsets, column.offsets, strict=True):
+            assert level.tolist() == expected.tolist(), path
+        if column.texts is not None:
+            assert ours.text() == column.text(), path
+            continue
+        values, expected = ours.values, column.values
+        if values.dtype == np.float32:  # a Python float cannot hold a signalling NaN
+            values, expected = (np.where(np.isnan(v), np.float32(0), v) for v in (values, expected))
+            assert (np.isnan(ours.values) == np.isnan(column.values)).all(), path
+        assert values.tobytes() == expected.tobytes(), path
+
+
+def _definition(_: Path, raw: bytes) -> None:
+    """A definition read without `rosbags`, held against `rosbags`."""
+    text = raw.decode("utf-8", "replace")
+    ours = parsed_definitions(text, "fuzz/msg/Top")
+    if ours is None:
+        return
+    theirs = {name: fields for name, (_, fields) in get_types_from_msg(text, "fuzz/msg/Top").items()}
+    stock = {"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"} - theirs.keys()
+    assert ours.keys() - stock == theirs.keys()
+    for name, fields in theirs.items():  # a type store puts a byte into an empty message
+        assert ours[name][1] == (fields or [("structure_needs_at_least_one_member", (1, ("uint8", 0)))])
+
+
 _JSON = (b'{"', b'": ', b"[[[[", b"1e400", b"NaN", b"-Infinity", b"null", b"9" * 30, b'"\\ud800"', b'"t_s"')
 _YAML = (b"&a ", b"*a", b"\n- ", b": ", b"!!python/name:os.system ", b"<<: ", b"0x10", b"1e999", b".nan")
 _TEXT = (b"N/A", b"-1", b"1e308", b"\n\n", b"\t", b"yes", b"[", b"]", b"\x1b[31m", b"9" * 30)
 _MCAP = (b"\x89MCAP0\r\n", *(bytes([op]) for op in range(1, 16)))
 _SQL = (b"CREATE VIEW ", b"CREATE TRIGGER ", b"WITH RECURSIVE ", b"GENERATED ALWAYS AS ", b"VIRTUAL ")
+_MSG = (
+    b"=" * 80 + b"\n",
+    b"MSG: a/B\n",
+    b"float64",
+    b"string",
+    b"[]",
+    b"[3]",
+    b"[<=4]",
+    b" x=1",
+    b"Header h\n",
+    b"#",
+    b"uint8",
+)
 _RML = (
     b" matches ",
     b"{let x; ",
@@ -247,7 +336,9 @@ _SUMS = (b"sum(", b" if ", b" else ", b"**", b"//", b"max(", b"a.b.c", b"__class
 TARGETS: Mapping[str, Target] = {
     "archive": Target(_archive, (b"PK\x01\x02", b"PK\x03\x04", b"PK\x05\x06", b"../", b"ustar")),
     "ariac_database": Target(_reader("ariac_database", "ariac.db"), _SQL),
+    "columnar": Target(_columnar, (b"\0\1\0\0", b"\0\0\0\0", b"\xff\xff\xff\xff", b"\1\0\0\0", b"\xc3\xa4")),
     "competition": Target(_competition, (*_YAML, b"{team}", b"../", b"runs")),
+    "definition": Target(_definition, _MSG),
     "expression": Target(_expression, _SUMS),
     "jsonl": Target(_reader("jsonl", "log.jsonl"), _JSON),
     "log_map": Target(_log_map, _YAML),

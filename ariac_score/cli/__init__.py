@@ -16,6 +16,8 @@ Results go to stdout, everything else to stderr.
 from __future__ import annotations
 
 import argparse
+import atexit
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -90,7 +92,8 @@ def _version() -> str:
     return version("ariac-score")
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(first: str = "") -> argparse.ArgumentParser:
+    """The parser of the command that a command line begins with; of all where it begins otherwise."""
     parser = _Parser(
         prog="ariac-score",
         description="Score robot competition trials: task points, safety monitors, one explained score.",
@@ -100,15 +103,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in _COMMANDS:
+    for name in [first] if first in _COMMANDS else _COMMANDS:
         import_module(f"ariac_score.cli.{name}").register(commands)
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
+    # What is left at the end goes with the process; looking through it takes longer than some commands.
+    atexit.unregister(gc.freeze)
+    atexit.register(gc.freeze)
+    words = sys.argv[1:] if argv is None else argv
     try:
-        arguments = _parser().parse_args(argv)
+        arguments = _parser(words[0] if words else "").parse_args(words)
         code: int = arguments.run(arguments)
         sys.stdout.flush()
     except KeyboardInterrupt:

@@ -160,8 +160,8 @@ def _changed_ranks(competition: Any, first: Any, second: Any) -> Iterator[str]:
 
 def run_validate(arguments: argparse.Namespace) -> int:
     """Load each rule set, build its checks and load its log map."""
-    from ariac_score.engine import check_needs  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.logmap import load_log_map  # noqa: PLC0415
+    from ariac_score.logmap import load_log_map  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.needs import check_needs  # noqa: PLC0415
     from ariac_score.registry import Registry  # noqa: PLC0415
     from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
 

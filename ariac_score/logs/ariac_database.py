@@ -11,19 +11,23 @@ Source: ARIAC notes on log formats, section 10; `ariac_db/schema/ariac.sql`.
 from __future__ import annotations
 
 import math
-import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ariac_score.contracts import LogDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED, Event
 from ariac_score.trial.model import OfficialOrder, OfficialResult, Submission, TeamSetup, Trial
+
+if TYPE_CHECKING:
+    import sqlite3
+else:
+    from ariac_score.later import sqlite3
 
 __all__ = [
     "ORDER_TYPES",

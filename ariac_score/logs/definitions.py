@@ -31,8 +31,8 @@ _LINE = re.compile(
 )
 _CONSTANT = re.compile(
     rf"""[ \t]*(?:
-        (?:{_NUMBERS})[ \t]+[A-Z](?:_?[A-Z0-9]+)*[ \t]*=[ \t]*(?:-?[0-9]+(?:\.[0-9]+)?)
-        |string[ \t]+[A-Z](?:_?[A-Z0-9]+)*[ \t]*=[ \t]*(?:"[^"\\\n]*"|'[^'\\\n]*')
+        (?:{_NUMBERS})[ \t]+[A-Z](?:_?[A-Z0-9])*[ \t]*=[ \t]*(?:-?[0-9]+(?:\.[0-9]+)?)
+        |string[ \t]+[A-Z](?:_?[A-Z0-9])*[ \t]*=[ \t]*(?:"[^"\\\n]*"|'[^'\\\n]*')
     )[ \t]*(?:\#[^\n]*)?""",
     re.VERBOSE,
 )
@@ -93,6 +93,7 @@ def _named(head: str) -> str:
 def _fields(body: str, type_: str) -> Iterator[tuple[str, Any]]:
     names = set[str]()
     for line in body.split("\n"):
+        line = line.strip(" \t")  # noqa: PLW2901  # in the middle of a pattern, many spaces would take long
         if _CONSTANT.fullmatch(line):
             continue
         parts = _LINE.fullmatch(line)

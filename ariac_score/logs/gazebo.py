@@ -24,7 +24,6 @@ from operator import ne
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, BinaryIO
-from xml.sax.saxutils import unescape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -728,8 +727,15 @@ def _ancestor(model: _Model, levels: int) -> _Model:
     return model
 
 
+_ENTITIES = {"&lt;": "<", "&gt;": ">", "&apos;": "'", "&quot;": '"', "&amp;": "&"}
+"""The last one last, for what it makes is none of the others."""
+
+
 def _words(raw: bytes) -> str:
-    return unescape(raw.decode("utf-8", "replace"), {"&apos;": "'", "&quot;": '"'})
+    text = raw.decode("utf-8", "replace")
+    for entity, character in _ENTITIES.items() if "&" in text else ():
+        text = text.replace(entity, character)
+    return text
 
 
 class GazeboStateReader:

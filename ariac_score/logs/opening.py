@@ -81,7 +81,7 @@ def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None
     if start.startswith(_ROS1) or (path.suffix == ".bag"):
         from ariac_score.logs.ros1bag import Ros1Scan  # noqa: PLC0415
 
-        return Ros1Scan(path, jobs=jobs)
+        return Ros1Scan(path, jobs=jobs, topics=topics)
     raise NothingToScoreError(
         "it is not a ROS recording",
         file=path,

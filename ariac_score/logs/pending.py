@@ -101,7 +101,7 @@ class Pending:
     def add_many(self, batch: Batch, kept: IntArray, numbers: IntArray) -> None:
         """Take copies of some messages of a batch."""
         starts, ends = batch.payloads.starts[kept], batch.payloads.ends[kept]
-        first, last = int(starts[0]), int(ends[-1])
+        first, last = int(starts.min()), int(ends.max())
         buffer, wanted = batch.payloads.buffer, int((ends - starts).sum())
         if last - first <= 2 * wanted:
             start = self._reserve(last - first)
@@ -109,14 +109,17 @@ class Pending:
             new_starts, new_ends = starts + (start - first), ends + (start - first)
         else:
             # Most of it is something else, such as pictures that nobody wants: what lies close is copied.
-            breaks = np.flatnonzero(starts[1:] - ends[:-1] > _CLOSE_BYTES) + 1
+            order = np.argsort(starts, kind="stable")
+            placed, behind = starts[order], np.maximum.accumulate(ends[order])
+            breaks = np.flatnonzero(placed[1:] - behind[:-1] > _CLOSE_BYTES) + 1
             bounds = np.concatenate(([0], breaks, [len(starts)]))
-            run_starts, run_ends = starts[bounds[:-1]], ends[bounds[1:] - 1]
+            run_starts, run_ends = placed[bounds[:-1]], behind[bounds[1:] - 1]
             start = self._reserve(int((run_ends - run_starts).sum()))
             moved = start + np.cumsum(run_ends - run_starts) - (run_ends - run_starts) - run_starts
             for old, old_end, by in zip(run_starts.tolist(), run_ends.tolist(), moved.tolist(), strict=True):
                 self._buffer[old + by : old_end + by] = buffer[old:old_end]
-            by = np.repeat(moved, np.diff(bounds))
+            by = np.empty(len(starts), dtype=np.int64)
+            by[order] = np.repeat(moved, np.diff(bounds))
             new_starts, new_ends = starts + by, ends + by
         table = np.stack((numbers, batch.stamps_ns[kept], new_starts, new_ends), axis=1)
         sources = batch.sources[kept]

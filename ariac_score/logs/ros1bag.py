@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -53,6 +53,10 @@ _Item = Connection | Message | Batch
 
 _LARGEST_INDEX_HEADER = 4096
 _LARGEST_INDEX_BYTES = 64 << 20
+_USUAL_INDEX_BYTES = 1 << 13
+_LARGE_MESSAGE_BYTES = 1 << 16
+_HEAD_BYTES = 128
+"""So much is read of a message whose payload is left out; recorders write heads of some 50 bytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,18 +147,27 @@ def _indexed(buffer: Bytes, chunks: Sequence[Chunk]) -> _Places:
     Raises:
         ValueError: An index contradicts its chunk.
     """
-    _, _, entries, owners = entries_of(chunks, head=0, words=3)
+    named, counts, entries, owners = entries_of(chunks, head=4, words=3)
     seconds, nanoseconds, offsets = entries.astype(np.int64).T
+    connections = np.repeat(_numbers(named), counts)
     firsts, lasts = (np.array([getattr(c, end) for c in chunks], dtype=np.int64) for end in ("first", "last"))
     if (offsets >= (lasts - firsts)[owners]).any():
         raise ValueError("the index leads out of its chunk")
     offsets = offsets + firsts[owners]
     order = np.argsort(offsets, kind="stable")
     places = _Places.of(buffer[: chunks[-1].last], offsets[order])
-    if (places.stamps_ns != (seconds * 10**9 + nanoseconds)[order]).any():
-        raise ValueError("the index tells other times")
+    stamps_ns = seconds * 10**9 + nanoseconds
+    if (places.stamps_ns != stamps_ns[order]).any() or (places.connections != connections[order]).any():
+        raise ValueError("the index tells other times or connections")
+    if any(chunk.complete for chunk in chunks) and (places.starts - offsets[order] > _HEAD_BYTES).any():
+        raise ValueError("the heads of its messages are longer than what was read of them")
     check_not_crossed(offsets[order], places.ends, lasts)
     return places
+
+
+def _numbers(named: Sequence[bytes]) -> IntArray:
+    """The connections that index records are about."""
+    return np.frombuffer(b"".join(named), dtype="<u4").astype(np.int64)
 
 
 class Ros1Scan(FileScan):
@@ -162,9 +175,11 @@ class Ros1Scan(FileScan):
 
     format = "ROS 1 bag"
 
-    def __init__(self, path: Path, *, jobs: int = 0) -> None:
+    def __init__(self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> None:
         super().__init__(path)
-        self._jobs = jobs
+        self._jobs, self._topics = jobs, topics
+        self._deaf: set[int] = set()
+        self._contents: _Contents | None = None
         self._connections: dict[int, Connection] = {}
         self._found: Counter[int] = Counter()
         self._announced: Counter[int] = Counter()
@@ -182,6 +197,8 @@ class Ros1Scan(FileScan):
             if source.take(min(len(MAGIC), source.size), "magic") != MAGIC:
                 raise source.damaged("the file does not start as a ROS 1 bag of version 2.0 does", at=0)
             announced = self._bag_header(source)
+            if self._topics is not None and self._index_at:
+                self._contents = _contents_at(source, self._index_at)
             with Slabs(self._jobs) as slabs:
                 try:
                     while source.left:
@@ -252,11 +269,18 @@ class Ros1Scan(FileScan):
             plain = compression == "none"
             if plain and size != length:
                 raise ValueError(f"it holds {length} bytes instead of the announced {size}")
-            packed = 0 if plain else length
-            yield from self._settled(source, slabs.turn(size, packed))
+            index, behind = _index_at(source, source.offset + length)
+            unread = yield from self._passed_over(source, slabs, index, size, start)
+            if not unread:
+                packed = 0 if plain else length
+                yield from self._settled(source, slabs.turn(size, packed))
         except ValueError as error:
             yield from self._settled(source, slabs.rest())
             raise source.damaged(str(error), what="chunk", at=start) from error
+        if unread:
+            source.skip(behind - source.offset)
+            self._reached(source.offset)
+            return
 
         def filled(room: memoryview) -> Callable[[], None]:
             if plain:
@@ -264,30 +288,89 @@ class Ros1Scan(FileScan):
                 return nothing_to_do
             return partial(inflate_into, room, source.take(length, "chunk"), compression)
 
-        chunk = slabs.add(size, packed, start, filled)
-        chunk.index = self._index(source)
-        chunk.end = source.offset
+        left_out = self._left_out(index, size) if plain else []
+        if left_out:
+            chunk = self._hold_parts(source, slabs, size, left_out, start)
+        else:
+            chunk = slabs.add(size, packed, start, filled)
+        chunk.index, chunk.end = index, behind
+        source.skip(behind - source.offset)
 
-    def _index(self, source: Source) -> list[bytes]:
-        """The index records behind a chunk, up to the first that is cut off or wrong."""
-        found: list[bytes] = []
-        room = _LARGEST_INDEX_BYTES
-        while True:
-            at = source.offset
-            size = int.from_bytes(source.at(at, 4), "little")
-            head = source.at(at + 4, size) if size <= _LARGEST_INDEX_HEADER else b""
-            try:
-                if len(head) != size or _byte(_header(head), b"op") != _INDEX:
-                    return found
-            except ValueError:
-                return found
-            length = int.from_bytes(source.at(at + 4 + size, 4), "little")
-            room -= length
-            body = source.at(at + 8 + size, length) if room >= 0 else b""
-            if not length or len(body) != length:
-                return found
-            found.append(body)
-            source.skip(8 + size + length)
+    def _passed_over(
+        self, source: Source, slabs: Slabs, index: Sequence[bytes], size: int, start: int
+    ) -> Generator[_Item, None, bool]:
+        """Whether a chunk holds no wanted message, and can declare nothing either: then it is not read.
+
+        Its messages come without their bytes, as the index tells of them.
+        """
+        if self._topics is None or not index or self._contents is None:
+            return False
+        named = {int.from_bytes(body[:4], "little") for body in index}
+        if not named <= self._connections.keys():
+            # They are declared in what was read and not looked at yet, or here.
+            yield from self._settled(source, slabs.rest())
+        if not named <= self._deaf or not self._contents.connections <= self._connections.keys():
+            return False
+        unread = self._unread(index, size, self._contents.counts.get(start, Counter()))
+        if unread is None:
+            return False
+        yield from self._settled(source, slabs.rest())
+        yield unread
+        self._chunks += 1
+        return True
+
+    def _unread(self, index: Sequence[bytes], size: int, announced: Counter[int]) -> Batch | None:
+        """What the index says of a chunk that is not read: senders and times, in recorded order.
+
+        `None` where it cannot be right: then the records are to tell.
+        """
+        try:
+            connections, stamps_ns, offsets = _told(index)
+        except ValueError:
+            return None
+        if int(offsets.max()) >= size or len(np.unique(offsets)) != len(offsets):
+            return None
+        if Counter(connections.tolist()) != announced:
+            return None
+        order = np.argsort(offsets, kind="stable")
+        nowhere = np.zeros(len(order), dtype=np.int64)
+        nothing = np.zeros(0, dtype=np.uint8)
+        places = _Places(nothing, connections[order], stamps_ns[order], nowhere, nowhere, ())
+        return self._batch_of(places, slice(0, len(order)), np.unique(connections))
+
+    def _left_out(self, index: Sequence[bytes], size: int) -> list[tuple[int, int]]:
+        """Where large messages lie that nobody wants, if the index is right: their heads will tell."""
+        if not index or not self._deaf:
+            return []
+        try:
+            connections, _, offsets = _told(index)
+        except ValueError:
+            return []
+        order = np.argsort(offsets, kind="stable")
+        first = offsets[order] + _HEAD_BYTES
+        ends = np.append(offsets[order][1:], size)
+        deaf = np.isin(connections[order], list(self._deaf))
+        chosen = deaf & (ends - first >= _LARGE_MESSAGE_BYTES) & (ends <= size)
+        return list(zip(first[chosen].tolist(), ends[chosen].tolist(), strict=True))
+
+    def _hold_parts(
+        self, source: Source, slabs: Slabs, size: int, left_out: Sequence[tuple[int, int]], start: int
+    ) -> Chunk:
+        """Read a chunk but for large messages that nobody wants."""
+        records = source.offset
+
+        def filled(room: memoryview) -> Callable[[], None]:
+            at = 0
+            for first, last in [*left_out, (size, size)]:
+                source.take_into(room[at:first], "chunk")
+                source.skip(last - first)
+                at = last
+            return nothing_to_do
+
+        chunk = slabs.add(size, 0, start, filled)
+        room = slabs.room_of(chunk)
+        chunk.complete = lambda: source.read_at(records, room, "chunk")
+        return chunk
 
     def _settled(self, source: Source, slabs: Iterable[Slab]) -> Iterator[_Item]:
         """The records of the chunks that are held."""
@@ -322,6 +405,9 @@ class Ros1Scan(FileScan):
     def _one_by_one(self, source: Source, slab: Slab, chunks: Sequence[Chunk]) -> Iterator[_Item]:
         for chunk in chunks:
             try:
+                if chunk.complete:
+                    chunk.complete()
+                    chunk.complete = None
                 yield from self._chunk(slab, chunk)
             except (struct.error, ValueError) as error:
                 slab.empty()
@@ -351,7 +437,11 @@ class Ros1Scan(FileScan):
         sources = np.searchsorted(known, places.connections[rows])
         counts = np.bincount(sources, minlength=len(known)).tolist()
         self._found.update(dict(zip(known.tolist(), counts, strict=True)))
-        payloads = Payloads(places.buffer, places.starts[rows], places.ends[rows])
+        starts, ends = places.starts[rows], places.ends[rows]
+        if self._deaf:
+            # They may not have been read.
+            ends = np.where(np.isin(places.connections[rows], list(self._deaf)), starts, ends)
+        payloads = Payloads(places.buffer, starts, ends)
         senders = tuple(self._connections[key] for key in known.tolist())
         return Batch(senders, sources, places.stamps_ns[rows], payloads)
 
@@ -427,6 +517,8 @@ class Ros1Scan(FileScan):
         definition = _text(facts, b"message_definition")
         connection = Connection(topic, type_, "ros1", definition, "ros1msg" if definition else "")
         self._connections[number] = connection
+        if self._topics is not None and topic not in self._topics:
+            self._deaf.add(number)
         yield connection
 
     def _check_whole(self, source: Source, connections: int, chunks: int) -> None:
@@ -446,6 +538,89 @@ class Ros1Scan(FileScan):
                 f"the index announces {self._announced.total()} messages, the chunks hold "
                 f"{self._found.total()}, or they belong to other connections"
             )
+
+
+def _index_at(source: Source, start: int) -> tuple[list[bytes], int]:
+    """The index records from some byte on, up to the first that is cut off or wrong, and where they end.
+
+    Of each comes its connection and its entries.
+    """
+    found: list[bytes] = []
+    at, window, room = 0, source.at(start, _USUAL_INDEX_BYTES), _LARGEST_INDEX_BYTES
+
+    def seen(behind: int) -> bool:
+        nonlocal window
+        if behind > len(window):
+            window += source.at(start + len(window), behind - len(window) + _USUAL_INDEX_BYTES)
+        return behind <= len(window)
+
+    while seen(at + 4):
+        size = int.from_bytes(window[at : at + 4], "little")
+        body = at + 8 + size
+        if size > _LARGEST_INDEX_HEADER or not seen(body):
+            break
+        length = int.from_bytes(window[body - 4 : body], "little")
+        room -= length
+        try:
+            header = _header(window[at + 4 : at + 4 + size])
+            if _byte(header, b"op") != _INDEX:
+                break
+            connection = _field(header, b"conn", 4)
+        except ValueError:
+            break
+        if not length or room < 0 or not seen(body + length):
+            break
+        found.append(connection + window[body : body + length])
+        at = body + length
+    return found, start + at
+
+
+def _told(index: Sequence[bytes]) -> tuple[IntArray, IntArray, IntArray]:
+    """What the index of a chunk tells of each message: connection, time and place.
+
+    Raises:
+        ValueError: It is no list of entries.
+    """
+    named, counts, entries, _ = entries_of([Chunk(0, 0, 0, 0, nothing_to_do, list(index))], head=4, words=3)
+    seconds, nanoseconds, offsets = entries.astype(np.int64).T
+    return np.repeat(_numbers(named), counts), seconds * 10**9 + nanoseconds, offsets
+
+
+@dataclass(frozen=True)
+class _Contents:
+    """What the end of a bag says is in it.
+
+    Attributes:
+        connections: All that are declared there.
+        counts: By the start of each chunk the messages of each connection in it.
+    """
+
+    connections: frozenset[int]
+    counts: Mapping[int, Counter[int]]
+
+
+def _contents_at(source: Source, at: int) -> _Contents | None:
+    """What stands at the end of a bag; `None` when it is not understood."""
+    records, connections, here = memoryview(source.at(at, source.size)), set[int](), 0
+    if at + len(records) < source.size:
+        return None  # so large that it is not worth it
+    counts: dict[int, Counter[int]] = {}
+    try:
+        while here < len(records):
+            head, behind = _sized(records, here)
+            body, here = _sized(records, behind)
+            header = _header(head)
+            if _byte(header, b"op") == _CONNECTION:
+                connections.add(_number(header, b"conn"))
+            elif _byte(header, b"op") == _CHUNK_INFO:
+                start = int.from_bytes(_field(header, b"chunk_pos", 8), "little")
+                told = counts.setdefault(start, Counter())
+                for entry in range(0, 8 * _number(header, b"count"), 8):
+                    connection, count = _TIME.unpack_from(body, entry)
+                    told[connection] += count
+    except (struct.error, ValueError):
+        return None
+    return _Contents(frozenset(connections), counts)
 
 
 def _u32(source: Source, what: str) -> int:

@@ -1,4 +1,4 @@
-"""Scanning the SQLite files of ROS 2 bags, row by row in recorded order.
+"""Scanning the SQLite files of ROS 2 bags, in the order of their rows.
 
 Source: rosbag2_storage_sqlite3, schema versions 1 to 4.
 """
@@ -18,6 +18,7 @@ import numpy as np
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.columns import Payloads
 from ariac_score.logs.salvage import Batch, Connection, Message, checked_stamp, normalised_type
+from ariac_score.logs.sqlite_pages import Pages, UnusualError
 
 __all__ = ["MAGIC", "SqliteScan"]
 
@@ -25,6 +26,8 @@ MAGIC = b"SQLite format 3\0"
 
 _HINT = "take another copy of the file, or record the trial again; a score may not rest on part of a log"
 _TABLES = {"topics": {"id", "name", "type"}, "messages": {"id", "topic_id", "timestamp", "data"}}
+_PLAIN_COLUMNS = [("id", 1, 0), ("topic_id", 0, 0), ("timestamp", 0, 0), ("data", 0, 0)]
+"""Of the table of messages: name, place in the primary key, whether it is hidden."""
 _Item = Connection | Message | Batch
 
 MAX_STEPS = 20_000_000
@@ -50,6 +53,8 @@ class SqliteScan:
         self._topics_wanted = topics
         self._readable = "row 0"
         self._rows = self._row = 0
+        self._last: int | None = None
+        self._accounted = False
         self._topics: dict[int, Connection] = {}
 
     @property
@@ -88,8 +93,8 @@ class SqliteScan:
                     bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(self.path.stat().st_size, _SMALLEST_LENGTH))
                 self._check_tables(bag)
                 yield from self._declared(bag)
-                yield from self._messages(bag)
-                if not damage:
+                yield from self._messages(bag, intact=not damage)
+                if not damage and not self._accounted:
                     # Rows are read in their own order, so whether the index agrees does not matter.
                     ((verdict,),) = bag.execute("PRAGMA quick_check(1)")
                     damage = "" if verdict == "ok" else f"SQLite finds it damaged: {verdict}"
@@ -128,16 +133,52 @@ class SqliteScan:
             self._topics[key] = connection
             yield connection
 
-    def _messages(self, bag: sqlite3.Connection) -> Iterator[_Item]:
+    def _messages(self, bag: sqlite3.Connection, *, intact: bool) -> Iterator[_Item]:
+        """All rows: from the pages of the file as long as these are as usual, the others by SQLite."""
         ((self._rows,),) = bag.execute("SELECT max(rowid) FROM messages").fetchall() or ((0,),)
+        if intact:
+            try:
+                with closing(Pages(self.path)) as pages:
+                    yield from self._from_pages(bag, pages)
+                return
+            except UnusualError:
+                pass
+        yield from self._by_sql(bag)
+
+    def _from_pages(self, bag: sqlite3.Connection, pages: Pages) -> Iterator[Batch]:
+        """The rows that are as recorders write them.
+
+        Raises:
+            UnusualError: Those that come next are not.
+        """
+        columns = [(row[1], row[5], row[6]) for row in bag.execute("PRAGMA table_xinfo(messages)")]
+        roots = dict(bag.execute("SELECT name, rootpage FROM sqlite_master WHERE rootpage > 0").fetchall())
+        if columns != _PLAIN_COLUMNS or not all(isinstance(key, int) for key in self._topics):
+            raise UnusualError("its tables have another form")
+        unwanted = [key for key, connection in self._topics.items() if not self._is_wanted(connection)]
+        for rows in pages.rows(roots.pop("messages"), unwanted):
+            known = np.unique(rows.topics)
+            if int(rows.stamps_ns.min()) < 0 or not self._topics.keys() >= set(known.tolist()):
+                raise UnusualError("a row is no message")
+            senders = tuple(self._topics[key] for key in known.tolist())
+            yield Batch(senders, np.searchsorted(known, rows.topics), rows.stamps_ns, rows.payloads)
+            self._reached(int(rows.numbers[-1]))
+        self._accounted = pages.all_accounted([1, *roots.values()])
+
+    def _reached(self, row: int) -> None:
+        self._row, self._readable, self._last = row, f"row {row}", row
+
+    def _by_sql(self, bag: sqlite3.Connection) -> Iterator[_Item]:
+        """The rows behind those that were given already."""
         wanted = ", ".join(str(key) for key, c in self._topics.items() if self._is_wanted(c))
         payload = (
             "data"
             if self._topics_wanted is None
             else f"CASE WHEN topic_id IN ({wanted}) THEN data ELSE x'' END"
         )
+        behind = "" if self._last is None else f"WHERE rowid > {self._last}"
         cursor = bag.execute(
-            f"SELECT rowid, topic_id, timestamp, {payload} FROM messages ORDER BY rowid"  # noqa: S608  # numbers
+            f"SELECT rowid, topic_id, timestamp, {payload} FROM messages {behind} ORDER BY rowid"  # noqa: S608  # numbers
         )
         for rows in _fetched(cursor):
             batch = self._batch(rows)
@@ -145,7 +186,7 @@ class SqliteScan:
                 yield from self._one_by_one(rows)
             else:
                 yield batch
-            self._row, self._readable = rows.numbers[-1], f"row {rows.numbers[-1]}"
+            self._reached(rows.numbers[-1])
 
     def _is_wanted(self, connection: Connection) -> bool:
         return self._topics_wanted is None or connection.topic in self._topics_wanted
@@ -171,7 +212,7 @@ class SqliteScan:
             if not isinstance(payload, bytes):
                 raise self._error("a message holds no bytes", f"row {row}")
             checked_stamp(stamp_ns, file=self.path, place=f"row {row}")
-            self._row, self._readable = row, f"row {row}"
+            self._reached(row)
             yield Message(self._topics[topic], stamp_ns, payload)
 
 

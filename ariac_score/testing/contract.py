@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.asking import BUDGET_S, ask, budget_of, needs_of
+from ariac_score.asking import BUDGET_S, ask, budget_of
 from ariac_score.contracts import GROUPS, Monitor, Reader, Rule
 from ariac_score.errors import PluginError
 from ariac_score.findings import Finding, Verdict
+from ariac_score.needs import needs_of
 from ariac_score.registry import Plugin, Registry, not_by_name
 from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch

@@ -11,7 +11,8 @@ from typing import Any
 
 from ariac_score.contracts import GROUPS
 from ariac_score.errors import PluginError, ScoreError, did_you_mean
-from ariac_score.registry import Plugin, Registry, brought_by, package_sha256
+from ariac_score.installed import brought_by
+from ariac_score.registry import Plugin, Registry, package_sha256
 from ariac_score.testing.contract import built_by_name, undocumented
 from ariac_score.testing.pages import example_parameters
 

@@ -144,3 +144,24 @@ def test_reading_a_recording_with_definitions_does_not_load_rosbags(tmp_path: An
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "uint8 L" + "J" * 50_000 + "=2-]",
+        " " * 50_000 + "!",
+        "int8 x" + " " * 50_000 + "!",
+        "string A=" + "'" * 50_000,
+    ],
+    ids=["constant", "spaces", "spaces behind", "quotes"],
+)
+def test_a_line_that_no_recorder_writes_is_given_up_at_once(line: str) -> None:
+    """A pattern that tries all ways to split it would not return: the first needs 2 to the 50000."""
+    assert by_ours(f"int8 a\n{line}\n") is None
+
+
+def test_spaces_around_a_line_change_nothing() -> None:
+    spaced = " \tint8 a \t # x\n  uint8 B_C_1 = 3\t\n   # words  \n \n"
+
+    assert by_ours(spaced) == by_ours("int8 a") == by_rosbags("int8 a")
