@@ -47,10 +47,13 @@ from ariac_score import (
     parameter,
 )
 from ariac_score_standards.online import Judge, SubjectsOnline
-from ariac_score_standards.severity import Episode, episodes_of
+from ariac_score_standards.severity import SPEED, Episode, Meeting, episodes_of, no_severities
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, watch_subjects
 
 _KINDS = ("robot", "agv", "human")
+_DISTANCES = tuple(
+    f"{quantity}/{{robot}}/{{human}}" for quantity in ("separation", "centre_distance", "centre_distance_2d")
+)
 _AXES = {".x": 0, ".y": 1, ".z": 2}
 MAX_SOURCE_LENGTH = 500
 """Longer words for a signal are none, and would take long to be found so."""
@@ -299,7 +302,9 @@ class Always(Formula):
     Measures:
         For every combination of the bodies its signals speak of: the margin of the
         formula, in `unit`. Stretches longer than `max_gap_s` without a sample are
-        inconclusive, and so is a formula that has no value.
+        inconclusive, and so is a formula that has no value. Where the signals are a
+        distance of robot and human and the robot's speed, among others, the findings
+        also have `exposure_s`, and violations say whether the robot moved.
     Violated when:
         It does not hold. One stretch is one violation (episode): pauses shorter than
         `t_off_s` are bridged, violations shorter than `t_on_s` ignored.
@@ -373,13 +378,31 @@ class Always(Formula):
             t_on_s=self.t_on_s,
             t_off_s=self.t_off_s,
         )
+        meeting = self._meeting(watched)
+        exposure = {} if meeting is None else meeting.exposure(watched)
         for episode in episodes:
-            yield self._finding(subject, watched, found, episode.worst, episode)
+            labels = {} if meeting is None else meeting.labels(episode.rows)
+            labels.pop("closing_by", None)  # the signals of a formula do not tell
+            told = {**episode.quantities, **exposure}, labels
+            yield self._finding(subject, watched, found, episode.worst, episode, *told)
         if not episodes and not watched.gaps:
-            yield self._finding(subject, watched, found, int(np.argmin(found.margin)), None)
+            told = {**no_severities(self.unit), **exposure}, {}
+            yield self._finding(subject, watched, found, int(np.argmin(found.margin)), None, *told)
+
+    def _meeting(self, watched: Watched) -> Meeting | None:
+        """The robot and the human the formula is about, where its signals are those that tell of them."""
+        distance = next((name for name in _DISTANCES if name in watched.names), None)
+        return None if distance is None or SPEED not in watched.names else Meeting.of(watched, distance)
 
     def _finding(
-        self, subject: Subject, watched: Watched, found: Judged, row: int, episode: Episode | None
+        self,
+        subject: Subject,
+        watched: Watched,
+        found: Judged,
+        row: int,
+        episode: Episode | None,
+        quantities: Mapping[str, float],
+        labels: Mapping[str, str],
     ) -> Finding:
         at, unit = f"at {watched.t[row]:.3f} s", "" if self.unit == "1" else f" {self.unit}"
         kept = f"holds; closest by {found.margin[row]:.3f}{unit}, {at}"
@@ -395,7 +418,8 @@ class Always(Formula):
             span=None if episode is None else episode.span,
             robustness=float(found.margin[row]),
             unit=self.unit,
-            quantities={} if episode is None else episode.quantities,
+            quantities=quantities,
+            labels=labels,
             evidence=evidence,
             clause=self._clause,
             critical=self.critical and episode is not None,
@@ -504,7 +528,7 @@ class Within(Formula):
                     message,
                     robustness=self.within_s - takes,
                     unit="s",
-                    quantities={"response_s": takes},
+                    quantities={"response_s": takes, "time_in_violation_s": 0.0},
                     clause=self._clause,
                 )
         elif not said and not watched.gaps:
