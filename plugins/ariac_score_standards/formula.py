@@ -47,13 +47,10 @@ from ariac_score import (
     parameter,
 )
 from ariac_score_standards.online import Judge, SubjectsOnline
-from ariac_score_standards.severity import SPEED, Episode, Meeting, episodes_of, no_severities
+from ariac_score_standards.severity import Episode, episodes_of
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, watch_subjects
 
 _KINDS = ("robot", "agv", "human")
-_DISTANCES = tuple(
-    f"{quantity}/{{robot}}/{{human}}" for quantity in ("separation", "centre_distance", "centre_distance_2d")
-)
 _AXES = {".x": 0, ".y": 1, ".z": 2}
 MAX_SOURCE_LENGTH = 500
 """Longer words for a signal are none, and would take long to be found so."""
@@ -302,9 +299,7 @@ class Always(Formula):
     Measures:
         For every combination of the bodies its signals speak of: the margin of the
         formula, in `unit`. Stretches longer than `max_gap_s` without a sample are
-        inconclusive, and so is a formula that has no value. Where the signals are a
-        distance of robot and human and the robot's speed, among others, the findings
-        also have `exposure_s`, and violations say whether the robot moved.
+        inconclusive, and so is a formula that has no value.
     Violated when:
         It does not hold. One stretch is one violation (episode): pauses shorter than
         `t_off_s` are bridged, violations shorter than `t_on_s` ignored.
@@ -378,31 +373,13 @@ class Always(Formula):
             t_on_s=self.t_on_s,
             t_off_s=self.t_off_s,
         )
-        meeting = self._meeting(watched)
-        exposure = {} if meeting is None else meeting.exposure(watched)
         for episode in episodes:
-            labels = {} if meeting is None else meeting.labels(episode.rows)
-            labels.pop("closing_by", None)  # the signals of a formula do not tell
-            told = {**episode.quantities, **exposure}, labels
-            yield self._finding(subject, watched, found, episode.worst, episode, *told)
+            yield self._finding(subject, watched, found, episode.worst, episode)
         if not episodes and not watched.gaps:
-            told = {**no_severities(self.unit), **exposure}, {}
-            yield self._finding(subject, watched, found, int(np.argmin(found.margin)), None, *told)
-
-    def _meeting(self, watched: Watched) -> Meeting | None:
-        """The robot and the human the formula is about, where its signals are those that tell of them."""
-        distance = next((name for name in _DISTANCES if name in watched.names), None)
-        return None if distance is None or SPEED not in watched.names else Meeting.of(watched, distance)
+            yield self._finding(subject, watched, found, int(np.argmin(found.margin)), None)
 
     def _finding(
-        self,
-        subject: Subject,
-        watched: Watched,
-        found: Judged,
-        row: int,
-        episode: Episode | None,
-        quantities: Mapping[str, float],
-        labels: Mapping[str, str],
+        self, subject: Subject, watched: Watched, found: Judged, row: int, episode: Episode | None
     ) -> Finding:
         at, unit = f"at {watched.t[row]:.3f} s", "" if self.unit == "1" else f" {self.unit}"
         kept = f"holds; closest by {found.margin[row]:.3f}{unit}, {at}"
@@ -418,8 +395,7 @@ class Always(Formula):
             span=None if episode is None else episode.span,
             robustness=float(found.margin[row]),
             unit=self.unit,
-            quantities=quantities,
-            labels=labels,
+            quantities={} if episode is None else episode.quantities,
             evidence=evidence,
             clause=self._clause,
             critical=self.critical and episode is not None,

@@ -209,9 +209,9 @@ class SsmFormula:
         STANDSTILL_SPEED_M_S, source="catalogue, M7; ARIAC 2023 uses it for AGVs", **_SPEED
     )
     exposure_distance_m: float = parameter(EXPOSURE_DISTANCE_M, source="catalogue, 1.3", **_LENGTH)
-    closing_by: Literal["profile", "yes", "no"] = parameter(
+    blame: Literal["profile", "yes", "no"] = parameter(
         "profile",
-        source="whether poses are read to tell who closed in; seed: no, it reads its three signals alone",
+        source="whether exposure and who closed in are told; ssm_separation with profile seed: no",
     )
 
     def __post_init__(self) -> None:
@@ -252,10 +252,8 @@ class SsmFormula:
         return self._standard if self.robot_must_move == "profile" else self.robot_must_move == "yes"
 
     @property
-    def _tells_closing(self) -> bool:
-        if self.closing_by == "profile":
-            return self._directed or self.profile != "seed"
-        return self.closing_by == "yes"
+    def _blames(self) -> bool:
+        return self.blame != "no"
 
     @property
     def _distance(self) -> str:
@@ -401,7 +399,7 @@ class SsmFormula:
     @property
     def _optional(self) -> dict[str, str]:
         """What tells who closes in, where the formula itself does not ask for it."""
-        if not self._tells_closing:
+        if not self._blames:
             return {}
         wanted = self._wanted
         return {name: "m/s" for name in (TOWARDS_HUMAN, TOWARDS_ROBOT) if name not in wanted}
@@ -442,9 +440,12 @@ class SsmFormula:
             within_m=self.exposure_distance_m,
         )
 
-    def _blame(self, meeting: Meeting, episode: Episode) -> dict[str, str]:
+    def _exposure(self, meeting: Meeting, watched: Watched) -> dict[str, float]:
+        return meeting.exposure(watched) if self._blames else {}
+
+    def _labels(self, meeting: Meeting, episode: Episode) -> dict[str, str]:
         labels = meeting.labels(episode.rows)
-        return labels if self._tells_closing else {"robot_moving": labels["robot_moving"]}
+        return labels if self._blames else {"robot_moving": labels["robot_moving"]}
 
 
 @dataclass(frozen=True)
@@ -474,13 +475,14 @@ class SsmSeparation(SsmFormula):
     Measures:
         For every robot and human the margin distance - S_p, in m, at every sample
         of the competition. Stretches longer than `max_gap_s` without a sample are
-        inconclusive. Every finding of a pair has the pair's `exposure_s`, the time that
-        the human was within `exposure_distance_m` of the moving robot; every violation
-        says whether the robot moved (`robot_moving`) and who closed in when it began
-        (`closing_by`: robot, human, both, neither, or unknown where the log has no
-        poses). Profile `seed` reads three signals, which do not tell who closed in: what
-        it finds is what its formula in four lines of YAML finds. `closing_by: "yes"` has
-        it read poses, too.
+        inconclusive. Every violation says whether the robot moved (`robot_moving`) and
+        who closed in when it began (`closing_by`: robot, human, both, neither, or unknown
+        where the log has no poses); every finding of a pair has the pair's `exposure_s`,
+        the time that the human was within `exposure_distance_m` of the moving robot.
+        Profile `seed` is the published formula and no more: it reads three signals and
+        finds what that formula finds as four lines of YAML (`formula.always`) or as RML
+        (`rml.spec`), sample for sample, so exposure and `closing_by` are left out there
+        unless `blame` is "yes".
     Violated when:
         The distance is below S_p (profile `standard`: while the robot moves). One
         approach is one violation (episode): pauses shorter than `t_off_s` are
@@ -499,6 +501,12 @@ class SsmSeparation(SsmFormula):
     reduced_mass_kg: float | None = parameter(
         None, unit="kg", above=0, source="where given, the energy of closing in is measured too"
     )
+
+    @property
+    def _blames(self) -> bool:
+        if self.blame == "profile":
+            return self._directed or self.profile != "seed"
+        return self.blame == "yes"
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for every pair: its violations, or its closest moment."""
@@ -563,12 +571,14 @@ class SsmSeparation(SsmFormula):
             t_off_s=self.t_off_s,
         )
         meeting = self._meeting(watched)
-        exposure = meeting.exposure(watched)
+        exposure = self._exposure(meeting, watched)
         for episode in episodes:
             quantities = {**episode.quantities, **exposure, **self._energy(now, episode.rows)}
-            yield self._violation(subject, watched, episode, now, quantities, self._blame(meeting, episode))
+            yield self._violation(subject, watched, episode, now, quantities, self._labels(meeting, episode))
         if not episodes and not watched.gaps:
-            quantities = {**no_severities("m"), **exposure, **self._energy(now)}
+            # Without exposure and energy a clean pair measures nothing, as published.
+            more = {**exposure, **self._energy(now)}
+            quantities = {**no_severities("m"), **more} if more else {}
             yield self._closest(subject, watched, now, np.flatnonzero(applies), quantities)
 
     def _applies(self, now: _Moments) -> BoolArray:
@@ -691,10 +701,10 @@ class SsmSpeedCap(SsmFormula):
         )
         rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the robot never moved near the human")
         meeting = self._meeting(watched)
-        exposure = meeting.exposure(watched)
+        exposure = self._exposure(meeting, watched)
 
         def told(episode: Episode | None) -> Told:
-            return Told(exposure, {} if episode is None else self._blame(meeting, episode))
+            return Told(exposure, {} if episode is None else self._labels(meeting, episode))
 
         yield from limit_findings(subject, watched, bound, rules, told)
 
@@ -751,7 +761,7 @@ class SsmResponse(SsmFormula):
         excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)
         bound = Bound("robot speed after a breach", speed, limit, "m/s", True, breach, "allowed_speed")
         meeting = self._meeting(watched)
-        exposure = meeting.exposure(watched)
+        exposure = self._exposure(meeting, watched)
         rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the distance was always enough")
 
         def told(episode: Episode | None) -> Told:
@@ -762,7 +772,7 @@ class SsmResponse(SsmFormula):
                 ]
             if not len(rows):
                 return Told()
-            labels = {} if episode is None else self._blame(meeting, episode)
+            labels = {} if episode is None else self._labels(meeting, episode)
             return Told({**_ways(watched, rows, speed, excess), **exposure}, labels)
 
         yield from limit_findings(subject, watched, bound, rules, told)

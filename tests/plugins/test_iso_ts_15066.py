@@ -321,14 +321,17 @@ def test_the_profiles_of_2023_say_who_closed_in_and_decide_without_it(
 
 def test_the_seed_profile_reads_its_three_signals_alone_unless_it_is_told_otherwise() -> None:
     trial = approaching(watched([0.0, 0.01], [0.9, 0.9], robot=0.5), 0.5, 0.0)
-    asked = SsmSeparation(closing_by="yes")
+    asked = SsmSeparation(blame="yes")
 
     assert only(SsmSeparation(), trial).labels == {"robot_moving": "yes"}
     assert only(asked, trial).labels == {"robot_moving": "yes", "closing_by": "robot"}
     assert {need.quantity for need in SsmSeparation().needs()} == {"centre_distance", "speed"}
     assert {need.quantity for need in asked.needs()} >= {"approach_speed_robot", "approach_speed_human"}
-    silent = SsmSeparation(profile="ariac2023", distance="centre_distance", closing_by="no")
+    silent = SsmSeparation(profile="ariac2023", distance="centre_distance", blame="no")
     assert only(silent, trial).labels == {"robot_moving": "yes"}
+    told = [only(monitor, trial).quantities for monitor in (SsmSeparation(), asked, silent)]
+    assert ["exposure_s" in quantities for quantities in told] == [False, True, False]
+    assert only(SsmSeparation(), watched([0.0], [9.0])).quantities == {}
 
 
 def test_who_closes_in_is_not_known_where_the_poses_have_a_hole() -> None:
@@ -359,7 +362,7 @@ def test_a_clean_trial_says_for_how_long_the_human_was_exposed(
 ) -> None:
     trial = watched(at_100_hz(1.0), distance_m, robot=robot_m_s)
 
-    finding = only(SsmSeparation(profile=profile, distance="centre_distance"), trial)
+    finding = only(SsmSeparation(profile=profile, distance="centre_distance", blame="yes"), trial)
 
     assert finding.verdict is SATISFIED
     assert finding.quantities["exposure_s"] == pytest.approx(exposed_s)
@@ -378,7 +381,7 @@ def test_every_violation_of_a_pair_has_the_exposure_of_the_whole_trial() -> None
     near = [1.0 if 1 <= s < 2 or 4 <= s < 5 else 4.9 for s in t]
     trial = watched(t, near, robot=[0.5 if s < 4 else 0.0 for s in t])
 
-    found = of(VIOLATED, SsmSeparation(), trial)
+    found = of(VIOLATED, SsmSeparation(blame="yes"), trial)
 
     assert [f.quantities["exposure_s"] for f in found] == [pytest.approx(4.0)] * 2
     assert [f.labels["robot_moving"] for f in found] == ["yes", "no"]
@@ -628,6 +631,7 @@ class Course:
     t_off: int
     max_gap: int = 4
     profile: str = "seed"
+    blame: str = "profile"
     towards: tuple[tuple[tuple[int, float], ...], ...] = ((), ())  # by tick: robot, human
 
     def trial(self, *, shift_s: float = 0.0) -> Trial:
@@ -653,8 +657,13 @@ class Course:
             profile=self.profile,  # type: ignore[arg-type]
             distance="centre_distance",
             exposure_distance_m=3.0,
+            blame=self.blame,  # type: ignore[arg-type]
             **given,
         )
+
+    @property
+    def blames(self) -> bool:
+        return self.blame == "yes" or (self.blame == "profile" and self.profile != "seed")
 
     def required_m(self, i: int) -> float:
         """Catalogue, M1: the table of profiles."""
@@ -697,6 +706,7 @@ def courses(draw: st.DrawFn) -> Course:
         t_on=draw(st.sampled_from([0, 1, 2, 5])),
         t_off=draw(st.sampled_from([0, 1, 3, 8])),
         profile=draw(st.sampled_from(["seed", "ariac2023", "ariac2023_agent"])),
+        blame=draw(st.sampled_from(["profile", "yes", "no"])),
         towards=(draw(_towards(ticks)), draw(_towards(ticks))),
     )
     distance = [
@@ -750,7 +760,7 @@ def reference_episodes(
 def reference_blame(course: Course, rows: Sequence[int], inside: Sequence[int]) -> dict[str, str]:
     """Catalogue, section 1.5."""
     labels = {"robot_moving": "yes" if any(course.robot[inside[i]] > 0.01 for i in rows) else "no"}
-    if course.profile == "seed":
+    if not course.blames:
         return labels
     speeds = [course.towards_at(which, course.ticks[inside[rows[0]]]) for which in (0, 1)]
     if None in speeds:
@@ -796,12 +806,14 @@ def reference(course: Course) -> Iterator[tuple[Any, ...]]:
             "depth_integral_m_s": sum(short[i] * seconds_of[i] for i in episode.rows),
             "relative_depth_max": max(relative.values()),
             "relative_depth_integral_s": sum(relative[i] * seconds_of[i] for i in episode.rows),
-            "exposure_s": exposed_s,
         }
+        if course.blames:
+            numbers["exposure_s"] = exposed_s
         words = reference_blame(course, episode.rows, inside)
         yield VIOLATED, ticks[episode.rows[0]] * TICK_S, episode.end * TICK_S, numbers, words
     if ticks and not episodes and not gaps:
-        yield SATISFIED, None, None, {**dict.fromkeys(SEVERITIES, 0.0), "exposure_s": exposed_s}, {}
+        clean = {**dict.fromkeys(SEVERITIES, 0.0), "exposure_s": exposed_s}
+        yield SATISFIED, None, None, clean if course.blames else {}, {}
 
 
 @given(courses())

@@ -1013,7 +1013,7 @@ BUSY: Mapping[str, Any] = {
     "iso_ts_15066.ssm_separation": SsmSeparation(
         profile="standard", reduced_mass_kg=2.0, robot_must_move="no"
     ),
-    "iso_ts_15066.ssm_response": SsmResponse(delta_m=60.0, t1_s=0.0, t2_s=0.0, closing_by="yes"),
+    "iso_ts_15066.ssm_response": SsmResponse(delta_m=60.0, t1_s=0.0, t2_s=0.0),
     "iso_10218_2.pfl_speed": PflSpeed(when="near", near_m=60.0),
     "iso_13855.safeguard_distance": SafeguardDistance(
         line=((-3.0, 0.0), (-3.0, 4.0)), hazard=SQUARE, stopping_time_s=0.05

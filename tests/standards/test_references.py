@@ -302,9 +302,7 @@ def test_the_response_to_a_breach(seed: int, poses: bool) -> None:
     if poses:
         for who, values in zip(("robot", "human"), towards, strict=True):
             columns[f"approach_speed_{who}/r/h"] = ("m/s", values)
-    monitor = SsmResponse(
-        closing_by="yes", t1_s=0.0625, t2_s=0.125, delta_m=2.5, tolerance_m_s=0.02, **common(course)
-    )
+    monitor = SsmResponse(t1_s=0.0625, t2_s=0.125, delta_m=2.5, tolerance_m_s=0.02, **common(course))
     bad, margin, since = [], [], None
     for i, t in enumerate(course.t):
         breach = distance[i] < speed[i] * 0.0625 + 2.5
