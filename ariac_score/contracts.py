@@ -47,11 +47,13 @@ class SignalNeed:
         quantity: Such as `centre_distance`; see `ariac_score.trial.vocabulary`.
         unit: The unit it is read in.
         max_gap_s: Longest stretch between two samples the monitor accepts, s.
+        optional: Whether it only helps: a log without it is judged all the same.
     """
 
     quantity: str
     unit: str
     max_gap_s: float = 0.05
+    optional: bool = False
 
 
 @runtime_checkable

@@ -127,7 +127,14 @@ def score_trial(
     quantities = [need.quantity for need in needs]
     with _hashing(bundle, beside=jobs != 1) as hashes:
         trial = read_trial(
-            bundle, readers, mapping, registry, quantities=quantities, progress=progress, jobs=jobs
+            bundle,
+            readers,
+            mapping,
+            registry,
+            quantities=quantities,
+            progress=progress,
+            jobs=jobs,
+            orders=rule_set.about_orders,
         )
         trial = _with_unknown_products(_renamed(trial, trial_id, team), rule_set)
         wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
@@ -257,6 +264,7 @@ def read_trial(
     quantities: Iterable[str],
     progress: Progress = _no_progress,
     jobs: int = 0,
+    orders: bool = True,
 ) -> Trial:
     """The one trial that the parts of a bundle tell of.
 
@@ -268,10 +276,11 @@ def read_trial(
         quantities: The quantities checks ask for; what they derive from is read too.
         progress: Called with the share done.
         jobs: Threads that inflate a recording; 0: as many as there are processors.
+        orders: Whether a trial without any order is none.
 
     Raises:
         LogError: A part is damaged, or two parts contradict each other.
-        NothingToScoreError: There is configuration but no record of a trial.
+        NothingToScoreError: There is configuration but no record of a trial, or no order.
     """
     decoders = {}
     for name in sorted({channel.decoder for channel in log_map.channels if channel.decoder}):
@@ -305,7 +314,7 @@ def read_trial(
             hint="repeat the run; a ranking counts it as 0, by name",
         )
     trial = with_contents(trial, max_age_s=log_map.kits.max_age_s)
-    if not trial.orders:
+    if orders and not trial.orders:
         raise NothingToScoreError(
             "no order was found",
             file=bundle.root,

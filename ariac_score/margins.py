@@ -88,7 +88,14 @@ def read_again(result: Result, path: Path, rule_set: RuleSet, *, log_map: str, r
         for plugin, name, check in _monitors(rule_set, registry)
         for need in needs_of(plugin, name, check)
     ]
-    trial = read_trial(bundle, readers, mapping, registry, quantities=[need.quantity for need in needs])
+    trial = read_trial(
+        bundle,
+        readers,
+        mapping,
+        registry,
+        quantities=[need.quantity for need in needs],
+        orders=rule_set.about_orders,
+    )
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
     return derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
 

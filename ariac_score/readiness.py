@@ -136,7 +136,8 @@ def _remedy(
     """Which topics would have decided a check."""
     used = rule_set.checks[check]
     plugin = registry.find(used.group, used.use)
-    needs = needs_of(plugin, check, rule_set.build(registry)[check])
+    asked = needs_of(plugin, check, rule_set.build(registry)[check])
+    needs = [need for need in asked if not need.optional]
     if not needs:
         topics = [channel.topic for channel in log_map.channels if channel.decoder]
         return _words(topics, recorded, "its orders and submissions come from")

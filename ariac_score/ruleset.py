@@ -160,6 +160,12 @@ class RuleSet:
         """What undecided findings count as, by check."""
         return {check.name: check.on_inconclusive for check in self.checks.values()}
 
+    @property
+    def about_orders(self) -> bool:
+        """Whether it judges or prices orders; what watches bodies alone needs none in the log."""
+        judged = any(check.group == "ariac_score.rules" for check in self.checks.values())
+        return judged or self.sheet.about_orders
+
     def build(self, registry: Registry) -> dict[str, Any]:
         """Every check's plugin, built with its parameters, by check name.
 

@@ -213,7 +213,12 @@ class _Log:
         bundle = with_parts(bundle, also, path, readers)
         needs = [n for c in rule_set.build(registry).values() if isinstance(c, Monitor) for n in c.needs()]
         self.trial: Trial = read_trial(
-            bundle, readers, self.mapping, registry, quantities=[need.quantity for need in needs]
+            bundle,
+            readers,
+            self.mapping,
+            registry,
+            quantities=[need.quantity for need in needs],
+            orders=rule_set.about_orders,
         )
         self._last: tuple[tuple[Derivation, ...], Trial] | None = None
 

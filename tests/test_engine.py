@@ -779,3 +779,48 @@ def test_where_no_announcement_is_known_orders_are_numbered_as_listed() -> None:
     measured = measure_trial(trial, {}, registry=Registry(), rule_set=load_rule_set("paper2020"))
 
     assert [scope.facts["index"] for scope in measured.scopes.inner] == [0, 1]
+
+
+# Recordings without orders ---------------------------------------------------------------
+
+MONITORS_ALONE = (
+    "{id: alone, title: monitors alone, source: a test, log_map: ariac2020, "
+    "monitors: {separation: {use: iso_ts_15066.ssm_separation}}, %s}"
+)
+
+
+def no_orders(folder: Path) -> Path:
+    return write_trial_log(folder / "trial.jsonl", replace(kitting_trial(), orders=(), submissions=()))
+
+
+@pytest.mark.parametrize(
+    "priced",
+    [
+        "score: 1 / (1 + count(separation))",
+        "terms: {trial: {near: count(separation)}}, score: 1 / (1 + near)",
+    ],
+)
+def test_monitors_alone_need_no_order_in_the_log(priced: str, tmp_path: Path) -> None:
+    (tmp_path / "rules.yaml").write_text(MONITORS_ALONE % priced)
+
+    result = score_trial(no_orders(tmp_path), str(tmp_path / "rules.yaml"))
+
+    assert result.status == "scored"
+    assert result.score == Decimal("0.5")  # the near miss of the example is one violation
+
+
+@pytest.mark.parametrize(
+    "priced",
+    [
+        "score: count(order)",
+        "terms: {order: {one: 1}}, score: sum(order.one)",
+        "terms: {submission: {one: 1}}, score: '1'",
+        "rules: {part: {use: kitting.presence}}, score: 1 / (1 + count(separation))",
+        "rules: {part: {use: kitting.presence}}, score: sum(order.index)",
+    ],
+)
+def test_whoever_speaks_of_orders_is_refused_a_log_without_any(priced: str, tmp_path: Path) -> None:
+    (tmp_path / "rules.yaml").write_text(MONITORS_ALONE % priced)
+
+    with pytest.raises(LogError, match="no order was found"):
+        score_trial(no_orders(tmp_path), str(tmp_path / "rules.yaml"))

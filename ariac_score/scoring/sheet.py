@@ -110,6 +110,18 @@ class ScoreSheet:
             self._validate_cohort_free(self.task, "trial", "task")
 
     @cached_property
+    def about_orders(self) -> bool:
+        """Whether any formula speaks of orders, their submissions or parts."""
+        below = LEVELS[:-1]
+        formulas = [self.score, *([self.task] if self.task else [])]
+        formulas += [formula for term in self.cohort.values() for formula in term.formulas]
+        for level, terms in self.terms.items():
+            if terms and level in below:
+                return True
+            formulas += terms.values()
+        return any(isinstance(n, ast.Name) and n.id in below for f in formulas for n in f.walk())
+
+    @cached_property
     def scored(self) -> frozenset[str]:
         """The checks the score really asks about."""
         return self.asked(self.score)

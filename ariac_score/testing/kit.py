@@ -38,18 +38,19 @@ def new_distribution(kind: str, name: str, into: Path) -> list[Path]:
     Raises:
         UsageError: The name cannot be one, is taken, or the folder exists.
     """
-    _check_name(name)
-    facts = _facts(kind, name)
+    _check_name(kind, name)
+    templates = {
+        template: (template.relative_to(root), template.read_text(encoding="utf-8"))
+        for root in (_TEMPLATES / "common", _TEMPLATES / kind)
+        for template in sorted(root.rglob("*.tmpl"))
+    }
+    facts = _facts(kind, name, "".join(text for _, text in templates.values()))
     folder = into / facts["distribution"]
     if folder.exists():
         raise UsageError(
             "exists already", file=folder, hint="nothing is overwritten; choose another name or place"
         )
-    texts = {
-        _place(template, root, facts): Template(template.read_text(encoding="utf-8")).substitute(facts)
-        for root in (_TEMPLATES / "common", _TEMPLATES / kind)
-        for template in sorted(root.rglob("*.tmpl"))
-    }
+    texts = {_place(place, facts): Template(text).substitute(facts) for place, text in templates.values()}
     try:
         for place, text in texts.items():
             file = folder / place
@@ -62,32 +63,35 @@ def new_distribution(kind: str, name: str, into: Path) -> list[Path]:
     return [folder / place for place in sorted(texts)]
 
 
-def _facts(kind: str, name: str) -> dict[str, str]:
-    """What the templates speak of."""
-    module = name.replace(".", "_")
+def _facts(kind: str, name: str, written: str) -> dict[str, str]:
+    """What the templates speak of, given their words."""
+    module, last = name.replace(".", "_"), name.rpartition(".")[2]
+    cls = "".join(word.capitalize() for word in last.split("_"))
+    if keyword.iskeyword(cls) or re.search(rf"\b{cls}\b", written):  # such as None, or Finding
+        cls += kind.capitalize()
     return {
         "kind": kind,
         "name": name,
         "group": KINDS[kind].rpartition(".")[2],
         "module": module,
         "distribution": module.replace("_", "-"),
-        "check": name.rpartition(".")[2],
-        "cls": "".join(word.capitalize() for word in re.split(r"[._]", name.rpartition(".")[2])),
+        "check": last,
+        "cls": cls,
         "version": ".".join(version("ariac-score").split(".")[:2]),
     }
 
 
-def _place(template: Path, root: Path, facts: dict[str, str]) -> Path:
-    place = template.relative_to(root).as_posix().removesuffix(".tmpl")
-    return Path(place.replace("MODULE", facts["module"]))
+def _place(template: Path, facts: dict[str, str]) -> Path:
+    return Path(template.as_posix().removesuffix(".tmpl").replace("MODULE", facts["module"]))
 
 
-def _check_name(name: str) -> None:
+def _check_name(kind: str, name: str) -> None:
     """Refuse what cannot be a plugin's name, or is one already."""
-    if not _NAME.fullmatch(name):
+    if not (_NAME.fullmatch(name) or (kind == "reader" and re.fullmatch(_WORD, name))):
+        plain = re.sub("[^a-z0-9]+", "_", name.lower()).strip("_0123456789") or "calm_robot"
         raise UsageError(
             f"{name!r} cannot be the name of a plugin",
-            hint="name it family.check, in small letters, digits and single underscores: workshop.calm_robot",
+            hint=f"name it family.check, in small letters, digits and single underscores: workshop.{plain}",
         )
     reserved = [word for word in name.split(".") if keyword.iskeyword(word)]
     if reserved:

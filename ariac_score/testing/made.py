@@ -46,6 +46,7 @@ _EVENTS = (
     Event(21.0, "quality_check", "ABCD1234"),
     Event(25.0, PART_DROPPED),
     Event(28.0, "pose_attained", "robot"),
+    Event(31.0, "part_assembled", "as2", "battery"),
 )
 _FLAG_PERIODS_S = (10.0, 14.0)
 

@@ -157,12 +157,15 @@ def _needs(plugin: Plugin) -> list[str]:
     rows = [
         {
             "quantity": f"`{need.quantity}`",
+            "needed": "optional" if need.optional else "yes",
             "unit": need.unit,
             "longest gap": f"{need.max_gap_s:g} s",
             "meaning": QUANTITIES[need.quantity].meaning if need.quantity in QUANTITIES else "",
         }
         for need in needs
     ]
+    if all(row["needed"] == "yes" for row in rows):
+        rows = [{name: cell for name, cell in row.items() if name != "needed"} for row in rows]
     return ["## Needs", _table(rows)]
 
 

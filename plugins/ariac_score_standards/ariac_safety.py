@@ -29,7 +29,7 @@ from ariac_score import (
     uncovered_spans,
 )
 from ariac_score_standards.online import PairsOnline
-from ariac_score_standards.severity import episodes_below
+from ariac_score_standards.severity import SPEED, Meeting, episodes_below, no_severities, robot_moving
 from ariac_score_standards.watching import ENVIRONMENT, OFF, ON, FloatArray, Watched, looked_for, watch_pairs
 
 _CONTACT_CLAUSE = "ARIAC 2022 scoring, robot-human collision"
@@ -42,7 +42,9 @@ class HumanContact:
     Measures:
         For every robot and human the distance less `contact_distance_m`, in m. With
         `separation` (surface to surface) contact is 0 m; where a log has only the
-        distance between centres, the two bodies' extent must be allowed for.
+        distance between centres, the two bodies' extent must be allowed for. Where the
+        log has the robot's speed the findings say for how long the human was exposed
+        (`exposure_s`), and contacts whether the robot moved (`robot_moving`).
     Violated when:
         The distance is at or below `contact_distance_m`. Every such episode is a
         critical event.
@@ -64,18 +66,29 @@ class HumanContact:
     def __post_init__(self) -> None:
         check_parameters(self)
 
+    @property
+    def _template(self) -> str:
+        return f"{self.distance}/{{robot}}/{{human}}"
+
     def needs(self) -> Iterator[SignalNeed]:
-        """The distance between the two."""
+        """The distance between the two, and what tells whether the robot moved."""
         yield SignalNeed(self.distance, "m", self.max_gap_s)
+        yield SignalNeed("speed", "m/s", self.max_gap_s, optional=True)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for every pair: its contacts, or its closest moment."""
-        wanted = {f"{self.distance}/{{robot}}/{{human}}": "m"}
-        return watch_pairs(trial, wanted, max_gap_s=self.max_gap_s, clause=_CONTACT_CLAUSE, judge=self._judge)
+        return watch_pairs(
+            trial,
+            {self._template: "m"},
+            max_gap_s=self.max_gap_s,
+            clause=_CONTACT_CLAUSE,
+            judge=self._judge,
+            optional={SPEED: "m/s"},
+        )
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the two touch."""
-        wanted = {f"{self.distance}/{{robot}}/{{human}}": "m"}
+        wanted = {self._template: "m"}
         return PairsOnline(wanted, bodies, max_gap_s=self.max_gap_s, judge=self._stand, watch=self.watch)
 
     def _stand(self, subject: str, t_s: float, values: tuple[float, ...]) -> Standing:
@@ -90,6 +103,8 @@ class HumanContact:
         beyond = np.nextafter(self.contact_distance_m, np.inf)
         margin_m = distance_m - beyond
         required_m = np.full_like(distance_m, beyond)
+        meeting = Meeting.of(watched, self._template)
+        exposure = meeting.exposure(watched)
         episodes = episodes_below(watched, margin_m, required_m, t_on_s=0.0, t_off_s=self.t_off_s)
         for episode in episodes:
             worst = episode.worst
@@ -100,7 +115,8 @@ class HumanContact:
                 span=episode.span,
                 robustness=float(distance_m[worst] - self.contact_distance_m),
                 unit="m",
-                quantities=episode.quantities,
+                quantities={**episode.quantities, **exposure},
+                labels={"robot_moving": robot_moving(meeting.robot_speed_m_s[episode.rows])},
                 evidence=watched.samples(worst),
                 clause=_CONTACT_CLAUSE,
                 critical=True,
@@ -113,6 +129,7 @@ class HumanContact:
                 f"never nearer than {distance_m[closest]:.3f} m, at {watched.t[closest]:.3f} s",
                 robustness=float(distance_m[closest] - self.contact_distance_m),
                 unit="m",
+                quantities={**no_severities("m"), **exposure},
                 evidence=watched.samples(closest),
                 clause=_CONTACT_CLAUSE,
             )
@@ -189,6 +206,15 @@ class _EventsOnline:
 # Collisions that cost per occurrence -----------------------------------------------------------
 
 _COLLISION_CLAUSE = "ARIAC 2025 rules, collisions"
+_COLLISION_QUANTITIES = (
+    "occurrences",
+    "length_s",
+    "time_in_violation_s",
+    "relative_speed_m_s",
+    "force_max_N",
+    "impulse_N_s",
+)
+"""What may be measured of a collision; all 0 where there is none."""
 _ROUNDING = 1e-9
 
 
@@ -351,7 +377,7 @@ class CollisionEpisodes:
                 subject,
                 Verdict.SATISFIED,
                 "they never touched",
-                quantities={"occurrences": 0.0, "length_s": 0.0, "time_in_violation_s": 0.0},
+                quantities=dict.fromkeys(_COLLISION_QUANTITIES, 0.0),
                 clause=_COLLISION_CLAUSE,
             )
 

@@ -504,7 +504,7 @@ class Within(Formula):
                     message,
                     robustness=self.within_s - takes,
                     unit="s",
-                    quantities={"response_s": takes},
+                    quantities={"response_s": takes, "time_in_violation_s": 0.0},
                     clause=self._clause,
                 )
         elif not said and not watched.gaps:

@@ -370,6 +370,8 @@ class EstopRestart:
                 subject.name,
                 Verdict.SATISFIED,
                 f"at rest from the {_words(stop)} at {stop.t_s:.3f} s until the next start",
-                quantities={"time_in_violation_s": 0.0, "speed_max_m_s": 0.0, "travel_m": 0.0},
+                quantities=dict.fromkeys(
+                    ("time_in_violation_s", "speed_max_m_s", "travel_m", "before_start_s"), 0.0
+                ),
                 clause=self._clause,
             )

@@ -6,7 +6,7 @@ standing still while a person is in the workspace, hand guiding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -29,13 +29,16 @@ from ariac_score_standards.geometry import check_polygon, inside
 from ariac_score_standards.iso_13854 import PART_OF_REGION, clamps, closes
 from ariac_score_standards.iso_ts_15066 import first_of_runs
 from ariac_score_standards.severity import (
+    MEETING,
     STANDSTILL_SPEED_M_S,
     Bound,
     Episode,
+    Meeting,
     Rules,
     Told,
-    closing_by,
     limit_findings,
+    meeting_needs,
+    no_severities,
     travelled_m,
 )
 from ariac_score_standards.watching import (
@@ -143,6 +146,7 @@ _CONTACT_QUANTITIES = (
     "contacts",
     "force_max_N",
     "force_ratio_max",
+    "pressure_ratio_max",
     "ratio_max",
     "contact_s",
     "impulse_N_s",
@@ -153,14 +157,12 @@ _CONTACT_QUANTITIES = (
 )
 """What is measured of every contact; all 0 where there is none."""
 _GAP_CLOSING = "crush_gap/{robot}/{human}"
-_WHO = ("approach_speed_robot/{robot}/{human}", "approach_speed_human/{robot}/{human}")
 _HELPFUL = {
     "contact_pressure/{robot}/{human}": "Pa",
     "contact_area/{robot}/{human}": "m2",
     "contact_height/{robot}/{human}": "m",
     _GAP_CLOSING: "m",
-    "speed/{robot}": "m/s",
-    **dict.fromkeys(_WHO, "m/s"),
+    **MEETING,
 }
 
 
@@ -176,8 +178,9 @@ class PflContact:
         clamped (`clamped`, or a closing `crush_gap` too small for it), the quasi-static
         one. Touches less than `t_off_s` apart are one contact. The region comes from the
         parameter `region`, else from the event `contact` of the pair; else the weakest
-        region at the height of the contact, or of all, lends its limits. Where speeds
-        are known it is told whether the robot moved and who closed in.
+        region at the height of the contact, or of all, lends its limits. Where the log
+        has the speeds it is told whether the robot moved (`robot_moving`) and who closed
+        in (`closing_by`), else they are unknown; where it has the distance, `exposure_s`.
     Violated when:
         Force or pressure exceeds its limit, or skull, forehead or face are known to be
         touched at all. Every violation is a critical event.
@@ -222,8 +225,9 @@ class PflContact:
 
     def needs(self) -> Iterator[SignalNeed]:
         """The force; what else helps is used where it is there."""
-        for template, unit in {_FORCE: "N", **_HELPFUL, "clamped/": "1"}.items():
-            yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s)
+        yield SignalNeed("contact_force", "N", self.max_gap_s)
+        for template, unit in {**_HELPFUL, "clamped/": "1"}.items():
+            yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s, optional=True)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """For every pair each contact, or that there was none."""
@@ -260,6 +264,8 @@ class PflContact:
         touching = force > self.contact_on_n
         spans = episodes_where(watched.t, touching, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
         held = state_over(trial, "clamped", subject.name, watched.t, max_age_s=watched.max_gap_s)
+        meeting = Meeting.of(watched)
+        exposure = meeting.exposure(watched)
         for span in spans:
             rows = np.flatnonzero(touching & (watched.t >= span.start_s) & (watched.t <= span.end_s))
             try:
@@ -268,7 +274,8 @@ class PflContact:
                 message = f"contact at {span.start_s:.3f} s: {unknown}"
                 yield Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
                 continue
-            yield self._contact(subject, watched, span, rows, limits, held, known=known)
+            blame = meeting.labels(rows, before=True)
+            yield self._contact(subject, watched, span, rows, limits, held, exposure, blame, known=known)
         if not spans and not watched.gaps:
             strongest = int(np.argmax(force))
             yield Finding(
@@ -277,7 +284,7 @@ class PflContact:
                 f"no contact: never more than {force[strongest]:.3f} N",
                 robustness=float(self.contact_on_n - force[strongest]),
                 unit="N",
-                quantities=dict.fromkeys(_CONTACT_QUANTITIES, 0.0),
+                quantities={**dict.fromkeys(_CONTACT_QUANTITIES, 0.0), **exposure},
                 evidence=watched.samples(strongest),
                 clause=self._clause,
             )
@@ -305,6 +312,8 @@ class PflContact:
         rows: Any,
         limits: BodyLimits,
         held: State | None,
+        exposure: Mapping[str, float],
+        blame: Mapping[str, str],
         *,
         known: bool,
     ) -> Finding:
@@ -320,6 +329,7 @@ class PflContact:
         forbidden = known and not limits.region.contact_permitted
         relative = np.clip(np.maximum(ratio - 1.0, 0.0), 0.0, 1.0)
         quantities = {
+            **exposure,
             "contacts": 1.0,
             "force_max_N": float(force.max()),
             "force_ratio_max": float((force / limit).max()),
@@ -349,7 +359,7 @@ class PflContact:
                 "region": limits.name,
                 "region_known": "yes" if known else "no",
                 "phase": phase,
-                **_who(watched, rows),
+                **blame,
             },
             evidence=watched.samples(int(rows[worst])),
             clause=self._clause,
@@ -365,21 +375,6 @@ class PflContact:
         if gap is not None:
             clamped |= clamps(PART_OF_REGION[limits.region.name], gap, closes(gap))[rows]
         return clamped
-
-
-def _who(watched: Watched, rows: Any) -> dict[str, str]:
-    """Whether the robot moved during a contact, and who closed in when it began, where that is known."""
-    speed = watched.extra.get("speed/{robot}")
-    if speed is None or not np.isfinite(speed[rows]).all():
-        return {}
-    moved = bool((speed[rows] > STANDSTILL_SPEED_M_S).any())
-    labels = {"robot_moving": "yes" if moved else "no"}
-    towards = [watched.extra.get(name) for name in _WHO]
-    if all(column is not None for column in towards):
-        before = max(int(rows[0]) - 1, 0)  # at the contact itself nothing approaches any more
-        robot, human = (float(column[before]) for column in towards if column is not None)
-        labels["closing_by"] = closing_by(robot, human)
-    return labels
 
 
 def _contacts(trial: Trial, subject: Subject) -> Sequence[Event]:
@@ -470,8 +465,10 @@ class PflSpeed:
 
     def needs(self) -> Iterator[SignalNeed]:
         """Distance and speeds of the nearest points."""
-        for template, unit in self._wanted.items():
-            yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s)
+        wanted = {template.partition("/")[0]: unit for template, unit in self._wanted.items()}
+        for quantity, unit in wanted.items():
+            yield SignalNeed(quantity, unit, self.max_gap_s)
+        yield from meeting_needs(self.max_gap_s, *wanted)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """For every pair where it was too fast, or its closest moment."""
@@ -482,6 +479,7 @@ class PflSpeed:
             max_gap_s=self.max_gap_s,
             clause=self._clause,
             judge=self._judge,
+            optional={name: unit for name, unit in MEETING.items() if name not in self._wanted},
             kinds=("robot", "human"),
         )
 
@@ -502,12 +500,18 @@ class PflSpeed:
         idle = "no contact" if self.when == "contact" else f"never nearer than {self.near_m:g} m"
         rules = Rules(self._clause, 0.0, self.t_off_s, idle, critical=self.when == "contact")
 
+        meeting = Meeting.of(watched)
+        exposure = meeting.exposure(watched)
+
         def told(episode: Episode | None) -> Told:
             if episode is None:
-                return Told({"speed_ratio": 0.0, "energy_ratio": 0.0})
+                return Told({"speed_ratio": 0.0, "energy_ratio": 0.0, **exposure})
             v = float(speed[episode.worst])
             energy = contact_energy_j(may.reduced_kg, v)
-            return Told({"speed_ratio": v / may.speed_m_s, "energy_ratio": energy / may.energy_j})
+            return Told(
+                {"speed_ratio": v / may.speed_m_s, "energy_ratio": energy / may.energy_j, **exposure},
+                meeting.labels(episode.rows, before=self.when == "contact"),
+            )
 
         yield from limit_findings(subject.name, watched, bound, rules, told)
 
@@ -554,7 +558,8 @@ class MonitoredStandstill:
         """Where the human is, how fast the robot is, and where."""
         yield SignalNeed("position", "m", self.max_gap_s)
         yield SignalNeed("speed", "m/s", self.max_gap_s)
-        yield SignalNeed("joint_speed", "rad/s", self.max_gap_s)
+        yield SignalNeed("joint_speed", "rad/s", self.max_gap_s, optional=True)
+        yield from meeting_needs(self.max_gap_s, "speed")
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """For every pair each movement, or that there was none."""
@@ -569,7 +574,7 @@ class MonitoredStandstill:
             max_gap_s=self.max_gap_s,
             clause=self._clause,
             judge=self._judge,
-            optional={"position/{robot}": "m", "joint_speed/{robot}": "rad/s"},
+            optional={"position/{robot}": "m", "joint_speed/{robot}": "rad/s", **MEETING},
             kinds=("robot", "human"),
         )
 
@@ -586,8 +591,13 @@ class MonitoredStandstill:
         limit = np.full_like(speed, self.standstill_speed_m_s)
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the workspace for long enough")
         bound = Bound("speed in the workspace", speed, limit, "m/s", True, held)
+        meeting = Meeting.of(watched)
+
+        def met(episode: Episode | None) -> Told:
+            return Told(meeting.exposure(watched), {} if episode is None else meeting.labels(episode.rows))
+
         yield from limit_findings(
-            subject.name, watched, bound, rules, lambda e: self._told(watched, within, held, e)
+            subject.name, watched, bound, rules, lambda e: met(e) + self._told(watched, within, held, e)
         )
         joints = watched.extra.get("joint_speed/{robot}")
         if joints is not None:
@@ -600,16 +610,17 @@ class MonitoredStandstill:
                 True,
                 known,
             )
-            yield from _violations(limit_findings(subject.name, watched, bound, rules))
+            yield from _violations(limit_findings(subject.name, watched, bound, rules, met))
         position = watched.extra.get("position/{robot}")
         if position is not None:
-            yield from _violations(self._drift(subject, watched, held, speed > limit, position, rules))
+            yield from _violations(self._drift(subject, watched, held, speed > limit, position, rules, met))
 
     def _told(self, watched: Watched, within: BoolArray, held: BoolArray, episode: Episode | None) -> Told:
         """The way until the person left (or the next violation), and whether the robot had been at rest."""
         speed = watched["speed/{robot}"]
         if episode is None:
-            return Told({"travel_m": 0.0, "speed_max_m_s": 0.0})
+            others = {**no_severities("rad/s"), **no_severities("m")}  # of joints, and of the drift
+            return Told({**others, "travel_m": 0.0, "speed_max_m_s": 0.0})
         last = int(episode.rows[-1])
         after = np.flatnonzero(~within[last:])
         leaves = last + int(after[0]) if len(after) else len(watched.t) - 1
@@ -632,6 +643,7 @@ class MonitoredStandstill:
         moving: BoolArray,
         position: FloatArray,
         rules: Rules,
+        more: Callable[[Episode | None], Told],
     ) -> Iterator[Finding]:
         """Creep below the standstill speed, from where the robot last came to rest."""
         index = np.arange(len(held))
@@ -643,7 +655,7 @@ class MonitoredStandstill:
         known = held & ~moving & np.isfinite(drift)
         limit = np.full_like(drift, self.drift_m)
         bound = Bound("drift while standing still", np.nan_to_num(drift), limit, "m", True, known)
-        return limit_findings(subject.name, watched, bound, rules)
+        return limit_findings(subject.name, watched, bound, rules, more)
 
 
 def _violations(findings: Iterator[Finding]) -> Iterator[Finding]:

@@ -11,7 +11,18 @@ import numpy as np
 from ariac_score import Finding, SignalNeed, Trial, Verdict, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
 from ariac_score_standards.iso_ts_15066 import first_of_runs
-from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, Bound, Rules, limit_findings
+from ariac_score_standards.severity import (
+    MEETING,
+    STANDSTILL_SPEED_M_S,
+    Bound,
+    Episode,
+    Meeting,
+    Rules,
+    Told,
+    limit_findings,
+    meeting_needs,
+    no_severities,
+)
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
@@ -205,6 +216,7 @@ class SafeguardDistance:
         """Where the human is, and how fast the robot."""
         yield SignalNeed("position", "m", self.max_gap_s)
         yield SignalNeed("speed", "m/s", self.max_gap_s)
+        yield from meeting_needs(self.max_gap_s, "speed")
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """About the line itself, then for every pair where the robot moved, or that it did not."""
@@ -220,6 +232,7 @@ class SafeguardDistance:
             max_gap_s=self.max_gap_s,
             clause=self._clause,
             judge=self._judge,
+            optional=MEETING,
             kinds=("robot", "human"),
         )
 
@@ -233,7 +246,7 @@ class SafeguardDistance:
             f"the sensing line is {distance:.3f} m from the hazard (at least {needed:.3f} m)",
             robustness=distance - needed,
             unit="m",
-            quantities={"distance_m": distance, "minimum_distance_m": needed},
+            quantities={**no_severities("m/s"), "distance_m": distance, "minimum_distance_m": needed},
             clause=self._clause,
         )
 
@@ -269,4 +282,10 @@ class SafeguardDistance:
         limit = np.full_like(speed, self.standstill_speed_m_s)
         bound = Bound("speed behind the line", speed, limit, "m/s", True, past & (late | near))
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was past the line for long enough")
-        yield from limit_findings(subject.name, watched, bound, rules)
+        meeting = Meeting.of(watched)
+        exposure = meeting.exposure(watched)
+
+        def told(episode: Episode | None) -> Told:
+            return Told(exposure, {} if episode is None else meeting.labels(episode.rows))
+
+        yield from limit_findings(subject.name, watched, bound, rules, told)

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m
-from ariac_score_standards.iso_ts_15066 import first_of_runs
-from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, Bound, Episode, Rules, Told, limit_findings
+from ariac_score_standards.iso_ts_15066 import approach_of, first_of_runs
+from ariac_score_standards.severity import (
+    STANDSTILL_SPEED_M_S,
+    Bound,
+    Episode,
+    Meeting,
+    Rules,
+    Told,
+    limit_findings,
+)
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
@@ -181,7 +190,9 @@ class AgvProtectiveField:
         For every AGV and human in its swept corridor (width, and a margin on both
         sides): the way left to the person against the stopping distance S_A, from
         the reaction time on while the truck has not begun to brake; and, where surface
-        distances are known, contact.
+        distances are known, contact. Violations say whether the truck moved
+        (`robot_moving`) and who closed in; every finding for how long the person was
+        exposed to it.
     Violated when:
         The way left is below S_A and the truck has not slowed down; or the truck
         touches the person while it moves, which is a critical event.
@@ -220,8 +231,9 @@ class AgvProtectiveField:
 
     def needs(self) -> Iterator[SignalNeed]:
         """Where both are, how the truck moves, and how far apart their surfaces are."""
-        for quantity, unit in (("position", "m"), ("velocity", "m/s"), ("body_separation", "m")):
-            yield SignalNeed(quantity, unit, self.max_gap_s)
+        yield SignalNeed("position", "m", self.max_gap_s)
+        yield SignalNeed("velocity", "m/s", self.max_gap_s)
+        yield SignalNeed("body_separation", "m", self.max_gap_s, optional=True)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """For every AGV and human where it did not brake, or its closest moment."""
@@ -232,7 +244,7 @@ class AgvProtectiveField:
             max_gap_s=self.max_gap_s,
             clause=self._clause,
             judge=lambda subject, watched: self._judge(trial, subject, watched),
-            optional={_APART: "m"},
+            optional={_APART: "m", "velocity/{human}": "m/s"},
             kinds=("agv", "human"),
         )
 
@@ -251,7 +263,8 @@ class AgvProtectiveField:
         return np.where(swept, np.maximum(ahead - self.length_m / 2 - human_radius_m, 0.0), np.inf)
 
     def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
-        (radius,) = (body.radius_m for body in trial.bodies if body.id == subject.bodies["human"])
+        radii = {body.id: body.radius_m for body in trial.bodies}
+        radius = radii[subject.bodies["human"]]
         velocity = watched["velocity/{agv}"]
         speed = np.sqrt(velocity[:, 0] ** 2 + velocity[:, 1] ** 2)
         way = self.way_left_m(watched["position/{agv}"], velocity, watched["position/{human}"], radius)
@@ -265,25 +278,46 @@ class AgvProtectiveField:
         in_corridor = np.isfinite(way) & (ignored | (way >= needed))
         bound = Bound("way left to a person", shown, needed, "m", False, in_corridor, "stopping_distance")
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the way of the truck")
-        yield from limit_findings(subject.name, watched, bound, rules, lambda e: _speed_then(speed, e))
+        meeting = self._meeting(watched, radius + radii[subject.bodies["agv"]])
+        exposure = meeting.exposure(watched)
+
+        def told(episode: Episode | None, *, contact: bool = False) -> Told:
+            if episode is None:
+                return Told({"speed_max_m_s": 0.0, **exposure})
+            numbers = {"speed_max_m_s": float(speed[episode.rows].max()), **exposure}
+            return Told(numbers, meeting.labels(episode.rows, before=contact))
+
+        yield from limit_findings(subject.name, watched, bound, rules, told)
         apart = watched.extra.get(_APART)
         if apart is not None:
-            yield from self._touches(subject, watched, apart, speed)
+            yield from self._touches(subject, watched, apart, speed, partial(told, contact=True))
+
+    def _meeting(self, watched: Watched, radii_m: float) -> Meeting:
+        """Truck and person: both are one point, with their radii around it."""
+        velocity = watched["velocity/{agv}"]
+        of_human = watched.extra.get("velocity/{human}", np.full_like(velocity, np.nan))
+        approach = approach_of(watched["position/{agv}"], watched["position/{human}"], velocity, of_human)
+        return Meeting(
+            np.maximum(approach.distance_m - radii_m, 0.0),
+            np.sqrt(velocity[:, 0] ** 2 + velocity[:, 1] ** 2),
+            approach.robot_m_s,
+            approach.human_m_s,
+            self.standstill_speed_m_s,
+        )
 
     def _touches(
-        self, subject: Subject, watched: Watched, apart: FloatArray, speed: FloatArray
+        self,
+        subject: Subject,
+        watched: Watched,
+        apart: FloatArray,
+        speed: FloatArray,
+        told: Callable[[Episode | None], Told],
     ) -> Iterator[Finding]:
         contact = np.nextafter(0.0, 1.0)  # contact is at 0 too, so 0 itself must count as below it
         applies = np.isfinite(apart) & (speed > self.standstill_speed_m_s)
         limit = np.full_like(apart, contact)
         bound = Bound("distance of the moving truck", np.nan_to_num(apart), limit, "m", False, applies)
         rules = Rules(self._clause, 0.0, self.t_off_s, "the truck never moved", critical=True)
-        for finding in limit_findings(subject.name, watched, bound, rules, lambda e: _speed_then(speed, e)):
+        for finding in limit_findings(subject.name, watched, bound, rules, told):
             if finding.critical:
                 yield finding
-
-
-def _speed_then(speed: FloatArray, episode: Episode | None) -> Told:
-    if episode is None:
-        return Told()
-    return Told({"speed_max_m_s": float(speed[episode.rows].max())})

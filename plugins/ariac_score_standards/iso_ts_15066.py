@@ -27,14 +27,15 @@ from ariac_score_standards.online import Judge, PairsOnline
 from ariac_score_standards.severity import (
     EXPOSURE_DISTANCE_M,
     STANDSTILL_SPEED_M_S,
+    TOWARDS_HUMAN,
+    TOWARDS_ROBOT,
     Bound,
     Episode,
+    Meeting,
     Rules,
     Told,
-    blame,
     closing_energy_j,
     episodes_of,
-    exposure_s,
     limit_findings,
     no_severities,
     travelled_m,
@@ -207,6 +208,11 @@ class SsmFormula:
     standstill_speed_m_s: float = parameter(
         STANDSTILL_SPEED_M_S, source="catalogue, M7; ARIAC 2023 uses it for AGVs", **_SPEED
     )
+    exposure_distance_m: float = parameter(EXPOSURE_DISTANCE_M, source="catalogue, 1.3", **_LENGTH)
+    blame: Literal["profile", "yes", "no"] = parameter(
+        "profile",
+        source="whether exposure and who closed in are told; ssm_separation with profile seed: no",
+    )
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -244,6 +250,10 @@ class SsmFormula:
     @property
     def _must_move(self) -> bool:
         return self._standard if self.robot_must_move == "profile" else self.robot_must_move == "yes"
+
+    @property
+    def _blames(self) -> bool:
+        return self.blame != "no"
 
     @property
     def _distance(self) -> str:
@@ -370,33 +380,38 @@ class SsmFormula:
         """The distance and the speeds the formula speaks of."""
         yield SignalNeed(self._distance, "m", self.max_gap_s)
         yield SignalNeed("speed", "m/s", self.max_gap_s)
-        if self._directed:
-            yield SignalNeed("approach_speed_robot", "m/s", self.max_gap_s)
-            yield SignalNeed("approach_speed_human", "m/s", self.max_gap_s)
+        wanted, told = self._wanted, self._optional
+        for template in (TOWARDS_HUMAN, TOWARDS_ROBOT):
+            if template in wanted or template in told:
+                quantity = template.partition("/")[0]
+                yield SignalNeed(quantity, "m/s", self.max_gap_s, optional=template not in wanted)
 
     @property
     def _wanted(self) -> dict[str, str]:
         wanted = {f"{self._distance}/{{robot}}/{{human}}": "m"}
         if self._measured_human:
-            wanted[_TOWARDS_ROBOT if self._directed else "speed/{human}"] = "m/s"
+            wanted[TOWARDS_ROBOT if self._directed else "speed/{human}"] = "m/s"
         wanted["speed/{robot}"] = "m/s"
         if self._directed:
-            wanted[_TOWARDS_HUMAN] = "m/s"
+            wanted[TOWARDS_HUMAN] = "m/s"
         return wanted
 
     @property
     def _optional(self) -> dict[str, str]:
         """What tells who closes in, where the formula itself does not ask for it."""
-        return {} if not self._directed or self._measured_human else {_TOWARDS_ROBOT: "m/s"}
+        if not self._blames:
+            return {}
+        wanted = self._wanted
+        return {name: "m/s" for name in (TOWARDS_HUMAN, TOWARDS_ROBOT) if name not in wanted}
 
     def _moments(self, watched: Watched) -> _Moments:
         distance_m = watched[f"{self._distance}/{{robot}}/{{human}}"]
         scalar = watched["speed/{robot}"]
-        robot = np.maximum(watched[_TOWARDS_HUMAN], 0.0) if self._directed else scalar
+        robot = np.maximum(watched[TOWARDS_HUMAN], 0.0) if self._directed else scalar
         if not self._measured_human:
             human = self.assumed_human_speed_m_s(distance_m)
         elif self._directed:
-            human = np.maximum(watched[_TOWARDS_ROBOT], 0.0)
+            human = np.maximum(watched[TOWARDS_ROBOT], 0.0)
         else:
             human = watched["speed/{human}"]
         return _Moments(distance_m, human, robot, scalar, self.d_min_m(human, robot))
@@ -404,9 +419,9 @@ class SsmFormula:
     def _moment(self) -> Callable[[tuple[float, ...]], tuple[float, float, float, float]]:
         """Distance, speed of human and robot, scalar speed of the robot, of values as `_wanted` has them."""
         at = {template: i for i, template in enumerate(self._wanted)}
-        robot = at[_TOWARDS_HUMAN if self._directed else "speed/{robot}"]
+        robot = at[TOWARDS_HUMAN if self._directed else "speed/{robot}"]
         scalar, directed, fixed_m_s = at["speed/{robot}"], self._directed, self.human_speed_m_s
-        human = at.get(_TOWARDS_ROBOT if directed else "speed/{human}") if self._measured_human else None
+        human = at.get(TOWARDS_ROBOT if directed else "speed/{human}") if self._measured_human else None
 
         def moment(values: tuple[float, ...]) -> tuple[float, float, float, float]:
             human_m_s = fixed_m_s if human is None else values[human]
@@ -416,17 +431,21 @@ class SsmFormula:
 
         return moment
 
-    def _towards(self, watched: Watched) -> tuple[FloatArray | None, FloatArray | None]:
-        """Directed speeds of robot and human, where the monitor has them."""
-        if not self._directed:
-            return None, None
-        if self._measured_human:
-            return watched[_TOWARDS_HUMAN], watched[_TOWARDS_ROBOT]
-        return watched[_TOWARDS_HUMAN], watched.extra.get(_TOWARDS_ROBOT)
+    def _meeting(self, watched: Watched) -> Meeting:
+        """Who moves, who closes in, who is exposed."""
+        return Meeting.of(
+            watched,
+            f"{self._distance}/{{robot}}/{{human}}",
+            standstill_m_s=self.standstill_speed_m_s,
+            within_m=self.exposure_distance_m,
+        )
 
+    def _exposure(self, meeting: Meeting, watched: Watched) -> dict[str, float]:
+        return meeting.exposure(watched) if self._blames else {}
 
-_TOWARDS_HUMAN = "approach_speed_robot/{robot}/{human}"
-_TOWARDS_ROBOT = "approach_speed_human/{robot}/{human}"
+    def _labels(self, meeting: Meeting, episode: Episode) -> dict[str, str]:
+        labels = meeting.labels(episode.rows)
+        return labels if self._blames else {"robot_moving": labels["robot_moving"]}
 
 
 @dataclass(frozen=True)
@@ -456,7 +475,14 @@ class SsmSeparation(SsmFormula):
     Measures:
         For every robot and human the margin distance - S_p, in m, at every sample
         of the competition. Stretches longer than `max_gap_s` without a sample are
-        inconclusive.
+        inconclusive. Every violation says whether the robot moved (`robot_moving`) and
+        who closed in when it began (`closing_by`: robot, human, both, neither, or unknown
+        where the log has no poses); every finding of a pair has the pair's `exposure_s`,
+        the time that the human was within `exposure_distance_m` of the moving robot.
+        Profile `seed` is the published formula and no more: it reads three signals and
+        finds what that formula finds as four lines of YAML (`formula.always`) or as RML
+        (`rml.spec`), sample for sample, so exposure and `closing_by` are left out there
+        unless `blame` is "yes".
     Violated when:
         The distance is below S_p (profile `standard`: while the robot moves). One
         approach is one violation (episode): pauses shorter than `t_off_s` are
@@ -475,7 +501,12 @@ class SsmSeparation(SsmFormula):
     reduced_mass_kg: float | None = parameter(
         None, unit="kg", above=0, source="where given, the energy of closing in is measured too"
     )
-    exposure_distance_m: float = parameter(EXPOSURE_DISTANCE_M, source="catalogue, 1.3", **_LENGTH)
+
+    @property
+    def _blames(self) -> bool:
+        if self.blame == "profile":
+            return self._directed or self.profile != "seed"
+        return self.blame == "yes"
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for every pair: its violations, or its closest moment."""
@@ -539,10 +570,16 @@ class SsmSeparation(SsmFormula):
             t_on_s=self._value("t_on_s"),
             t_off_s=self.t_off_s,
         )
+        meeting = self._meeting(watched)
+        exposure = self._exposure(meeting, watched)
         for episode in episodes:
-            yield self._violation(subject, watched, episode, now)
+            quantities = {**episode.quantities, **exposure, **self._energy(now, episode.rows)}
+            yield self._violation(subject, watched, episode, now, quantities, self._labels(meeting, episode))
         if not episodes and not watched.gaps:
-            yield self._closest(subject, watched, now, np.flatnonzero(applies))
+            # Without exposure and energy a clean pair measures nothing, as published.
+            more = {**exposure, **self._energy(now)}
+            quantities = {**no_severities("m"), **more} if more else {}
+            yield self._closest(subject, watched, now, np.flatnonzero(applies), quantities)
 
     def _applies(self, now: _Moments) -> BoolArray:
         if not self._must_move:
@@ -550,7 +587,9 @@ class SsmSeparation(SsmFormula):
         moves: BoolArray = now.robot_scalar_m_s > self.standstill_speed_m_s
         return moves
 
-    def _closest(self, subject: str, watched: Watched, now: _Moments, rows: Any) -> Finding:
+    def _closest(
+        self, subject: str, watched: Watched, now: _Moments, rows: Any, quantities: Mapping[str, float]
+    ) -> Finding:
         if not len(rows):
             return Finding.not_applicable(subject, "the robot never moved", clause=_CLAUSE)
         margin_m = now.distance_m - now.required_m
@@ -561,22 +600,22 @@ class SsmSeparation(SsmFormula):
             f"at its closest {margin_m[closest]:.3f} m more than required, at {watched.t[closest]:.3f} s",
             robustness=float(margin_m[closest]),
             unit="m",
-            quantities=self._clean(watched, now),
+            quantities=quantities,
             evidence=_evidence(subject, watched, closest, now.required_m),
             clause=_CLAUSE,
         )
 
-    def _violation(self, subject: str, watched: Watched, episode: Episode, now: _Moments) -> Finding:
+    def _violation(
+        self,
+        subject: str,
+        watched: Watched,
+        episode: Episode,
+        now: _Moments,
+        quantities: Mapping[str, float],
+        labels: Mapping[str, str],
+    ) -> Finding:
         worst = episode.worst
         shortfall_m = now.required_m[worst] - now.distance_m[worst]
-        labels = blame(
-            episode,
-            now.robot_scalar_m_s,
-            *self._towards(watched),
-            standstill_m_s=self.standstill_speed_m_s,
-        )
-        if not self._directed:
-            del labels["closing_by"]  # scalar speeds do not tell
         return Finding(
             subject,
             Verdict.VIOLATED,
@@ -586,36 +625,19 @@ class SsmSeparation(SsmFormula):
             span=episode.span,
             robustness=float(now.distance_m[worst] - now.required_m[worst]),
             unit="m",
-            quantities={
-                **episode.quantities,
-                **self._exposure(watched, now),
-                **self._energy(episode, now),
-            },
+            quantities=quantities,
             labels=labels,
             evidence=_evidence(subject, watched, worst, now.required_m),
             clause=_CLAUSE,
         )
 
-    def _clean(self, watched: Watched, now: _Moments) -> dict[str, float]:
-        """What a trial without violation measures; of scalar speeds nothing, as published."""
-        return {**no_severities("m"), **self._exposure(watched, now)} if self._directed else {}
-
-    def _exposure(self, watched: Watched, now: _Moments) -> dict[str, float]:
-        if not self._directed:
-            return {}
-        exposed = exposure_s(
-            watched,
-            now.distance_m,
-            now.robot_scalar_m_s,
-            within_m=self.exposure_distance_m,
-            standstill_m_s=self.standstill_speed_m_s,
-        )
-        return {"exposure_s": exposed}
-
-    def _energy(self, episode: Episode, now: _Moments) -> dict[str, float]:
+    def _energy(self, now: _Moments, rows: Any = ()) -> dict[str, float]:
+        """The largest energy of closing in, in the rows of a violation; 0 without any."""
         if self.reduced_mass_kg is None:
             return {}
-        closing = now.human_m_s[episode.rows] + now.robot_m_s[episode.rows]
+        if not len(rows):
+            return {"closing_energy_max_J": 0.0}
+        closing = now.human_m_s[rows] + now.robot_m_s[rows]
         return {"closing_energy_max_J": float(closing_energy_j(self.reduced_mass_kg, closing).max())}
 
 
@@ -678,12 +700,11 @@ class SsmSpeedCap(SsmFormula):
             evidence="permitted_speed",
         )
         rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the robot never moved near the human")
-        towards = self._towards(watched)
+        meeting = self._meeting(watched)
+        exposure = self._exposure(meeting, watched)
 
         def told(episode: Episode | None) -> Told:
-            if episode is None or not self._directed:
-                return Told()
-            return Told(labels=blame(episode, now.robot_scalar_m_s, *towards))
+            return Told(exposure, {} if episode is None else self._labels(meeting, episode))
 
         yield from limit_findings(subject, watched, bound, rules, told)
 
@@ -739,6 +760,8 @@ class SsmResponse(SsmFormula):
         limit = allowed + self.tolerance_m_s
         excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)
         bound = Bound("robot speed after a breach", speed, limit, "m/s", True, breach, "allowed_speed")
+        meeting = self._meeting(watched)
+        exposure = self._exposure(meeting, watched)
         rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the distance was always enough")
 
         def told(episode: Episode | None) -> Told:
@@ -749,7 +772,8 @@ class SsmResponse(SsmFormula):
                 ]
             if not len(rows):
                 return Told()
-            return Told(_ways(watched, rows, speed, excess))
+            labels = {} if episode is None else self._labels(meeting, episode)
+            return Told({**_ways(watched, rows, speed, excess), **exposure}, labels)
 
         yield from limit_findings(subject, watched, bound, rules, told)
 

@@ -9,7 +9,17 @@ from typing import Any
 import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter, sample_durations
-from ariac_score_standards.severity import Bound, Episode, Rules, Told, limit_findings
+from ariac_score_standards.severity import (
+    APART,
+    MEETING,
+    Bound,
+    Episode,
+    Meeting,
+    Rules,
+    Told,
+    limit_findings,
+    meeting_needs,
+)
 from ariac_score_standards.watching import FloatArray, Subject, Watched, pairs_of, watch_subjects
 
 ZONES_M: Mapping[str, float] = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
@@ -67,6 +77,11 @@ def time_to_collision_s(
     return np.where(c <= 0, 0.0, time)
 
 
+_WANTED = {
+    APART: "m",
+    **dict.fromkeys(("position/{robot}", "position/{human}"), "m"),
+    **dict.fromkeys(("velocity/{robot}", "velocity/{human}"), "m/s"),
+}
 _GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
 
 
@@ -105,20 +120,19 @@ class ProximityComfort:
         """Distance, places and velocities."""
         for quantity, unit in (("separation", "m"), ("position", "m"), ("velocity", "m/s")):
             yield SignalNeed(quantity, unit, self.max_gap_s)
+        yield from meeting_needs(self.max_gap_s, "separation")
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """For every pair where it would soon have touched, or its closest moment."""
-        wanted = {"separation/{robot}/{human}": "m"}
-        for body in ("{robot}", "{human}"):
-            wanted |= {f"position/{body}": "m", f"velocity/{body}": "m/s"}
         radii = {body.id: body.radius_m for body in trial.bodies}
         return watch_subjects(
             trial,
             pairs_of(trial),
-            wanted,
+            _WANTED,
             max_gap_s=self.max_gap_s,
             clause=self._clause,
             judge=lambda subject, watched: self._judge(subject, watched, radii),
+            optional={name: unit for name, unit in MEETING.items() if name != APART},
             kinds=("robot", "human"),
         )
 
@@ -132,9 +146,11 @@ class ProximityComfort:
         quantities = {f"share_{zone}": share for zone, share in shares.items()}
         quantities["time_to_collision_min_s"] = float(time.min())
         quantities["distance_min_m"] = float(distance.min())
+        meeting = Meeting.of(watched)
+        quantities |= meeting.exposure(watched)
 
-        def told(_episode: Episode | None) -> Told:
-            return Told(quantities)
+        def told(episode: Episode | None) -> Told:
+            return Told(quantities, {} if episode is None else meeting.labels(episode.rows))
 
         limit = np.full_like(time, self.min_time_to_collision_s)
         bound = Bound("time to collision", time, limit, "s")

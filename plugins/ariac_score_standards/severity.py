@@ -5,8 +5,8 @@ and what the limit is, and hand both to `limit_findings` as a `Bound`: it groups
 violating samples into episodes (open after `t_on_s` of truth, closed after `t_off_s`
 of none), measures each (`time_in_violation_s`, depth, its integral, the same relative
 to the limit), and yields one finding for each, or one that tells the closest moment
-when there is none and no gap. `blame` says who moved and who closed in, `exposure_s`
-for how long a human was near a moving robot, `travelled_m` integrates speeds. Sample
+when there is none and no gap. `Meeting` says of a robot and a human who moved, who closed
+in and for how long the human was exposed; `travelled_m` integrates speeds. Sample
 k stands for [t_k, t_k+1): durations are sums of those, never counts of samples.
 Parameters are declared with `ariac_score.parameter`, which carries unit, status and
 source, and checked by `check_parameters`.
@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score import Finding, Sample, Span, Verdict, episodes_where, sample_durations
+from ariac_score import Finding, Sample, SignalNeed, Span, Verdict, episodes_where, sample_durations
 from ariac_score_standards.watching import BoolArray, FloatArray, Watched
 
 STANDSTILL_SPEED_M_S = 0.01
@@ -185,6 +185,10 @@ class Told:
     quantities: Mapping[str, float] = field(default_factory=dict)
     labels: Mapping[str, str] = field(default_factory=dict)
 
+    def __add__(self, other: Told) -> Told:
+        """Both."""
+        return Told({**self.quantities, **other.quantities}, {**self.labels, **other.labels})
+
 
 def _nothing_more(_episode: Episode | None) -> Told:
     return Told()
@@ -310,45 +314,91 @@ def closing_by(robot_m_s: float, human_m_s: float, *, standstill_m_s: float = ST
     return "robot" if robot else "human" if human else "neither"
 
 
-def blame(
-    episode: Episode,
-    robot_speed_m_s: FloatArray,
-    robot_towards_m_s: FloatArray | None,
-    human_towards_m_s: FloatArray | None,
-    *,
-    standstill_m_s: float = STANDSTILL_SPEED_M_S,
-) -> dict[str, str]:
-    """Labels of an episode: whether the robot moved in it, and who closed in when it began.
+def robot_moving(speed_m_s: FloatArray, standstill_m_s: float = STANDSTILL_SPEED_M_S) -> str:
+    """Whether a robot moved at one of some samples: `yes`, `no`; `unknown` where NaN leaves it open.
 
-    Args:
-        episode: The episode.
-        robot_speed_m_s: Scalar speed of the robot, shape (n,), m/s.
-        robot_towards_m_s: Its speed towards the human, shape (n,), m/s; `None`: not known.
-        human_towards_m_s: That of the human towards the robot; `None`: not known.
-        standstill_m_s: Above this something moves, m/s.
+    >>> robot_moving(np.array([0.0, 0.02])), robot_moving(np.array([0.01])), robot_moving(np.array([np.nan]))
+    ('yes', 'no', 'unknown')
     """
-    moving = bool((robot_speed_m_s[episode.rows] > standstill_m_s).any())
-    by = "unknown"
-    if robot_towards_m_s is not None and human_towards_m_s is not None:
-        onset = int(episode.rows[0])
-        by = closing_by(
-            float(robot_towards_m_s[onset]), float(human_towards_m_s[onset]), standstill_m_s=standstill_m_s
+    if (speed_m_s > standstill_m_s).any():
+        return "yes"
+    return "unknown" if np.isnan(speed_m_s).any() else "no"
+
+
+APART = "separation/{robot}/{human}"
+SPEED = "speed/{robot}"
+TOWARDS_HUMAN = "approach_speed_robot/{robot}/{human}"
+TOWARDS_ROBOT = "approach_speed_human/{robot}/{human}"
+MEETING: Mapping[str, str] = {APART: "m", SPEED: "m/s", TOWARDS_HUMAN: "m/s", TOWARDS_ROBOT: "m/s"}
+"""Unit by template of what tells who is to blame and who was exposed, where a log has it."""
+
+
+def meeting_needs(max_gap_s: float, *needed: str) -> Iterator[SignalNeed]:
+    """What `Meeting` reads besides the quantities that a monitor needs anyway."""
+    for template, unit in MEETING.items():
+        quantity = template.partition("/")[0]
+        if quantity not in needed:
+            yield SignalNeed(quantity, unit, max_gap_s, optional=True)
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """A robot and a human over time: who is to blame, and who is exposed. NaN where the log does not tell.
+
+    Attributes:
+        distance_m: How far apart they are, shape (n,), m.
+        robot_speed_m_s: Scalar speed of the robot, m/s.
+        robot_towards_m_s: Its speed towards the human, m/s.
+        human_towards_m_s: Speed of the human towards the robot, m/s.
+        standstill_m_s: Above this something moves, m/s.
+        within_m: Within this of the moving robot the human is exposed, m.
+    """
+
+    distance_m: FloatArray
+    robot_speed_m_s: FloatArray
+    robot_towards_m_s: FloatArray
+    human_towards_m_s: FloatArray
+    standstill_m_s: float = STANDSTILL_SPEED_M_S
+    within_m: float = EXPOSURE_DISTANCE_M
+
+    @classmethod
+    def of(
+        cls,
+        watched: Watched,
+        distance: str = APART,
+        *,
+        standstill_m_s: float = STANDSTILL_SPEED_M_S,
+        within_m: float = EXPOSURE_DISTANCE_M,
+    ) -> Meeting:
+        """What is watched of them, by the templates of `MEETING` or with another distance."""
+        unknown = np.full(len(watched.t), np.nan)
+        apart, speed, robot, human = (
+            watched[name] if name in watched.names else watched.extra.get(name, unknown)
+            for name in (distance, SPEED, TOWARDS_HUMAN, TOWARDS_ROBOT)
         )
-    return {"robot_moving": "yes" if moving else "no", "closing_by": by}
+        return cls(apart, speed, robot, human, standstill_m_s, within_m)
 
+    def labels(self, rows: NDArray[np.intp], *, before: bool = False) -> dict[str, str]:
+        """Whether the robot moved in the rows of an episode, and who closed in at the first of them.
 
-def exposure_s(
-    watched: Watched,
-    distance_m: FloatArray,
-    robot_speed_m_s: FloatArray,
-    *,
-    within_m: float = EXPOSURE_DISTANCE_M,
-    standstill_m_s: float = STANDSTILL_SPEED_M_S,
-) -> float:
-    """For how long the human was within a distance of the moving robot, s."""
-    exposed = (distance_m <= within_m) & (robot_speed_m_s > standstill_m_s)
-    weights_s = sample_durations(watched.t, longest_s=watched.max_gap_s)
-    return float(weights_s[exposed].sum())
+        Args:
+            rows: Of the episode.
+            before: Ask the row before the first: at a contact nothing approaches any more.
+        """
+        onset = max(int(rows[0]) - before, 0)
+        robot, human = float(self.robot_towards_m_s[onset]), float(self.human_towards_m_s[onset])
+        return {
+            "robot_moving": robot_moving(self.robot_speed_m_s[rows], self.standstill_m_s),
+            "closing_by": closing_by(robot, human, standstill_m_s=self.standstill_m_s),
+        }
+
+    def exposure(self, watched: Watched) -> dict[str, float]:
+        """`exposure_s` of the whole trial, where the log tells it of every sample; else nothing."""
+        if not (np.isfinite(self.distance_m) & np.isfinite(self.robot_speed_m_s)).all():
+            return {}
+        exposed = (self.distance_m <= self.within_m) & (self.robot_speed_m_s > self.standstill_m_s)
+        weights_s = sample_durations(watched.t, longest_s=watched.max_gap_s)
+        return {"exposure_s": float(weights_s[exposed].sum())}
 
 
 def travelled_m(t: FloatArray, speed_m_s: FloatArray, span: Span) -> float:

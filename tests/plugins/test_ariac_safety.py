@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,34 @@ def only(monitor: HumanContact | NoEvent, trial: Trial) -> Finding:
 
 
 # Contact -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("robot_m_s", "moving", "exposed_s"),
+    [(0.01, "no", 0.0), (float(np.nextafter(0.01, 1.0)), "yes", 0.03), (0.5, "yes", 0.03)],
+)
+def test_a_contact_says_whether_the_robot_moved_and_for_how_long_somebody_was_exposed(
+    robot_m_s: float, moving: str, exposed_s: float
+) -> None:
+    trial = apart(5.0, 0.0, 4.0, 9.0, 9.0)  # each stands for 0.01 s; within 5 m for three of them
+    speed = Signal("speed/robot", "m/s", trial.signals["separation/robot/human"].t, np.full(5, robot_m_s))
+    trial = replace(trial, signals={**trial.signals, speed.name: speed})
+
+    finding = only(HumanContact(), trial)
+
+    assert dict(finding.labels) == {"robot_moving": moving}
+    assert finding.quantities["exposure_s"] == pytest.approx(exposed_s)
+
+
+def test_without_the_speed_of_the_robot_a_contact_is_one_and_what_moved_is_unknown() -> None:
+    finding = only(HumanContact(), apart(5.0, 0.0, 4.0))
+
+    assert (finding.verdict, finding.critical) == (VIOLATED, True)
+    assert dict(finding.labels) == {"robot_moving": "unknown"}
+    assert "exposure_s" not in finding.quantities
+    clean = only(HumanContact(), apart(5.0, 4.0))
+    assert clean.quantities["time_in_violation_s"] == 0.0
+    assert "exposure_s" not in clean.quantities
 
 
 @pytest.mark.parametrize(
@@ -98,7 +127,7 @@ def test_it_reads_the_distance_it_is_told_to_and_no_other(quantity: Any) -> None
 
     assert only(monitor, apart(0.0, quantity=quantity)).verdict is VIOLATED
     assert only(monitor, apart(0.0, quantity=other)).verdict is INCONCLUSIVE
-    assert [need.quantity for need in monitor.needs()] == [quantity]
+    assert [need.quantity for need in monitor.needs()] == [quantity, "speed"]
 
 
 def test_a_hole_in_the_record_is_undecided_and_not_free_of_contact() -> None:

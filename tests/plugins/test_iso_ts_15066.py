@@ -185,7 +185,8 @@ def test_it_needs_what_it_reads(profile: Any) -> None:
     needs = {(need.quantity, need.unit, need.max_gap_s) for need in SsmSeparation(profile=profile).needs()}
 
     distance = {"seed": "centre_distance", "ariac2023": "centre_distance_2d"}[profile]
-    assert needs == {(distance, "m", 0.05), ("speed", "m/s", 0.05)}
+    blame = {"approach_speed_robot", "approach_speed_human"} if profile == "ariac2023" else set()
+    assert needs == {(distance, "m", 0.05), *((name, "m/s", 0.05) for name in {"speed"} | blame)}
 
 
 # Episodes ------------------------------------------------------------------------------
@@ -281,6 +282,118 @@ def test_a_violation_tells_whether_the_robot_moved(robot_m_s: float, moving: str
     violation = only(SsmSeparation(), watched([0.0, 0.01], [1.0, 1.0], robot=robot_m_s))
 
     assert violation.labels == {"robot_moving": moving}
+
+
+TOWARDS_HUMAN, TOWARDS_ROBOT = "approach_speed_robot/robot/human", "approach_speed_human/robot/human"
+
+
+def approaching(trial: Trial, robot_m_s: float | None, human_m_s: float | None) -> Trial:
+    """The trial with the speeds of both towards each other, as far as they are known."""
+    t = trial.signals["speed/robot"].t
+    told = {TOWARDS_HUMAN: robot_m_s, TOWARDS_ROBOT: human_m_s}
+    more = {name: Signal(name, "m/s", t, np.full(len(t), v)) for name, v in told.items() if v is not None}
+    return replace(trial, signals={**trial.signals, **more})
+
+
+@pytest.mark.parametrize("profile", ["ariac2023", "ariac2023_agent"])
+@pytest.mark.parametrize(
+    ("robot_m_s", "human_m_s", "by"),
+    [
+        (0.5, 0.01, "robot"),
+        (0.01, 0.5, "human"),
+        (float(np.nextafter(0.01, 1.0)), float(np.nextafter(0.01, 1.0)), "both"),
+        (0.01, -1.0, "neither"),
+        (0.5, None, "unknown"),
+        (None, 0.5, "unknown"),
+        (None, None, "unknown"),
+    ],
+)
+def test_the_profiles_of_2023_say_who_closed_in_and_decide_without_it(
+    profile: Any, robot_m_s: float | None, human_m_s: float | None, by: str
+) -> None:
+    trial = approaching(watched([0.0, 0.01], [0.9, 0.9], robot=0.5), robot_m_s, human_m_s)
+
+    violation = only(SsmSeparation(profile=profile, distance="centre_distance"), trial)
+
+    assert violation.verdict is VIOLATED
+    assert dict(violation.labels) == {"robot_moving": "yes", "closing_by": by}
+
+
+def test_the_seed_profile_reads_its_three_signals_alone_unless_it_is_told_otherwise() -> None:
+    trial = approaching(watched([0.0, 0.01], [0.9, 0.9], robot=0.5), 0.5, 0.0)
+    asked = SsmSeparation(blame="yes")
+
+    assert only(SsmSeparation(), trial).labels == {"robot_moving": "yes"}
+    assert only(asked, trial).labels == {"robot_moving": "yes", "closing_by": "robot"}
+    assert {need.quantity for need in SsmSeparation().needs()} == {"centre_distance", "speed"}
+    assert {need.quantity for need in asked.needs()} >= {"approach_speed_robot", "approach_speed_human"}
+    silent = SsmSeparation(profile="ariac2023", distance="centre_distance", blame="no")
+    assert only(silent, trial).labels == {"robot_moving": "yes"}
+    told = [only(monitor, trial).quantities for monitor in (SsmSeparation(), asked, silent)]
+    assert ["exposure_s" in quantities for quantities in told] == [False, True, False]
+    assert only(SsmSeparation(), watched([0.0], [9.0])).quantities == {}
+
+
+def test_who_closes_in_is_not_known_where_the_poses_have_a_hole() -> None:
+    t = at_100_hz(2.0)
+    trial = approaching(watched(t, [9.0 if s < 1.0 else 0.5 for s in t], robot=0.5), 0.5, 0.0)
+    signals = dict(trial.signals)
+    held = np.array([s for s in t if not 0.95 < s < 1.05])
+    signals[TOWARDS_HUMAN] = Signal(TOWARDS_HUMAN, "m/s", held, np.full(len(held), 0.5))
+    monitor = SsmSeparation(profile="ariac2023", distance="centre_distance")
+
+    assert only(monitor, trial).labels["closing_by"] == "robot"
+    violation = only(monitor, replace(trial, signals=signals))
+    assert (violation.verdict, violation.labels["closing_by"]) == (VIOLATED, "unknown")
+
+
+@pytest.mark.parametrize("profile", ["seed", "ariac2023", "ariac2023_agent"])
+@pytest.mark.parametrize(
+    ("distance_m", "robot_m_s", "exposed_s"),
+    [
+        (5.0, 0.011, 1.0),  # catalogue, 1.3: within 5 m of a moving robot
+        (float(np.nextafter(5.0, 9.0)), 0.011, 0.0),
+        (5.0, 0.01, 0.0),
+        (5.0, float(np.nextafter(0.01, 1.0)), 1.0),
+    ],
+)
+def test_a_clean_trial_says_for_how_long_the_human_was_exposed(
+    profile: Any, distance_m: float, robot_m_s: float, exposed_s: float
+) -> None:
+    trial = watched(at_100_hz(1.0), distance_m, robot=robot_m_s)
+
+    finding = only(SsmSeparation(profile=profile, distance="centre_distance", blame="yes"), trial)
+
+    assert finding.verdict is SATISFIED
+    assert finding.quantities["exposure_s"] == pytest.approx(exposed_s)
+    assert {n: v for n, v in finding.quantities.items() if n != "exposure_s"} == {
+        "time_in_violation_s": 0.0,
+        "depth_max_m": 0.0,
+        "depth_integral_m_s": 0.0,
+        "relative_depth_max": 0.0,
+        "relative_depth_integral_s": 0.0,
+    }
+
+
+def test_every_violation_of_a_pair_has_the_exposure_of_the_whole_trial() -> None:
+    # Moving for 4 of 6 s; within 5 m all the time; too close on [1, 2) and [4, 5).
+    t = at_100_hz(6.0)
+    near = [1.0 if 1 <= s < 2 or 4 <= s < 5 else 4.9 for s in t]
+    trial = watched(t, near, robot=[0.5 if s < 4 else 0.0 for s in t])
+
+    found = of(VIOLATED, SsmSeparation(blame="yes"), trial)
+
+    assert [f.quantities["exposure_s"] for f in found] == [pytest.approx(4.0)] * 2
+    assert [f.labels["robot_moving"] for f in found] == ["yes", "no"]
+
+
+def test_a_clean_trial_has_no_energy_of_closing_in_where_a_mass_is_given() -> None:
+    # 0.5 * 2 kg * (0.5 + 0.5 m/s)^2 = 1 J
+    heavy = SsmSeparation(reduced_mass_kg=2.0)
+
+    assert only(heavy, watched([0.0], [9.0])).quantities["closing_energy_max_J"] == 0.0
+    violation = only(heavy, watched([0.0, 0.01], [1.0, 1.0], human=0.5, robot=0.5))
+    assert violation.quantities["closing_energy_max_J"] == pytest.approx(1.0)
 
 
 def test_a_trial_without_violation_tells_its_closest_moment() -> None:
@@ -517,17 +630,58 @@ class Course:
     t_on: int
     t_off: int
     max_gap: int = 4
+    profile: str = "seed"
+    blame: str = "profile"
+    towards: tuple[tuple[tuple[int, float], ...], ...] = ((), ())  # by tick: robot, human
 
     def trial(self, *, shift_s: float = 0.0) -> Trial:
         t = [k * TICK_S + shift_s for k in self.ticks]
         marks = ((self.start, "competition_started"), (self.end, "competition_ended"))
         events = tuple(Event(k * TICK_S + shift_s, kind) for k, kind in marks)
-        return watched(t, self.distance_m, human=self.human, robot=self.robot, events=events)
+        trial = watched(t, self.distance_m, human=self.human, robot=self.robot, events=events)
+        told = zip((TOWARDS_HUMAN, TOWARDS_ROBOT), self.towards, strict=True)
+        more = {
+            name: Signal(
+                name, "m/s", np.array([k * TICK_S + shift_s for k, _ in rows]), np.array([v for _, v in rows])
+            )
+            for name, rows in told
+            if rows
+        }
+        return replace(trial, signals={**trial.signals, **more})
 
     @property
     def monitor(self) -> SsmSeparation:
         limits = {"max_gap_s": self.max_gap, "t_on_s": self.t_on, "t_off_s": self.t_off}
-        return SsmSeparation(**{name: ticks * TICK_S for name, ticks in limits.items()})
+        given: dict[str, Any] = {name: ticks * TICK_S for name, ticks in limits.items()}
+        return SsmSeparation(
+            profile=self.profile,  # type: ignore[arg-type]
+            distance="centre_distance",
+            exposure_distance_m=3.0,
+            blame=self.blame,  # type: ignore[arg-type]
+            **given,
+        )
+
+    @property
+    def blames(self) -> bool:
+        return self.blame == "yes" or (self.blame == "profile" and self.profile != "seed")
+
+    def required_m(self, i: int) -> float:
+        """Catalogue, M1: the table of profiles."""
+        needed = self.human[i] * (1.0 + 1.5) + self.robot[i] * 1.0 + 0.0
+        if self.profile == "ariac2023":
+            return needed + 1.0
+        return needed + 2.6 if self.profile == "seed" else min(needed + 1.2, 5.0)
+
+    def towards_at(self, which: int, tick: int) -> float | None:
+        """The directed speed at a tick, on a straight line between neighbours that are near enough."""
+        before = [row for row in self.towards[which] if row[0] <= tick]
+        after = [row for row in self.towards[which] if row[0] >= tick]
+        if not before or not after:
+            return None
+        (a, low), (b, high) = before[-1], after[0]
+        if b - a > self.max_gap:
+            return None
+        return low if a == b else low + (tick - a) / (b - a) * (high - low)
 
 
 @st.composite
@@ -541,21 +695,33 @@ def courses(draw: st.DrawFn) -> Course:
     robot = draw(st.lists(st.sampled_from([0.0, 0.25]), min_size=n, max_size=n))
     # The catalogue does not say whether an episode outlives a hole: quiet on both sides of each.
     beside = {i + side for i, step in enumerate(steps) if step > 4 for side in (0, 1)}
-    distance = [
-        (h * 2.5 + r + 2.6) + (-depth[i] / 8 if near[i] and i not in beside else depth[i] / 8)
-        for i, (h, r) in enumerate(zip(human, robot, strict=True))
-    ]
     start, end = sorted(draw(st.tuples(*[st.integers(0, ticks[-1])] * 2)))
-    return Course(
+    course = Course(
         tuple(ticks),
-        tuple(max(d, 0.0) for d in distance),
+        (),
         tuple(human),
         tuple(robot),
         start,
         end,
         t_on=draw(st.sampled_from([0, 1, 2, 5])),
         t_off=draw(st.sampled_from([0, 1, 3, 8])),
+        profile=draw(st.sampled_from(["seed", "ariac2023", "ariac2023_agent"])),
+        blame=draw(st.sampled_from(["profile", "yes", "no"])),
+        towards=(draw(_towards(ticks)), draw(_towards(ticks))),
     )
+    distance = [
+        course.required_m(i) + (-depth[i] / 8 if near[i] and i not in beside else depth[i] / 8)
+        for i in range(n)
+    ]
+    return replace(course, distance_m=tuple(max(d, 0.0) for d in distance))
+
+
+@st.composite
+def _towards(draw: st.DrawFn, ticks: Sequence[int]) -> tuple[tuple[int, float], ...]:
+    """A directed speed at some of the ticks, or at none."""
+    kept = draw(st.sampled_from(["all", "some", "none"]))
+    asked = [k for k in ticks if kept == "all" or (kept == "some" and draw(st.booleans()))]
+    return tuple((k, draw(st.sampled_from([-0.5, 0.0, 0.25, 1.0]))) for k in asked)
 
 
 @dataclass
@@ -591,8 +757,30 @@ def reference_episodes(
     return closed + ([opened] if opened is not None else [])
 
 
+def reference_blame(course: Course, rows: Sequence[int], inside: Sequence[int]) -> dict[str, str]:
+    """Catalogue, section 1.5."""
+    labels = {"robot_moving": "yes" if any(course.robot[inside[i]] > 0.01 for i in rows) else "no"}
+    if not course.blames:
+        return labels
+    speeds = [course.towards_at(which, course.ticks[inside[rows[0]]]) for which in (0, 1)]
+    if None in speeds:
+        return {**labels, "closing_by": "unknown"}
+    closing = [v is not None and v > 0.01 for v in speeds]
+    word = {(True, True): "both", (True, False): "robot", (False, True): "human", (False, False): "neither"}
+    return {**labels, "closing_by": word[closing[0], closing[1]]}
+
+
+SEVERITIES = (
+    "time_in_violation_s",
+    "depth_max_m",
+    "depth_integral_m_s",
+    "relative_depth_max",
+    "relative_depth_integral_s",
+)
+
+
 def reference(course: Course) -> Iterator[tuple[Any, ...]]:
-    """What the monitor has to say, by plain Python: verdict, start, end, numbers."""
+    """What the monitor has to say, by plain Python: verdict, start, end, numbers, words."""
     inside = [i for i, tick in enumerate(course.ticks) if course.start <= tick <= course.end]
     ticks = [course.ticks[i] for i in inside]
     marks = [course.start, *ticks, course.end]
@@ -600,11 +788,15 @@ def reference(course: Course) -> Iterator[tuple[Any, ...]]:
     if not ticks:
         gaps = [(course.start, course.end)]
     for a, b in gaps:
-        yield INCONCLUSIVE, a * TICK_S, b * TICK_S, {}
-    required = [course.human[i] * (1.0 + 1.5) + course.robot[i] * 1.0 + 0.0 + 2.6 for i in inside]
+        yield INCONCLUSIVE, a * TICK_S, b * TICK_S, {}, {}
+    required = [course.required_m(i) for i in inside]
     short = [r - course.distance_m[i] for r, i in zip(required, inside, strict=True)]
     lasts = [min(b - a, course.max_gap) for a, b in pairwise(ticks)] + [0]
     episodes = reference_episodes(ticks, [s > 0 for s in short], lasts, course)
+    exposed_s = 0.0
+    for last, i in zip(lasts, inside, strict=False):
+        if course.distance_m[i] <= 3.0 and course.robot[i] > 0.01:
+            exposed_s += last * TICK_S
     for episode in episodes:
         seconds_of = {i: lasts[i] * TICK_S for i in episode.rows}
         relative = {i: min(short[i] / required[i], 1.0) for i in episode.rows}
@@ -615,9 +807,13 @@ def reference(course: Course) -> Iterator[tuple[Any, ...]]:
             "relative_depth_max": max(relative.values()),
             "relative_depth_integral_s": sum(relative[i] * seconds_of[i] for i in episode.rows),
         }
-        yield VIOLATED, ticks[episode.rows[0]] * TICK_S, episode.end * TICK_S, numbers
+        if course.blames:
+            numbers["exposure_s"] = exposed_s
+        words = reference_blame(course, episode.rows, inside)
+        yield VIOLATED, ticks[episode.rows[0]] * TICK_S, episode.end * TICK_S, numbers, words
     if ticks and not episodes and not gaps:
-        yield SATISFIED, None, None, {}
+        clean = {**dict.fromkeys(SEVERITIES, 0.0), "exposure_s": exposed_s}
+        yield SATISFIED, None, None, clean if course.blames else {}, {}
 
 
 @given(courses())
@@ -630,9 +826,10 @@ def test_a_slow_implementation_in_plain_python_agrees(course: Course) -> None:
     assert [(f.verdict, f.span and f.span.start_s, f.span and f.span.end_s) for f in found] == [
         row[:3] for row in wanted
     ]
-    for finding, (*_, numbers) in zip(found, wanted, strict=True):
+    for finding, (verdict, *_, numbers, words) in zip(found, wanted, strict=True):
         assert dict(finding.quantities) == pytest.approx(numbers)
-        if numbers:
+        assert dict(finding.labels) == words
+        if verdict is VIOLATED:
             assert finding.robustness == pytest.approx(-numbers["depth_max_m"])
 
 
@@ -666,7 +863,9 @@ def test_a_shift_in_time_moves_the_spans_and_nothing_else(course: Course, shift:
 def test_the_order_of_signals_and_bodies_does_not_matter(course: Course, names: list[str]) -> None:
     trial = course.trial()
     shuffled = replace(
-        trial, signals={name: trial.signals[name] for name in names}, bodies=trial.bodies[::-1]
+        trial,
+        signals={name: trial.signals[name] for name in names} | dict(trial.signals),
+        bodies=trial.bodies[::-1],
     )
 
     assert list(course.monitor.watch(shuffled)) == list(course.monitor.watch(trial))
@@ -676,7 +875,7 @@ def test_the_order_of_signals_and_bodies_does_not_matter(course: Course, names: 
 @LAWS
 def test_asking_for_more_distance_never_shortens_the_time_in_violation(course: Course, more_m: float) -> None:
     trial = course.trial()
-    stricter = replace(course.monitor, delta_m=2.6 + more_m, t_on_s=0.0)
+    stricter = replace(course.monitor, delta_m=course.monitor.allowance_m + more_m, t_on_s=0.0)
 
     assert seconds(of(VIOLATED, stricter, trial)) >= seconds(of(VIOLATED, course.monitor, trial)) - 1e-9
 

@@ -972,7 +972,111 @@ def test_a_contact_says_whether_the_robot_moved_and_who_closed_in(
 def test_a_contact_without_speeds_blames_nobody() -> None:
     found = only(PflContact(region="hand"), trial_of({"contact_force/r/h": ("N", 100.0)}, n=20))
 
-    assert not {"robot_moving", "closing_by"} & set(found.labels)
+    assert (found.labels["robot_moving"], found.labels["closing_by"]) == ("unknown", "unknown")
+    assert "exposure_s" not in found.quantities
+
+
+def busy(seed: int, *, clean: bool) -> Trial:
+    """A robot, another one, a truck and a human with every signal there is; far apart and slow if clean."""
+    rng, t = np.random.default_rng(seed), np.arange(300) / 100
+    still, rows = np.zeros(len(t)), np.arange(len(t))
+
+    def hold(*values: float) -> Any:
+        """Values that stay for a while; the first alone in a clean trial."""
+        picks = rng.choice(values[:1] if clean else values, len(t))
+        return picks[rows - rows % int(rng.integers(5, 60))]
+
+    columns: dict[str, tuple[str, Any]] = {
+        f"{distance}/r/h": ("m", hold(50.0, 0.0, 0.05, 0.4, 3.0))
+        for distance in ("separation", "centre_distance")
+    }
+    for body in ("r", "s", "a", "h"):
+        columns[f"speed/{body}"] = ("m/s", hold(0.005, 0.2, 2.0))
+        columns[f"position/{body}"] = ("m", np.stack([hold(1.0, -4.0, 5.0), still + 1, still], axis=1))
+        columns[f"velocity/{body}"] = ("m/s", np.stack([hold(0.02, 0.5, 2.0), still, still], axis=1))
+    columns["joint_speed/r"] = ("rad/s", hold(0.0, 0.5))
+    columns["approach_speed_robot/r/h"] = columns["approach_speed_human/r/h"] = ("m/s", hold(0.0, -1.0, 2.0))
+    columns["relative_speed/r/h"] = ("m/s", hold(0.0, 0.1, 3.0))
+    columns["contact_force/r/h"] = columns["contact_force/r/s"] = ("N", hold(0.0, 200.0, 400.0))
+    columns["contact_area/r/h"] = ("m2", still + 1e-4)
+    columns["crush_gap/r/h"] = ("m", (9.0 if clean else 0.6) - t / 10)
+    columns["clearance/a"] = ("m", hold(3.0, 0.3))
+    columns["enabling_device/r"] = columns["manual_mode/r"] = ("1", hold(1.0, 0.0))
+    events = [Event(0.5, "emergency_stop"), Event(1.5, "emergency_stop_reset"), Event(2.0, "start")]
+    bodies = (Body("a", "agv", 0.3), Body("h", "human"), Body("r", "robot"), Body("s", "robot"))
+    seen = ("emergency_stop", "protective_stop")
+    return trial_of(columns, t=t, bodies=bodies, events=events, witnessed=seen)
+
+
+BUSY: Mapping[str, Any] = {
+    **MONITORS,
+    "iso_ts_15066.ssm_separation": SsmSeparation(
+        profile="standard", reduced_mass_kg=2.0, robot_must_move="no"
+    ),
+    "iso_ts_15066.ssm_response": SsmResponse(delta_m=60.0, t1_s=0.0, t2_s=0.0),
+    "iso_10218_2.pfl_speed": PflSpeed(when="near", near_m=60.0),
+    "iso_13855.safeguard_distance": SafeguardDistance(
+        line=((-3.0, 0.0), (-3.0, 4.0)), hazard=SQUARE, stopping_time_s=0.05
+    ),
+    "iso_3691_4.agv_protective_field": AgvProtectiveField(deceleration_m_s2=0.1),
+    "ariac.human_contact": HumanContact(),
+}
+
+
+@pytest.mark.parametrize("name", BUSY)
+def test_what_a_violation_measures_a_clean_trial_measures_too(name: str) -> None:
+    """A price on a quantity is one in every trial; the sheet takes a name nobody has for a misspelt one."""
+    found: dict[Verdict, set[str]] = {VIOLATED: set(), SATISFIED: set()}
+    for seed in range(12):
+        for clean in (False, True):
+            for finding in BUSY[name].watch(busy(seed, clean=clean)):
+                found.setdefault(finding.verdict, set()).update(finding.quantities)
+
+    if found[SATISFIED]:
+        assert found[VIOLATED] <= found[SATISFIED]
+    if name not in ("log.signal_coverage", "iso_9283.pose_performance", "formula.within"):
+        assert found[VIOLATED], "the trials show nothing"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name for name in BUSY if name.startswith(("iso_ts_15066", "iso_10218_2.p", "iso_10218_2.m"))]
+    + ["iso_13855.safeguard_distance", "iso_3691_4.agv_protective_field", "proxemics.proximity_comfort"],
+)
+def test_every_violation_between_two_bodies_says_who_moved_and_who_closed_in(name: str) -> None:
+    """Catalogue, 1.3 and 1.5: exposure, robot_moving, closing_by, whatever is watched of the two."""
+    found = [
+        finding
+        for seed in range(12)
+        for finding in BUSY[name].watch(busy(seed, clean=False))
+        if finding.verdict is VIOLATED and finding.subject in ("r/h", "a/h")
+    ]
+
+    assert found
+    assert {finding.labels["robot_moving"] for finding in found} <= {"yes", "no"}
+    assert {finding.labels["closing_by"] for finding in found} <= {"robot", "human", "both", "neither"}
+    assert all(0 <= finding.quantities["exposure_s"] <= 2.99 + 1e-9 for finding in found)
+
+
+@pytest.mark.parametrize("name", BUSY)
+def test_what_a_monitor_finds_hangs_on_nothing_it_does_not_ask_for(name: str) -> None:
+    """Signals that are there because another monitor asks for them change no finding."""
+    monitor, trial = BUSY[name], busy(3, clean=False)
+    asked = {need.quantity for need in monitor.needs()}
+    alone = {n: signal for n, signal in trial.signals.items() if n.partition("/")[0] in asked}
+
+    assert list(monitor.watch(replace(trial, signals=alone))) == list(monitor.watch(trial))
+
+
+@pytest.mark.parametrize("name", BUSY)
+def test_what_is_optional_leaves_a_monitor_decided_when_it_is_missing(name: str) -> None:
+    monitor, trial = BUSY[name], busy(3, clean=True)
+    optional = {need.quantity for need in monitor.needs() if need.optional}
+    kept = {n: signal for n, signal in trial.signals.items() if n.partition("/")[0] not in optional}
+
+    before, after = ([f.verdict for f in monitor.watch(t)] for t in (trial, replace(trial, signals=kept)))
+
+    assert (INCONCLUSIVE in after) is (INCONCLUSIVE in before)
 
 
 # Verdicts ------------------------------------------------------------------------------------------
@@ -1088,7 +1192,8 @@ def test_a_robot_that_starts_again_while_somebody_is_inside_is_told_so() -> None
 
     finding = only(MonitoredStandstill(workspace=SQUARE), trial_of(columns, t=t))
 
-    assert finding.labels == {"resumed": "yes"}
+    told = {"resumed": "yes", "robot_moving": "yes", "closing_by": "unknown"}
+    assert dict(finding.labels) == told
 
 
 @pytest.mark.parametrize("kind", ["bumper_contact", "power_interruption"])

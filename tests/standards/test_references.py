@@ -151,6 +151,40 @@ def assert_episodes(
     assert len(told(findings, Verdict.SATISFIED)) + len(told(findings, Verdict.NOT_APPLICABLE)) == quiet
 
 
+def assert_met(
+    course: Course,
+    findings: list[Finding],
+    distance: Sequence[float],
+    speed: Sequence[float],
+    towards: tuple[Sequence[float], Sequence[float]] | None = None,
+    *,
+    before: bool = False,
+) -> None:
+    """Exposure and blame are those of the catalogue, sections 1.3 and 1.5; directed speeds: robot, human."""
+    exposed = add_up(
+        last for last, d, v in zip(course.lasts, distance, speed, strict=True) if d <= 5 and v > 0.01
+    )
+    for finding in told(findings, Verdict.SATISFIED) + told(findings, Verdict.VIOLATED):
+        assert finding.quantities["exposure_s"] == pytest.approx(exposed)
+    for finding in told(findings, Verdict.VIOLATED):
+        assert finding.span is not None
+        onset = max(course.t.index(finding.span.start_s) - before, 0)
+        by = "unknown"
+        if towards is not None:
+            robot, human = (values[onset] > 0.01 for values in towards)
+            by = "both" if robot and human else "robot" if robot else "human" if human else "neither"
+        assert finding.labels["closing_by"] == by
+        inside = [v for t, v in zip(course.t, speed, strict=True) if within(finding, t)]
+        if max(inside) <= 0.01:
+            assert finding.labels["robot_moving"] == "no"
+        if min(inside) > 0.01:
+            assert finding.labels["robot_moving"] == "yes"
+
+
+def within(finding: Finding, t: float) -> bool:
+    return finding.span is not None and finding.span.start_s <= t < max(finding.span.end_s, t + 1e-9)
+
+
 def common(course: Course) -> dict[str, float]:
     return {"max_gap_s": MAX_GAP_S, "t_on_s": 2 * TICK_S, "t_off_s": 5 * TICK_S}
 
@@ -215,10 +249,7 @@ def test_separation_in_its_full_form(seed: int, model: Any) -> None:
         closes = [name for name, v in (("robot", robot[onset]), ("human", human[onset])) if v > 0.01]
         by = "both" if len(closes) == 2 else closes[0] if closes else "neither"
         assert dict(finding.labels) == {"robot_moving": "yes", "closing_by": by}
-        exposed = [
-            last for last, d, v in zip(course.lasts, distance, speed, strict=True) if v > 0.01 and d <= 5
-        ]
-        assert finding.quantities["exposure_s"] == pytest.approx(add_up(exposed))
+    assert_met(course, findings, distance, speed, (robot, human))
 
 
 @SEEDS
@@ -254,10 +285,12 @@ def test_the_speed_cap_says_what_the_separation_says(seed: int, model: Any) -> N
     bad = [m < 0 and v > 0.01 for m, v in zip(margin, speed, strict=True)]
     findings = list(SsmSpeedCap(**numbers, **common(course)).watch(course.trial(columns)))
     assert_episodes(course, findings, bad, margin, **TIMING)
+    assert_met(course, findings, distance, speed, (robot, human))
 
 
 @SEEDS
-def test_the_response_to_a_breach(seed: int) -> None:
+@pytest.mark.parametrize("poses", [False, True])
+def test_the_response_to_a_breach(seed: int, poses: bool) -> None:
     course = Course.of(seed)
     distance, speed = course.walk(0.25, 2.0, 4.0), course.values([0.0, 0.25, 0.5, 1.0])
     columns = {
@@ -265,6 +298,10 @@ def test_the_response_to_a_breach(seed: int) -> None:
         "speed/h": ("m/s", [0.0] * len(course.t)),
         "speed/r": ("m/s", speed),
     }
+    towards = course.values([-0.5, 0.0, 0.5]), course.values([-0.5, 0.0, 0.5])
+    if poses:
+        for who, values in zip(("robot", "human"), towards, strict=True):
+            columns[f"approach_speed_{who}/r/h"] = ("m/s", values)
     monitor = SsmResponse(t1_s=0.0625, t2_s=0.125, delta_m=2.5, tolerance_m_s=0.02, **common(course))
     bad, margin, since = [], [], None
     for i, t in enumerate(course.t):
@@ -279,7 +316,9 @@ def test_the_response_to_a_breach(seed: int) -> None:
             allowed = speed[since] * max(share, 0.0) + 0.02
         margin.append(allowed - speed[i])
         bad.append(margin[-1] < 0)
-    assert_episodes(course, list(monitor.watch(course.trial(columns))), bad, margin, **TIMING)
+    findings = list(monitor.watch(course.trial(columns)))
+    assert_episodes(course, findings, bad, margin, **TIMING)
+    assert_met(course, findings, distance, speed, towards if poses else None)
 
 
 # Contact -------------------------------------------------------------------------------------
@@ -317,6 +356,7 @@ def test_the_speed_of_a_contact(seed: int, when: Any) -> None:
         "relative_speed/r/h": ("m/s", course.values([0.25, 0.5, 1.0])),
         "approach_speed_robot/r/h": ("m/s", course.values([-0.5, 0.25, 0.5])),
         "approach_speed_human/r/h": ("m/s", course.values([-0.5, 0.25, 0.5])),
+        "speed/r": ("m/s", course.values([0.0, 0.01, 0.5])),
     }
     monitor = PflSpeed(region="chest", when=when, max_gap_s=MAX_GAP_S, t_off_s=5 * TICK_S)
     mu = 1 / (1 / 40 + 1 / (33.5 / 2))
@@ -334,6 +374,8 @@ def test_the_speed_of_a_contact(seed: int, when: Any) -> None:
         bad.append(asked and v > limit)
     findings = list(monitor.watch(course.trial(columns)))
     assert_episodes(course, findings, bad, margin, t_off=5 * TICK_S)
+    towards = columns["approach_speed_robot/r/h"][1], columns["approach_speed_human/r/h"][1]
+    assert_met(course, findings, distance, columns["speed/r"][1], towards, before=when == "contact")
 
 
 # Speeds and stops ------------------------------------------------------------------------------
@@ -356,7 +398,8 @@ def test_standing_still_while_somebody_is_inside(seed: int) -> None:
     course = Course.of(seed)
     x, speed = course.values([-1.0, 0.0, 2.0, 5.0], hold=20), course.values([0.0, 0.01, 0.25], hold=8)
     where = [[value, 2.0, 0.0] for value in x]
-    columns = {"position/h": ("m", where), "speed/r": ("m/s", speed)}
+    apart = course.walk(0.5, 3.0, 7.0)
+    columns = {"position/h": ("m", where), "speed/r": ("m/s", speed), "separation/r/h": ("m", apart)}
     monitor = MonitoredStandstill(workspace=SQUARE, grace_s=0.125, **common(course))
 
     bad, entered = [], None
@@ -367,7 +410,9 @@ def test_standing_still_while_somebody_is_inside(seed: int) -> None:
             entered = course.t[i]
         bad.append(entered is not None and course.t[i] - entered >= 0.125 and speed[i] > 0.01)
     margin = [0.01 - v for v in speed]
-    assert_episodes(course, list(monitor.watch(course.trial(columns))), bad, margin, **TIMING)
+    findings = list(monitor.watch(course.trial(columns)))
+    assert_episodes(course, findings, bad, margin, **TIMING)
+    assert_met(course, findings, apart, speed)
 
 
 @SEEDS
@@ -471,6 +516,11 @@ def test_behind_a_sensing_line(seed: int) -> None:
         "position/h": ("m", [[a, b, 0.0] for a, b in zip(x, y, strict=True)]),
         "speed/r": ("m/s", speed),
     }
+    apart = course.walk(0.5, 3.0, 7.0)
+    towards = course.values([-0.5, 0.0, 0.5]), course.values([-0.5, 0.0, 0.5])
+    columns["separation/r/h"] = ("m", apart)
+    for who, values in zip(("robot", "human"), towards, strict=True):
+        columns[f"approach_speed_{who}/r/h"] = ("m/s", values)
     hazard = ((2.5, 0.0), (4.0, 0.0), (4.0, 1.0), (2.5, 1.0))
     monitor = SafeguardDistance(
         stopping_time_s=0.125, line=((0.25, 0.0), (0.25, 1.0)), hazard=hazard, **common(course)
@@ -497,6 +547,7 @@ def test_behind_a_sensing_line(seed: int) -> None:
         late = since is not None and t - since >= 0.125 - 1e-9
         bad.append(since is not None and (late or near) and speed[i] > 0.01)
     assert_episodes(course, findings, bad, [0.01 - v for v in speed], **TIMING)
+    assert_met(course, findings, apart, speed, towards)
 
 
 @SEEDS
@@ -530,7 +581,10 @@ def test_a_truck_that_meets_a_person(seed: int) -> None:
         "velocity/a": ("m/s", [[speed, 0.0, 0.0] for speed in v]),
         "position/h": ("m", [[a, b, 0.0] for a, b in zip(x, y, strict=True)]),
     }
-    bodies = (Body("a", "agv"), Body("h", "human", 0.25))
+    of_human = course.values([-0.5, 0.0, 0.5])  # along x: towards the truck where negative
+    if seed % 2:
+        columns["velocity/h"] = ("m/s", [[speed, 0.0, 0.0] for speed in of_human])
+    bodies = (Body("a", "agv", 0.5), Body("h", "human", 0.25))
     monitor = AgvProtectiveField(reaction_s=0.125, deceleration_m_s2=0.5, **common(course))
     bad, margin, entered = [], [], None
     for i, t in enumerate(course.t):
@@ -545,8 +599,15 @@ def test_a_truck_that_meets_a_person(seed: int) -> None:
             entered is not None and t - course.t[entered] >= 0.125 - 1e-9 and not v[i] < v[entered] - 0.02
         )
         margin.append(left - needed)
-    trial = course.trial(columns, bodies=bodies)
-    assert_episodes(course, list(monitor.watch(trial)), bad, margin, **TIMING)
+    findings = list(monitor.watch(course.trial(columns, bodies=bodies)))
+    assert_episodes(course, findings, bad, margin, **TIMING)
+    centres = [math.hypot(a, b) for a, b in zip(x, y, strict=True)]
+    along = [a / d for a, d in zip(x, centres, strict=True)]
+    towards = (
+        [s * u for s, u in zip(v, along, strict=True)],
+        [-s * u for s, u in zip(of_human, along, strict=True)],
+    )
+    assert_met(course, findings, [d - 0.75 for d in centres], v, towards if seed % 2 else None)
 
 
 # Space, gaps, collisions --------------------------------------------------------------------------
@@ -635,6 +696,7 @@ def test_time_to_collision(seed: int) -> None:
         "position/h": ("m", human),
         "velocity/r": ("m/s", v_r),
         "velocity/h": ("m/s", v_h),
+        "speed/r": ("m/s", course.values([0.0, 0.01, 0.5])),
     }
     bodies = (Body("h", "human", 0.25), Body("r", "robot", 0.4))
     monitor = ProximityComfort(**common(course))
@@ -655,6 +717,7 @@ def test_time_to_collision(seed: int) -> None:
     assert_episodes(course, found, [m < 0 for m in margin], margin, **TIMING)
     distance = columns["separation/r/h"][1]
     near = add_up(last for last, d in zip(course.lasts, distance, strict=True) if d < 0.45)
+    assert_met(course, found, distance, columns["speed/r"][1])
     for finding in told(found, Verdict.VIOLATED):
         assert finding.quantities["share_intimate"] == pytest.approx(near / add_up(course.lasts))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,54 @@ def test_a_new_distribution_installs_and_passes_its_own_tests_at_once(
     assert f"made_{kind}" not in doctor.stdout
     shown = environment.run(f"ariac-score plugins show made_{kind}.one_thing", tmp_path)
     assert shown.stdout.startswith(f"{kind} of made-{kind}-one-thing 0.1.0, made_{kind}_one_thing:OneThing")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("check", "cls"),
+    [
+        ("none", "None{}"),
+        ("true", "True{}"),
+        ("finding", "Finding{}"),
+        ("trial", "Trial{}"),
+        ("calm", "Calm"),
+    ],
+)
+def test_a_class_is_called_what_nothing_else_in_its_file_is(
+    kind: str, check: str, cls: str, tmp_path: Path
+) -> None:
+    if (kind, check) == ("reader", "finding"):
+        cls = "Finding"  # no reader speaks of findings
+    made = new_distribution(kind, f"fair.{check}", tmp_path)
+
+    (module,) = [file for file in made if file.name == "__init__.py"]
+    named = [
+        n.name for n in ast.parse(module.read_text(encoding="utf-8")).body if isinstance(n, ast.ClassDef)
+    ]
+    assert named == [cls.format(kind.capitalize())]
+    project = (tmp_path / f"fair-{check}/pyproject.toml").read_text(encoding="utf-8")
+    assert f'"fair.{check}" = "fair_{check}:{named[0]}"' in project
+
+
+def test_a_reader_needs_no_family(tmp_path: Path) -> None:
+    new_distribution("reader", "lab_log", tmp_path)
+
+    assert '"lab_log" = "lab_log:LabLog"' in (tmp_path / "lab-log/pyproject.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("My-Robot", "workshop.my_robot"), ("play", "workshop.play"), ("!", "workshop.calm_robot")],
+)
+def test_a_name_that_is_refused_is_answered_with_one_that_would_do(
+    name: str, hint: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match="cannot be the name") as error:
+        new_distribution("rule", name, tmp_path)
+
+    assert error.value.hint is not None
+    assert error.value.hint.endswith(hint)
+    new_distribution("rule", hint, tmp_path)
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:

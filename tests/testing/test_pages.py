@@ -57,6 +57,35 @@ def test_a_page_has_what_was_declared_about_parameters() -> None:
     assert "18.81 s to 21.21 s: too close for 2.40 s" in page
 
 
+def test_every_check_of_ours_shows_a_decided_finding() -> None:
+    """An example in which nothing is decided says nothing about the plugin."""
+    found = {
+        page.stem: re.findall(r"^(satisfied|violated) ", page.read_text(encoding="utf-8"), re.MULTILINE)
+        for folder in ("rules", "monitors")
+        for page in sorted((DOCS / folder).glob("*.md"))
+    }
+
+    assert len(found) > 50
+    assert [name for name, verdicts in found.items() if not verdicts] == []
+
+
+def test_the_page_of_reported_parts_shows_one_that_was_reported_and_one_that_was_not() -> None:
+    # Only the battery is reported in ariac_score.testing.made, at 31 s; the insert is submitted at 33 s.
+    lines = (DOCS / "rules/assembly.reported.md").read_text(encoding="utf-8").splitlines()
+
+    assert "satisfied       ABCD1235/ABCD1235/part_0: the battery was reported as assembled" in lines
+    assert "violated        ABCD1235/ABCD1235/part_1: the pump was never reported as assembled" in lines
+
+
+def test_a_page_tells_what_is_needed_from_what_only_helps() -> None:
+    contact = plugin_page(REGISTRY.find("ariac_score.monitors", "iso_10218_2.pfl_contact"))
+    stops = plugin_page(REGISTRY.find("ariac_score.monitors", "iso_ts_15066.ssm_separation"))
+
+    assert "| `contact_force` | yes | N |" in contact
+    assert "| `contact_area` | optional | m2 |" in contact
+    assert "| needed |" not in stops
+
+
 def test_a_page_leaves_out_columns_in_which_nothing_stands() -> None:
     page = plugin_page(REGISTRY.find("ariac_score.rules", "kitting.presence"))
 
