@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         OnlineMonitor,
         OnlineWatch,
         Reader,
+        Resolving,
         Rule,
         SignalNeed,
         Standing,
@@ -75,7 +76,7 @@ if TYPE_CHECKING:
 _HOME = {
     "ariac_score.contracts": (
         "Charting Decoder EventMonitor EventWatch LogDescription Monitor OnlineMonitor OnlineWatch Reader "
-        "Rule SignalNeed Standing TopicDescription Wanted"
+        "Resolving Rule SignalNeed Standing TopicDescription Wanted"
     ),
     "ariac_score.cohort": "Cohort load_cohort",
     "ariac_score.engine": "measure_trial price_trial reprice score_trial",
@@ -143,6 +144,7 @@ __all__ = [
     "Provenance",
     "Quantity",
     "Reader",
+    "Resolving",
     "Result",
     "Rule",
     "RuleSet",

@@ -31,6 +31,7 @@ __all__ = [
     "OnlineMonitor",
     "OnlineWatch",
     "Reader",
+    "Resolving",
     "Rule",
     "SignalNeed",
     "Standing",
@@ -168,6 +169,15 @@ class Charting(Protocol):
 
     def courses(self, trial: Trial) -> Iterable[Course]:
         """A course for each subject that can be drawn; decides nothing."""
+        ...
+
+
+@runtime_checkable
+class Resolving(Protocol):
+    """A plugin some of whose parameters leave the choice to another: it says what they come to."""
+
+    def resolved(self) -> Mapping[str, object]:
+        """The value really used, by name of the parameter; decides nothing."""
         ...
 
 

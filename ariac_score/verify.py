@@ -342,11 +342,14 @@ def _recomputed(stored: Result, again: Result) -> Step:
     if before == after:
         return Step("recomputed", OK, "the same to the byte")
     found = list(_different(json.loads(before), json.loads(after), "$"))
-    values = [each for each in found if not each[0].startswith("$.provenance")]
+    # A result that keeps no settings is of a version before they were kept, or was robbed of them.
+    unpriced = ("$.provenance", *(() if stored.measured.settings is not None else ("$.settings",)))
+    values = [each for each in found if not each[0].startswith(unpriced)]
     words = (
         _listed(values, "in the result", "computed again")
         if values
         else "the same score, ledger and findings"
+        + ("; the result does not keep its settings" if stored.measured.settings is None else "")
     )
     versions = list(_versions(stored.provenance, again.provenance))
     return Step("recomputed", FAILED, "\n".join([words, *versions]))

@@ -45,6 +45,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "cohort": {"datafiles", "errors", "expression", "result", "ruleset", "scoring"},
     "guard": {"contracts", "errors", "quiet", "registry", "trial"},
+    "settings": {"contracts", "guard", "parameters", "quiet", "registry", "result", "ruleset"},
     "asking": {"contracts", "errors", "findings", "guard", "quiet", "registry", "result", "trial"},
     "engine": {
         "asking",
@@ -58,6 +59,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "result",
         "ruleset",
         "scoring",
+        "settings",
         "trial",
     },
     "certain": {"errors", "expression", "findings", "result", "ruleset", "scoring"},

@@ -450,13 +450,22 @@ class PflSpeed:
         check_parameters(self)
         body_limits(self.region or UNKNOWN_REGION)
 
+    def resolved(self) -> dict[str, object]:
+        """The region where none is given, and m_R."""
+        return {"region": self.region or UNKNOWN_REGION, "robot_mass_kg": self._robot_mass_kg}
+
+    @property
+    def _robot_mass_kg(self) -> float:
+        return self.robot_mass_kg or effective_robot_mass_kg(self.moving_mass_kg, self.load_kg)
+
     def permitted(self) -> Permitted:
         """Largest speed, force and energy, and the mass they rest on."""
         limits = body_limits(self.region or UNKNOWN_REGION)
         short = self.phase == "transient"
         factor = limits.region.transient_factor(self.transient_factor) if short else 1.0
-        robot = self.robot_mass_kg or effective_robot_mass_kg(self.moving_mass_kg, self.load_kg)
-        return permitted_contact(limits, robot, factor=factor, contact_area_m2=self.contact_area_m2)
+        return permitted_contact(
+            limits, self._robot_mass_kg, factor=factor, contact_area_m2=self.contact_area_m2
+        )
 
     @property
     def _wanted(self) -> dict[str, str]:

@@ -253,16 +253,44 @@ class SsmFormula:
     def _cap_m(self) -> float | None:
         return PROFILES[self.profile].get("cap_m") if self.cap_m is None else self.cap_m
 
+    def resolved(self) -> dict[str, object]:
+        """What the profile decides, and which of the values that exclude each other count."""
+        used: dict[str, object] = {name: self._value(name) for name in ("t1_s", "t_on_s")}
+        if self._stop_model != "deceleration":
+            used["t2_s"] = self._value("t2_s")
+        if self._stop_model == "fixed":
+            used["stopping_distance_m"] = self._value("stopping_distance_m")
+        used |= {"delta_m": self.allowance_m} if self._allowance_in_one else self._allowance_parts
+        used |= {
+            "distance": self._distance,
+            "stop_model": self._stop_model,
+            "speeds": "directed" if self._directed else "scalar",
+            "robot_must_move": "yes" if self._must_move else "no",
+        }
+        if self.human_speed == "profile":
+            used["human_speed"] = "measured" if self._measured_human else "fixed"
+        if self._cap_m is not None:
+            used["cap_m"] = self._cap_m
+        return used
+
+    @property
+    def _allowance_in_one(self) -> bool:
+        """Whether C + Z_d + Z_r is one number, delta."""
+        parts = [getattr(self, name) for name in STANDARD_MARGINS_M]
+        return self.delta_m is not None or (not self._standard and all(part is None for part in parts))
+
+    @property
+    def _allowance_parts(self) -> dict[str, float]:
+        default = STANDARD_MARGINS_M if self._standard else {}
+        parts = {name: getattr(self, name) for name in STANDARD_MARGINS_M}
+        return {name: default.get(name, 0.0) if part is None else part for name, part in parts.items()}
+
     @property
     def allowance_m(self) -> float:
         """C + Z_d + Z_r, m."""
-        if self.delta_m is not None:
-            return self.delta_m
-        parts = {name: getattr(self, name) for name in STANDARD_MARGINS_M}
-        if not self._standard and all(part is None for part in parts.values()):
+        if self._allowance_in_one:
             return self._value("delta_m")
-        default = STANDARD_MARGINS_M if self._standard else {}
-        c, z_d, z_r = (default.get(name, 0.0) if part is None else part for name, part in parts.items())
+        c, z_d, z_r = self._allowance_parts.values()
         return float(c + z_d + z_r)
 
     def assumed_human_speed_m_s(self, distance_m: FloatArray) -> FloatArray:

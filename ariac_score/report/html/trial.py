@@ -14,6 +14,7 @@ from ariac_score.recoverable import recoverable_losses
 from ariac_score.report.html.charts import Chart, chart_of
 from ariac_score.report.html.orders import grouped, orders_of
 from ariac_score.report.html.page import page, shipped
+from ariac_score.report.html.parameters import parameters_shown
 from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.timeline import timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
@@ -70,6 +71,7 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         orders=orders_of(result),
         groups=_groups(result, monitors),
         anchor=anchor,
+        checks=parameters_shown(result),
         grouped=grouped,
         verdicts=[verdict.value for verdict in Verdict],
     )
