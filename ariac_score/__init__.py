@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         EventMonitor,
         EventWatch,
         LogDescription,
+        Margined,
         Monitor,
         OnlineMonitor,
         OnlineWatch,
@@ -75,8 +76,8 @@ if TYPE_CHECKING:
 
 _HOME = {
     "ariac_score.contracts": (
-        "Charting Decoder EventMonitor EventWatch LogDescription Monitor OnlineMonitor OnlineWatch Reader "
-        "Resolving Rule SignalNeed Standing TopicDescription Wanted"
+        "Charting Decoder EventMonitor EventWatch LogDescription Margined Monitor OnlineMonitor OnlineWatch "
+        "Reader Resolving Rule SignalNeed Standing TopicDescription Wanted"
     ),
     "ariac_score.cohort": "Cohort load_cohort",
     "ariac_score.engine": "measure_trial price_trial reprice score_trial",
@@ -129,6 +130,7 @@ __all__ = [
     "LogDescription",
     "LogError",
     "LogMap",
+    "Margined",
     "Measured",
     "MissingSignalError",
     "Monitor",

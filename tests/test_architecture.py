@@ -245,6 +245,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "numpy",
         "quiet",
         "registry",
+        "result",
         "rosbags",
         "ruleset",
         "trial",

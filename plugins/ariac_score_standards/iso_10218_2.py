@@ -33,6 +33,9 @@ from ariac_score_standards.severity import (
     Bound,
     Episode,
     Rules,
+    Said,
+    Sampled,
+    Seen,
     Told,
     closing_by,
     limit_findings,
@@ -165,7 +168,7 @@ _HELPFUL = {
 
 
 @dataclass(frozen=True)
-class PflContact:
+class PflContact(Sampled):
     """Contact between robot and human stays within what the body region bears.
 
     Measures:
@@ -225,7 +228,7 @@ class PflContact:
         for template, unit in {_FORCE: "N", **_HELPFUL, "clamped/": "1"}.items():
             yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every pair each contact, or that there was none."""
         subjects = pairs_of(trial)
         forceless = [s for s in subjects if s.fill(_FORCE) not in trial.signals]
@@ -255,20 +258,30 @@ class PflContact:
         message = f"signal {name!r} is not in the log{looked_for(trial)}"
         return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
         force = watched[_FORCE]
         touching = force > self.contact_on_n
         spans = episodes_where(watched.t, touching, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
         held = state_over(trial, "clamped", subject.name, watched.t, max_age_s=watched.max_gap_s)
+        ratio = np.zeros(len(force))
+        found: list[Finding] = []
         for span in spans:
             rows = np.flatnonzero(touching & (watched.t >= span.start_s) & (watched.t <= span.end_s))
             try:
                 limits, known = self._limits(trial, subject, watched, rows)
             except ValueError as unknown:
                 message = f"contact at {span.start_s:.3f} s: {unknown}"
-                yield Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
+                found.append(Finding.inconclusive(subject.name, message, span=span, clause=self._clause))
                 continue
-            yield self._contact(subject, watched, span, rows, limits, held, known=known)
+            finding, ratio[rows] = self._contact(subject, watched, span, rows, limits, held, known=known)
+            found.append(finding)
+        whole = np.ones_like(force)
+        if spans:
+            bound = Bound("part of the limit of contact", ratio, whole, "1", True, ratio > 0)
+        else:
+            bound = Bound("contact force", force, whole * self.contact_on_n, "N", True)
+        yield Seen(subject.name, watched, bound)
+        yield from found
         if not spans and not watched.gaps:
             strongest = int(np.argmax(force))
             yield Finding(
@@ -307,7 +320,8 @@ class PflContact:
         held: State | None,
         *,
         known: bool,
-    ) -> Finding:
+    ) -> tuple[Finding, FloatArray]:
+        """The finding about one contact, and which part of its limit was reached at each of its samples."""
         clamped = self._clamped(watched, rows, limits, held)
         transient = self.transient(watched.t[rows] - span.start_s, clamped)
         force, limit = watched[_FORCE][rows], self.limit_n(limits, transient)
@@ -337,7 +351,7 @@ class PflContact:
         where = limits.region.title.lower() if known else f"a region unknown, taken for {limits.name}"
         phase = "transient" if transient[worst] else "quasi-static"
         message = f"contact with {where}: {force[worst]:.1f} N, {ratio[worst]:.3f} of the {phase} limit"
-        return Finding(
+        finding = Finding(
             subject.name,
             Verdict.VIOLATED if violated else Verdict.SATISFIED,
             f"{message}; contact there is not permissible" if forbidden else message,
@@ -355,6 +369,7 @@ class PflContact:
             clause=self._clause,
             critical=violated,
         )
+        return finding, ratio
 
     def _clamped(self, watched: Watched, rows: Any, limits: BodyLimits, held: State | None) -> BoolArray:
         """Where the body part cannot get away: as given, as recorded, or by the gap it is in."""
@@ -404,7 +419,7 @@ def _pressure(watched: Watched, rows: Any) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class PflSpeed:
+class PflSpeed(Sampled):
     """The robot meets a human no faster than the body region bears.
 
     What to watch where a log has poses but no forces. A contact is modelled as a
@@ -482,7 +497,7 @@ class PflSpeed:
         for template, unit in self._wanted.items():
             yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every pair where it was too fast, or its closest moment."""
         return watch_subjects(
             trial,
@@ -494,7 +509,7 @@ class PflSpeed:
             kinds=("robot", "human"),
         )
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
         distance = watched["separation/{robot}/{human}"]
         if self.when == "contact":
             speed = watched["relative_speed/{robot}/{human}"]
@@ -525,7 +540,7 @@ class PflSpeed:
 
 
 @dataclass(frozen=True)
-class MonitoredStandstill:
+class MonitoredStandstill(Sampled):
     """The robot stands still while a person is in the collaborative workspace.
 
     Measures:
@@ -565,7 +580,7 @@ class MonitoredStandstill:
         yield SignalNeed("speed", "m/s", self.max_gap_s)
         yield SignalNeed("joint_speed", "rad/s", self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every pair each movement, or that there was none."""
         if not self.workspace:
             message = "no workspace is given, so nobody can be inside"
@@ -588,7 +603,7 @@ class MonitoredStandstill:
         over: BoolArray = within & (t - t[first] >= self.grace_s - _TOLERANCE_S)
         return over
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
         within = inside(watched["position/{human}"], self.workspace)
         held = self.held(watched.t, within)
         speed = watched["speed/{robot}"]
@@ -641,7 +656,7 @@ class MonitoredStandstill:
         moving: BoolArray,
         position: FloatArray,
         rules: Rules,
-    ) -> Iterator[Finding]:
+    ) -> Iterator[Said]:
         """Creep below the standstill speed, from where the robot last came to rest."""
         index = np.arange(len(held))
         fresh = held.copy()
@@ -655,16 +670,16 @@ class MonitoredStandstill:
         return limit_findings(subject.name, watched, bound, rules)
 
 
-def _violations(findings: Iterator[Finding]) -> Iterator[Finding]:
+def _violations(said: Iterator[Said]) -> Iterator[Said]:
     """What a second criterion adds: its violations, its silence being told by the first."""
-    return (finding for finding in findings if finding.verdict is Verdict.VIOLATED)
+    return (one for one in said if isinstance(one, Seen) or one.verdict is Verdict.VIOLATED)
 
 
 # Hand guiding ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class HandGuiding:
+class HandGuiding(Sampled):
     """The robot moves by hand only while the enabling device is held, and slowly.
 
     Measures:
@@ -708,7 +723,7 @@ class HandGuiding:
         stopping = (since_s < self.stop_within_s - _TOLERANCE_S) & ~never
         return np.where(pressed | stopping, self.max_speed_m_s, self.standstill_speed_m_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every robot where it was too fast, or its closest moment."""
         return watch_subjects(
             trial,
@@ -719,7 +734,7 @@ class HandGuiding:
             judge=lambda subject, watched: self._judge(trial, subject, watched),
         )
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
         applies = np.ones(len(watched.t), dtype=bool)
         for flag in ("enabling_device", *(("manual_mode",) if self.applies == "manual_mode" else ())):
             state = state_over(trial, flag, subject.name, watched.t, max_age_s=self.max_flag_age_s)

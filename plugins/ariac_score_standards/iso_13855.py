@@ -11,7 +11,7 @@ import numpy as np
 from ariac_score import Finding, SignalNeed, Trial, Verdict, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
 from ariac_score_standards.iso_ts_15066 import first_of_runs
-from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, Bound, Rules, limit_findings
+from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, Bound, Rules, Said, Sampled, limit_findings
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
@@ -131,7 +131,7 @@ _LENGTH: Any = {"unit": "m", "at_least": 0, "at_most": 100}
 
 
 @dataclass(frozen=True)
-class SafeguardDistance:
+class SafeguardDistance(Sampled):
     """A sensing line is far enough from its hazard, and the hazard rests when somebody is past it.
 
     Measures:
@@ -206,7 +206,7 @@ class SafeguardDistance:
         yield SignalNeed("position", "m", self.max_gap_s)
         yield SignalNeed("speed", "m/s", self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """About the line itself, then for every pair where the robot moved, or that it did not."""
         if not (self.line and self.hazard):
             message = "the sensing line or the hazard zone is not given"
@@ -261,7 +261,7 @@ class SafeguardDistance:
         past: BoolArray = beyond & entered[first]
         return past, when[first]
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
         position, speed = watched["position/{human}"], watched["speed/{robot}"]
         past, since = self.past_line(watched.t, position)
         late = watched.t - since >= self.stopping_time_s - _TOLERANCE_S

@@ -11,7 +11,17 @@ import numpy as np
 from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m
 from ariac_score_standards.iso_ts_15066 import first_of_runs
-from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, Bound, Episode, Rules, Told, limit_findings
+from ariac_score_standards.severity import (
+    STANDSTILL_SPEED_M_S,
+    Bound,
+    Episode,
+    Rules,
+    Said,
+    Sampled,
+    Seen,
+    Told,
+    limit_findings,
+)
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
@@ -55,7 +65,7 @@ def protective_field_m(stopping_m: FloatArray, *supplements_m: float) -> FloatAr
 
 
 @dataclass(frozen=True)
-class AgvSpeedClearance:
+class AgvSpeedClearance(Sampled):
     """A truck is as slow as the space around it and its detection of persons ask for.
 
     Measures:
@@ -121,7 +131,7 @@ class AgvSpeedClearance:
         if self.obstacles:
             yield SignalNeed("position", "m", self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every AGV where it was too fast, or its closest moment."""
         return watch_subjects(
             trial,
@@ -148,7 +158,7 @@ class AgvSpeedClearance:
             return np.full(len(watched.t), self.assumed_clearance_m or 0.0)
         return None
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
         clearance = self._clearance(trial, subject, watched)
         if clearance is None or not np.isfinite(clearance).all():
             message = "the clearance is not known: no signal, no obstacles, none assumed"
@@ -174,7 +184,7 @@ _APART = "body_separation/{agv}/{human}"
 
 
 @dataclass(frozen=True)
-class AgvProtectiveField:
+class AgvProtectiveField(Sampled):
     """A truck brakes for a person in its way, and touches nobody while it moves.
 
     Measures:
@@ -223,7 +233,7 @@ class AgvProtectiveField:
         for quantity, unit in (("position", "m"), ("velocity", "m/s"), ("body_separation", "m")):
             yield SignalNeed(quantity, unit, self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every AGV and human where it did not brake, or its closest moment."""
         return watch_subjects(
             trial,
@@ -250,7 +260,7 @@ class AgvProtectiveField:
         swept = moving & (ahead > 0) & (aside <= self.width_m / 2 + self.margin_m + human_radius_m)
         return np.where(swept, np.maximum(ahead - self.length_m / 2 - human_radius_m, 0.0), np.inf)
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
         (radius,) = (body.radius_m for body in trial.bodies if body.id == subject.bodies["human"])
         velocity = watched["velocity/{agv}"]
         speed = np.sqrt(velocity[:, 0] ** 2 + velocity[:, 1] ** 2)
@@ -272,15 +282,15 @@ class AgvProtectiveField:
 
     def _touches(
         self, subject: Subject, watched: Watched, apart: FloatArray, speed: FloatArray
-    ) -> Iterator[Finding]:
+    ) -> Iterator[Said]:
         contact = np.nextafter(0.0, 1.0)  # contact is at 0 too, so 0 itself must count as below it
         applies = np.isfinite(apart) & (speed > self.standstill_speed_m_s)
         limit = np.full_like(apart, contact)
         bound = Bound("distance of the moving truck", np.nan_to_num(apart), limit, "m", False, applies)
         rules = Rules(self._clause, 0.0, self.t_off_s, "the truck never moved", critical=True)
-        for finding in limit_findings(subject.name, watched, bound, rules, lambda e: _speed_then(speed, e)):
-            if finding.critical:
-                yield finding
+        for said in limit_findings(subject.name, watched, bound, rules, lambda e: _speed_then(speed, e)):
+            if isinstance(said, Seen) or said.critical:
+                yield said
 
 
 def _speed_then(speed: FloatArray, episode: Episode | None) -> Told:

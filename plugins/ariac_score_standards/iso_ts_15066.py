@@ -30,6 +30,9 @@ from ariac_score_standards.severity import (
     Bound,
     Episode,
     Rules,
+    Said,
+    Sampled,
+    Seen,
     Told,
     blame,
     closing_energy_j,
@@ -472,7 +475,7 @@ class _Moments:
 
 
 @dataclass(frozen=True)
-class SsmSeparation(SsmFormula):
+class SsmSeparation(SsmFormula, Sampled):
     """Robot and human stay at least the protective separation distance apart.
 
     The required distance is S_p = S_h + S_r + S_s + C + Z_d + Z_r. In the notation of
@@ -505,7 +508,7 @@ class SsmSeparation(SsmFormula):
     )
     exposure_distance_m: float = parameter(EXPOSURE_DISTANCE_M, source="catalogue, 1.3", **_LENGTH)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """Findings for every pair: its violations, or its closest moment."""
         return watch_pairs(
             trial,
@@ -554,10 +557,12 @@ class SsmSeparation(SsmFormula):
 
         return stand
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
         now = self._moments(watched)
         margin_m = now.distance_m - now.required_m
         applies = self._applies(now)
+        words = self._distance.replace("_", " ")
+        yield Seen(subject, watched, Bound(words, now.distance_m, now.required_m, "m", applies=applies))
         episodes = episodes_of(
             watched,
             applies & (margin_m < 0),
@@ -648,7 +653,7 @@ class SsmSeparation(SsmFormula):
 
 
 @dataclass(frozen=True)
-class SsmSpeedCap(SsmFormula):
+class SsmSpeedCap(SsmFormula, Sampled):
     """The robot is no faster than the distance to the human permits.
 
     The same requirement as `ssm_separation` solved for the robot's speed: easier to
@@ -664,7 +669,7 @@ class SsmSpeedCap(SsmFormula):
         model as in `ssm_separation`.
     """
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """Findings for every pair: where it was too fast, or its closest moment."""
         return watch_pairs(
             trial,
@@ -692,7 +697,7 @@ class SsmSpeedCap(SsmFormula):
 
         return PairsOnline(self._wanted, bodies, max_gap_s=self.max_gap_s, judge=stand, watch=self.watch)
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
         now = self._moments(watched)
         cap = self.speed_cap_m_s(now.distance_m, now.human_m_s)
         moves = now.robot_scalar_m_s > self.standstill_speed_m_s
@@ -717,7 +722,7 @@ class SsmSpeedCap(SsmFormula):
 
 
 @dataclass(frozen=True)
-class SsmResponse(SsmFormula):
+class SsmResponse(SsmFormula, Sampled):
     """After a breach of the separation distance the robot stops as it must.
 
     A human may always walk in; what counts is what the robot does then. From the
@@ -745,7 +750,7 @@ class SsmResponse(SsmFormula):
         allowed: FloatArray = speed_at_breach_m_s * np.clip(left, 0.0, 1.0)
         return allowed
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """Findings for every pair: stops that took too long, or the closest moment of the others."""
         return watch_pairs(
             trial,
@@ -756,7 +761,7 @@ class SsmResponse(SsmFormula):
             optional=self._optional,
         )
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
         now = self._moments(watched)
         breach = now.distance_m < now.required_m
         first = first_of_runs(watched.t, breach, watched.max_gap_s)

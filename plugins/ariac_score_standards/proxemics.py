@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter, sample_durations
-from ariac_score_standards.severity import Bound, Episode, Rules, Told, limit_findings
+from ariac_score import SignalNeed, Trial, check_parameters, parameter, sample_durations
+from ariac_score_standards.severity import Bound, Episode, Rules, Said, Sampled, Told, limit_findings
 from ariac_score_standards.watching import FloatArray, Subject, Watched, pairs_of, watch_subjects
 
 ZONES_M: Mapping[str, float] = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
@@ -71,7 +71,7 @@ _GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
 
 
 @dataclass(frozen=True)
-class ProximityComfort:
+class ProximityComfort(Sampled):
     """How near the robot came, and how soon it would have touched. Informational, never a gate.
 
     Measures:
@@ -106,7 +106,7 @@ class ProximityComfort:
         for quantity, unit in (("separation", "m"), ("position", "m"), ("velocity", "m/s")):
             yield SignalNeed(quantity, unit, self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every pair where it would soon have touched, or its closest moment."""
         wanted = {"separation/{robot}/{human}": "m"}
         for body in ("{robot}", "{human}"):
@@ -122,7 +122,7 @@ class ProximityComfort:
             kinds=("robot", "human"),
         )
 
-    def _judge(self, subject: Subject, watched: Watched, radii: Mapping[str, float]) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched, radii: Mapping[str, float]) -> Iterator[Said]:
         contact = radii[subject.bodies["robot"]] + radii[subject.bodies["human"]]
         apart = (watched["position/{human}"] - watched["position/{robot}"])[:, :2]
         relative = (watched["velocity/{human}"] - watched["velocity/{robot}"])[:, :2]
