@@ -88,7 +88,7 @@ def _value(value: Any) -> str:
     if value is None or value in ("", [], {}):
         return "none"
     if isinstance(value, int | float):
-        return number(value, _EXACT_DIGITS)
+        return number(float(value), _EXACT_DIGITS)
     if isinstance(value, str):
         return value
     return json.dumps(value, ensure_ascii=False)
