@@ -311,7 +311,7 @@ def test_the_page_says_every_value_and_whose_it_is(result: Result) -> None:
         assert f"<bdi>{one.name}</bdi>" in table
     assert "<bdi>2.6 m</bdi>" in table
     assert "our choice: catalogue, 1.4" in table
-    assert "default of the plugin" in table
+    assert "plugin&#39;s default" in table
     assert "kept no defaults" not in page
 
 
@@ -321,7 +321,7 @@ def test_the_page_of_an_old_result_says_that_it_kept_no_defaults(result: Result)
     table = page[page.index('id="parameters"') : page.index('id="origin"')]
 
     assert "made by a version that kept no defaults: of its checks only" in table
-    assert "default of the plugin" not in table
+    assert "plugin&#39;s default" not in table
     assert "<bdi>contact_distance_m</bdi>" in table
 
 

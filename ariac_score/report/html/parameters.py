@@ -14,8 +14,8 @@ __all__ = ["CheckParameters", "ParameterRow", "parameters_shown"]
 
 _ORIGINS: Mapping[str, str] = {
     "rule_set": "rule set",
-    "default": "default of the plugin",
-    "derived": "follows from other parameters",
+    "default": "plugin's default",
+    "derived": "other parameters",
 }
 _EXACT_DIGITS = 12
 
