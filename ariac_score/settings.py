@@ -16,7 +16,7 @@ from ariac_score.registry import Plugin, Registry, parameters_of
 from ariac_score.result import Setting, Settings, canonical
 from ariac_score.ruleset import RuleSet
 
-__all__ = ["settings_of"]
+__all__ = ["plain_value", "settings_of"]
 
 _SOURCE = re.compile(r"^Source:\n((?:(?:[ ]{4}.*)?\n)+)", re.MULTILINE)
 
@@ -51,7 +51,7 @@ def _settings(plugin: Plugin, name: str, check: Any, given: Mapping[str, Any]) -
             value = getattr(check, parameter, declared.default)
         if parameter in resolved and resolved[parameter] != value:
             value, origin = resolved[parameter], "derived"
-        plain = _plain(value)
+        plain = plain_value(value)
         unit = facts.unit or unit_told_by(parameter) if _has_numbers(plain) else ""
         settings.append(Setting(parameter, plain, unit, origin, facts.status, facts.source))
     return settings
@@ -78,16 +78,16 @@ def _source(check: Any) -> str:
     return "" if found is None else " ".join(found[1].split())
 
 
-def _plain(value: Any) -> Any:
+def plain_value(value: Any) -> Any:
     """A value as JSON can hold it; of what it cannot hold, the kind."""
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
         return canonical(value) if math.isfinite(value) else f"{value:g}"
     if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
+        return {str(key): plain_value(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]
+        return [plain_value(inner) for inner in value]
     return f"({type(value).__name__})"
 
 

@@ -215,6 +215,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "result",
         "result_json",
         "ruleset",
+        "settings",
     },
     "report": {
         "adjustments",

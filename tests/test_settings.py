@@ -199,14 +199,40 @@ def test_new_prices_keep_what_was_set_under_new_names(result: Result, tmp_path: 
 
 def test_an_edited_setting_is_found_with_the_log(result: Result, tmp_path: Path) -> None:
     kept = dict(result.measured.settings or {})
-    first = kept["separation"].parameters[0]
-    edited = replace(first, value="standard")
-    kept["separation"] = replace(kept["separation"], parameters=(edited, *kept["separation"].parameters[1:]))
+    at = next(i for i, one in enumerate(kept["separation"].parameters) if one.name == "max_gap_s")
+    changed = list(kept["separation"].parameters)
+    changed[at] = replace(changed[at], value=0.5)
+    kept["separation"] = replace(kept["separation"], parameters=tuple(changed))
     file = tmp_path / "edited.json"
     file.write_text(as_json(replace(result, measured=replace(result.measured, settings=kept))))
 
     (step,) = [s for s in verify_result(file, log=LOG).steps if s.outcome == "failed"]
-    assert (step.name, "$.settings.separation.parameters[0]" in step.words) == ("recomputed", True)
+    assert (step.name, f"$.settings.separation.parameters[{at}].value: 0.5" in step.words) == (
+        "recomputed",
+        True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("delta_m", lambda one: replace(one, value=1.6)),
+        ("max_gap_s", lambda one: replace(one, origin="rule_set")),
+        ("delta_m", lambda one: replace(one, name="gamma_m")),
+    ],
+)
+def test_settings_that_are_not_those_of_the_rules_are_found_without_the_log(
+    name: str, change: Any, result: Result, tmp_path: Path
+) -> None:
+    kept = dict(result.measured.settings or {})
+    edited = tuple(change(one) if one.name == name else one for one in kept["separation"].parameters)
+    kept["separation"] = replace(kept["separation"], parameters=edited)
+    file = tmp_path / "edited.json"
+    file.write_text(as_json(replace(result, measured=replace(result.measured, settings=kept))))
+
+    (step,) = [s for s in verify_result(file).steps if s.outcome == "failed"]
+    assert step.name == "rules"
+    assert "settings of 'separation' give" in step.words
 
 
 @pytest.mark.parametrize(
