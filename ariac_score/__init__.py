@@ -21,10 +21,12 @@ if TYPE_CHECKING:
         EventMonitor,
         EventWatch,
         LogDescription,
+        Margined,
         Monitor,
         OnlineMonitor,
         OnlineWatch,
         Reader,
+        Resolving,
         Rule,
         SignalNeed,
         Standing,
@@ -74,8 +76,8 @@ if TYPE_CHECKING:
 
 _HOME = {
     "ariac_score.contracts": (
-        "Charting Decoder EventMonitor EventWatch LogDescription Monitor OnlineMonitor OnlineWatch Reader "
-        "Rule SignalNeed Standing TopicDescription Wanted"
+        "Charting Decoder EventMonitor EventWatch LogDescription Margined Monitor OnlineMonitor OnlineWatch "
+        "Reader Resolving Rule SignalNeed Standing TopicDescription Wanted"
     ),
     "ariac_score.cohort": "Cohort load_cohort",
     "ariac_score.engine": "measure_trial price_trial reprice score_trial",
@@ -128,6 +130,7 @@ __all__ = [
     "LogDescription",
     "LogError",
     "LogMap",
+    "Margined",
     "Measured",
     "MissingSignalError",
     "Monitor",
@@ -143,6 +146,7 @@ __all__ = [
     "Provenance",
     "Quantity",
     "Reader",
+    "Resolving",
     "Result",
     "Rule",
     "RuleSet",

@@ -25,7 +25,7 @@ from ariac_score.scoring.steward import with_verdicts
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 
-__all__ = ["Annotation", "mcap_bytes", "messages_of", "origin_ns"]
+__all__ = ["Annotation", "mcap_bytes", "messages_of", "origin_ns", "without_margins"]
 
 ROOT = "/ariac_score"
 _STATES = {
@@ -84,12 +84,13 @@ def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: 
         LogError: The log's clock is before its own zero.
     """
     clock = _Clock(origin_ns(trial.clock), frame)
-    names = _topics(found)
     made = [
-        message for track in found for message in _states(track, names[track.check, track.subject], clock)
+        message
+        for track, topic in zip(found, _topics(found), strict=True)
+        for message in _states(track, topic, clock)
     ]
     made += _markers(result, trial, clock)
-    made += _log(result, clock)
+    made += _log(result, clock, without_margins(found))
     if any(message.t_ns < 0 for message in made):
         raise LogError("times before the zero of the log's clock cannot be recorded", hint="check its stamps")
     return sorted(made, key=lambda message: (message.t_ns, message.topic))
@@ -117,17 +118,26 @@ def _time(t_ns: int) -> dict[str, int]:
 # Topics --------------------------------------------------------------------------------
 
 
-def _topics(found: Iterable[Track]) -> dict[tuple[str, str], str]:
-    """A topic for each check and subject; names that ROS allows, and no two the same."""
-    names: dict[tuple[str, str], str] = {}
+def _topics(found: Iterable[Track]) -> list[str]:
+    """A topic for each track, by check and subject; names that ROS allows, and no two the same."""
+    names: list[str] = []
+    taken: set[str] = set()
     for track in found:
-        parts = [_part(part) for part in (track.check, *track.subject.split("/")) if part][:6]
+        parts = [_part(part) for part in (track.check, *track.subject.split("/")[:5], track.what) if part]
         name = plain = f"{ROOT}/{'/'.join(parts)}"
         number = 2
-        while name in names.values():
+        while name in taken:
             name, number = f"{plain}_{number}", number + 1
-        names[track.check, track.subject] = name
+        names.append(name)
+        taken.add(name)
     return names
+
+
+def without_margins(found: Iterable[Track]) -> list[str]:
+    """The checks of which only findings are known, in their order: their margins have no course."""
+    tracks = list(found)
+    sampled = {track.check for track in tracks if track.sampled}
+    return list(dict.fromkeys(track.check for track in tracks if track.check not in sampled))
 
 
 def _part(text: str) -> str:
@@ -247,10 +257,13 @@ def _words(number: int, key: str, finding: Finding, place: _Place, header: Any) 
     }
 
 
-def _log(result: Result, clock: _Clock) -> Iterator[Annotation]:
+def _log(result: Result, clock: _Clock, without: Sequence[str]) -> Iterator[Annotation]:
     """Every violation and undecided finding at its start, then at the end the score and who changed it."""
     window = result.measured.window
     end_s = window.end_s if window else 0.0
+    for check in without:
+        words = "no margin over time: shown is where its findings begin and end"
+        yield _line(clock, window.start_s if window else 0.0, _INFO, check, "margins", words)
     levels = {Verdict.VIOLATED: _ERROR, Verdict.INCONCLUSIVE: _WARNING}
     for key, finding in _final(result).items():
         if finding.verdict in levels:

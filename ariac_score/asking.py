@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
-from ariac_score.contracts import Charting, Monitor, Rule
+from ariac_score.contracts import Charting, Margined, Monitor, Rule
 from ariac_score.errors import MissingSignalError, PluginError
 from ariac_score.findings import Finding
 from ariac_score.guard import broken
@@ -19,7 +19,7 @@ from ariac_score.result import settled
 from ariac_score.trial.model import Trial
 from ariac_score.trial.sketch import Course
 
-__all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "courses_of", "needs_of"]
+__all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "courses_of", "margins_of", "needs_of"]
 
 Heard = Callable[[str], None]
 
@@ -91,13 +91,26 @@ def courses_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Cour
     Raises:
         PluginError: It raised, or shows something that is no `Course`.
     """
-    if not isinstance(check, Charting):
-        return []
+    return _courses(plugin, name, check.courses, trial) if isinstance(check, Charting) else []
+
+
+def margins_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Course]:
+    """The margins of a monitor at every sample; nothing for a check that tells none.
+
+    Raises:
+        PluginError: It raised, or gives something that is no `Course`.
+    """
+    return _courses(plugin, name, check.margins, trial) if isinstance(check, Margined) else []
+
+
+def _courses(
+    plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Course]], trial: Trial
+) -> list[Course]:
     trial = replace(trial)
     before = _marks(trial)
     try:
         with quiet(plugin.origin):
-            courses = list(check.courses(trial))
+            courses = list(show(trial))
     except MissingSignalError:
         return []
     except (Exception, SystemExit) as cause:

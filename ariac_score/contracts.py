@@ -27,10 +27,12 @@ __all__ = [
     "EventMonitor",
     "EventWatch",
     "LogDescription",
+    "Margined",
     "Monitor",
     "OnlineMonitor",
     "OnlineWatch",
     "Reader",
+    "Resolving",
     "Rule",
     "SignalNeed",
     "Standing",
@@ -170,6 +172,29 @@ class Charting(Protocol):
 
     def courses(self, trial: Trial) -> Iterable[Course]:
         """A course for each subject that can be drawn; decides nothing."""
+        ...
+
+
+@runtime_checkable
+class Margined(Protocol):
+    """A monitor that tells its margin at every sample it judged.
+
+    Whoever has `margins` is held to it: they stand at times of samples, and the least
+    one within the span of a violation (of a subject without any: the least of all) is
+    the robustness of the finding.
+    """
+
+    def margins(self, trial: Trial) -> Iterable[Course]:
+        """What was beside what may be, for each subject and limit; without a limit where none applies."""
+        ...
+
+
+@runtime_checkable
+class Resolving(Protocol):
+    """A plugin some of whose parameters leave the choice to another: it says what they come to."""
+
+    def resolved(self) -> Mapping[str, object]:
+        """The value really used, by name of the parameter; decides nothing."""
         ...
 
 

@@ -36,11 +36,12 @@ from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
 from ariac_score.logs.config_forms import looks_like, years_in
 from ariac_score.logs.product_types import unknown_products
 from ariac_score.registry import Registry, package_sha256
-from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical
+from ariac_score.result import Coverage, Measured, Provenance, Result, Settings, Source, canonical
 from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
+from ariac_score.settings import settings_of
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
@@ -143,7 +144,8 @@ def score_trial(
         sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
         inputs = hashes()
     provenance = _provenance(bundle, inputs, rule_set, mapping, registry)
-    return price_trial(replace(measured, sketch=sketch), rule_set, provenance)
+    settings = settings_of(checks, registry=registry, rule_set=rule_set)
+    return price_trial(replace(measured, sketch=sketch, settings=settings), rule_set, provenance)
 
 
 def refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
@@ -529,6 +531,8 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
         FormulaError: A formula has no value here.
     """
     findings: dict[str, Finding] = {}
+    known = result.measured.settings
+    settings: dict[str, Settings] | None = None if known is None else {}
     for check in rule_set.checks.values():
         same = [
             name
@@ -544,9 +548,12 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
             )
         for number, finding in enumerate(result.measured.of(same[0]).values(), start=1):
             findings[f"{check.name}#{number}"] = replace(finding, check=check.name)
+        if settings is not None and known is not None and same[0] in known:
+            settings[check.name] = known[same[0]]
     code = tuple(sorted({_engine(), *result.provenance.code}))
     provenance = replace(result.provenance, rule_set=(rule_set.id, rule_set.sha256), code=code)
-    return price_trial(replace(result.measured, findings=findings), rule_set, provenance, cohort)
+    measured = replace(result.measured, findings=findings, settings=settings)
+    return price_trial(measured, rule_set, provenance, cohort)
 
 
 # Provenance ----------------------------------------------------------------------------

@@ -69,7 +69,8 @@ class Limit:
         relation, bound = (
             ("at most", self.at_most) if self.at_most is not None else ("at least", self.at_least)
         )
-        return f"{self.what} {self.value:.6g} {self.unit} ({relation} {bound:.6g})"
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.what} {self.value:.6g}{unit} ({relation} {bound:.6g})"
 
 
 def _components(value: float | tuple[float, ...]) -> tuple[float, ...]:

@@ -1,18 +1,20 @@
 """What every monitor of a result says over time: its margin and its state, instant by instant.
 
-A monitor that can watch online is asked about every instant. Of any other only what its
-findings say is known: where they begin and end, and the samples they rest on.
+A monitor that tells its margin at every sample is taken at its word; one that can watch online
+is asked about every instant. Of any other only what its findings say is known: where they begin
+and end, and the samples they rest on.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from ariac_score.asking import margins_of
 from ariac_score.contracts import OnlineMonitor
 from ariac_score.engine import file_hashes, find_trial, read_trial
 from ariac_score.errors import ResultError
@@ -27,9 +29,15 @@ from ariac_score.ruleset import RuleSet
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal
+from ariac_score.trial.sketch import Course
+from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import quantity_of
 
 __all__ = ["Moment", "Track", "read_again", "tracks"]
+
+
+JUST_AFTER_S = 1e-9
+"""What lacks samples is undecided from the last one on, which itself was judged."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +66,16 @@ class Track:
         subject: Whom it is about.
         unit: Unit of the margins.
         moments: Strictly increasing in time.
+        what: What its margin is of, where a subject has several; empty for the first.
+        sampled: Whether its margin is known at every sample, not only where findings rest.
     """
 
     check: str
     subject: str
     unit: str
     moments: tuple[Moment, ...]
+    what: str = ""
+    sampled: bool = False
 
 
 def read_again(result: Result, path: Path, rule_set: RuleSet, *, log_map: str, registry: Registry) -> Trial:
@@ -122,18 +134,79 @@ def tracks(result: Result, trial: Trial, rule_set: RuleSet, *, registry: Registr
     found: list[Track] = []
     for plugin, name, check in _monitors(rule_set, registry):
         findings = list(result.measured.of(name).values())
-        watched: dict[str, Track] = {}
-        if isinstance(check, OnlineMonitor):
-            watched = _watched(plugin, name, check, trial)
-        told = _told(name, [f for f in findings if f.subject not in watched], result)
-        found += [*watched.values(), *told]
+        own = _sampled(name, margins_of(plugin, name, check, trial), findings)
+        if not own and isinstance(check, OnlineMonitor):
+            own = _watched(plugin, name, check, trial)
+        own = [_with_undecided(track, findings) for track in own]
+        known = {track.subject for track in own}
+        found += [*own, *_told(name, [f for f in findings if f.subject not in known], result)]
     return found
+
+
+def _with_undecided(track: Track, findings: Sequence[Finding]) -> Track:
+    """A track that says between its samples, where they lack, what is undecided."""
+    said = {moment.t_s for moment in track.moments}
+    more: dict[float, Moment] = {}
+    for f in findings:
+        if f.subject == track.subject and f.verdict is Verdict.INCONCLUSIVE and f.span is not None:
+            start_s = f.span.start_s
+            t_s = start_s + JUST_AFTER_S if start_s in said else start_s
+            more[t_s] = Moment(t_s, f.verdict, None, f.message)
+    moments = sorted((*track.moments, *more.values()), key=lambda moment: moment.t_s)
+    return replace(track, moments=tuple(moments)) if more else track
+
+
+# Monitors that tell their margins ------------------------------------------------------
+
+
+def _sampled(name: str, courses: Sequence[Course], findings: Sequence[Finding]) -> list[Track]:
+    """The margins of a monitor with the state at each; in the order of its subjects."""
+    found: list[Track] = []
+    for course in courses:
+        if not len(course.t):
+            continue
+        several = any(track.subject == course.subject for track in found)
+        violations = [
+            f.span
+            for f in findings
+            if f.span is not None and f.subject == course.subject and f.verdict is Verdict.VIOLATED
+        ]
+        moments = tuple(_news(_states(course, violations)))
+        what = course.what if several else ""
+        found.append(Track(name, course.subject, course.unit, moments, what, sampled=True))
+    return found
+
+
+def _states(course: Course, violations: Sequence[Span]) -> Iterator[Moment]:
+    """What holds at each sample; a margin of exactly 0 is broken where it counted so."""
+    margins = course.margin
+    broken = margins < 0
+    for span in violations:
+        broken |= (margins == 0) & (course.t >= span.start_s) & (course.t <= span.end_s)
+    relation = "at most" if course.at_most else "at least"
+    before: Verdict | None = None
+    for t_s, margin, actual, limit, violated in zip(
+        course.t.tolist(),
+        margins.tolist(),
+        course.actual.tolist(),
+        course.limit.tolist(),
+        broken.tolist(),
+        strict=True,
+    ):
+        if math.isnan(margin):
+            verdict, words = Verdict.NOT_APPLICABLE, "the limit does not apply"
+        else:
+            verdict, words = Verdict.VIOLATED if violated else Verdict.SATISFIED, ""
+        if verdict is not before and not words:
+            words = f"{course.what} {actual:.3f} {course.unit} ({relation} {limit:.3f})"
+        before = verdict
+        yield Moment(t_s, verdict, None if math.isnan(margin) else margin, words)
 
 
 # Monitors that watch online ------------------------------------------------------------
 
 
-def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) -> dict[str, Track]:
+def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) -> list[Track]:
     """The standing of an online monitor at every instant of the competition, by subject."""
     wanted = {need.quantity for need in needs_of(plugin, name, monitor)}
     signals = [s for key, s in sorted(trial.signals.items()) if quantity_of(key) in wanted]
@@ -152,9 +225,10 @@ def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) ->
                         units[standing.subject] = standing.unit
     except Exception as cause:
         raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
-    return {
-        subject: Track(name, subject, units[subject], tuple(_news(own))) for subject, own in moments.items()
-    }
+    return [
+        Track(name, subject, units[subject], tuple(_news(own)), sampled=True)
+        for subject, own in moments.items()
+    ]
 
 
 def _steps(signals: Sequence[Signal]) -> Iterator[list[Sample]]:

@@ -15,7 +15,14 @@ from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields
 from typing import Any, Literal
 
-__all__ = ["ParameterFacts", "Status", "check_parameters", "parameter", "parameter_facts"]
+__all__ = [
+    "ParameterFacts",
+    "Status",
+    "check_parameters",
+    "parameter",
+    "parameter_facts",
+    "unit_told_by",
+]
 
 Status = Literal["verified", "from memory", "our choice"]
 """verified: seen in the named public source. from memory: not confirmed. our choice: nobody prescribes it."""
@@ -101,6 +108,32 @@ def facts_of(declared: Field[Any]) -> ParameterFacts:
 def parameter_facts(kind: Any) -> dict[str, ParameterFacts]:
     """The facts about every parameter of a plugin class (or of a plugin), by name."""
     return {declared.name: facts_of(declared) for declared in fields(kind) if declared.init}
+
+
+_UNITS: Mapping[str, str] = {
+    "_rad_s": "rad/s",
+    "_m_s2": "m/s2",
+    "_m_s": "m/s",
+    "_rad": "rad",
+    "_m2": "m2",
+    "_kg": "kg",
+    "_pa": "Pa",
+    "_hz": "Hz",
+    "_n": "N",
+    "_j": "J",
+    "_m": "m",
+    "_s": "s",
+}
+"""Units as names of numbers end in them, the longer ones first."""
+
+
+def unit_told_by(name: str) -> str:
+    """The SI unit that the name of a number ends in; empty for a name without one.
+
+    >>> unit_told_by("max_speed_m_s"), unit_told_by("max_distance_m"), unit_told_by("passes")
+    ('m/s', 'm', '')
+    """
+    return next((unit for ending, unit in _UNITS.items() if name.lower().endswith(ending)), "")
 
 
 def check_parameters(plugin: Any) -> None:

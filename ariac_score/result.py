@@ -25,6 +25,8 @@ __all__ = [
     "Measured",
     "Provenance",
     "Result",
+    "Setting",
+    "Settings",
     "Source",
     "canonical",
     "settled",
@@ -75,6 +77,40 @@ class Coverage:
 
 
 @dataclass(frozen=True)
+class Setting:
+    """One parameter as it was in force.
+
+    Attributes:
+        name: Its name.
+        value: Number, text, list or mapping; `None` where there is none.
+        unit: SI unit; empty where the plugin tells none.
+        origin: `rule_set`, `default` of the plugin, or `derived` from other parameters, as by a profile.
+        status: How sure the default is, where the plugin says so.
+        source: Where the default comes from, where the plugin says so.
+    """
+
+    name: str
+    value: Any
+    unit: str
+    origin: str
+    status: str = ""
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a check was set to.
+
+    Attributes:
+        source: What its plugin says that it rests on.
+        parameters: Every parameter, in the order the plugin has them.
+    """
+
+    source: str
+    parameters: tuple[Setting, ...]
+
+
+@dataclass(frozen=True)
 class Measured:
     """Everything the checks said about a trial; enough to price it without its log.
 
@@ -92,6 +128,7 @@ class Measured:
         official: The official scorer's result, when the bundle holds it.
         team: Name of the team; empty when unknown.
         sketch: What a page draws beside this; `None` where none was made. Nothing is priced by it.
+        settings: What every check was set to, by its name; `None` where it was not kept. Prices nothing.
     """
 
     trial: str
@@ -107,6 +144,7 @@ class Measured:
     official: OfficialResult | None = None
     team: str = ""
     sketch: Sketch | None = None
+    settings: Mapping[str, Settings] | None = None
 
     def of(self, check: str) -> dict[str, Finding]:
         """The findings of one check, by id."""

@@ -25,6 +25,8 @@ from ariac_score.result import (
     Measured,
     Provenance,
     Result,
+    Setting,
+    Settings,
     Source,
     canonical,
 )
@@ -66,11 +68,17 @@ def as_json(result: Result) -> str:
     if result.ledger is not None and result.score is not None:
         reconcile(result.ledger, result.score, digits=result.digits)
     text = _canonical_text(_result_data(result))
-    if result.measured.sketch is None:
-        return text
-    # Its thousands of numbers stand on one line; no other line of the text can begin like this one.
-    sketch = _encodable(json.dumps(sketch_data(result.measured.sketch), **_COMPACT))
-    return text.replace(_NO_SKETCH, _NO_SKETCH.replace("null", sketch), 1)
+    if result.measured.settings is not None:
+        text = _on_one_line(text, "settings", _settings_data(result.measured.settings))
+    if result.measured.sketch is not None:
+        text = _on_one_line(text, "sketch", sketch_data(result.measured.sketch))
+    return text
+
+
+def _on_one_line(text: str, key: str, data: Any) -> str:
+    """The text with a value of many small parts in the place that was kept for it."""
+    place = f'\n "{key}": '  # no other line of the text can begin like this one
+    return text.replace(f"{place}null", place + _encodable(json.dumps(data, **_COMPACT)), 1)
 
 
 def findings_json(measured: Measured) -> str:
@@ -90,7 +98,6 @@ def measured_sha256(result: Result) -> str:
     return hashlib.sha256(_canonical_text(data).encode("utf-8")).hexdigest()
 
 
-_NO_SKETCH = '\n "sketch": null'
 _COMPACT: Mapping[str, Any] = {
     "sort_keys": True,
     "separators": (",", ":"),
@@ -280,6 +287,19 @@ def adjustment_data(adjustment: Adjustment) -> dict[str, Any]:
     }
 
 
+def _settings_data(settings: Mapping[str, Settings]) -> dict[str, Any]:
+    return {
+        check: {"source": one.source, "parameters": [_setting_data(each) for each in one.parameters]}
+        for check, one in settings.items()
+    }
+
+
+def _setting_data(setting: Setting) -> dict[str, Any]:
+    told = {"unit": setting.unit, "status": setting.status, "source": setting.source}
+    said = {key: text for key, text in told.items() if text}
+    return {"name": setting.name, "value": setting.value, "origin": setting.origin, **said}
+
+
 def _adjusted_data(adjusted: Adjusted) -> dict[str, Any]:
     return {
         "score": _amount(adjusted.score),
@@ -290,10 +310,12 @@ def _adjusted_data(adjusted: Adjusted) -> dict[str, Any]:
 
 
 def _result_data(result: Result) -> dict[str, Any]:
-    # The key is there only where stewards decided: an automatic result has the bytes it always had.
+    # Both keys are there only where they hold something: other results have the bytes they always had.
     adjusted = {} if result.adjusted is None else {"adjusted": _adjusted_data(result.adjusted)}
+    settings = {} if result.measured.settings is None else {"settings": None}
     return {
         **adjusted,
+        **settings,
         "schema": SCHEMA,
         "sketch": None,
         "rule_set_title": result.rule_set_title,
@@ -456,7 +478,11 @@ def _result(data: Mapping[str, Any]) -> Result:
     digits = data["rounding"]["score_decimals"]
     unit = Decimal(1).scaleb(-digits)
     return Result(
-        measured=replace(_measured(data["measured"]), sketch=_sketch(data.get("sketch"))),
+        measured=replace(
+            _measured(data["measured"]),
+            sketch=_sketch(data.get("sketch")),
+            settings=_settings(data.get("settings")),
+        ),
         rule_set_title=data["rule_set_title"],
         checks=_plain(data["checks"]),
         notes=tuple(data["notes"]),
@@ -508,6 +534,26 @@ def adjustment_from(data: Mapping[str, Any]) -> Adjustment:
 
 def _sketch(data: Mapping[str, Any] | None) -> Sketch | None:
     return None if data is None else sketch_from(data)
+
+
+def _settings(data: Mapping[str, Any] | None) -> dict[str, Settings] | None:
+    if data is None:
+        return None
+    return {
+        check: Settings(one["source"], tuple(_setting(each) for each in one["parameters"]))
+        for check, one in data.items()
+    }
+
+
+def _setting(data: Mapping[str, Any]) -> Setting:
+    return Setting(
+        data["name"],
+        _plain(data["value"]),
+        data.get("unit", ""),
+        data["origin"],
+        data.get("status", ""),
+        data.get("source", ""),
+    )
 
 
 def _exact(value: Any, unit: Decimal) -> Decimal | None:

@@ -22,6 +22,7 @@ from ariac_score.registry import Registry, package_sha256
 from ariac_score.result import Provenance, Result
 from ariac_score.result_json import as_json, check_follows, measured_sha256, read_result
 from ariac_score.ruleset import RuleSet, differences, expanded_yaml, load_rule_set, rule_set_from_text
+from ariac_score.settings import plain_value
 
 __all__ = ["Step", "Verification", "verify_result"]
 
@@ -194,6 +195,9 @@ def _rules(result: Result, given: RuleSet | None, *, asked: bool) -> Step:
     told = (own.title, own.notes, {name: _used(own, name) for name in own.checks})
     if told != (result.rule_set_title, result.notes, {n: dict(used) for n, used in result.checks.items()}):
         return Step("rules", FAILED, "title, notes or checks are not those of the rules in the result")
+    for check, parameter in _given_otherwise(result):
+        words = f"settings of {check!r} give {parameter!r} another value than the rules in the result"
+        return Step("rules", FAILED, words)
     if given is None:
         return Step("rules", NOTE, f"{name} is not installed here; the rules in the result were used")
     if expanded_yaml(given) != expanded_yaml(own):
@@ -206,6 +210,24 @@ def _rules(result: Result, given: RuleSet | None, *, asked: bool) -> Step:
             "rules", worse, f"{name} says the same, but from a file with another hash: {given.sha256[:16]}…"
         )
     return Step("rules", OK, f"{name}, sha256 {sha256[:16]}…")
+
+
+def _given_otherwise(result: Result) -> Iterator[tuple[str, str]]:
+    """Parameters that the settings have from the rule set, and the rule set does not give so."""
+    for name, kept in (result.measured.settings or {}).items():
+        given = dict(result.checks.get(name, {}).get("with", {}))
+        told = {one.name: one for one in kept.parameters}
+        for parameter in sorted(given.keys() - told.keys()):
+            yield name, parameter
+        for parameter, one in told.items():
+            if one.origin == "rule_set" and (
+                parameter not in given or _text(one.value) != _text(plain_value(given[parameter]))
+            ):
+                yield name, parameter
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, sort_keys=True)
 
 
 def _used(rule_set: RuleSet, name: str) -> dict[str, Any]:
@@ -342,11 +364,14 @@ def _recomputed(stored: Result, again: Result) -> Step:
     if before == after:
         return Step("recomputed", OK, "the same to the byte")
     found = list(_different(json.loads(before), json.loads(after), "$"))
-    values = [each for each in found if not each[0].startswith("$.provenance")]
+    # A result that keeps no settings is of a version before they were kept, or was robbed of them.
+    unpriced = ("$.provenance", *(() if stored.measured.settings is not None else ("$.settings",)))
+    values = [each for each in found if not each[0].startswith(unpriced)]
     words = (
         _listed(values, "in the result", "computed again")
         if values
         else "the same score, ledger and findings"
+        + ("; the result does not keep its settings" if stored.measured.settings is None else "")
     )
     versions = list(_versions(stored.provenance, again.provenance))
     return Step("recomputed", FAILED, "\n".join([words, *versions]))

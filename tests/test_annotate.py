@@ -16,7 +16,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ariac_score import Finding, Result, Sample, Span, Trial, Verdict, as_json, load_rule_set, score_trial
+from ariac_score import (
+    Finding,
+    Result,
+    Sample,
+    Span,
+    Trial,
+    Verdict,
+    as_json,
+    load_result,
+    load_rule_set,
+    score_trial,
+)
 from ariac_score.annotations import mcap_bytes, messages_of, origin_ns
 from ariac_score.cli import main
 from ariac_score.margins import Moment, Track, read_again, tracks
@@ -25,6 +36,7 @@ from ariac_score.ruleset import Check
 from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
     kitting_trial,
+    made_trial,
     recorded_messages,
     write_bag,
     write_trial_log,
@@ -65,9 +77,9 @@ def scored(path: Path) -> Result:
     return score_trial(path, "paper2020")
 
 
-def annotated(path: Path, result: Result | None = None) -> list[Read]:
+def annotated(path: Path, result: Result | None = None, named: str = "paper2020") -> list[Read]:
     result = result or scored(path)
-    rules, registry = load_rule_set("paper2020"), Registry()
+    rules, registry = load_rule_set(named), Registry()
     trial = read_again(result, path, rules, log_map="", registry=registry)
     return read(
         mcap_bytes(messages_of(result, trial, tracks(result, trial, rules, registry=registry), frame="world"))
@@ -207,7 +219,7 @@ def test_the_same_result_and_log_give_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
-def test_nothing_is_said_in_a_gap(tmp_path: Path) -> None:
+def test_in_a_gap_nothing_is_said_but_that_it_is_undecided(tmp_path: Path) -> None:
     messages = [
         m
         for m in recorded_messages(kitting_trial())
@@ -216,10 +228,13 @@ def test_nothing_is_said_in_a_gap(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "trial.mcap", messages, storage="mcap")
     found = annotated(path)
 
-    times = [(m.t_ns - ORIGIN_NS) / 1e9 for m in on(SEPARATION, found)]
-    assert not [t for t in times if 25.0 < t < 30.0]
-    undecided = [m for m in on(LOG, found) if m.message.level == 30 and m.message.name == "separation"]
-    assert undecided
+    states = [(m.t_ns - ORIGIN_NS, m.message.state, m.message.margin) for m in on(SEPARATION, found)]
+    (undecided,) = [each for each in states if 25_000_000_000 < each[0] < 30_000_000_000]
+    assert undecided[:2] == (25_000_000_001, 2)
+    assert math.isnan(undecided[2])
+    around = {t_ns: state for t_ns, state, _ in states}
+    assert (around[25_000_000_000], around[30_000_000_000]) == (0, 0)
+    assert [m for m in on(LOG, found) if m.message.level == 30 and m.message.name == "separation"]
 
 
 def test_a_signal_that_is_missing_is_undecided_and_nothing_else(tmp_path: Path) -> None:
@@ -229,6 +244,87 @@ def test_a_signal_that_is_missing_is_undecided_and_nothing_else(tmp_path: Path) 
 
     assert 0 not in states
     assert 2 in states
+
+
+# Monitors of every kind ----------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A trial that has everything, and its result under every shipped monitor."""
+    folder = tmp_path_factory.mktemp("everything")
+    log = write_trial_log(folder / "made.jsonl", made_trial())
+    result = score_trial(log, str(ROOT / "examples/all_monitors.yaml"))
+    file = folder / "result.json"
+    file.write_text(as_json(result), encoding="utf-8")
+    return log, file
+
+
+def test_every_monitor_has_a_margin_at_every_sample_or_is_named(
+    everything: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, file = everything
+    out = tmp_path / "out.mcap"
+    assert main(["annotate", str(log), str(file), "-o", str(out)]) == 0
+    notice = capsys.readouterr().err
+    messages = read(out.read_bytes())
+
+    states: dict[str, list[Any]] = {}
+    for m in messages:
+        if m.type == "ariac_score_msgs/msg/MonitorState":
+            states.setdefault(m.topic.split("/")[2], []).append(m.message)
+    rules = load_rule_set(str(ROOT / "examples/all_monitors.yaml"))
+    monitors = [n for n, c in rules.checks.items() if c.group == "ariac_score.monitors"]
+    assert set(states) == set(monitors)
+    bare = {"stops", "collisions", "pose", "coverage", "no_arm_collision"}
+    assert notice == (
+        "notice: no margin at every sample, only where findings begin and end: "
+        f"{', '.join(name for name in rules.checks if name in bare)}\n"
+    )
+    told = {m.message.name for m in on(LOG, messages) if m.message.function == "margins"}
+    assert told == bare
+    for name in set(monitors) - bare:
+        # The made trial has 100 samples a second for 40 s, of which the competition has 37.5 s.
+        assert len(states[name]) >= 3751, name
+
+
+def test_the_least_margin_beside_the_log_is_that_of_the_finding(everything: tuple[Path, Path]) -> None:
+    log, file = everything
+    result = json.loads(file.read_text())
+    messages = [
+        m
+        for m in annotated(log, load_result(file), str(ROOT / "examples/all_monitors.yaml"))
+        if m.type == "ariac_score_msgs/msg/MonitorState"
+    ]
+
+    checked = set()
+    for finding in result["measured"]["findings"].values():
+        if finding["verdict"] != "violated" or not finding["span_s"] or finding["robustness"] is None:
+            continue
+        start_s, end_s = finding["span_s"]
+        own = [
+            m.message.margin
+            for m in messages
+            if (m.message.check, m.message.subject, m.message.unit)
+            == (finding["check"], finding["subject"], finding["unit"])
+            and start_s - 1e-9 <= (m.t_ns - ORIGIN_NS) / 1e9 <= end_s + 1e-9
+            and not math.isnan(m.message.margin)
+        ]
+        if finding["check"] not in ("stops", "pose", "coverage", "collisions"):
+            assert min(own) == pytest.approx(finding["robustness"], abs=1e-9), finding["check"]
+            checked.add(finding["check"])
+    assert len(checked) >= 8, checked
+
+
+def test_several_limits_of_one_subject_have_a_topic_each(everything: tuple[Path, Path]) -> None:
+    log, file = everything
+    topics = {m.topic for m in annotated(log, load_result(file), str(ROOT / "examples/all_monitors.yaml"))}
+
+    assert {t for t in topics if t.startswith("/ariac_score/standstill/robot/human")} == {
+        "/ariac_score/standstill/robot/human",
+        "/ariac_score/standstill/robot/human/drift_while_standing_still",
+        "/ariac_score/standstill/robot/human/joint_speed_in_the_workspace",
+    }
 
 
 # Pieces --------------------------------------------------------------------------------

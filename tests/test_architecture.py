@@ -48,6 +48,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "cohort": {"datafiles", "errors", "expression", "result", "ruleset", "scoring"},
     "guard": {"contracts", "errors", "quiet", "registry", "trial"},
     "needs": {"contracts", "errors", "guard", "quiet", "registry", "ruleset", "trial"},
+    "settings": {"contracts", "guard", "parameters", "quiet", "registry", "result", "ruleset"},
     "asking": {"contracts", "errors", "findings", "guard", "needs", "quiet", "registry", "result", "trial"},
     "engine": {
         "needs",
@@ -62,6 +63,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "result",
         "ruleset",
         "scoring",
+        "settings",
         "trial",
     },
     "certain": {"errors", "expression", "findings", "result", "ruleset", "scoring"},
@@ -219,6 +221,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "result",
         "result_json",
         "ruleset",
+        "settings",
     },
     "report": {
         "adjustments",
@@ -251,6 +254,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "numpy",
         "quiet",
         "registry",
+        "result",
         "rosbags",
         "ruleset",
         "trial",

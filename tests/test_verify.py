@@ -58,14 +58,14 @@ def edited(stored: Path, folder: Path, edit: Edit) -> Path:
 
 
 def rewritten(data: dict[str, Any]) -> str:
-    """Changed data in the form in which results are written; what is drawn stands on one line there."""
-    sketch = data.get("sketch")
-    bare = {**data, "sketch": None} if sketch else data
+    """Changed data in the form in which results are written: sketch and settings each on one line."""
+    long = {key: data[key] for key in ("sketch", "settings") if data.get(key) is not None}
+    bare = {**data, **dict.fromkeys(long)}
     text = json.dumps(bare, sort_keys=True, indent=1, ensure_ascii=False) + "\n"
-    if not sketch:
-        return text
-    line = json.dumps(sketch, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    return text.replace('\n "sketch": null', f'\n "sketch": {line}', 1)
+    for key, value in long.items():
+        line = json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+        text = text.replace(f'\n "{key}": null', f'\n "{key}": {line}', 1)
+    return text
 
 
 def failed(found: Verification) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the log again, watch it, write."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.annotations import mcap_bytes, messages_of  # noqa: PLC0415
+    from ariac_score.annotations import mcap_bytes, messages_of, without_margins  # noqa: PLC0415
     from ariac_score.cli.output import refuse_inputs, write_bytes  # noqa: PLC0415
     from ariac_score.logmap import load_log_map  # noqa: PLC0415
     from ariac_score.margins import read_again, tracks  # noqa: PLC0415
@@ -51,4 +52,9 @@ def run(arguments: argparse.Namespace) -> int:
     trial = read_again(result, arguments.path, rule_set, log_map=arguments.log_map, registry=registry)
     found = tracks(result, trial, rule_set, registry=registry)
     write_bytes(mcap_bytes(messages_of(result, trial, found, frame=mapping.root_frame)), arguments.output)
+    bare = without_margins(found)
+    if bare:
+        sys.stderr.write(
+            f"notice: no margin at every sample, only where findings begin and end: {', '.join(bare)}\n"
+        )
     return 0

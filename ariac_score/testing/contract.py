@@ -20,17 +20,19 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.asking import BUDGET_S, ask, budget_of
+from ariac_score.asking import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.contracts import GROUPS, Monitor, Reader, Rule
 from ariac_score.errors import PluginError
 from ariac_score.findings import Finding, Verdict
 from ariac_score.needs import needs_of
 from ariac_score.registry import Plugin, Registry, not_by_name
+from ariac_score.testing.margin_contract import margin_fault
 from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.testing.variants import HOLLOW, SIGNAL_VARIANTS, bare, only, reordered, shifted, without
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
+from ariac_score.trial.sketch import Course
 
 __all__ = [
     "BUDGET_S",
@@ -225,6 +227,8 @@ class _Checked:
                 ("nothing_stepped", "a trial in which nothing comes ends like an empty log", self.unstepped),
                 ("repeated_time", "a time that does not increase is refused", self.repeated_time),
             ]
+        if hasattr(self.check, "margins"):
+            named.append(("margins", "the margins over time are those of the findings", self.margins))
         return [ContractCheck(*each) for each in named]
 
     # Asking
@@ -434,6 +438,16 @@ class _Checked:
                     f"decides {finding.subject!r} although no submission is recorded: {finding.message!r}"
                 )
 
+    def margins(self) -> None:
+        told = [
+            margins_of(self.plugin, "contract", check, self.trial) for check in (self.check, self._anew())
+        ]
+        if list(map(_course_marks, told[0])) != list(map(_course_marks, told[1])):
+            raise self.broken("tells other margins when asked again")
+        fault = margin_fault(self.trial, self.needed(), self.said, told[0])
+        if fault:
+            raise self.broken(fault)
+
     @property
     def online(self) -> OnlineChecks:
         """The monitor stepped through the trial."""
@@ -461,6 +475,12 @@ class _Checked:
     def _told(self, findings: list[Finding]) -> list[Finding]:
         """Findings of a watch, looked at as those of any monitor."""
         return self.ask(replace(self.trial, signals={}), _Told(findings))
+
+
+def _course_marks(course: Course) -> tuple[object, ...]:
+    """What tells two courses apart, to the last bit."""
+    arrays = (course.t, course.actual, course.limit)
+    return course.subject, course.what, course.unit, course.at_most, *(array.tobytes() for array in arrays)
 
 
 class _Told:

@@ -77,6 +77,11 @@ class Course:
     at_most: bool = False
     max_gap_s: float = math.inf
 
+    @property
+    def margin(self) -> FloatArray:
+        """Signed distance to the limit, shape (n,), negative where it is broken; NaN where there is none."""
+        return self.limit - self.actual if self.at_most else self.actual - self.limit
+
     def __post_init__(self) -> None:
         if not self.t.shape == self.actual.shape == self.limit.shape == (len(self.t),):
             raise ValueError(f"the course of {self.what} has columns of different length")

@@ -16,6 +16,7 @@ import numpy as np
 from ariac_score import (
     QUANTITIES,
     Body,
+    Course,
     EventWatch,
     Finding,
     MissingSignalError,
@@ -123,6 +124,16 @@ class RmlSpec:
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for every subject: its violations, or that there are none."""
+        return (said for said in self._say(trial) if isinstance(said, Finding))
+
+    def margins(self, trial: Trial) -> Iterator[Course]:
+        """The margin of every event by inequalities over numbers, where all have one unit."""
+        for said in self._say(trial):
+            course = None if isinstance(said, Finding) else said.course
+            if course is not None:
+                yield course
+
+    def _say(self, trial: Trial) -> Iterator[Finding | _Judged]:
         program: Program | None = getattr(self, "_program", None)
         if program is None or not self.events:
             missing = "specification" if program is None else "mapping of events"
@@ -167,7 +178,7 @@ class RmlSpec:
             raise ValueError("no specification is given")
         return program.machine(tolerance=0.0 if self.exact else TOLERANCE, max_state=self.max_state)
 
-    def _watch_one(self, trial: Trial, subject: str, names: Mapping[str, str]) -> Iterator[Finding]:
+    def _watch_one(self, trial: Trial, subject: str, names: Mapping[str, str]) -> Iterator[Finding | _Judged]:
         try:
             recorded = [_Recorded.of(trial, topic, names, self.max_gap_s) for topic in self._topics()]
         except MissingSignalError as missing:
@@ -182,6 +193,7 @@ class RmlSpec:
         columns = Columns(machine.matcher, stream)
         watch = watch_stream(machine, stream, self.after_violation, columns)
         judged = _Judged(self, subject, recorded, stream, watch, margins(machine, stream, watch, columns))
+        yield judged
         yield from judged.findings(trial, decided=not undecided)
 
 
@@ -352,6 +364,13 @@ def _undecided(trial: Trial, subject: str, recorded: Sequence[_Recorded]) -> Ite
             yield Finding.inconclusive(subject, message, span=gap)
 
 
+def _firsts(topic: IntArray, field: IntArray, known: Any) -> IntArray:
+    """The first known row of every topic and field that occur together."""
+    _, first = np.unique(np.stack([topic, field]), axis=1, return_index=True)
+    rows: IntArray = np.flatnonzero(known)[first]
+    return rows
+
+
 # From verdicts to findings ---------------------------------------------------------------
 
 
@@ -374,6 +393,37 @@ class _Judged:
         self.labels = {"spec_sha256": getattr(monitor, "_spec_sha256", "")}
         self.rejected = np.flatnonzero(watch.rejected)
         self.rejected_t = stream.t[self.rejected]
+
+    @property
+    def course(self) -> Course | None:
+        """The margin over time, of events at one time the least; `None` where there is none of one unit."""
+        known = np.isfinite(self.margin) & (np.arange(len(self.margin)) < self._judged_to)
+        units = {self._unit(int(row)) for row in _firsts(self.stream.topic[known], self.field[known], known)}
+        if len(units) != 1:
+            return None
+        # A rejected event is beyond its limit, whatever the last digit says; an accepted one within.
+        margin = np.where(self.watch.rejected, np.minimum(self.margin, 0.0), np.maximum(self.margin, 0.0))
+        t, first = np.unique(self.stream.t, return_index=True)
+        least = np.minimum.reduceat(np.where(known, margin, np.inf), first)
+        told = np.isfinite(least)
+        return Course(
+            self.subject,
+            "margin of the specification",
+            units.pop(),
+            t,
+            np.where(told, least, 0.0),
+            np.where(told, 0.0, np.nan),
+            max_gap_s=self.monitor.max_gap_s,
+        )
+
+    @property
+    def _judged_to(self) -> int:
+        """The first event that is not judged any more."""
+        if self.watch.error is not None:
+            return self.watch.error_at
+        if self.monitor.after_violation == "once" and len(self.rejected):
+            return int(self.rejected[0]) + 1
+        return len(self.stream)
 
     def findings(self, trial: Trial, *, decided: bool) -> Iterator[Finding]:
         spans = self._episodes()

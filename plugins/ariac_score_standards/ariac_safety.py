@@ -29,14 +29,24 @@ from ariac_score import (
     uncovered_spans,
 )
 from ariac_score_standards.online import PairsOnline
-from ariac_score_standards.severity import SPEED, Meeting, episodes_below, no_severities, robot_moving
+from ariac_score_standards.severity import (
+    SPEED,
+    Bound,
+    Meeting,
+    Said,
+    Sampled,
+    Seen,
+    episodes_below,
+    no_severities,
+    robot_moving,
+)
 from ariac_score_standards.watching import ENVIRONMENT, OFF, ON, FloatArray, Watched, looked_for, watch_pairs
 
 _CONTACT_CLAUSE = "ARIAC 2022 scoring, robot-human collision"
 
 
 @dataclass(frozen=True)
-class HumanContact:
+class HumanContact(Sampled):
     """No robot touches a human.
 
     Measures:
@@ -75,7 +85,7 @@ class HumanContact:
         yield SignalNeed(self.distance, "m", self.max_gap_s)
         yield SignalNeed("speed", "m/s", self.max_gap_s, optional=True)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """Findings for every pair: its contacts, or its closest moment."""
         return watch_pairs(
             trial,
@@ -97,8 +107,10 @@ class HumanContact:
             return Standing(subject, t_s, Verdict.SATISFIED, f"{values[0]:.3f} m apart", margin_m, "m")
         return Standing(subject, t_s, Verdict.VIOLATED, f"contact: {values[0]:.3f} m", margin_m, "m")
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
         (distance_m,) = watched.columns.values()
+        contact_m = np.full_like(distance_m, self.contact_distance_m)
+        yield Seen(subject, watched, Bound(self.distance.replace("_", " "), distance_m, contact_m, "m"))
         # Contact is at the limit too, so the limit itself must count as below it.
         beyond = np.nextafter(self.contact_distance_m, np.inf)
         margin_m = distance_m - beyond

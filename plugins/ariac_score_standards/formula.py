@@ -47,7 +47,7 @@ from ariac_score import (
     parameter,
 )
 from ariac_score_standards.online import Judge, SubjectsOnline
-from ariac_score_standards.severity import Episode, episodes_of
+from ariac_score_standards.severity import Bound, Episode, Said, Sampled, Seen, episodes_of
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, watch_subjects
 
 _KINDS = ("robot", "agv", "human")
@@ -258,7 +258,7 @@ class Formula:
             Subject("/".join(chosen), dict(zip(kinds, chosen, strict=True))) for chosen in product(*ids)
         ], kinds
 
-    def _watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         if not all(self._texts):
             yield Finding.inconclusive("trial", "no formula is given", span=trial.window, clause=self._clause)
             return
@@ -273,7 +273,7 @@ class Formula:
             kinds=kinds,
         )
 
-    def _guarded(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _guarded(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
         """What the formula says; where it has no value, that."""
         try:
             yield from self._judge(subject, watched)
@@ -281,7 +281,7 @@ class Formula:
             message = f"the formula has no value: {wrong.cause}"
             yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
         raise NotImplementedError
 
     def _of(self, text: str, watched: Watched) -> Judged:
@@ -293,7 +293,7 @@ class Formula:
 
 
 @dataclass(frozen=True)
-class Always(Formula):
+class Always(Formula, Sampled):
     """A formula over signals holds at every sample of the competition.
 
     Measures:
@@ -320,10 +320,6 @@ class Always(Formula):
     @property
     def _texts(self) -> tuple[str, ...]:
         return (self.holds,)
-
-    def watch(self, trial: Trial) -> Iterator[Finding]:
-        """For every subject where it did not hold, or its closest moment."""
-        return self._watch(trial)
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the formula holds; for the bodies known beforehand."""
@@ -355,15 +351,17 @@ class Always(Formula):
 
         return stand
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
         yield from self._findings(subject, watched, self._sided(self._of(self.holds, watched)))
 
     def _sided(self, found: Judged) -> Judged:
         """What the formula says, as what has to hold."""
         return found
 
-    def _findings(self, subject: Subject, watched: Watched, found: Judged) -> Iterator[Finding]:
-        limit = np.zeros(len(watched.t)) if found.limit is None else found.limit
+    def _findings(self, subject: Subject, watched: Watched, found: Judged) -> Iterator[Said]:
+        nothing = np.zeros(len(watched.t))
+        yield Seen(subject.name, watched, Bound("margin of the formula", found.margin, nothing, self.unit))
+        limit = nothing if found.limit is None else found.limit
         episodes = episodes_of(
             watched,
             ~found.true,
@@ -470,7 +468,7 @@ class Within(Formula):
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """For every subject each late response, or the latest that was in time."""
-        return self._watch(trial)
+        return (said for said in self._say(trial) if isinstance(said, Finding))
 
     def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
         t, answered = watched.t, self._of(self.response, watched).true

@@ -24,8 +24,9 @@ from ariac_score import (
     parameter,
     sample_durations,
 )
-from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, travelled_m
+from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, Bound, Said, Sampled, Seen, travelled_m
 from ariac_score_standards.watching import (
+    BoolArray,
     FloatArray,
     Subject,
     Watched,
@@ -251,8 +252,25 @@ def nothing_happened(trial: Trial, subject: Subject, kinds: Sequence[str], claus
 # Starting again -------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True, eq=False)
+class _Latched:
+    """What follows one stop.
+
+    Attributes:
+        stop: The event.
+        reset_s: When it was reset, s; infinite when never.
+        end_s: When the machine may move again, or is stopped again, s; infinite when never.
+        rests: Where it has to rest, shape (n,).
+    """
+
+    stop: Event
+    reset_s: float
+    end_s: float
+    rests: BoolArray
+
+
 @dataclass(frozen=True)
-class EstopRestart:
+class EstopRestart(Sampled):
     """After an emergency stop nothing moves before reset and a separate start.
 
     Measures:
@@ -291,7 +309,7 @@ class EstopRestart:
         """The speed."""
         yield SignalNeed("speed", "m/s", self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every machine each emergency stop, or that there was none."""
         return watch_subjects(
             trial,
@@ -303,17 +321,25 @@ class EstopRestart:
             kinds=(self.kind,),
         )
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
         stops = events_about(trial, subject.name, self.after)
         if not stops:
             yield nothing_happened(trial, subject, self.after, self._clause)
+            return
+        latches = []
         for number, stop in enumerate(stops):
             following = stops[number + 1].t_s if number + 1 < len(stops) else np.inf
-            yield from self._after(trial, subject, watched, stop, following)
+            latches.append(self._latched(trial, subject, watched, stop, following))
+        speed = watched[f"speed/{{{self.kind}}}"]
+        limit = np.full_like(speed, self.standstill_speed_m_s)
+        rests = np.logical_or.reduce([latch.rests for latch in latches])
+        yield Seen(subject.name, watched, Bound("speed after a stop", speed, limit, "m/s", True, rests))
+        for latch in latches:
+            yield from self._after(trial, subject, watched, latch)
 
-    def _after(
+    def _latched(
         self, trial: Trial, subject: Subject, watched: Watched, stop: Event, following_s: float
-    ) -> Iterator[Finding]:
+    ) -> _Latched:
         t, speed = watched.t, watched[f"speed/{{{self.kind}}}"]
         resets = [e.t_s for e in events_about(trial, subject.name, (RESET,)) if e.t_s >= stop.t_s]
         reset_s = resets[0] if resets else np.inf
@@ -325,7 +351,12 @@ class EstopRestart:
         latched_s = (
             stop.t_s + self.stop_within_s if rest is None else min(rest, stop.t_s + self.stop_within_s)
         )
-        moving = (speed > self.standstill_speed_m_s) & (t >= latched_s - _TOLERANCE_S) & (t < end_s)
+        return _Latched(stop, reset_s, end_s, (t >= latched_s - _TOLERANCE_S) & (t < end_s))
+
+    def _after(self, trial: Trial, subject: Subject, watched: Watched, latch: _Latched) -> Iterator[Finding]:
+        t, speed = watched.t, watched[f"speed/{{{self.kind}}}"]
+        stop, reset_s, end_s = latch.stop, latch.reset_s, latch.end_s
+        moving = (speed > self.standstill_speed_m_s) & latch.rests
         spans = episodes_where(t, moving, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
         silent = [
             kind

@@ -11,7 +11,7 @@ import numpy as np
 from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, inside
 from ariac_score_standards.iso_10218_2 import unknown_flag
-from ariac_score_standards.severity import Bound, Rules, limit_findings
+from ariac_score_standards.severity import Bound, Rules, Said, Sampled, limit_findings
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
@@ -29,7 +29,7 @@ _SPEED: Any = {"unit": "m/s", "at_least": 0, "at_most": 20}
 
 
 @dataclass(frozen=True)
-class ReducedSpeed:
+class ReducedSpeed(Sampled):
     """The robot keeps its reduced speed.
 
     Measures:
@@ -70,7 +70,7 @@ class ReducedSpeed:
         if self.applies == "human_in_zone":
             yield SignalNeed("position", "m", self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every robot where it was too fast, or its closest moment."""
         wanted = {f"{self.speed}/{{robot}}": "m/s"}
         by_zone = self.applies == "human_in_zone"
@@ -87,9 +87,7 @@ class ReducedSpeed:
             judge=lambda subject, watched: self._judge(trial, subject, watched, humans),
         )
 
-    def _judge(
-        self, trial: Trial, subject: Subject, watched: Watched, humans: list[str]
-    ) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched, humans: list[str]) -> Iterator[Said]:
         applies: BoolArray | None = None
         idle = "the limit never applied"
         if self.applies == "manual_mode":
@@ -110,7 +108,7 @@ class ReducedSpeed:
 
 
 @dataclass(frozen=True)
-class SpaceLimit:
+class SpaceLimit(Sampled):
     """Every monitored point stays where it may be, and every joint within its limits.
 
     Measures:
@@ -205,7 +203,7 @@ class SpaceLimit:
             np.minimum(left, self.joint_high_rad - angle_rad, out=left)
         return left
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every point and joint where it was outside, or its closest moment."""
         if not (self._limits_space or self.joint):
             message = "no limit of space and none of a joint is given"
@@ -230,10 +228,10 @@ class SpaceLimit:
             names += [f"{body.id}::{link}" for link in body.links]
         return [Subject(name, {"point": name}) for name in names]
 
-    def _watch(self, trial: Trial, points: list[Subject], quantity: str, unit: str) -> Iterator[Finding]:
+    def _watch(self, trial: Trial, points: list[Subject], quantity: str, unit: str) -> Iterator[Said]:
         template = f"{quantity}/{{point}}"
 
-        def judge(subject: Subject, watched: Watched) -> Iterator[Finding]:
+        def judge(subject: Subject, watched: Watched) -> Iterator[Said]:
             values = watched[template]
             left = self.inside_by_m(values) if unit == "m" else self.joint_left_rad(values)
             what = "way left to the border" if unit == "m" else "angle left to the limit"

@@ -35,6 +35,9 @@ from ariac_score_standards.severity import (
     Episode,
     Meeting,
     Rules,
+    Said,
+    Sampled,
+    Seen,
     Told,
     limit_findings,
     meeting_needs,
@@ -167,7 +170,7 @@ _HELPFUL = {
 
 
 @dataclass(frozen=True)
-class PflContact:
+class PflContact(Sampled):
     """Contact between robot and human stays within what the body region bears.
 
     Measures:
@@ -229,7 +232,7 @@ class PflContact:
         for template, unit in {**_HELPFUL, "clamped/": "1"}.items():
             yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s, optional=True)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every pair each contact, or that there was none."""
         subjects = pairs_of(trial)
         forceless = [s for s in subjects if s.fill(_FORCE) not in trial.signals]
@@ -259,23 +262,35 @@ class PflContact:
         message = f"signal {name!r} is not in the log{looked_for(trial)}"
         return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
         force = watched[_FORCE]
         touching = force > self.contact_on_n
         spans = episodes_where(watched.t, touching, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
         held = state_over(trial, "clamped", subject.name, watched.t, max_age_s=watched.max_gap_s)
         meeting = Meeting.of(watched)
         exposure = meeting.exposure(watched)
+        ratio = np.zeros(len(force))
+        found: list[Finding] = []
         for span in spans:
             rows = np.flatnonzero(touching & (watched.t >= span.start_s) & (watched.t <= span.end_s))
             try:
                 limits, known = self._limits(trial, subject, watched, rows)
             except ValueError as unknown:
                 message = f"contact at {span.start_s:.3f} s: {unknown}"
-                yield Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
+                found.append(Finding.inconclusive(subject.name, message, span=span, clause=self._clause))
                 continue
             blame = meeting.labels(rows, before=True)
-            yield self._contact(subject, watched, span, rows, limits, held, exposure, blame, known=known)
+            finding, ratio[rows] = self._contact(
+                subject, watched, span, rows, limits, held, exposure, blame, known=known
+            )
+            found.append(finding)
+        whole = np.ones_like(force)
+        if spans:
+            bound = Bound("part of the limit of contact", ratio, whole, "1", True, ratio > 0)
+        else:
+            bound = Bound("contact force", force, whole * self.contact_on_n, "N", True)
+        yield Seen(subject.name, watched, bound)
+        yield from found
         if not spans and not watched.gaps:
             strongest = int(np.argmax(force))
             yield Finding(
@@ -316,7 +331,8 @@ class PflContact:
         blame: Mapping[str, str],
         *,
         known: bool,
-    ) -> Finding:
+    ) -> tuple[Finding, FloatArray]:
+        """The finding about one contact, and which part of its limit was reached at each of its samples."""
         clamped = self._clamped(watched, rows, limits, held)
         transient = self.transient(watched.t[rows] - span.start_s, clamped)
         force, limit = watched[_FORCE][rows], self.limit_n(limits, transient)
@@ -347,7 +363,7 @@ class PflContact:
         where = limits.region.title.lower() if known else f"a region unknown, taken for {limits.name}"
         phase = "transient" if transient[worst] else "quasi-static"
         message = f"contact with {where}: {force[worst]:.1f} N, {ratio[worst]:.3f} of the {phase} limit"
-        return Finding(
+        finding = Finding(
             subject.name,
             Verdict.VIOLATED if violated else Verdict.SATISFIED,
             f"{message}; contact there is not permissible" if forbidden else message,
@@ -365,6 +381,7 @@ class PflContact:
             clause=self._clause,
             critical=violated,
         )
+        return finding, ratio
 
     def _clamped(self, watched: Watched, rows: Any, limits: BodyLimits, held: State | None) -> BoolArray:
         """Where the body part cannot get away: as given, as recorded, or by the gap it is in."""
@@ -399,7 +416,7 @@ def _pressure(watched: Watched, rows: Any) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class PflSpeed:
+class PflSpeed(Sampled):
     """The robot meets a human no faster than the body region bears.
 
     What to watch where a log has poses but no forces. A contact is modelled as a
@@ -445,13 +462,22 @@ class PflSpeed:
         check_parameters(self)
         body_limits(self.region or UNKNOWN_REGION)
 
+    def resolved(self) -> dict[str, object]:
+        """The region where none is given, and m_R."""
+        return {"region": self.region or UNKNOWN_REGION, "robot_mass_kg": self._robot_mass_kg}
+
+    @property
+    def _robot_mass_kg(self) -> float:
+        return self.robot_mass_kg or effective_robot_mass_kg(self.moving_mass_kg, self.load_kg)
+
     def permitted(self) -> Permitted:
         """Largest speed, force and energy, and the mass they rest on."""
         limits = body_limits(self.region or UNKNOWN_REGION)
         short = self.phase == "transient"
         factor = limits.region.transient_factor(self.transient_factor) if short else 1.0
-        robot = self.robot_mass_kg or effective_robot_mass_kg(self.moving_mass_kg, self.load_kg)
-        return permitted_contact(limits, robot, factor=factor, contact_area_m2=self.contact_area_m2)
+        return permitted_contact(
+            limits, self._robot_mass_kg, factor=factor, contact_area_m2=self.contact_area_m2
+        )
 
     @property
     def _wanted(self) -> dict[str, str]:
@@ -470,7 +496,7 @@ class PflSpeed:
             yield SignalNeed(quantity, unit, self.max_gap_s)
         yield from meeting_needs(self.max_gap_s, *wanted)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every pair where it was too fast, or its closest moment."""
         return watch_subjects(
             trial,
@@ -483,7 +509,7 @@ class PflSpeed:
             kinds=("robot", "human"),
         )
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
         distance = watched["separation/{robot}/{human}"]
         if self.when == "contact":
             speed = watched["relative_speed/{robot}/{human}"]
@@ -520,7 +546,7 @@ class PflSpeed:
 
 
 @dataclass(frozen=True)
-class MonitoredStandstill:
+class MonitoredStandstill(Sampled):
     """The robot stands still while a person is in the collaborative workspace.
 
     Measures:
@@ -561,7 +587,7 @@ class MonitoredStandstill:
         yield SignalNeed("joint_speed", "rad/s", self.max_gap_s, optional=True)
         yield from meeting_needs(self.max_gap_s, "speed")
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every pair each movement, or that there was none."""
         if not self.workspace:
             message = "no workspace is given, so nobody can be inside"
@@ -584,7 +610,7 @@ class MonitoredStandstill:
         over: BoolArray = within & (t - t[first] >= self.grace_s - _TOLERANCE_S)
         return over
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
         within = inside(watched["position/{human}"], self.workspace)
         held = self.held(watched.t, within)
         speed = watched["speed/{robot}"]
@@ -644,7 +670,7 @@ class MonitoredStandstill:
         position: FloatArray,
         rules: Rules,
         more: Callable[[Episode | None], Told],
-    ) -> Iterator[Finding]:
+    ) -> Iterator[Said]:
         """Creep below the standstill speed, from where the robot last came to rest."""
         index = np.arange(len(held))
         fresh = held.copy()
@@ -658,16 +684,16 @@ class MonitoredStandstill:
         return limit_findings(subject.name, watched, bound, rules, more)
 
 
-def _violations(findings: Iterator[Finding]) -> Iterator[Finding]:
+def _violations(said: Iterator[Said]) -> Iterator[Said]:
     """What a second criterion adds: its violations, its silence being told by the first."""
-    return (finding for finding in findings if finding.verdict is Verdict.VIOLATED)
+    return (one for one in said if isinstance(one, Seen) or one.verdict is Verdict.VIOLATED)
 
 
 # Hand guiding ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class HandGuiding:
+class HandGuiding(Sampled):
     """The robot moves by hand only while the enabling device is held, and slowly.
 
     Measures:
@@ -711,7 +737,7 @@ class HandGuiding:
         stopping = (since_s < self.stop_within_s - _TOLERANCE_S) & ~never
         return np.where(pressed | stopping, self.max_speed_m_s, self.standstill_speed_m_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every robot where it was too fast, or its closest moment."""
         return watch_subjects(
             trial,
@@ -722,7 +748,7 @@ class HandGuiding:
             judge=lambda subject, watched: self._judge(trial, subject, watched),
         )
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
         applies = np.ones(len(watched.t), dtype=bool)
         for flag in ("enabling_device", *(("manual_mode",) if self.applies == "manual_mode" else ())):
             state = state_over(trial, flag, subject.name, watched.t, max_age_s=self.max_flag_age_s)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ariac_score import Finding, ParameterFacts, SignalNeed, Trial, check_parameters, parameter
-from ariac_score_standards.severity import Bound, Rules, Told, limit_findings
+from ariac_score import ParameterFacts, SignalNeed, Trial, check_parameters, parameter
+from ariac_score_standards.severity import Bound, Rules, Said, Sampled, Told, limit_findings
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, pairs_of, watch_subjects
 
 _SEEN = ParameterFacts("m", "verified", "sample of ISO 13854 quoted in a public research note")
@@ -77,7 +77,7 @@ def closes(gap_m: FloatArray) -> BoolArray:
 
 
 @dataclass(frozen=True)
-class CrushGap:
+class CrushGap(Sampled):
     """No part of the body is between robot and fixed things in a gap that closes on it.
 
     It tells where a contact is clamped, which `pfl_contact` takes from the same signal;
@@ -109,7 +109,7 @@ class CrushGap:
         """The gap."""
         yield SignalNeed("crush_gap", "m", self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every pair where a gap closed on somebody, or its closest moment."""
         return watch_subjects(
             trial,
@@ -121,7 +121,7 @@ class CrushGap:
             kinds=("robot", "human"),
         )
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
         gap = watched["crush_gap/{robot}/{human}"]
         closing = closes(gap)
         limit = np.full_like(gap, minimum_gap_m(self.part))

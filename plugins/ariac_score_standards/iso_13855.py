@@ -18,6 +18,8 @@ from ariac_score_standards.severity import (
     Episode,
     Meeting,
     Rules,
+    Said,
+    Sampled,
     Told,
     limit_findings,
     meeting_needs,
@@ -142,7 +144,7 @@ _LENGTH: Any = {"unit": "m", "at_least": 0, "at_most": 100}
 
 
 @dataclass(frozen=True)
-class SafeguardDistance:
+class SafeguardDistance(Sampled):
     """A sensing line is far enough from its hazard, and the hazard rests when somebody is past it.
 
     Measures:
@@ -218,7 +220,7 @@ class SafeguardDistance:
         yield SignalNeed("speed", "m/s", self.max_gap_s)
         yield from meeting_needs(self.max_gap_s, "speed")
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """About the line itself, then for every pair where the robot moved, or that it did not."""
         if not (self.line and self.hazard):
             message = "the sensing line or the hazard zone is not given"
@@ -274,7 +276,7 @@ class SafeguardDistance:
         past: BoolArray = beyond & entered[first]
         return past, when[first]
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
         position, speed = watched["position/{human}"], watched["speed/{robot}"]
         past, since = self.past_line(watched.t, position)
         late = watched.t - since >= self.stopping_time_s - _TOLERANCE_S

@@ -18,6 +18,9 @@ from ariac_score_standards.severity import (
     Episode,
     Meeting,
     Rules,
+    Said,
+    Sampled,
+    Seen,
     Told,
     limit_findings,
 )
@@ -64,7 +67,7 @@ def protective_field_m(stopping_m: FloatArray, *supplements_m: float) -> FloatAr
 
 
 @dataclass(frozen=True)
-class AgvSpeedClearance:
+class AgvSpeedClearance(Sampled):
     """A truck is as slow as the space around it and its detection of persons ask for.
 
     Measures:
@@ -130,7 +133,7 @@ class AgvSpeedClearance:
         if self.obstacles:
             yield SignalNeed("position", "m", self.max_gap_s)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every AGV where it was too fast, or its closest moment."""
         return watch_subjects(
             trial,
@@ -157,7 +160,7 @@ class AgvSpeedClearance:
             return np.full(len(watched.t), self.assumed_clearance_m or 0.0)
         return None
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
         clearance = self._clearance(trial, subject, watched)
         if clearance is None or not np.isfinite(clearance).all():
             message = "the clearance is not known: no signal, no obstacles, none assumed"
@@ -183,7 +186,7 @@ _APART = "body_separation/{agv}/{human}"
 
 
 @dataclass(frozen=True)
-class AgvProtectiveField:
+class AgvProtectiveField(Sampled):
     """A truck brakes for a person in its way, and touches nobody while it moves.
 
     Measures:
@@ -235,7 +238,7 @@ class AgvProtectiveField:
         yield SignalNeed("velocity", "m/s", self.max_gap_s)
         yield SignalNeed("body_separation", "m", self.max_gap_s, optional=True)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every AGV and human where it did not brake, or its closest moment."""
         return watch_subjects(
             trial,
@@ -262,7 +265,7 @@ class AgvProtectiveField:
         swept = moving & (ahead > 0) & (aside <= self.width_m / 2 + self.margin_m + human_radius_m)
         return np.where(swept, np.maximum(ahead - self.length_m / 2 - human_radius_m, 0.0), np.inf)
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
         radii = {body.id: body.radius_m for body in trial.bodies}
         radius = radii[subject.bodies["human"]]
         velocity = watched["velocity/{agv}"]
@@ -312,12 +315,12 @@ class AgvProtectiveField:
         apart: FloatArray,
         speed: FloatArray,
         told: Callable[[Episode | None], Told],
-    ) -> Iterator[Finding]:
+    ) -> Iterator[Said]:
         contact = np.nextafter(0.0, 1.0)  # contact is at 0 too, so 0 itself must count as below it
         applies = np.isfinite(apart) & (speed > self.standstill_speed_m_s)
         limit = np.full_like(apart, contact)
         bound = Bound("distance of the moving truck", np.nan_to_num(apart), limit, "m", False, applies)
         rules = Rules(self._clause, 0.0, self.t_off_s, "the truck never moved", critical=True)
-        for finding in limit_findings(subject.name, watched, bound, rules, told):
-            if finding.critical:
-                yield finding
+        for said in limit_findings(subject.name, watched, bound, rules, told):
+            if isinstance(said, Seen) or said.critical:
+                yield said

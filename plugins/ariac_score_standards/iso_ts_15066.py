@@ -33,6 +33,9 @@ from ariac_score_standards.severity import (
     Episode,
     Meeting,
     Rules,
+    Said,
+    Sampled,
+    Seen,
     Told,
     closing_energy_j,
     episodes_of,
@@ -263,16 +266,44 @@ class SsmFormula:
     def _cap_m(self) -> float | None:
         return PROFILES[self.profile].get("cap_m") if self.cap_m is None else self.cap_m
 
+    def resolved(self) -> dict[str, object]:
+        """What the profile decides, and which of the values that exclude each other count."""
+        used: dict[str, object] = {name: self._value(name) for name in ("t1_s", "t_on_s")}
+        if self._stop_model != "deceleration":
+            used["t2_s"] = self._value("t2_s")
+        if self._stop_model == "fixed":
+            used["stopping_distance_m"] = self._value("stopping_distance_m")
+        used |= {"delta_m": self.allowance_m} if self._allowance_in_one else self._allowance_parts
+        used |= {
+            "distance": self._distance,
+            "stop_model": self._stop_model,
+            "speeds": "directed" if self._directed else "scalar",
+            "robot_must_move": "yes" if self._must_move else "no",
+        }
+        if self.human_speed == "profile":
+            used["human_speed"] = "measured" if self._measured_human else "fixed"
+        if self._cap_m is not None:
+            used["cap_m"] = self._cap_m
+        return used
+
+    @property
+    def _allowance_in_one(self) -> bool:
+        """Whether C + Z_d + Z_r is one number, delta."""
+        parts = [getattr(self, name) for name in STANDARD_MARGINS_M]
+        return self.delta_m is not None or (not self._standard and all(part is None for part in parts))
+
+    @property
+    def _allowance_parts(self) -> dict[str, float]:
+        default = STANDARD_MARGINS_M if self._standard else {}
+        parts = {name: getattr(self, name) for name in STANDARD_MARGINS_M}
+        return {name: default.get(name, 0.0) if part is None else part for name, part in parts.items()}
+
     @property
     def allowance_m(self) -> float:
         """C + Z_d + Z_r, m."""
-        if self.delta_m is not None:
-            return self.delta_m
-        parts = {name: getattr(self, name) for name in STANDARD_MARGINS_M}
-        if not self._standard and all(part is None for part in parts.values()):
+        if self._allowance_in_one:
             return self._value("delta_m")
-        default = STANDARD_MARGINS_M if self._standard else {}
-        c, z_d, z_r = (default.get(name, 0.0) if part is None else part for name, part in parts.items())
+        c, z_d, z_r = self._allowance_parts.values()
         return float(c + z_d + z_r)
 
     def assumed_human_speed_m_s(self, distance_m: FloatArray) -> FloatArray:
@@ -463,7 +494,7 @@ class _Moments:
 
 
 @dataclass(frozen=True)
-class SsmSeparation(SsmFormula):
+class SsmSeparation(SsmFormula, Sampled):
     """Robot and human stay at least the protective separation distance apart.
 
     The required distance is S_p = S_h + S_r + S_s + C + Z_d + Z_r. In the notation of
@@ -508,7 +539,7 @@ class SsmSeparation(SsmFormula):
             return self._directed or self.profile != "seed"
         return self.blame == "yes"
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """Findings for every pair: its violations, or its closest moment."""
         return watch_pairs(
             trial,
@@ -557,10 +588,12 @@ class SsmSeparation(SsmFormula):
 
         return stand
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
         now = self._moments(watched)
         margin_m = now.distance_m - now.required_m
         applies = self._applies(now)
+        words = self._distance.replace("_", " ")
+        yield Seen(subject, watched, Bound(words, now.distance_m, now.required_m, "m", applies=applies))
         episodes = episodes_of(
             watched,
             applies & (margin_m < 0),
@@ -642,7 +675,7 @@ class SsmSeparation(SsmFormula):
 
 
 @dataclass(frozen=True)
-class SsmSpeedCap(SsmFormula):
+class SsmSpeedCap(SsmFormula, Sampled):
     """The robot is no faster than the distance to the human permits.
 
     The same requirement as `ssm_separation` solved for the robot's speed: easier to
@@ -658,7 +691,7 @@ class SsmSpeedCap(SsmFormula):
         model as in `ssm_separation`.
     """
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """Findings for every pair: where it was too fast, or its closest moment."""
         return watch_pairs(
             trial,
@@ -686,7 +719,7 @@ class SsmSpeedCap(SsmFormula):
 
         return PairsOnline(self._wanted, bodies, max_gap_s=self.max_gap_s, judge=stand, watch=self.watch)
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
         now = self._moments(watched)
         cap = self.speed_cap_m_s(now.distance_m, now.human_m_s)
         moves = now.robot_scalar_m_s > self.standstill_speed_m_s
@@ -710,7 +743,7 @@ class SsmSpeedCap(SsmFormula):
 
 
 @dataclass(frozen=True)
-class SsmResponse(SsmFormula):
+class SsmResponse(SsmFormula, Sampled):
     """After a breach of the separation distance the robot stops as it must.
 
     A human may always walk in; what counts is what the robot does then. From the
@@ -738,7 +771,7 @@ class SsmResponse(SsmFormula):
         allowed: FloatArray = speed_at_breach_m_s * np.clip(left, 0.0, 1.0)
         return allowed
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """Findings for every pair: stops that took too long, or the closest moment of the others."""
         return watch_pairs(
             trial,
@@ -749,7 +782,7 @@ class SsmResponse(SsmFormula):
             optional=self._optional,
         )
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
         now = self._moments(watched)
         breach = now.distance_m < now.required_m
         first = first_of_runs(watched.t, breach, watched.max_gap_s)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter, sample_durations
+from ariac_score import SignalNeed, Trial, check_parameters, parameter, sample_durations
 from ariac_score_standards.severity import (
     APART,
     MEETING,
@@ -16,6 +16,8 @@ from ariac_score_standards.severity import (
     Episode,
     Meeting,
     Rules,
+    Said,
+    Sampled,
     Told,
     limit_findings,
     meeting_needs,
@@ -86,7 +88,7 @@ _GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
 
 
 @dataclass(frozen=True)
-class ProximityComfort:
+class ProximityComfort(Sampled):
     """How near the robot came, and how soon it would have touched. Informational, never a gate.
 
     Measures:
@@ -122,7 +124,7 @@ class ProximityComfort:
             yield SignalNeed(quantity, unit, self.max_gap_s)
         yield from meeting_needs(self.max_gap_s, "separation")
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
+    def _say(self, trial: Trial) -> Iterator[Said]:
         """For every pair where it would soon have touched, or its closest moment."""
         radii = {body.id: body.radius_m for body in trial.bodies}
         return watch_subjects(
@@ -136,7 +138,7 @@ class ProximityComfort:
             kinds=("robot", "human"),
         )
 
-    def _judge(self, subject: Subject, watched: Watched, radii: Mapping[str, float]) -> Iterator[Finding]:
+    def _judge(self, subject: Subject, watched: Watched, radii: Mapping[str, float]) -> Iterator[Said]:
         contact = radii[subject.bodies["robot"]] + radii[subject.bodies["human"]]
         apart = (watched["position/{human}"] - watched["position/{robot}"])[:, :2]
         relative = (watched["velocity/{human}"] - watched["velocity/{robot}"])[:, :2]

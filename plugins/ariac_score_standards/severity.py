@@ -5,8 +5,9 @@ and what the limit is, and hand both to `limit_findings` as a `Bound`: it groups
 violating samples into episodes (open after `t_on_s` of truth, closed after `t_off_s`
 of none), measures each (`time_in_violation_s`, depth, its integral, the same relative
 to the limit), and yields one finding for each, or one that tells the closest moment
-when there is none and no gap. `Meeting` says of a robot and a human who moved, who closed
-in and for how long the human was exposed; `travelled_m` integrates speeds. Sample
+when there is none and no gap; before them what they rest on, from which a `Sampled`
+monitor has its margins over time. `Meeting` says of a robot and a human who moved, who
+closed in and for how long the human was exposed; `travelled_m` integrates speeds. Sample
 k stands for [t_k, t_k+1): durations are sums of those, never counts of samples.
 Parameters are declared with `ariac_score.parameter`, which carries unit, status and
 source, and checked by `check_parameters`.
@@ -26,7 +27,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score import Finding, Sample, SignalNeed, Span, Verdict, episodes_where, sample_durations
+from ariac_score import (
+    Course,
+    Finding,
+    Sample,
+    SignalNeed,
+    Span,
+    Trial,
+    Verdict,
+    episodes_where,
+    sample_durations,
+)
 from ariac_score_standards.watching import BoolArray, FloatArray, Watched
 
 STANDSTILL_SPEED_M_S = 0.01
@@ -159,6 +170,64 @@ class Bound:
         return self.limit - self.actual if self.at_most else self.actual - self.limit
 
 
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One limit of one subject, as it was judged: its findings and its margins come from the same numbers.
+
+    Attributes:
+        subject: Whom it is about.
+        watched: The signals.
+        bound: What was, and what may be.
+    """
+
+    subject: str
+    watched: Watched
+    bound: Bound
+
+    @property
+    def course(self) -> Course:
+        """The same over time; without a limit where it does not apply."""
+        limit = np.where(self.limited, self.bound.limit, np.nan)
+        return Course(
+            self.subject,
+            self.bound.what,
+            self.bound.unit,
+            self.watched.t,
+            self.bound.actual,
+            limit,
+            self.bound.at_most,
+            self.watched.max_gap_s,
+        )
+
+    @property
+    def limited(self) -> BoolArray:
+        """Where there is a limit, shape (n,)."""
+        limited: BoolArray = np.isfinite(self.bound.limit)
+        return limited if self.bound.applies is None else limited & self.bound.applies
+
+
+Said = Finding | Seen
+"""What is said of a trial: findings, and before them what they rest on."""
+
+
+class Sampled:
+    """A monitor that judges sample by sample, so that it knows its margin at every one.
+
+    It gives everything in `_say`; `watch` takes the findings of it, `margins` the rest.
+    """
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """Findings about every subject: its violations, or its closest moment."""
+        return (said for said in self._say(trial) if isinstance(said, Finding))
+
+    def margins(self, trial: Trial) -> Iterator[Course]:
+        """What was beside what may be at every sample, for every subject and limit."""
+        return (said.course for said in self._say(trial) if isinstance(said, Seen))
+
+    def _say(self, trial: Trial) -> Iterator[Said]:
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
 class Rules:
     """How samples become findings.
@@ -213,8 +282,10 @@ def limit_findings(
     bound: Bound,
     rules: Rules,
     more: Callable[[Episode | None], Told] = _nothing_more,
-) -> Iterator[Finding]:
+) -> Iterator[Said]:
     """One finding for each episode beyond a limit; else the closest moment, if no gap hides one.
+
+    What they rest on comes first.
 
     Args:
         subject: Whom it is about.
@@ -223,9 +294,9 @@ def limit_findings(
         rules: How samples become findings.
         more: What else to tell about an episode, or (given `None`) about a subject without any.
     """
-    margin = bound.margin
-    applies = np.ones(len(watched.t), dtype=bool) if bound.applies is None else bound.applies
-    limited = applies & np.isfinite(bound.limit)
+    seen = Seen(subject, watched, bound)
+    yield seen
+    margin, limited = bound.margin, seen.limited
     episodes = episodes_of(
         watched,
         limited & (margin < 0),

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +89,8 @@ class Subject:
         return template.format(**self.bodies)
 
 
-Judge = Callable[[Subject, Watched], Iterator[Finding]]
+Yielded = TypeVar("Yielded")
+"""What a judge yields: findings, and whatever its monitor makes of the rest."""
 
 
 def watch_pairs(
@@ -97,9 +99,9 @@ def watch_pairs(
     *,
     max_gap_s: float,
     clause: str,
-    judge: Callable[[str, Watched], Iterator[Finding]],
+    judge: Callable[[str, Watched], Iterator[Yielded]],
     optional: Mapping[str, str] | None = None,
-) -> Iterator[Finding]:
+) -> Iterator[Finding | Yielded]:
     """Judge every (robot, human) pair; what cannot be judged is said for each pair.
 
     Args:
@@ -143,10 +145,10 @@ def watch_subjects(
     *,
     max_gap_s: float,
     clause: str,
-    judge: Judge,
+    judge: Callable[[Subject, Watched], Iterator[Yielded]],
     optional: Mapping[str, str] | None = None,
     kinds: tuple[str, ...] = ("robot",),
-) -> Iterator[Finding]:
+) -> Iterator[Finding | Yielded]:
     """Judge every subject; what cannot be judged is said for each.
 
     Args:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ariac_score import (
     Body,
+    Course,
     Finding,
     FormulaError,
     MissingSignalError,
@@ -157,6 +158,18 @@ class StlFormula:
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for everyone the formula speaks of."""
+        return (said for said in self._say(trial) if isinstance(said, Finding))
+
+    def margins(self, trial: Trial) -> Iterator[Course]:
+        """The robustness at every sample that is judged, where all predicates share a unit.
+
+        Dense time has moments of its own between the samples, so it tells none.
+        """
+        if self.time == "discrete":
+            found = (said.course for said in self._say(trial) if isinstance(said, Judged))
+            yield from (course for course in found if course is not None)
+
+    def _say(self, trial: Trial) -> Iterator[Finding | Judged]:
         judged = list(subjects(trial, self.sources))
         if not judged:
             yield self._nobody(trial)
@@ -176,7 +189,7 @@ class StlFormula:
         message = f"the log shows no {missing}{_looked_for(trial)}"
         return Finding.inconclusive("trial", message, span=trial.window, clause=self.clause)
 
-    def _about(self, trial: Trial, subject: Subject) -> Iterator[Finding]:
+    def _about(self, trial: Trial, subject: Subject) -> Iterator[Finding | Judged]:
         names = {name: source.signal(subject) for name, source in self.sources.items()}
         try:
             found = [trial.signal(names[n], unit=self.sources[n].unit) for n in names]
@@ -197,7 +210,7 @@ class StlFormula:
             yield Finding.inconclusive(str(subject), message, span=trial.window, clause=self.clause)
         yield from self._judge(trial, str(subject), dict(zip(names, found, strict=True)))
 
-    def _judge(self, trial: Trial, subject: str, found: Mapping[str, Signal]) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: str, found: Mapping[str, Signal]) -> Iterator[Finding | Judged]:
         span = trial.window
         t, values = align(list(found.values()), max_gap_s=self.max_gap_s)
         if span is not None:
@@ -214,6 +227,7 @@ class StlFormula:
             message = f"the formula has no value: {error.cause}"
             yield Finding.inconclusive(subject, message, span=span, clause=self.clause)
             return
+        yield judged
         yield from judged.findings()
 
 
@@ -324,6 +338,26 @@ class Judged:
             return [Span(one.start_s, max(min(one.end_s, self.stretch.end_s), one.start_s)) for one in found]
         return episodes_where(
             self.begin, holds, t_on_s=t_on_s, t_off_s=monitor.t_off_s, longest_s=monitor.max_gap_s
+        )
+
+    @property
+    def course(self) -> Course | None:
+        """The robustness of what is judged, over time; `None` where its unit changes or nothing is judged."""
+        units = {*self.monitor.margin_units.values()}
+        if len(units) != 1 or not len(self.begin):
+            return None
+        sampled = np.isin(self.begin, self.t)  # the other moments are holes
+        t = self.begin[sampled]
+        margin = np.where(self.upper < 0, self.upper, self.lower)[sampled]
+        known = np.isfinite(margin) & ~self.open[sampled]
+        return Course(
+            self.subject,
+            f"robustness of {self.body.text}",
+            units.pop(),
+            t,
+            np.where(known, margin, 0.0),
+            np.where(known, 0.0, np.nan),
+            max_gap_s=self.monitor.max_gap_s,
         )
 
     def _settled(self, span: Span) -> Span:

@@ -233,6 +233,30 @@ def test_printed_it_has_no_buttons_and_a_light_ground(open_page: Any, file: Path
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
 
 
+def test_what_is_folded_away_is_on_paper(open_page: Any, file: Path) -> None:
+    page = open_page(file).page
+    folded = page.locator("table.parameters details.fold:not([open]) > bdi").first
+    assert folded.bounding_box() is None or not folded.is_visible()
+
+    page.emulate_media(media="print")
+    assert folded.bounding_box()["height"] > 10
+    assert page.locator("table.parameters details.fold > summary").first.is_hidden()
+    assert page.locator("details.evidence:not([open]) > ul").first.bounding_box()["height"] > 10
+
+
+def test_every_parameter_in_force_is_on_the_page(open_page: Any, file: Path, result: Result) -> None:
+    page = open_page(file).page
+    shown = page.eval_on_selector_all(
+        "table.parameters tbody",
+        "all => all.map(b => [b.querySelector('tr.check bdi').innerText, b.rows.length - 1])",
+    )
+
+    kept = result.measured.settings
+    assert kept is not None
+    assert shown == [[name, max(len(one.parameters), 1)] for name, one in kept.items()]
+    assert page.locator("table.parameters", has_text="plugin's default").count() == 1
+
+
 def test_a_result_without_series_says_so(open_page: Any, tmp_path: Path) -> None:
     result = PAGES.example()
     bare = replace(result, measured=replace(result.measured, sketch=None))

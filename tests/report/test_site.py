@@ -483,21 +483,97 @@ def test_numbers_of_a_table_stay_numbers() -> None:
     assert table_csv(table) == "a,b,c\n-1.5,-2.50,\n"
 
 
-def test_a_run_without_a_human_has_a_page_and_clauses_that_never_applied_are_named(tmp_path: Path) -> None:
+def calm_competition(folder: Path, *, bodies_witnessed: bool) -> Path:
+    """Two teams, two runs each, and nobody in the cell in any; alpha does all it is asked for, beta half."""
     from ariac_score.testing import kitting_trial, write_trial_log  # noqa: PLC0415  # only here
 
-    folder = tmp_path / "c"
     for team in ("alpha", "beta"):
         (folder / team).mkdir(parents=True)
-        trial = replace(kitting_trial(human=False), id="cell")
-        write_trial_log(folder / team / "cell_1", trial)
+        for run in (1, 2):
+            trial = replace(kitting_trial(human=False), id="cell")
+            if bodies_witnessed:
+                trial = replace(trial, witnessed=trial.witnessed | {"bodies"})
+            if team == "beta":
+                trial = replace(trial, submissions=trial.submissions[:1])
+            write_trial_log(folder / team / f"cell_{run}", trial)
     (folder / "competition.yaml").write_text(
         "id: calm\nrules: paper2020\nruns: '{team}/{trial}_{run}'\n", encoding="utf-8"
     )
+    return folder
 
-    text = made(folder, tmp_path)
-    assert "alpha" in text
-    assert "Violations by standard and clause" in text
+
+def says_no_nonsense(site: Path) -> None:
+    """No table without a row, no number that is none, no escape shown as text, on any page."""
+    for file in site.rglob("*.html"):
+        text = file.read_text(encoding="utf-8")
+        words = seen(text)
+        assert not re.search(r"\b(NaN|nan|Infinity|inf|undefined)\b", words), file
+        assert not re.search(r">\s*None\s*<", text), file
+        assert "\\u" not in words, file
+        for table in re.findall(r"(?s)<table.*?</table>", text):
+            assert len(re.findall(r"<tr", table)) > 1, file
+        for body in re.findall(r"(?s)<tbody>(.*?)</tbody>", text):
+            assert "<tr" in body, file
+    for file in site.rglob("*.json"):
+        assert not re.search(r"\b(NaN|Infinity)\b", file.read_text(encoding="utf-8")), file
+
+
+def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_path: Path) -> None:
+    text = made(calm_competition(tmp_path / "c", bodies_witnessed=True), tmp_path)
+    words = seen(text)
+    site = tmp_path / "out"
+    says_no_nonsense(site)
+
+    # The ranking is there: alpha earns 7 and 3 times 7 points, beta hands in the first order alone.
+    rows = {row["team"]: row for row in json.loads((site / "data/leaderboard.json").read_text())["rows"]}
+    assert (rows["alpha"]["rank"], rows["beta"]["rank"]) == (1, 2)
+    assert (Decimal(str(rows["alpha"]["value"])), Decimal(str(rows["beta"]["value"]))) == (28, 7)
+    assert "2 teams, 1 trial, 4 runs, 2 of them count" in words
+    # What is about humans never applied: it is named as such, and no row of the table counts it.
+    assert (
+        "Never applicable in any run, as where no human was in the cell: ARIAC 2022 scoring robot-human "
+        "collision; ISO/TS 15066:2016 5.5.4 (derived)." in words
+    )
+    tallied = {
+        (row["standard"], row["clause"])
+        for row in json.loads((site / "data/violations.json").read_text())["rows"]
+        if row["violations"] or row["undecided"]
+    }
+    assert not {standard for standard, _ in tallied} & {"ISO/TS 15066:2016", "ARIAC 2022 scoring"}
+
+    page = (site / "trials/alpha/cell-1.html").read_text(encoding="utf-8")
+    told = seen(page)
+    assert "28 points of 36 possible" in told
+    assert "2 not applicable" in told
+    part = seen(page[page.index('id="separation"') : page.index('id="plan"')])
+    assert "No distance between a robot and a human was recorded or could be derived" in part
+    assert "<figure" not in page[page.index('id="separation"') : page.index('id="plan"')]
+    coverage = seen(page[page.index('id="coverage"') : page.index('id="basis"')])
+    assert (
+        "separation, human_contact: the log records every body, and there is no human among them" in coverage
+    )
+    signals = page[page.index('id="coverage"') : page.index('id="idle"')]
+    assert "position/robot" in signals
+    assert "human" not in signals
+    plan = seen(page[page.index('id="plan"') : page.index('id="orders"')])
+    assert "robot (robot)" in plan
+    assert "human" not in plan
+
+
+def test_where_it_is_not_known_whether_a_human_was_there_no_run_counts(tmp_path: Path) -> None:
+    """Not recorded is not absent: nothing is satisfied, and nothing applies to nobody."""
+    text = made(calm_competition(tmp_path / "c", bodies_witnessed=False), tmp_path)
+    words = seen(text)
+    site = tmp_path / "out"
+    says_no_nonsense(site)
+
+    assert "4 runs do not count because something about them could not be decided" in words
+    assert len(re.findall(r"undecided ?trial: the log shows no human", words)) == 4
+    assert "Never applicable in any run" not in words
+    page = seen((site / "trials/alpha/cell-1.html").read_text(encoding="utf-8"))
+    assert "No score" in page
+    assert "Monitors that had nothing to judge" not in page
+    assert "human_contact#1, no score until it is decided: the log shows no human" in page
 
 
 # From a competition --------------------------------------------------------------------

@@ -121,3 +121,39 @@ def test_there_is_no_serious_fault_of_accessibility(
 ) -> None:
     for folder in (site, hostile_site):
         assert faults_of(open_page(folder / "index.html", color_scheme=scheme)) == []
+
+
+@pytest.mark.parametrize("witnessed", [True, False])
+def test_a_competition_without_a_human_has_sensible_pages(
+    open_page: Any, faults_of: Any, tmp_path: Path, witnessed: bool
+) -> None:
+    folder = SITES.calm_competition(tmp_path / "calm", bodies_witnessed=witnessed)
+    main(["report", str(folder), "-o", str(tmp_path / "site")])
+
+    for name in ("index.html", "trials/alpha/cell-1.html"):
+        opened = open_page(tmp_path / "site" / name)
+        page = opened.page
+        assert (opened.complaints, opened.elsewhere) == ([], [])
+        shown = page.inner_text("main")
+        assert not [word for word in ("NaN", "Infinity", "undefined", "\\u") if word in shown]
+        rows = page.eval_on_selector_all("table", "all => all.map(t => t.tBodies[0].rows.length)")
+        assert rows
+        assert min(rows) > 0
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        assert faults_of(opened) == []
+
+    page = open_page(tmp_path / "site/index.html").page
+    board = page.eval_on_selector_all(
+        "table.board tbody tr", "rows => rows.map(r => [...r.cells].slice(0, 3).map(c => c.innerText.trim()))"
+    )
+    ranked, tied = [["1", "alpha", "28"], ["2", "beta", "7"]], [["1=", "alpha", "0"], ["1=", "beta", "0"]]
+    assert board == (ranked if witnessed else tied)
+    trial = open_page(tmp_path / "site/trials/alpha/cell-1.html").page
+    assert trial.locator("#separation svg").count() == 0
+    assert "No distance between a robot and a human" in trial.inner_text("#separation")
+    assert trial.inner_text("#score") == ("28" if witnessed else "No score")
+    assert trial.locator("#idle").count() == (1 if witnessed else 0)
+    if witnessed:
+        trial.locator("#separation a").click()
+        assert trial.url.endswith("#idle")
+        assert "there is no human among them" in trial.inner_text("#coverage")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ariac_score.findings import Finding, Verdict
 from ariac_score.report.html.scale import Scale
-from ariac_score.report.html.wording import seconds
+from ariac_score.report.html.wording import brief, seconds
 from ariac_score.result import Result
 
 __all__ = ["Block", "Lane", "Timeline", "timeline_of"]
@@ -126,7 +126,7 @@ def _monitor(name: str, result: Result, scale: Scale) -> Lane:
         Block(
             finding.verdict.value,
             *scale.stretch(finding.span.start_s, finding.span.end_s),
-            f"{finding.subject}, {seconds(finding.span.start_s)} to {seconds(finding.span.end_s)}",
+            f"{brief(finding.subject)}, {seconds(finding.span.start_s)} to {seconds(finding.span.end_s)}",
             key,
         )
         for key, finding in shown

@@ -14,6 +14,7 @@ from ariac_score.recoverable import recoverable_losses
 from ariac_score.report.html.charts import Chart, chart_of
 from ariac_score.report.html.orders import grouped, orders_of
 from ariac_score.report.html.page import page, shipped
+from ariac_score.report.html.parameters import parameters_shown
 from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.timeline import timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
@@ -69,7 +70,9 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         sketch=sketch,
         orders=orders_of(result),
         groups=_groups(result, monitors),
+        idle=_idle(result, monitors),
         anchor=anchor,
+        checks=parameters_shown(result),
         grouped=grouped,
         verdicts=[verdict.value for verdict in Verdict],
     )
@@ -116,6 +119,17 @@ def _groups(result: Result, monitors: list[str]) -> list[_Group]:
             )
         )
     return sorted(groups, key=lambda group: (not group.counts.get("violated"), not group.monitor))
+
+
+def _idle(result: Result, monitors: list[str]) -> dict[str, list[str]]:
+    """The monitors that found nothing they could judge in all of the trial, by why."""
+    idle: dict[str, list[str]] = {}
+    for name in monitors:
+        found = result.measured.of(name).values()
+        reasons = {f.message for f in found if f.verdict is Verdict.NOT_APPLICABLE and f.subject == "trial"}
+        if len(found) == 1 and reasons:
+            idle.setdefault(reasons.pop(), []).append(name)
+    return idle
 
 
 def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:

@@ -1,0 +1,94 @@
+"""The parameters every check was judged by, as rows: value, unit, whose choice, and how sure it is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ariac_score.report.html.wording import number
+from ariac_score.result import Result, Setting
+
+__all__ = ["CheckParameters", "ParameterRow", "parameters_shown"]
+
+_ORIGINS: Mapping[str, str] = {
+    "rule_set": "rule set",
+    "default": "plugin's default",
+    "derived": "other parameters",
+}
+_EXACT_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter.
+
+    Attributes:
+        name: Its name.
+        value: In words, with its unit.
+        origin: Whose choice it is, in words.
+        told: How sure a default is and where it comes from; empty where nobody says.
+    """
+
+    name: str
+    value: str
+    origin: str
+    told: str
+
+
+@dataclass(frozen=True)
+class CheckParameters:
+    """The parameters of one check.
+
+    Attributes:
+        name: Of the check.
+        check: Its entry in the result.
+        source: What its plugin says that it rests on.
+        rows: Its parameters; of a result that did not keep the defaults, those that the rule set gives.
+        whole: Whether the defaults are among them.
+    """
+
+    name: str
+    check: Mapping[str, Any]
+    source: str
+    rows: tuple[ParameterRow, ...]
+    whole: bool
+
+
+def parameters_shown(result: Result) -> list[CheckParameters]:
+    """Every check with its parameters, in the order of the result."""
+    known = result.measured.settings or {}
+    shown = []
+    for name, check in result.checks.items():
+        kept = known.get(name)
+        settings = (
+            tuple(Setting(key, value, "", "rule_set") for key, value in check["with"].items())
+            if kept is None
+            else kept.parameters
+        )
+        source = "" if kept is None else kept.source
+        shown.append(CheckParameters(name, check, source, tuple(map(_row, settings)), kept is not None))
+    return shown
+
+
+def _row(setting: Setting) -> ParameterRow:
+    unit = "" if setting.unit in ("", "1") else f" {setting.unit}"
+    return ParameterRow(
+        setting.name,
+        _value(setting.value) + (unit if setting.value is not None else ""),
+        _ORIGINS[setting.origin],
+        ": ".join(part for part in (setting.status, setting.source) if part),
+    )
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None or value in ("", [], {}):
+        return "none"
+    if isinstance(value, int | float):
+        return number(float(value), _EXACT_DIGITS)
+    if isinstance(value, str):
+        return value
+    return json.dumps(value, ensure_ascii=False)

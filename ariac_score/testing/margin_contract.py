@@ -1,0 +1,53 @@
+"""The contract of monitors that tell their margin at every sample, as a check: margins fit findings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ariac_score.findings import Finding
+from ariac_score.result import canonical
+from ariac_score.trial.model import Trial
+from ariac_score.trial.sketch import Course
+from ariac_score.trial.vocabulary import quantity_of
+
+__all__ = ["margin_fault"]
+
+
+def margin_fault(
+    trial: Trial, needed: Sequence[str], findings: Sequence[Finding], courses: Sequence[Course]
+) -> str:
+    """How margins do not fit what was found, in words; empty when they do.
+
+    Args:
+        trial: With what the monitor needs.
+        needed: The quantities it needs.
+        findings: What it found, with the digits of a result.
+        courses: Its margins.
+    """
+    times = [signal.t for name, signal in trial.signals.items() if quantity_of(name) in needed]
+    recorded = np.unique(np.concatenate(times)) if times else np.zeros(0)
+    for course in courses:
+        strange = np.setdiff1d(course.t, recorded)
+        if len(strange):
+            return f"tells a margin of {course.subject!r} at {strange[0]:g} s, where there is no sample"
+    for finding in findings:
+        own = [course for course in courses if course.subject == finding.subject]
+        if not own or finding.robustness is None or not (finding.span or finding.evidence):
+            continue
+        if not any(_least(course, finding) == finding.robustness for course in own):
+            where = f"{finding.verdict.value} {finding.subject!r} by {finding.robustness:g} {finding.unit}"
+            least = ", ".join(f"{_least(course, finding)} {course.unit}" for course in own)
+            return f"found {where}, but the least margin it tells there is {least}"
+    return ""
+
+
+def _least(course: Course, finding: Finding) -> float | None:
+    """The least margin within the span of a finding, or of all; `None` where there is none in its unit."""
+    inside = np.isfinite(course.margin)
+    if finding.span is not None:
+        inside &= (course.t >= finding.span.start_s) & (course.t <= finding.span.end_s)
+    if course.unit != finding.unit or not inside.any():
+        return None
+    return canonical(float(course.margin[inside].min()))
