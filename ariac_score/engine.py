@@ -31,6 +31,7 @@ from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
 from ariac_score.logs.config_forms import looks_like, years_in
 from ariac_score.logs.product_types import unknown_products
+from ariac_score.logs.ranged import ranged
 from ariac_score.registry import Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical
 from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
@@ -61,6 +62,7 @@ __all__ = [
     "reprice",
     "score_trial",
     "sketch_trial",
+    "topics_read",
 ]
 
 Progress = Callable[[float], None]
@@ -170,6 +172,15 @@ def _with_unknown_products(trial: Trial, rule_set: RuleSet) -> Trial:
         return trial
     unknown = unknown_products(trial.orders, rule_set.edition)
     return replace(trial, log_defects=(*trial.log_defects, *unknown))
+
+
+def topics_read(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
+    """The topics whose messages a rule set reads of a recording, with and without leading slash."""
+    mapping = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
+    needs = _needs(rule_set.build(registry), rule_set, registry)
+    channels = mapping.channels_for(source_quantities(need.quantity for need in needs))
+    names = {channel.topic.lstrip("/") for channel in channels}
+    return frozenset(name for plain in names for name in (plain, f"/{plain}"))
 
 
 def check_needs(
@@ -586,9 +597,17 @@ def _sources(part: Part, root: Path) -> list[Source]:
     base = root if root.is_dir() else root.parent
     run = "" if part.run is None else f"#run={part.run}"
     return [
-        Source(part.role, file.relative_to(base).as_posix() + run, file.stat().st_size, _sha256(file))
+        Source(part.role, file.relative_to(base).as_posix() + run, file.stat().st_size, *_hashed(file))
         for file in files
     ]
+
+
+def _hashed(file: Path) -> tuple[str, int | None]:
+    """Hash of a file, and how much of it was read where that is not everything."""
+    parts = ranged(file)
+    if parts is None or parts.whole:
+        return _sha256(file), None
+    return parts.sha256(), parts.read_bytes
 
 
 def _sha256(file: Path) -> str:

@@ -199,7 +199,8 @@ def _stored(
     """
     if task.refused:
         return None
-    contents = seen.contents(signature_of(task))
+    signature = signature_of(task)
+    contents = seen.contents(signature) if signature else ""
     if not contents:
         return None
     address = measuring_address(task, contents, basis)
@@ -234,6 +235,9 @@ def _addressed(done: Done, basis: str) -> Done:
     """What an executor brought, with the address it belongs to, unless nothing of it is to be kept."""
     if done.address or done.document is None or summary_of(done.document).outcome == "changing":
         return done
+    if done.task.remote:  # what was fetched is gone again; its hash may be known
+        address = measuring_address(done.task, done.contents, basis) if done.contents else ""
+        return replace(done, address=address)
     # The process died before it could say what it read; the files are still there to be hashed.
     signature, contents = signature_of(done.task), contents_of(done.task)
     address = measuring_address(done.task, contents, basis)

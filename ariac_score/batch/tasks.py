@@ -31,6 +31,8 @@ class Task:
         root: Folder that names in the result are relative to; empty for the run's own.
         also: Configurations that lie elsewhere.
         refused: Why it cannot be told apart from another; empty when it can.
+        signature: What a storage said of its files when they were listed, hashed; empty where
+            nobody asked or nothing was said.
     """
 
     team: str
@@ -40,6 +42,12 @@ class Task:
     root: str = ""
     also: tuple[str, ...] = ()
     refused: str = ""
+    signature: str = ""
+
+    @property
+    def remote(self) -> bool:
+        """Whether it lies elsewhere, named by a URI."""
+        return "://" in self.path
 
     @property
     def key(self) -> TaskKey:
@@ -72,6 +80,7 @@ class Setting:
         rules_sha256: Hash of the files it was written in.
         rules_file: Where it was loaded from; files it names lie beside it.
         limits: For each run.
+        ranges: Whether of a recording that lies elsewhere only what is wanted is fetched.
     """
 
     rules: str
@@ -79,11 +88,12 @@ class Setting:
     rules_sha256: str
     rules_file: str
     limits: Limits
+    ranges: bool = False
 
     @classmethod
-    def of(cls, rule_set: RuleSet, limits: Limits) -> Setting:
+    def of(cls, rule_set: RuleSet, limits: Limits, *, ranges: bool = False) -> Setting:
         """The setting that scores by a rule set."""
-        return cls(expanded_yaml(rule_set), rule_set.id, rule_set.sha256, rule_set.file, limits)
+        return cls(expanded_yaml(rule_set), rule_set.id, rule_set.sha256, rule_set.file, limits, ranges)
 
     def rule_set(self) -> RuleSet:
         """The rule set, as it was loaded where the batch began."""

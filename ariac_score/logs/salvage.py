@@ -20,6 +20,7 @@ from typing import Any, BinaryIO, NamedTuple, Protocol
 
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.columns import IntArray, Payloads
+from ariac_score.logs.ranged import open_log
 
 __all__ = [
     "LARGEST_FILE_BYTES",
@@ -192,7 +193,7 @@ class Source:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file: BinaryIO = path.open("rb", buffering=_BUFFER_BYTES)
+        self._file: BinaryIO = open_log(path, _BUFFER_BYTES)
         self.size = path.stat().st_size
         self.offset = 0
 
