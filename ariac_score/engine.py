@@ -34,7 +34,7 @@ from ariac_score.logs.product_types import unknown_products
 from ariac_score.logs.ranged import ranged
 from ariac_score.registry import Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Source, canonical
-from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
+from ariac_score.ruleset import Check, RuleSet, expanded_yaml, load_rule_set
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
@@ -56,6 +56,7 @@ __all__ = [
     "file_hashes",
     "find_trial",
     "measure_trial",
+    "needs_alike",
     "price_trial",
     "read_trial",
     "refuse_other_years",
@@ -90,6 +91,7 @@ def score_trial(
     trial_id: str = "",
     team: str = "",
     jobs: int = 0,
+    known: Result | None = None,
 ) -> Result:
     """Score the trial at a path; where its rules compare teams, `reprice` adds the cohort.
 
@@ -106,6 +108,8 @@ def score_trial(
         team: Name of the team, likewise.
         jobs: Threads that inflate a recording; 0: as many as there are processors. The
             result does not depend on it.
+        known: A result of the same files by the same code, whose checks ask for the same
+            signals (`needs_alike`): what they found is taken from it, and only others are asked.
 
     Raises:
         ScoreError: For everything a user can act on; see `ariac_score.errors`.
@@ -126,7 +130,7 @@ def score_trial(
     trial = _with_unknown_products(_renamed(trial, trial_id, team), rule_set)
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
     trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
-    measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
+    measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set, known=known)
     sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
     provenance = _provenance(bundle, rule_set, mapping, registry)
     return price_trial(replace(measured, sketch=sketch), rule_set, provenance)
@@ -327,7 +331,12 @@ def _no_orders_hint(bundle: Bundle, trial: Trial) -> str:
 
 
 def measure_trial(
-    trial: Trial, checks: Mapping[str, Rule | Monitor], *, registry: Registry, rule_set: RuleSet
+    trial: Trial,
+    checks: Mapping[str, Rule | Monitor],
+    *,
+    registry: Registry,
+    rule_set: RuleSet,
+    known: Result | None = None,
 ) -> Measured:
     """Ask every check about a trial.
 
@@ -336,6 +345,7 @@ def measure_trial(
         checks: The built plugins by check name.
         registry: To name the plugin when one fails.
         rule_set: Where the checks come from.
+        known: A result whose findings hold for this trial; checks that it has are not asked.
 
     Raises:
         PluginError: A plugin raised, said nothing, or yielded something else.
@@ -345,7 +355,9 @@ def measure_trial(
     for name, check in checks.items():
         plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
         _refuse_recorded_units(trial, name, needs_of(plugin, name, check))
-        for number, finding in enumerate(ask(plugin, name, check, trial), start=1):
+        said = _said_before(known, rule_set.checks[name]) if known else None
+        said = ask(plugin, name, check, trial) if said is None else said
+        for number, finding in enumerate(said, start=1):
             findings[f"{name}#{number}"] = finding
     return Measured(
         trial=trial.id,
@@ -361,6 +373,23 @@ def measure_trial(
         official=trial.official,
         team=trial.team.name if trial.team else "",
     )
+
+
+def _said_before(known: Result, check: Check) -> list[Finding] | None:
+    """What a check found in a stored result, whatever it was called there; `None` when it was not asked."""
+    for name, stored in known.checks.items():
+        if stored["use"] == check.use and stored["with"] == dict(check.parameters):
+            return [replace(finding, check=check.name) for finding in known.measured.of(name).values()]
+    return None
+
+
+def needs_alike(first: RuleSet, second: RuleSet, registry: Registry) -> bool:
+    """Whether two rule sets make the same trial of the same files: what one measured holds for the other."""
+    if first.edition != second.edition:
+        return False
+    maps = [load_log_map(r.log_map, beside=Path(r.file).parent).sha256 for r in (first, second)]
+    needs = [list(dict.fromkeys(_needs(r.build(registry), r, registry))) for r in (first, second)]
+    return maps[0] == maps[1] and needs[0] == needs[1]
 
 
 def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed]) -> None:
@@ -524,20 +553,16 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
     """
     findings: dict[str, Finding] = {}
     for check in rule_set.checks.values():
-        same = [
-            name
-            for name, stored in result.checks.items()
-            if stored["use"] == check.use and stored["with"] == dict(check.parameters)
-        ]
-        if not same:
+        said = _said_before(result, check)
+        if said is None:
             raise RuleSetError(
                 f"check {check.name!r} ({check.use} with these parameters) was not measured",
                 file=rule_set.file,
                 place=check.place.get("use", check.name),
                 hint="score the log under this rule set instead; only prices can change without it",
             )
-        for number, finding in enumerate(result.measured.of(same[0]).values(), start=1):
-            findings[f"{check.name}#{number}"] = replace(finding, check=check.name)
+        for number, finding in enumerate(said, start=1):
+            findings[f"{check.name}#{number}"] = finding
     code = tuple(sorted({_engine(), *result.provenance.code}))
     provenance = replace(result.provenance, rule_set=(rule_set.id, rule_set.sha256), code=code)
     return price_trial(replace(result.measured, findings=findings), rule_set, provenance, cohort)

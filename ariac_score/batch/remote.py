@@ -82,7 +82,8 @@ def shown(uri: str) -> str:
     >>> shown("https://me:secret@host/a.mcap?X-Amz-Signature=0abc")
     'https://host/a.mcap'
     """
-    return _OWNER.sub(r"\1", _SECRET.sub("", uri))
+    plain = _SECRET.sub("", uri) if uri.startswith(("http://", "https://")) else uri
+    return _OWNER.sub(r"\1", plain)
 
 
 def name_of(uri: str) -> str:
@@ -340,7 +341,7 @@ def _status(cause: BaseException) -> int:
     for error in _chain(cause):
         response = getattr(error, "response", None)
         answer = response.get("ResponseMetadata", {}) if isinstance(response, Mapping) else {}
-        for told in (getattr(error, "status", 0), getattr(error, "code", 0), answer.get("HTTPStatusCode", 0)):
+        for told in (getattr(error, "status", 0), answer.get("HTTPStatusCode", 0)):
             if isinstance(told, int) and 400 <= told < 600:
                 return told
     return 0
@@ -370,7 +371,7 @@ def _worded(cause: BaseException, about: str) -> ScoreError:
             f"it may not be read: {what}",
             file=about,
             hint="give the machine that reads it credentials (AWS_PROFILE, GOOGLE_APPLICATION_CREDENTIALS, "
-            "~/.netrc, or the configuration of fsspec), or let anybody read it",
+            "or the configuration of fsspec), or let anybody read it",
         )
     if status in (404, 410) or (isinstance(cause, FileNotFoundError) and not status and _is_missing(cause)):
         return NothingToScoreError("no such file or folder", file=about, hint="check the address")

@@ -33,6 +33,8 @@ class Task:
         refused: Why it cannot be told apart from another; empty when it can.
         signature: What a storage said of its files when they were listed, hashed; empty where
             nobody asked or nothing was said.
+        earlier: A document of it in the folder of the batch, made by other rules; empty without one.
+        earlier_sha256: Its hash.
     """
 
     team: str
@@ -43,6 +45,8 @@ class Task:
     also: tuple[str, ...] = ()
     refused: str = ""
     signature: str = ""
+    earlier: str = ""
+    earlier_sha256: str = ""
 
     @property
     def remote(self) -> bool:
@@ -81,6 +85,8 @@ class Setting:
         rules_file: Where it was loaded from; files it names lie beside it.
         limits: For each run.
         ranges: Whether of a recording that lies elsewhere only what is wanted is fetched.
+        earlier_basis: Of the rules that scored before in this folder, where their measurements hold
+            for checks that both have; empty otherwise.
     """
 
     rules: str
@@ -89,6 +95,7 @@ class Setting:
     rules_file: str
     limits: Limits
     ranges: bool = False
+    earlier_basis: str = ""
 
     @classmethod
     def of(cls, rule_set: RuleSet, limits: Limits, *, ranges: bool = False) -> Setting:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import resource
@@ -22,7 +23,8 @@ from ariac_score.engine import reprice, score_trial, topics_read
 from ariac_score.errors import ScoreError
 from ariac_score.logs.ranged import reading
 from ariac_score.registry import Registry
-from ariac_score.result_json import as_json, load_result
+from ariac_score.result import Result
+from ariac_score.result_json import as_json, load_result, read_result
 from ariac_score.ruleset import RuleSet, expanded_yaml
 
 __all__ = [
@@ -73,6 +75,11 @@ def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
     if task.remote:
         with tempfile.TemporaryDirectory(prefix="ariac-score-") as folder:
             return _perform_elsewhere(task, setting, out, Path(folder), lambda _near: None)
+    return _perform_here(task, setting, out, changing=False)
+
+
+def _perform_here(task: Task, setting: Setting, out: Path | None, *, changing: bool) -> Done:
+    """Score a run whose files are here; those with holes change while they are read."""
     registry, rule_set, basis = prepared(setting)
     before = signature_of(task)
     contents = contents_of(task)
@@ -82,8 +89,9 @@ def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
         return Done(task, address, contents, before, None)
     document = _priced_again(store, address, rule_set) if store is not None else None
     if document is None:
-        document = _scored(task, rule_set, registry)
-    if signature_of(task) != before:
+        known = _known(task, contents, setting, store) if store is not None else None
+        document = _scored(task, rule_set, registry, known)
+    if not changing and signature_of(task) != before:
         document = _because(task, "changing", "its files changed while they were read; call again when done")
         return Done(task, "", "", "", document)
     if len(document) > setting.limits.output_bytes:
@@ -104,7 +112,8 @@ def _perform_elsewhere(
         return _unreachable(task, error)
     brought(near)
     with reading(near.parts):
-        done = replace(perform(near.task, setting, out), task=task, signature=near.signature)
+        done = _perform_here(near.task, setting, out, changing=bool(near.parts))
+        done = replace(done, task=task, signature=near.signature)
     failures = [file.failure for file in near.parts if file.failure is not None]
     if failures:
         return _unreachable(task, failures[0])
@@ -143,7 +152,26 @@ def _priced_again(store: Store, address: str, rule_set: RuleSet) -> bytes | None
         return None  # an outcome, a damaged file, a formula without a value: measure, and say what is wrong
 
 
-def _scored(task: Task, rule_set: RuleSet, registry: Registry) -> bytes:
+def _known(task: Task, contents: str, setting: Setting, store: Store) -> Result | None:
+    """What was measured of the same files, by the same code, under rules that share some checks.
+
+    The address says so: it is that of the earlier rules and the code of now only when neither the
+    files nor any code has changed since.
+    """
+    if not task.earlier or not setting.earlier_basis:
+        return None
+    place = store.root / task.earlier
+    if place.parent.name != measuring_address(task, contents, setting.earlier_basis):
+        return None
+    try:
+        if hashlib.sha256(place.read_bytes()).hexdigest() != task.earlier_sha256:
+            return None
+        return read_result(place, known=True)
+    except (OSError, ScoreError):
+        return None  # an outcome, or a damaged file: ask every check
+
+
+def _scored(task: Task, rule_set: RuleSet, registry: Registry, known: Result | None) -> bytes:
     root = Path(task.root) if task.root else Path(task.path).parent
     try:
         result = score_trial(
@@ -154,6 +182,7 @@ def _scored(task: Task, rule_set: RuleSet, registry: Registry) -> bytes:
             root=Path(task.root) if task.root else None,
             trial_id=task.trial if task.root else "",
             team=task.team,
+            known=known,
         )
         return as_json(result).encode("utf-8")
     except ScoreError as error:

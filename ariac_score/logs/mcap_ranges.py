@@ -133,9 +133,9 @@ def _bodies(
     """Chunks that are read whole; and those of which large messages are passed over."""
     whole, mixed, declared = list[Range](), list[_Chunk](), set[int]()
     for chunk in chunks:
-        # A chunk may declare a channel until all are declared.
-        unwanted = all_of_them <= declared and chunk.channels <= deaf
-        declared |= chunk.channels
+        # The scan learns whom it need not hear from the chunks; of the first it leaves out, from the summary.
+        unwanted = chunk.channels <= declared & deaf
+        declared |= all_of_them if unwanted else chunk.channels
         if chunk.size < _SMALL_CHUNK_BYTES or not (unwanted or chunk.plain):
             whole.append((chunk.start, chunk.end))
         elif not unwanted:
