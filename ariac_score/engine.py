@@ -6,10 +6,14 @@ Measuring needs the log and knows no points; pricing needs only what was measure
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 from ariac_score.asking import ask, courses_of, needs_of
@@ -46,7 +50,7 @@ from ariac_score.trial.kits import with_contents
 from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.sketch import Sketch, sketch_of
-from ariac_score.trial.spans import Span
+from ariac_score.trial.spans import Span, longest_silence_s
 from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of
 
 __all__ = [
@@ -73,6 +77,9 @@ ENDED_WITHOUT_SCORE: Mapping[str, str] = {
     "cancelled": "the run was cancelled by its user, and no score was recorded",
 }
 """The outcomes after which the official text holds no score."""
+
+_WORTH_A_THREAD_BYTES = 1 << 23
+_HASHED_BLOCK_BYTES = 1 << 18
 
 
 def _no_progress(_done: float) -> None:
@@ -124,15 +131,17 @@ def score_trial(
     refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
     needs = _needs(checks, rule_set, registry)
     quantities = [need.quantity for need in needs]
-    trial = read_trial(
-        bundle, readers, mapping, registry, quantities=quantities, progress=progress, jobs=jobs
-    )
-    trial = _with_unknown_products(_renamed(trial, trial_id, team), rule_set)
-    wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
-    trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
-    measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set, known=known)
-    sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
-    provenance = _provenance(bundle, rule_set, mapping, registry)
+    with _hashing(bundle, beside=jobs != 1) as hashes:
+        trial = read_trial(
+            bundle, readers, mapping, registry, quantities=quantities, progress=progress, jobs=jobs
+        )
+        trial = _with_unknown_products(_renamed(trial, trial_id, team), rule_set)
+        wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
+        trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
+        measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set, known=known)
+        sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
+        inputs = hashes()
+    provenance = _provenance(bundle, inputs, rule_set, mapping, registry)
     return price_trial(replace(measured, sketch=sketch), rule_set, provenance)
 
 
@@ -477,9 +486,8 @@ def _announced_as(trial: Trial) -> dict[str, int]:
 
 def _coverage(signal: Signal, window: Span | None) -> Coverage:
     span = signal.span
-    long = signal.gaps(window, max_gap_s=0.0) if window else []
     rate = (len(signal) - 1) / span.duration_s if span and span.duration_s > 0 else 0.0
-    largest_gap_s = max((gap.duration_s for gap in long), default=0.0)
+    largest_gap_s = longest_silence_s(signal.t, window) if window else 0.0
     return Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source)
 
 
@@ -571,7 +579,25 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
 # Provenance ----------------------------------------------------------------------------
 
 
-def _provenance(bundle: Bundle, rule_set: RuleSet, log_map: LogMap, registry: Registry) -> Provenance:
+@contextmanager
+def _hashing(bundle: Bundle, *, beside: bool) -> Iterator[Callable[[], tuple[Source, ...]]]:
+    """The hashes of a bundle's files, computed on another thread where they are large and it may."""
+    files = [file for part in bundle.parts for file in _files(part)]
+    size = sum(file.stat().st_size for file in files)
+    if not beside or size < _WORTH_A_THREAD_BYTES or any(ranged(file) for file in files):
+        yield partial(file_hashes, bundle)
+        return
+    stopped = Event()
+    with ThreadPoolExecutor(1) as pool:
+        try:
+            yield pool.submit(file_hashes, bundle, stopped).result
+        finally:
+            stopped.set()
+
+
+def _provenance(
+    bundle: Bundle, inputs: tuple[Source, ...], rule_set: RuleSet, log_map: LogMap, registry: Registry
+) -> Provenance:
     plugins = [registry.find(check.group, check.use) for check in rule_set.checks.values()]
     plugins += [registry.find("ariac_score.readers", part.reader) for part in bundle.parts]
     plugins += [
@@ -581,7 +607,7 @@ def _provenance(bundle: Bundle, rule_set: RuleSet, log_map: LogMap, registry: Re
     ]
     packages = {(p.distribution, p.version, p.package) for p in plugins}
     return Provenance(
-        inputs=file_hashes(bundle),
+        inputs=inputs,
         ignored=tuple(sorted(bundle.ignored)),
         rule_set=(rule_set.id, rule_set.sha256),
         log_map=(log_map.id, log_map.sha256),
@@ -601,9 +627,15 @@ def code_of(rule_set: RuleSet, registry: Registry) -> tuple[tuple[str, str, str,
     return tuple(sorted({_engine(), *((d, v, p, package_sha256(p)) for d, v, p in packages)}))
 
 
-def file_hashes(bundle: Bundle) -> tuple[Source, ...]:
-    """Every file of a bundle with its hash, sorted by role and name."""
-    return tuple(sorted((s for part in bundle.parts for s in _sources(part, bundle.root)), key=_by_role))
+def file_hashes(bundle: Bundle, stopped: Event | None = None) -> tuple[Source, ...]:
+    """Every file of a bundle with its hash, sorted by role and name.
+
+    Args:
+        bundle: Whose files.
+        stopped: Once it is set nobody wants the hashes any more, and they are not those of the files.
+    """
+    found = (s for part in bundle.parts for s in _sources(part, bundle.root, stopped))
+    return tuple(sorted(found, key=_by_role))
 
 
 def _engine() -> tuple[str, str, str, str]:
@@ -616,31 +648,40 @@ def _by_role(source: Source) -> tuple[str, str]:
     return source.role, source.name
 
 
-def _sources(part: Part, root: Path) -> list[Source]:
-    """The files of a part, hashed; a rosbag2 folder is several."""
-    files = sorted(p for p in part.path.rglob("*") if p.is_file()) if part.path.is_dir() else [part.path]
+def _sources(part: Part, root: Path, stopped: Event | None) -> list[Source]:
+    """The files of a part, hashed."""
     base = root if root.is_dir() else root.parent
     run = "" if part.run is None else f"#run={part.run}"
     return [
-        Source(part.role, file.relative_to(base).as_posix() + run, file.stat().st_size, *_hashed(file))
-        for file in files
+        Source(
+            part.role,
+            file.relative_to(base).as_posix() + run,
+            file.stat().st_size,
+            *_hashed(file, stopped),
+        )
+        for file in _files(part)
     ]
 
 
-def _hashed(file: Path) -> tuple[str, int | None]:
+def _files(part: Part) -> list[Path]:
+    """The files of a part; a rosbag2 folder is several."""
+    return sorted(p for p in part.path.rglob("*") if p.is_file()) if part.path.is_dir() else [part.path]
+
+
+def _hashed(file: Path, stopped: Event | None) -> tuple[str, int | None]:
     """Hash of a file, and how much of it was read where that is not everything."""
     parts = ranged(file)
     if parts is None or parts.whole:
-        return _sha256(file), None
+        return _sha256(file, stopped), None
     return parts.sha256(), parts.read_bytes
 
 
-def _sha256(file: Path) -> str:
-    digest = hashlib.sha256()
+def _sha256(file: Path, stopped: Event | None) -> str:
+    digest, block = hashlib.sha256(), bytearray(_HASHED_BLOCK_BYTES)
     try:
-        with file.open("rb") as stream:
-            while block := stream.read(1 << 20):
-                digest.update(block)
+        with file.open("rb", buffering=0) as stream:
+            while (count := stream.readinto(block)) and not (stopped and stopped.is_set()):
+                digest.update(memoryview(block)[:count])
     except OSError as cause:
         raise LogError(
             f"cannot be read: {cause.strerror}", file=file, hint="check the permissions"

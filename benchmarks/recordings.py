@@ -29,12 +29,13 @@ Item = tuple[int, str, bytes]
 
 
 class Messages:
-    """Serialised messages of every topic, in order of time."""
+    """Serialised messages of every topic, in order of time; what moves does so smoothly."""
 
     def __init__(self, *, ros1: bool, seed: int, seconds: float, camera: bool) -> None:
         self.store = bundled_typestore(1 if ros1 else 2)
         self._ros1, self._seconds = ros1, seconds
         self._dice = np.random.default_rng(seed)
+        self._swings: dict[str, Any] = {}
         self.topics = [topic for topic in TOPICS if camera or topic != "/camera/image"]
 
     def __iter__(self) -> Iterator[Item]:
@@ -58,35 +59,49 @@ class Messages:
     def _header(self, stamp_ns: int, i: int, frame: str) -> Any:
         return self._make("std_msgs/msg/Header", *([i] if self._ros1 else []), self._stamp(stamp_ns), frame)
 
-    def _numbers(self, name: str, count: int) -> Any:
-        return self._make(name, *self._dice.normal(size=count).tolist())
+    def _swinging(self, what: str, stamp_ns: int, count: int, reach: float = 0.4) -> Any:
+        """Some numbers that swing, each in its own time of 6 s to a minute."""
+        if what not in self._swings:
+            self._swings[what] = self._dice.uniform((0.1, 0, 0.5), (1, 6.28, 1), size=(count, 3)).T
+        rate, phase, size = self._swings[what]
+        return reach * size * np.sin(rate * ((stamp_ns - ORIGIN_NS) / 1e9) + phase)
 
-    def _turn(self) -> Any:
-        turn = self._dice.normal(size=4)
+    def _place(self, name: str, what: str, stamp_ns: int, reach: float = 0.4) -> Any:
+        return self._make(f"geometry_msgs/msg/{name}", *self._swinging(what, stamp_ns, 3, reach).tolist())
+
+    def _turn(self, what: str, stamp_ns: int) -> Any:
+        turn = self._swinging(f"turn of {what}", stamp_ns, 4) + np.array([0.0, 0.0, 0.0, 1.0])
         return self._make("geometry_msgs/msg/Quaternion", *(turn / np.linalg.norm(turn)).tolist())
 
     def _vector(self) -> Any:
-        return self._numbers("geometry_msgs/msg/Vector3", 3)
+        return self._make("geometry_msgs/msg/Vector3", *self._dice.normal(size=3).tolist())
 
     def _tf(self, stamp_ns: int, i: int) -> Any:
         transforms = []
         for parent, child in zip(("world", *LINKS), LINKS, strict=False):
-            transform = self._make("geometry_msgs/msg/Transform", self._vector(), self._turn())
+            at, turn = self._place("Vector3", child, stamp_ns), self._turn(child, stamp_ns)
+            transform = self._make("geometry_msgs/msg/Transform", at, turn)
             header = self._header(stamp_ns, i, parent)
             transforms.append(self._make("geometry_msgs/msg/TransformStamped", header, child, transform))
         return self._make(TF, transforms)
 
     def _joints(self, stamp_ns: int, i: int) -> Any:
         names = [f"{link}_joint" for link in LINKS]
-        numbers = [self._dice.normal(size=len(names)) for _ in range(3)]
+        numbers = [
+            self._swinging(what, stamp_ns, len(names), 1.0) for what in ("position", "velocity", "effort")
+        ]
         return self._make(JOINTS, self._header(stamp_ns, i, ""), names, *numbers)
 
     def _clock(self, stamp_ns: int, _: int) -> Any:
         return self._make(CLOCK, self._stamp(stamp_ns))
 
     def _human(self, stamp_ns: int, i: int) -> Any:
-        pose = self._make("geometry_msgs/msg/Pose", self._numbers("geometry_msgs/msg/Point", 3), self._turn())
-        twist = self._make("geometry_msgs/msg/Twist", self._vector(), self._vector())
+        at, turn = self._place("Point", "human", stamp_ns, 1.5), self._turn("human", stamp_ns)
+        pose = self._make("geometry_msgs/msg/Pose", at, turn)
+        speeds = (
+            self._place("Vector3", f"{what} speed of human", stamp_ns) for what in ("straight", "turning")
+        )
+        twist = self._make("geometry_msgs/msg/Twist", *speeds)
         known = self._make("geometry_msgs/msg/PoseWithCovariance", pose, np.zeros(36))
         moving = self._make("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36))
         return self._make(HUMAN, self._header(stamp_ns, i, "world"), "human", known, moving)

@@ -108,7 +108,7 @@ def run_batch(
     setting = replace(setting, earlier_basis=_earlier_basis(store, rule_set, setting, registry))
     seen, rows = Seen(store.root), Rows(work)
     rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
-    outcomes: Counter[str] = Counter()
+    outcomes, measured = Counter[str](), list[Measurement]()
     now, cpu_s = 0, 0.0
     journal: IO[str] | None = None
 
@@ -119,8 +119,6 @@ def run_batch(
             journal.flush()
         outcomes[row.summary.outcome] += 1
         told(row.key, row.summary.outcome, row.summary.reason)
-
-    measured: list[Measurement] = []
 
     def missing() -> Iterator[Task]:
         for task in tasks:

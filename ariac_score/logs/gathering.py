@@ -68,6 +68,7 @@ class Gathering:
         self._routes: dict[Connection, Route] = {}
         self._pending = Pending()
         self._number = 0
+        self.share = 0.0
 
     @property
     def topics(self) -> frozenset[str]:
@@ -143,7 +144,8 @@ class Gathering:
             raise min(errors, key=lambda error: error.number).told(self._file)
         for intake in self._intakes:
             intake.settle_columns()
-        together.hand_over(self._tree, self._models, self._kits if self._wanted.log_map.kits.trays else {})
+        kits = self._kits if self._wanted.log_map.kits.trays else {}
+        together.hand_over(self._tree, self._models, kits, share=self.share)
 
     def _one_by_one(self, waiting: Iterable[Connection]) -> list[Connection]:
         """The connections whose messages must be decoded one by one.

@@ -197,7 +197,7 @@ class _Names:
 
     def numbered(self, column: Column) -> IntArray:
         assert column.texts is not None
-        used = np.unique(column.values)
+        used = np.flatnonzero(np.bincount(column.values, minlength=1))
         table = np.zeros(len(column.texts), dtype=np.int64)
         for code in used.tolist():
             name = column.texts[code]
@@ -223,11 +223,11 @@ class Together:
     def add_frames(self, decoded: Decoded, stamps_ns: IntArray, *, static: bool) -> None:
         """Take the transforms of tf messages."""
         columns = decoded.columns
-        rows = _side_by_side(columns, (*_AT, *_TURN))
+        fields = [columns[path].values for path in (*_AT, *_TURN)]
         numbers = np.repeat(decoded.numbers, columns[_CHILD].per_message())
         parents, children = (self._names.numbered(columns[path]) for path in (_PARENT, _CHILD))
-        moving = np.full(len(rows), not static)
-        self._frames.append((numbers, parents, children, rows, stamps_ns, moving))
+        moving = np.full(len(parents), not static)
+        self._frames.append((numbers, parents, children, stamps_ns, moving, *fields))
 
     def add_models(self, decoded: Decoded, stamps_ns: IntArray, *, links: bool) -> dict[int, str]:
         """Take the states of model or link states; returns why some messages are refused, by number."""
@@ -244,15 +244,25 @@ class Together:
         self._models.append((numbers[fits], counts, stamps_ns[fits], of_links, found, pose, velocity))
         return dict.fromkeys(numbers[~fits].tolist(), "name, pose and twist differ in length")
 
-    def hand_over(self, tree: TransformTree, models: ModelPoses, kits: Mapping[bool, ModelFrames]) -> None:
-        """Hand everything over in recorded order."""
+    def hand_over(
+        self, tree: TransformTree, models: ModelPoses, kits: Mapping[bool, ModelFrames], *, share: float
+    ) -> None:
+        """Hand everything over in recorded order.
+
+        Args:
+            tree: Takes transforms.
+            models: Takes the states of models and links.
+            kits: Takes them as well, of links and of models.
+            share: The share of the recording that was read, as far as is known, 0 to 1.
+        """
         if self._frames:
-            parts = [np.concatenate(part) for part in zip(*self._frames, strict=True)]
+            parts = list(self._frames[0])
             if len(self._frames) > 1:
+                parts = [np.concatenate(part) for part in zip(*self._frames, strict=True)]
                 order = np.argsort(parts[0], kind="stable")
                 parts = [part[order] for part in parts]
-            _, parents, children, rows, stamps_ns, moving = parts
-            tree.add_many(self._names.names, parents, children, rows, stamps_ns, moving)
+            _, parents, children, stamps_ns, moving, *fields = parts
+            tree.add_many(self._names.names, parents, children, fields, stamps_ns, moving, share=share)
         if self._models:
             self._hand_over_models(models, kits)
 

@@ -28,7 +28,7 @@ from ariac_score.logs.salvage import (
     inflate_into,
     normalised_type,
 )
-from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of, nothing_to_do
+from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of, nothing_to_do, scratch
 from ariac_score.logs.tiling import check_not_crossed, gaps_between, records_at
 
 __all__ = ["MAGIC", "McapScan"]
@@ -206,7 +206,7 @@ class McapScan(FileScan):
                 source.skip(behind - source.offset)
                 self._reached(source.offset)
                 return
-            packed = 0 if head.plain else end - source.offset
+            packed = end - source.offset if self._data_crc_wanted and not head.plain else 0
             yield from self._settled(source, slabs.turn(head.size, packed))
             left_out = self._left_out(index, head) if head.plain else []
             if left_out:
@@ -221,6 +221,8 @@ class McapScan(FileScan):
 
     def _filled(self, source: Source, head: _ChunkHead, room: memoryview) -> Callable[[], None]:
         """Read the records of a chunk; returns the job that completes and verifies them."""
+        if not self._data_crc_wanted:
+            return partial(head.fill, room, source.later(head.packed, "chunk"))
         if head.plain:
             source.take_into(room, "chunk")
             self._add_to_crcs(_CHUNK, room)
@@ -315,6 +317,9 @@ class McapScan(FileScan):
         try:
             heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, head.size, nothing_to_do, list(index))])
         except (struct.error, ValueError):
+            return []
+        bounds = np.sort(np.append(pairs[:, 1], head.size))
+        if np.diff(bounds).max() < _LARGE_MESSAGE_BYTES:
             return []
         deaf = np.repeat(np.isin(np.array(heads, dtype=np.int64), list(self._deaf)), counts)
         order = np.argsort(pairs[:, 1], kind="stable")
@@ -491,7 +496,9 @@ class McapScan(FileScan):
         starts, ends = places.starts[rows], places.ends[rows]
         if self._deaf:
             # They may not have been read.
-            ends = np.where(np.isin(places.channels[rows], list(self._deaf)), starts, ends)
+            deaf = np.zeros(1 << 16, dtype=bool)
+            deaf[list(self._deaf)] = True
+            ends = np.where(deaf[places.channels[rows]], starts, ends)
         payloads = Payloads(places.buffer, starts, ends)
         senders = tuple(self._channels[key][1] for key in known.tolist())
         sources = np.searchsorted(known, places.channels[rows])
@@ -556,7 +563,8 @@ def _declarations_in_summary(source: Source) -> Sequence[tuple[int, bytes]]:
     try:
         for op, at in _ops(memoryview(summary)):
             if op in (_SCHEMA, _CHANNEL):
-                body = summary[at + _RECORD.size :][: _RECORD.unpack_from(summary, at)[1]]
+                first = at + _RECORD.size
+                body = summary[first : first + _RECORD.unpack_from(summary, at)[1]]
                 found.append((op, body))
                 (schemas if op == _SCHEMA else needed).add(
                     struct.unpack_from("<H", body, 2 * (op == _CHANNEL))[0]
@@ -616,7 +624,21 @@ class _ChunkHead:
         """Whether its records are not compressed."""
         return not self.compression
 
-    def inflate(self, room: memoryview, packed: bytes) -> None:
+    def fill(self, room: memoryview, read: Callable[[memoryview], None]) -> None:
+        """Read its records to where there is room for them, inflated, and verify them.
+
+        Raises:
+            ValueError: They are damaged.
+        """
+        if self.plain:
+            read(room)
+            self.verify(room)
+            return
+        with scratch(self.packed) as packed:
+            read(packed)
+            self.inflate(room, packed)
+
+    def inflate(self, room: memoryview, packed: bytes | memoryview) -> None:
         """Inflate its records to where there is room for them, and verify them.
 
         Raises:

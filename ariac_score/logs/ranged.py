@@ -192,6 +192,9 @@ class _Filled(io.RawIOBase):
     def seekable(self) -> bool:
         return True
 
+    def fileno(self) -> int:
+        return self._file.fileno()  # whoever reads by it says before what is to be there
+
     def tell(self) -> int:
         return self._at
 

@@ -84,6 +84,7 @@ class RosbagReader:
         scan = open_scan(path, jobs=wanted.jobs, topics=gathering.topics)
         try:
             for item in _surveyed(scan, survey, path):
+                gathering.share = scan.share
                 gathering.take(item)
                 if survey.messages >= progress_at:
                     progress_at = survey.messages + _PROGRESS_EVERY

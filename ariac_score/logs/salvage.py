@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -20,7 +20,7 @@ from typing import Any, BinaryIO, NamedTuple, Protocol
 
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.columns import IntArray, Payloads
-from ariac_score.logs.ranged import open_log
+from ariac_score.logs.ranged import open_log, ranged
 
 __all__ = [
     "LARGEST_FILE_BYTES",
@@ -194,6 +194,7 @@ class Source:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._file: BinaryIO = open_log(path, _BUFFER_BYTES)
+        self._parts = ranged(path)
         self.size = path.stat().st_size
         self.offset = 0
 
@@ -237,6 +238,43 @@ class Source:
             raise self.damaged("the file ends early", what=what)
         self.offset += len(room)
 
+    def later(self, count: int, what: str) -> Callable[[memoryview], None]:
+        """Move on over the next bytes, which are read later.
+
+        Args:
+            count: How many.
+            what: They are, for the error.
+
+        Returns:
+            Puts them into room of that size, on whatever thread; it raises ValueError when the
+            file ends early.
+
+        Raises:
+            LogError: The file ends before.
+        """
+        if not hasattr(os, "preadv"):
+            taken = self.take(count, what)
+
+            def put(room: memoryview) -> None:
+                room[:] = taken
+
+            return put
+        self._reserve(count, what)
+        file, offset = self._file.fileno(), self.offset
+        if self._parts:
+            self._parts.have([(offset, offset + count)])
+        self.skip(count)
+
+        def read(room: memoryview) -> None:
+            done = 0
+            while done < len(room):
+                read = os.preadv(file, [room[done:]], offset + done)
+                if not read:
+                    raise ValueError("the file ends early")
+                done += read
+
+        return read
+
     def read_at(self, offset: int, room: memoryview, what: str) -> None:
         """Bytes from elsewhere, put where there is room for them, without moving on.
 
@@ -251,8 +289,9 @@ class Source:
 
     def skip(self, count: int) -> None:
         """Move on over bytes that are there."""
-        self.offset += count
-        self._file.seek(self.offset)
+        if count:
+            self.offset += count
+            self._file.seek(self.offset)
 
     def peek(self, count: int) -> bytes:
         """The next bytes, at most so many, without moving on."""
@@ -264,8 +303,13 @@ class Source:
         """Bytes from elsewhere, as far as they are there, without moving on."""
         if not 0 <= offset < self.size:
             return b""
+        count = min(count, MAX_PEEK_BYTES)
+        if self._parts:
+            self._parts.have([(offset, offset + count)])
+        if hasattr(os, "pread"):  # which keeps what is buffered of the place that is read
+            return os.pread(self._file.fileno(), count, offset)
         self._file.seek(offset)
-        found = self._file.read(min(count, MAX_PEEK_BYTES))
+        found = self._file.read(count)
         self._file.seek(self.offset)
         return found
 
@@ -396,21 +440,21 @@ def inflate_into(room: memoryview, packed: bytes | memoryview, compression: str)
     Raises:
         ValueError: It cannot be inflated to that size; the message says why.
     """
-    if compression == "lz4" and _inflate_fast_lz4(room, packed):
+    if compression in _ENDS and _inflate_fast(room, packed, compression):
         return
     room[:] = inflate(packed, compression, size=len(room))
 
 
-def _inflate_fast_lz4(room: memoryview, packed: bytes | memoryview) -> bool:
-    """Inflate one whole lz4 frame where cramjam is installed, which writes in place.
+def _inflate_fast(room: memoryview, packed: bytes | memoryview, compression: str) -> bool:
+    """Inflate one whole frame where cramjam is installed, which writes in place.
 
     Whatever is odd is left undone, for the slower way to tell.
     """
     cramjam = _cramjam()
-    if cramjam is None or not room or _end_of_lz4(packed) != len(packed):
+    if cramjam is None or not room or _ENDS[compression](packed) != len(packed):
         return False
     try:
-        count: int = cramjam.lz4.decompress_into(packed, room)
+        count: int = getattr(cramjam, compression).decompress_into(packed, room)
     except cramjam.DecompressionError:
         return False
     return count == len(room)
@@ -443,6 +487,30 @@ def _end_of_lz4(packed: bytes | memoryview) -> int:
             return at + behind_frame
         at += length + behind_block
     return -1
+
+
+def _end_of_zstd(packed: bytes | memoryview) -> int:
+    """Where the frame that starts some bytes ends; -1 when they are none, or it is not whole.
+
+    Source: RFC 8878, 3.1.1.
+    """
+    if len(packed) < 6 or bytes(packed[:4]) != b"\x28\xb5\x2f\xfd":
+        return -1
+    flags = packed[4]
+    alone, size_flag = flags >> 5 & 1, flags >> 6
+    size_bytes = (alone, 2, 4, 8)[size_flag]
+    at = 5 + (1 - alone) + (0, 1, 2, 4)[flags & 3] + size_bytes
+    while at + 3 <= len(packed):
+        head = int.from_bytes(packed[at : at + 3], "little")
+        at += 3 + (1 if head >> 1 & 3 == _ZSTD_REPEATED else head >> 3)
+        if head & 1:
+            return at + 4 * (flags >> 2 & 1)
+    return -1
+
+
+_ZSTD_REPEATED = 1
+
+_ENDS = {"lz4": _end_of_lz4, "zstd": _end_of_zstd}
 
 
 def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import TracebackType
 
@@ -12,7 +14,7 @@ import numpy as np
 
 from ariac_score.logs.columnar.columns import Bytes, IntArray
 
-__all__ = ["SLAB_BYTES", "Chunk", "Slab", "Slabs", "entries_of", "nothing_to_do"]
+__all__ = ["SLAB_BYTES", "Chunk", "Slab", "Slabs", "entries_of", "nothing_to_do", "scratch"]
 
 SLAB_BYTES = 8 << 20
 """So many bytes of records lie side by side, in two buffers; a larger chunk has one of its own."""
@@ -169,6 +171,21 @@ class Slabs:
 
 def nothing_to_do() -> None:
     """The job of a chunk that lies ready."""
+
+
+@contextmanager
+def scratch(size: int) -> Iterator[memoryview]:
+    """Some bytes that hold until the thread asks again; those of before are used again."""
+    if size > SLAB_BYTES:
+        yield memoryview(bytearray(size))
+        return
+    if len(getattr(_OWN, "bytes", b"")) < size:
+        _OWN.bytes = bytearray(max(size, _SMALLEST_SCRATCH_BYTES))
+    yield memoryview(_OWN.bytes)[:size]
+
+
+_SMALLEST_SCRATCH_BYTES = 1 << 20
+_OWN = threading.local()
 
 
 def _processors() -> int:

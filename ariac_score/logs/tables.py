@@ -56,14 +56,22 @@ class _Grown:
         self._values = np.empty(0, dtype=dtype)
         self._used = 0
 
-    def add(self, values: NDArray[Any], share: float) -> None:
-        start, self._used = self._used, self._used + len(values)
-        if self._used > len(self._values):
-            guess = min(int(self._used / max(share, 1e-3) * 1.1), _LARGEST_GUESS)
-            larger = np.empty(max(guess, self._used * 5 // 4), dtype=values.dtype)
-            larger[:start] = self._values[:start]
+    def room(self, dtype: np.dtype[Any], count: int, share: float) -> NDArray[Any]:
+        """Where the next values go; they count once they are added."""
+        needed = self._used + count
+        if needed > len(self._values):
+            guess = min(int(needed / max(share, 1e-3) * 1.1), _LARGEST_GUESS)
+            larger = np.empty(max(guess, needed * 5 // 4), dtype=dtype)
+            larger[: self._used] = self._values[: self._used]
             self._values = larger
-        self._values[start : self._used] = values
+        return self._values[self._used : needed]
+
+    def add(self, values: NDArray[Any], share: float) -> None:
+        """Take some values, which may be where there was room for them."""
+        room = self.room(values.dtype, len(values), share)
+        if values.base is not self._values:
+            room[:] = values
+        self._used += len(values)
 
     def finished(self) -> NDArray[Any]:
         return self._values[: self._used]
@@ -82,7 +90,11 @@ class _Growing:
 
     def take(self, waiting: Waiting, share: float) -> None:
         assert self.decoder is not None
-        found = self.decoder.decode(waiting.payloads)
+
+        def room(path: str, dtype: np.dtype[Any], count: int) -> NDArray[Any]:
+            return self._values.setdefault(path, _Grown(dtype)).room(dtype, count, share)
+
+        found = self.decoder.decode(waiting.payloads, room)
         self._stamps_ns.add(waiting.stamps_ns[found.rows], share)
         self._defects += len(found.defects)
         self._last = found.columns

@@ -16,7 +16,7 @@ from ariac_score.errors import LogError
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body
-from ariac_score.trial.signals import Signal, settle
+from ariac_score.trial.signals import covered, settle
 from ariac_score.trial.spans import FloatArray
 
 __all__ = ["MAX_GAP_S", "ModelPoses", "TransformTree", "times_s"]
@@ -31,6 +31,13 @@ IntArray = NDArray[np.int64]
 
 _Row = tuple[float, float, float, float, float, float, float]
 
+_FEW_CODES = 1 << 16
+_FEW_PLACES = 16
+_FEWEST_SAMPLES = 64
+_LARGEST_GUESS = 1 << 22
+_BLOCK_ROWS = 1 << 13
+"""So many transforms are composed at a time: what is computed stays in the processor's cache."""
+
 
 def times_s(stamps_ns: Sequence[int] | IntArray, origin_ns: int) -> FloatArray:
     """Stamps as trial time, s."""
@@ -42,14 +49,83 @@ def times_s(stamps_ns: Sequence[int] | IntArray, origin_ns: int) -> FloatArray:
     return seconds
 
 
-@dataclass
 class _Edge:
-    """How a frame lies in its parent: rows of x, y, z (m) and the quaternion x, y, z, w."""
+    """How a frame lies in its parent: x, y, z (m) and the quaternion x, y, z, w, at its stamps.
 
-    parent: str
-    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
-    rows: array[float] = field(default_factory=lambda: array("d"))
-    static: _Row | None = None
+    What it was is kept in arrays that grow at their end, so that no part is copied twice more.
+    """
+
+    def __init__(self) -> None:
+        self.static: _Row | None = None
+        self._stamps_ns: IntArray = np.empty(0, dtype=np.int64)
+        self._columns: FloatArray = np.empty((7, 0))
+        self._used = 0
+
+    @property
+    def moves(self) -> bool:
+        return self._used > 0
+
+    @property
+    def stamps_ns(self) -> IntArray:
+        """All its stamps in recorded order, shape (n,)."""
+        return self._stamps_ns[: self._used]
+
+    @property
+    def columns(self) -> FloatArray:
+        """What it was at these, shape (7, n)."""
+        return self._columns[:, : self._used]
+
+    def add(self, stamp_ns: int, row: _Row) -> None:
+        """Take one sample."""
+        place = self._room(1)
+        self._stamps_ns[place] = stamp_ns
+        self._columns[:, place] = np.array(row)[:, np.newaxis]
+
+    def add_many(
+        self,
+        places: NDArray[np.intp] | slice,
+        stamps_ns: IntArray,
+        columns: Sequence[FloatArray],
+        share: float,
+    ) -> None:
+        """Take the samples at some places of arrays; with them a share of all will have come."""
+        stamps_ns = stamps_ns[places]
+        room = self._room(len(stamps_ns), share)
+        self._stamps_ns[room] = stamps_ns
+        for own, column in zip(self._columns, columns, strict=True):
+            own[room] = column[places]
+
+    def _room(self, count: int, share: float = 0.0) -> slice:
+        """Where the next so many samples go.
+
+        The arrays get as long as all will be, by the share: memory that nothing is written to
+        costs nothing, and moving what was written does.
+        """
+        start, self._used = self._used, self._used + count
+        if self._used > len(self._stamps_ns):
+            guess = min(int(1.1 * self._used / share), _LARGEST_GUESS) if share > 0 else 0
+            size = max(self._used, 2 * len(self._stamps_ns), _FEWEST_SAMPLES, guess)
+            stamps_ns, columns = np.empty(size, dtype=np.int64), np.empty((7, size))
+            stamps_ns[:start], columns[:, :start] = self._stamps_ns[:start], self._columns[:, :start]
+            self._stamps_ns, self._columns = stamps_ns, columns
+        return slice(start, self._used)
+
+
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    """A moving transform: sample times, shape (n,), s, and what it was then, shape (7, n)."""
+
+    t: FloatArray
+    columns: FloatArray
+
+    def covers(self, t: FloatArray) -> NDArray[np.bool_]:
+        return covered(self.t, t, max_gap_s=MAX_GAP_S)
+
+    def at(self, t: FloatArray) -> FloatArray:
+        """By straight lines between neighbours, shape (7, m)."""
+        if np.array_equal(t, self.t):
+            return self.columns
+        return np.stack([np.interp(t, self.t, column) for column in self.columns])
 
 
 class TransformTree:
@@ -64,7 +140,7 @@ class TransformTree:
         self._root, self._file = _frame(root), file
         self._edges: dict[str, dict[str, _Edge]] = {}
         self._unusable: dict[str, int] = {}
-        self._settled: dict[str, Signal] = {}
+        self._settled: dict[str, _Settled] = {}
 
     def add(self, transform: Any, stamp_ns: int | None) -> None:
         """Take one `geometry_msgs/TransformStamped`.
@@ -79,21 +155,22 @@ class TransformTree:
         if not all(math.isfinite(v) for v in row) or not _is_unit(row[3:]):
             self._unusable[child] = self._unusable.get(child, 0) + 1
             return
-        edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge(parent))
+        edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge())
         if stamp_ns is None:
             edge.static = row
         else:
-            edge.stamps_ns.append(stamp_ns)
-            edge.rows.extend(row)
+            edge.add(stamp_ns, row)
 
     def add_many(
         self,
         names: Sequence[str],
         parents: IntArray,
         children: IntArray,
-        rows: FloatArray,
+        columns: Sequence[FloatArray],
         stamps_ns: IntArray,
         moving: NDArray[np.bool_],
+        *,
+        share: float = 0.0,
     ) -> None:
         """Take many transforms, in recorded order.
 
@@ -101,30 +178,35 @@ class TransformTree:
             names: Names of frames.
             parents: Of each transform, which name its parent has, shape (n,).
             children: Which name its child has, shape (n,).
-            rows: x, y, z in m and the quaternion x, y, z, w, shape (n, 7).
+            columns: x, y, z in m and the quaternion x, y, z, w, each of shape (n,).
             stamps_ns: Its time, ns, shape (n,).
             moving: Whether it holds at its time only, shape (n,); otherwise it is static.
+            share: The share of all transforms that will have come, as far as is known, 0 to 1.
         """
         pair = parents * len(names) + children
-        usable: NDArray[np.bool_] = np.asarray(np.isfinite(rows).all(axis=1))
-        usable[usable] = _are_units(rows[usable, 3:])
-        for key in np.unique(pair).tolist():
+        usable = _are_units(columns[3:])
+        for column in columns[:3]:
+            usable &= np.isfinite(column)
+        all_usable, all_move = bool(usable.all()), bool(moving.all())
+        for key in _keys(pair, len(names) ** 2):
             parent, child = _frame(names[key // len(names)]), _frame(names[key % len(names)])
-            found = pair == key
-            lost = int((found & ~usable).sum())
-            if lost:
-                self._unusable[child] = self._unusable.get(child, 0) + lost
-            found &= usable
-            if not found.any():
+            found = np.flatnonzero(pair == key)
+            if not all_usable:
+                some = len(found)
+                found = found[usable[found]]
+                if some > len(found):
+                    self._unusable[child] = self._unusable.get(child, 0) + some - len(found)
+            if not len(found):
                 continue
-            edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge(parent))
-            static = rows[found & ~moving]
-            if len(static):
-                x, y, z, *turn = static[-1].tolist()
-                edge.static = (x, y, z, *turn)
-            found &= moving
-            edge.stamps_ns.frombytes(stamps_ns[found].tobytes())
-            edge.rows.frombytes(rows[found].tobytes())
+            edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge())
+            if not all_move:
+                still = found[~moving[found]]
+                if len(still):
+                    x, y, z, a, b, c, w = (float(column[still[-1]]) for column in columns)
+                    edge.static = (x, y, z, a, b, c, w)
+                found = found[moving[found]]
+            if len(found):
+                edge.add_many(_even(found), stamps_ns, columns, share)
 
     def settle(self, builder: TrialBuilder, origin_ns: int, matches: Sequence[BodyMatch]) -> None:
         """Hand the positions of all matching frames to the builder, with their bodies.
@@ -203,36 +285,46 @@ class TransformTree:
         moving = {
             frame: self._moving(builder, origin_ns, frame, edge)
             for frame, edge in zip(chain, edges, strict=True)
-            if edge.rows
+            if edge.moves
         }
-        if moving:
-            t = np.unique(np.concatenate([signal.t for signal in moving.values()]))
-        else:
-            t = self._all_times(builder, origin_ns)
-        for signal in moving.values():
-            t = t[signal.covers(t, max_gap_s=MAX_GAP_S)]
-        position: FloatArray = np.zeros((len(t), 3))
+        t = self._common_times(list(moving.values())) if moving else self._all_times(builder, origin_ns)
+        for settled in moving.values():
+            t = t[settled.covers(t)]
+        columns = [
+            moving[frame].at(t) if frame in moving else np.array(edge.static)[:, np.newaxis]
+            for frame, edge in zip(chain, edges, strict=True)
+        ]
+        position: FloatArray = np.empty((len(t), 3))
         with np.errstate(
             over="ignore", invalid="ignore"
         ):  # absurd numbers end as infinite: left out, counted
-            for frame, edge in zip(chain, edges, strict=True):
-                rows = moving[frame].at(t) if frame in moving else np.tile(np.array(edge.static), (len(t), 1))
-                position = _rotated(rows[:, 3:], position) + rows[:, :3]
+            for first in range(0, len(t), _BLOCK_ROWS):
+                some = slice(first, first + _BLOCK_ROWS)
+                block = [rows[:, some] if rows.shape[1] > 1 else rows for rows in columns]
+                for axis, values in enumerate(_composed(block)):
+                    position[some, axis] = values
         return t, position
+
+    @staticmethod
+    def _common_times(moving: Sequence[_Settled]) -> FloatArray:
+        """All times at which one of some transforms was sampled."""
+        first = moving[0].t
+        if all(np.array_equal(settled.t, first) for settled in moving[1:]):
+            return first
+        return np.unique(np.concatenate([settled.t for settled in moving]))
 
     def _all_times(self, builder: TrialBuilder, origin_ns: int) -> FloatArray:
         """When a frame that never moves is somewhere: whenever anything in the tree was seen."""
-        stamps = {s for parents in self._edges.values() for edge in parents.values() for s in edge.stamps_ns}
-        if stamps:
-            return times_s(sorted(stamps), origin_ns)
+        edges = [edge for parents in self._edges.values() for edge in parents.values() if edge.moves]
+        if edges:
+            return times_s(np.unique(np.concatenate([edge.stamps_ns for edge in edges])), origin_ns)
         ends = builder.recorded
         return np.unique([ends.start_s, ends.end_s]) if ends else np.zeros(0)
 
-    def _moving(self, builder: TrialBuilder, origin_ns: int, frame: str, edge: _Edge) -> Signal:
+    def _moving(self, builder: TrialBuilder, origin_ns: int, frame: str, edge: _Edge) -> _Settled:
         """The samples of a moving transform, settled, its quaternions fit for interpolation."""
         if frame not in self._settled:
-            rows = np.array(edge.rows, dtype=np.float64).reshape(-1, 7)
-            settled = settle(times_s(edge.stamps_ns, origin_ns), rows)
+            settled = settle(times_s(edge.stamps_ns, origin_ns), edge.columns.T)
             if settled.largest_step_back_s > LARGEST_STEP_BACK_S:
                 raise LogError(
                     f"time runs backwards by {settled.largest_step_back_s:.3f} s in frame {frame!r}",
@@ -259,9 +351,9 @@ class TransformTree:
             builder.defect(
                 "impossible_values", where, settled.not_finite, "places too far away were left out, as gaps"
             )
-            values = settled.values.copy()
-            values[:, 3:] = _continuous(values[:, 3:])
-            self._settled[frame] = Signal(where, "", settled.t, values)
+            columns = settled.values.T
+            _make_continuous(columns[3:])
+            self._settled[frame] = _Settled(settled.t, columns)
         return self._settled[frame]
 
 
@@ -274,32 +366,73 @@ def _is_unit(quaternion: Sequence[float]) -> bool:
     return abs(math.hypot(*quaternion) - 1.0) <= LARGEST_NORM_ERROR
 
 
-def _are_units(quaternions: FloatArray) -> NDArray[np.bool_]:
+def _are_units(quaternion: Sequence[FloatArray]) -> NDArray[np.bool_]:
     """As `_is_unit`, which decides where the limit is so near that rounding could."""
-    with np.errstate(over="ignore", under="ignore"):
-        error = np.abs(np.sqrt((quaternions * quaternions).sum(axis=1)) - 1.0)
-    units = np.zeros(len(quaternions), dtype=np.bool_)
-    units |= error <= LARGEST_NORM_ERROR
-    for i in np.flatnonzero(np.abs(error - LARGEST_NORM_ERROR) < 1e-9).tolist():
-        units[i] = _is_unit(quaternions[i].tolist())
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        error = np.abs(_norm(quaternion) - 1.0)
+        units: NDArray[np.bool_] = error <= LARGEST_NORM_ERROR
+        near = np.flatnonzero(np.abs(error - LARGEST_NORM_ERROR) < 1e-9)
+    for i in near.tolist():
+        units[i] = _is_unit([float(column[i]) for column in quaternion])
     return units
 
 
-def _continuous(quaternions: FloatArray) -> FloatArray:
-    """The same rotations as unit quaternions, each in the hemisphere of the one before."""
-    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    turned = np.where((unit[1:] * unit[:-1]).sum(axis=1) < 0, -1.0, 1.0)
-    continuous: FloatArray = unit * np.concatenate(([1.0], np.cumprod(turned)))[:, np.newaxis]
-    return continuous
+def _keys(codes: IntArray, limit: int) -> list[int]:
+    """The different ones of some numbers below a limit, increasing."""
+    if limit > _FEW_CODES:
+        return [int(code) for code in np.unique(codes)]
+    return [int(code) for code in np.flatnonzero(np.bincount(codes))]
 
 
-def _rotated(quaternions: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Each vector turned by its quaternion x, y, z, w, whose norm does not matter."""
-    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    axis, w = unit[:, :3], unit[:, 3:]
-    cross = np.cross(axis, vectors)
-    rotated: FloatArray = vectors + 2 * (w * cross + np.cross(axis, cross))
-    return rotated
+def _even(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """Increasing places as a slice where they are evenly spaced: slices are copied much faster."""
+    if len(places) < _FEW_PLACES:
+        return places
+    step = int(places[1] - places[0])
+    if (np.diff(places) != step).any():
+        return places
+    return slice(int(places[0]), int(places[-1]) + 1, step)
+
+
+def _norm(quaternion: Sequence[FloatArray]) -> FloatArray:
+    """The norms of quaternions given by their four columns."""
+    x, y, z, w = quaternion
+    norm: FloatArray = np.sqrt(x * x + y * y + z * z + w * w)
+    return norm
+
+
+def _make_continuous(quaternions: FloatArray) -> None:
+    """Make quaternions, shape (4, n), unit ones of the same rotations, each in the hemisphere before."""
+    sign, last = 1.0, np.zeros((4, 1))
+    for first in range(0, quaternions.shape[1], _BLOCK_ROWS):
+        block = quaternions[:, first : first + _BLOCK_ROWS]
+        unit = block / _norm(block)  # type: ignore[arg-type]  # an array is a sequence of its rows
+        x, y, z, w = unit * np.concatenate((last, unit[:, :-1]), axis=1)
+        last = unit[:, -1:].copy()
+        turned = np.cumsum(x + y + z + w < 0) % 2
+        np.multiply(unit, np.where(turned, -sign, sign), out=block)
+        sign = -sign if turned[-1] else sign
+
+
+def _composed(chain: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where the origin of the first frame of a chain is in the last frame's parent.
+
+    Args:
+        chain: Of each frame how it lies in the next one: x, y, z in m, then its quaternion
+            x, y, z, w, whose norm does not matter; shape (7, n), or (7, 1) where it stays the same.
+
+    Returns:
+        Its x, y and z, each of shape (n,) or (1,), in m.
+    """
+    x, y, z = chain[0][:3] + 0.0  # 0.0 takes the sign from a zero, as adding to the origin does
+    for at_x, at_y, at_z, *turn in chain[1:]:
+        a, b, c, w = turn / _norm(turn)
+        # v + 2 (w (q x v) + q x (q x v))
+        p, q, r = b * z - c * y, c * x - a * z, a * y - b * x
+        x = x + 2 * (w * p + (b * r - c * q)) + at_x
+        y = y + 2 * (w * q + (c * p - a * r)) + at_y
+        z = z + 2 * (w * r + (a * q - b * p)) + at_z
+    return x, y, z
 
 
 @dataclass

@@ -85,13 +85,7 @@ class Signal:
 
     def covers(self, t: FloatArray, *, max_gap_s: float) -> BoolArray:
         """Whether each time is a sample or lies between two at most `max_gap_s` apart."""
-        if not len(self.t):
-            return np.zeros(len(t), dtype=bool)
-        after = np.searchsorted(self.t, t, side="left").clip(0, len(self.t) - 1)
-        before = (np.searchsorted(self.t, t, side="right") - 1).clip(0, len(self.t) - 1)
-        inside = (t >= self.t[0]) & (t <= self.t[-1])
-        covered: BoolArray = inside & (self.t[after] - self.t[before] <= max_gap_s + 1e-9)
-        return covered
+        return covered(self.t, t, max_gap_s=max_gap_s)
 
     def gaps(self, window: Span, *, max_gap_s: float) -> list[Span]:
         """The stretches of a window this signal says nothing about."""
@@ -102,6 +96,25 @@ class Signal:
         value = self.values[i]
         plain = float(value) if self.values.ndim == 1 else tuple(float(v) for v in value)
         return Sample(self.name, float(self.t[i]), plain, self.unit)
+
+
+def covered(samples_s: FloatArray, t: FloatArray, *, max_gap_s: float) -> BoolArray:
+    """Whether each time is that of a sample or lies between two at most `max_gap_s` apart.
+
+    Args:
+        samples_s: Sample times, shape (n,), s, strictly increasing.
+        t: The times asked for, shape (m,), s.
+        max_gap_s: Longest stretch between two samples that is covered, s.
+    """
+    if not len(samples_s):
+        return np.zeros(len(t), dtype=bool)
+    if len(t) == len(samples_s) and np.array_equal(t, samples_s):
+        return np.ones(len(t), dtype=bool)
+    after = np.searchsorted(samples_s, t, side="left").clip(0, len(samples_s) - 1)
+    before = (np.searchsorted(samples_s, t, side="right") - 1).clip(0, len(samples_s) - 1)
+    inside = (t >= samples_s[0]) & (t <= samples_s[-1])
+    found: BoolArray = inside & (samples_s[after] - samples_s[before] <= max_gap_s + 1e-9)
+    return found
 
 
 def _sealed(values: FloatArray) -> FloatArray:
@@ -150,6 +163,14 @@ class Settled:
     largest_step_back_s: float
 
 
+def _within(values: FloatArray, least: float) -> bool:
+    """Whether all values are numbers from `least` to the largest that counts."""
+    if not values.size:
+        return True
+    with np.errstate(invalid="ignore"):  # NaN is neither
+        return bool(values.min() >= least and values.max() <= LARGEST_VALUE)
+
+
 LARGEST_VALUE = 1e9
 """No quantity of a competition cell, in SI units, is larger; what is, is a fault of the recorder."""
 
@@ -167,17 +188,21 @@ def settle(t: FloatArray, values: FloatArray, *, at_least: float = -np.inf) -> S
         values: Values, shape (n,) or (n, k).
         at_least: The least value the quantity can have, such as 0 for a speed.
     """
-    with np.errstate(invalid="ignore"):  # NaN keeps no limit, which is what is wanted
-        sound = (np.abs(values) <= LARGEST_VALUE) & (values >= at_least)
-    finite = np.isfinite(t) & (sound.all(axis=1) if sound.ndim > 1 else sound)
-    not_finite = int(len(t) - finite.sum())
-    t, values = t[finite], values[finite]
+    not_finite = 0
+    if not (_within(values, max(-LARGEST_VALUE, at_least)) and np.isfinite(t).all()):
+        with np.errstate(invalid="ignore"):  # NaN keeps no limit, which is what is wanted
+            sound = (np.abs(values) <= LARGEST_VALUE) & (values >= at_least)
+        finite = np.isfinite(t) & (sound.all(axis=1) if sound.ndim > 1 else sound)
+        not_finite = int(len(t) - finite.sum())
+        t, values = t[finite], values[finite]
     steps = np.diff(t)
     disordered = int((steps < 0).sum())
     back = float(-steps.min(initial=0.0))
     if disordered:
         order = np.argsort(t, kind="stable")
         t, values = t[order], values[order]
+    elif not len(steps) or steps.min() > 0:
+        return Settled(t, values, 0, 0, 0, not_finite, back)
     first_of_stamp = np.append(True, np.diff(t) > 0) if len(t) else np.zeros(0, dtype=bool)
     repeated = int(len(t) - first_of_stamp.sum())
     contradicting = 0

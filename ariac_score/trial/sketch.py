@@ -332,11 +332,15 @@ def extremes(t: FloatArray, columns: Iterable[FloatArray], stretches: int) -> ND
         if width > 0
         else np.zeros(len(t), dtype=np.intp)
     )
+    bounds = np.append(0, np.flatnonzero(np.diff(stretch)) + 1)
+    counts = np.diff(np.append(bounds, len(t)))
     kept = [np.array([0, len(t) - 1], dtype=np.intp)]
     for column in columns:
-        order = np.lexsort((column, stretch))
-        (lasts,) = np.nonzero(np.diff(stretch[order]))
-        kept += [order[np.append(0, lasts + 1)], order[np.append(lasts, len(t) - 1)]]
+        least = np.flatnonzero(column == np.repeat(np.minimum.reduceat(column, bounds), counts))
+        largest = np.flatnonzero(column == np.repeat(np.maximum.reduceat(column, bounds), counts))
+        # Of equal samples the first one is the least and the last one the largest.
+        kept += [least[np.append(True, np.diff(stretch[least]) > 0)]]
+        kept += [largest[np.append(np.diff(stretch[largest]) > 0, True)]]
     return np.unique(np.concatenate(kept))
 
 

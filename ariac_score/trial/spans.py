@@ -9,7 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BoolArray", "FloatArray", "Span", "episodes_where", "sample_durations", "uncovered_spans"]
+__all__ = [
+    "BoolArray",
+    "FloatArray",
+    "Span",
+    "episodes_where",
+    "longest_silence_s",
+    "sample_durations",
+    "uncovered_spans",
+]
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -151,3 +159,18 @@ def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Sp
     after = int(np.searchsorted(t, window.end_s))
     bridged = 0 < after < len(t) and t[after] - t[after - 1] <= max_gap_s + _TIME_TOLERANCE_S
     return [] if bridged else [window]
+
+
+def longest_silence_s(t: FloatArray, window: Span) -> float:
+    """The longest stretch of a window without a sample, s.
+
+    Args:
+        t: Sample times, shape (n,), s, strictly increasing; may be empty.
+        window: The stretch looked at.
+
+    >>> longest_silence_s(np.array([0.0, 1.0, 4.0]), Span(0.0, 5.0))
+    3.0
+    """
+    inside = t[t.searchsorted(window.start_s) : t.searchsorted(window.end_s, side="right")]
+    longest_s = float(np.diff(np.concatenate(([window.start_s], inside, [window.end_s]))).max())
+    return longest_s if longest_s > _TIME_TOLERANCE_S else 0.0

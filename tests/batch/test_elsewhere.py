@@ -379,15 +379,14 @@ def test_a_file_with_holes_reads_as_the_whole(tmp_path: Path, cuts: list[tuple[i
     file = RangedFile(tmp_path / "holes", len(whole), fetch)
     file.have(cuts)
     before = file.read_bytes
-    with reading([file]):
-        with Source(file.path) as source:
-            assert source.take(100, "x") == whole[:100]
-            assert source.at(90_000, 5000) == whole[90_000:95_000]
-            source.skip(1000)
-            assert source.peek(10) == whole[1100:1110]
-            room = bytearray(len(whole) - 1100)
-            source.take_into(memoryview(room), "x")
-            assert bytes(room) == whole[1100:]
+    with reading([file]), Source(file.path) as source:
+        assert source.take(100, "x") == whole[:100]
+        assert source.at(90_000, 5000) == whole[90_000:95_000]
+        source.skip(1000)
+        assert source.peek(10) == whole[1100:1110]
+        room = bytearray(len(whole) - 1100)
+        source.take_into(memoryview(room), "x")
+        assert bytes(room) == whole[1100:]
     assert before <= file.read_bytes == len(whole)
     assert len(asked) == len(set(asked))
     assert not file.missing([(0, len(whole))])

@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import hashlib
+import importlib
 import random
 import re
 import sqlite3
 import struct
+import sys
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis.strategies import binary, integers
 
 from ariac_score.contracts import Wanted
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs import sqlite_bag
+from ariac_score.logs import salvage, sqlite_bag
 from ariac_score.logs.rosbag import RosbagReader
-from ariac_score.logs.salvage import LARGEST_INFLATED_BYTES, Batch, inflate, normalised_type
+from ariac_score.logs.salvage import (
+    LARGEST_INFLATED_BYTES,
+    Batch,
+    inflate,
+    inflate_into,
+    normalised_type,
+)
 from ariac_score.logs.sqlite_bag import SqliteScan
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import Channel, FieldMap, LogMap
@@ -359,6 +371,93 @@ def test_a_bomb_is_defused_at_the_announced_size() -> None:
 def test_what_is_no_compressed_data_is_refused(compression: str, packed: bytes) -> None:
     with pytest.raises(ValueError, match=compression):
         inflate(packed, compression, size=10)
+
+
+@pytest.fixture(params=["cramjam", "without it"])
+def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """With what frames are inflated in place, and without."""
+    if request.param == "cramjam":
+        pytest.importorskip("cramjam")
+    else:
+        monkeypatch.setattr(salvage, "_cramjam", lambda: None)
+    return str(request.param)
+
+
+def _packers() -> dict[str, Callable[[bytes], bytes]]:
+    zstd: Any = importlib.import_module(
+        "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    )
+    parameter = zstd.CompressionParameter
+    return {
+        "lz4": lz4.frame.compress,
+        "lz4 with checksums": lambda b: lz4.frame.compress(b, content_checksum=True, block_checksum=True),
+        "lz4 of small blocks": lambda b: lz4.frame.compress(b, block_size=4, block_linked=False),
+        "lz4 without size": lambda b: lz4.frame.compress(b, store_size=False),
+        "zstd": zstd.compress,
+        "zstd with checksum": lambda b: zstd.compress(b, options={parameter.checksum_flag: 1}),
+        "zstd without size": lambda b: zstd.compress(b, options={parameter.content_size_flag: 0}),
+        "zstd at its best": lambda b: zstd.compress(b, level=19),
+    }
+
+
+_DATA = {
+    "nothing": b"",
+    "one byte": b"x",
+    "as long as its size fits a byte": bytes(range(256)) + b"?" * 255,
+    "repeats": b"ab" * 400_000,
+    "one byte again and again": bytes(900_000),
+    "noise": hashlib.shake_256(b"noise").digest(300_000),
+}
+
+
+@pytest.mark.usefixtures("engine")
+@pytest.mark.parametrize("data", _DATA.values(), ids=_DATA)
+@pytest.mark.parametrize("packer", _packers())
+def test_a_frame_inflates_into_room_of_its_size(packer: str, data: bytes) -> None:
+    packed, room = _packers()[packer](data), bytearray(len(data))
+
+    inflate_into(memoryview(room), packed, packer.split(maxsplit=1)[0])
+
+    assert room == data
+
+
+@pytest.mark.usefixtures("engine")
+@pytest.mark.parametrize("wrong", [-1, 1])
+@pytest.mark.parametrize("packer", _packers())
+def test_a_frame_of_another_size_than_announced_is_refused(packer: str, wrong: int) -> None:
+    packed = _packers()[packer](_DATA["noise"])
+
+    with pytest.raises(ValueError, match=r"instead of the announced|inflates to more than"):
+        inflate_into(memoryview(bytearray(300_000 + wrong)), packed, packer.split(maxsplit=1)[0])
+
+
+@pytest.mark.usefixtures("engine")
+@pytest.mark.parametrize("damage", ["cut by one byte", "cut in the middle", "one byte more", "two frames"])
+@pytest.mark.parametrize("packer", _packers())
+def test_what_is_not_one_whole_frame_is_refused(packer: str, damage: str) -> None:
+    packed = _packers()[packer](_DATA["repeats"])
+    damaged = {
+        "cut by one byte": packed[:-1],
+        "cut in the middle": packed[: len(packed) // 2],
+        "one byte more": packed + b"?",
+        "two frames": packed + packed,
+    }[damage]
+
+    with pytest.raises(ValueError, match=r"broken|ends early|bytes follow|instead of"):
+        inflate_into(memoryview(bytearray(800_000)), damaged, packer.split(maxsplit=1)[0])
+
+
+@pytest.mark.usefixtures("engine")
+@pytest.mark.parametrize("compression", ["lz4", "zstd"])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # it says what there is, no more
+@given(noise=binary(max_size=64), at=integers(0, 300))
+def test_no_byte_of_a_frame_can_be_changed_into_a_crash(compression: str, noise: bytes, at: int) -> None:
+    packed = bytearray(_packers()[compression](_DATA["repeats"][:2000]))
+    packed[at % len(packed) : at % len(packed) + len(noise)] = noise
+    room = bytearray(2000)
+
+    with suppress(ValueError):
+        inflate_into(memoryview(room), bytes(packed), compression)
 
 
 def test_what_is_not_compressed_is_passed_on() -> None:

@@ -8,6 +8,8 @@ from types import SimpleNamespace as Fields
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ariac_score.errors import LogError
 from ariac_score.logs.transforms import MAX_GAP_S, TransformTree
@@ -270,3 +272,118 @@ def test_transforms_whose_time_runs_backwards_by_a_lot_are_refused() -> None:
 
     with pytest.raises(LogError, match=r"backwards by 2\.000 s in frame 'torso'"):
         settled(tree)
+
+
+# Many at once.
+
+
+def _samples(seed: int, count: int, *, jitter: bool) -> list[tuple[int, str, str, list[float]]]:
+    """Transforms of a chain of four frames as a recorder tells them; now and then one is broken."""
+    dice = np.random.default_rng(seed)
+    chain = [("world", "rail"), ("rail", "torso"), ("torso", "arm"), ("arm", "hand_tool")]
+    found = []
+    for i in range(count):
+        for number, (parent, child) in enumerate(chain):
+            at, turn = dice.normal(size=3), dice.normal(size=4)
+            turn /= np.linalg.norm(turn)
+            if dice.random() < 0.02:
+                turn *= dice.choice([0.0, 1.02, np.nan])
+            late_ns = int(dice.integers(0, 3)) * number if jitter else 0
+            found.append((i * 10_000_000 + late_ns, parent, child, [*at, *turn]))
+    return found
+
+
+def _reference(samples: list[tuple[int, str, str, list[float]]]) -> dict[int, list[float]]:
+    """Where the hand is at the stamps that all four transforms have, by rotation matrices."""
+    by_stamp: dict[int, dict[str, list[float]]] = {}
+    for stamp_ns, _, child, row in samples:
+        if abs(math.hypot(*row[3:]) - 1) <= 0.01:
+            by_stamp.setdefault(stamp_ns, {})[child] = row
+    places = {}
+    for stamp_ns, rows in by_stamp.items():
+        if len(rows) == 4:
+            place = np.zeros(3)
+            for child in ("hand_tool", "arm", "torso", "rail"):
+                x, y, z, w = np.array(rows[child][3:]) / math.hypot(*rows[child][3:])
+                turn = np.array(
+                    [
+                        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+                    ]
+                )
+                place = turn @ place + np.array(rows[child][:3])
+            places[stamp_ns] = place.tolist()
+    return places
+
+
+def _handed_over(
+    samples: list[tuple[int, str, str, list[float]]], pieces: int, share: float
+) -> TransformTree:
+    tree, names = TransformTree("world", file=Path("t.bag")), ["world", "rail", "torso", "arm", "hand_tool"]
+    for piece in np.array_split(np.arange(len(samples)), pieces):
+        some = [samples[i] for i in piece]
+        if some:
+            tree.add_many(
+                names,
+                np.array([names.index(parent) for _, parent, _, _ in some]),
+                np.array([names.index(child) for _, _, child, _ in some]),
+                list(np.array([row for *_, row in some]).T),
+                np.array([stamp_ns for stamp_ns, *_ in some]),
+                np.ones(len(some), dtype=bool),
+                share=share,
+            )
+    return tree
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    count=st.integers(1, 60),
+    pieces=st.integers(1, 5),
+    share=st.sampled_from([0.0, 1e-9, 0.3, 1.0]),
+    jitter=st.booleans(),
+)
+def test_transforms_that_come_together_lead_where_single_ones_do(
+    seed: int, count: int, pieces: int, share: float, jitter: bool
+) -> None:
+    samples = _samples(seed, count, jitter=jitter)
+    singly = TransformTree("world", file=Path("t.bag"))
+    for stamp_ns, parent, child, row in samples:
+        x, y, z, *turn = row
+        singly.add(transform(parent, child, (x, y, z), (turn[0], turn[1], turn[2], turn[3])), stamp_ns)
+
+    one, many = (settled(tree, GANTRY) for tree in (singly, _handed_over(samples, pieces, share)))
+
+    assert one.unrecorded == many.unrecorded
+    assert one.signals.keys() == many.signals.keys()
+    for name, signal in one.signals.items():
+        assert np.array_equal(signal.t, many.signals[name].t)
+        assert np.array_equal(signal.values, many.signals[name].values)
+    hand = many.signals.get("position/gantry::hand_tool")
+    there = dict(zip((hand.t * 1e9).round().astype(int).tolist(), hand.values, strict=True)) if hand else {}
+    for stamp_ns, place in _reference(samples).items():
+        assert there[stamp_ns] == pytest.approx(place, abs=1e-12)
+
+
+def test_more_transforms_than_are_composed_at_a_time_keep_their_hemisphere() -> None:
+    # A slow turn about z, of which every other quaternion is told with the other sign.
+    count = 20_001
+    angle = np.linspace(0, 8 * math.pi, count)
+    sign = np.where(np.arange(count) % 2, -1.0, 1.0)
+    tree = TransformTree("world", file=Path("t.bag"))
+    nothing = np.zeros(count)
+    turn = [nothing, nothing, sign * np.sin(angle / 2), sign * np.cos(angle / 2)]
+    stamps_ns, moving = np.arange(count) * 10_000_000, np.ones(count, dtype=bool)
+    torso, world, hand = np.ones(count, int), np.zeros(count, int), np.full(count, 2)
+    names = ["world", "torso", "hand"]
+    tree.add_many(names, world, torso, [nothing, nothing, nothing, *turn], stamps_ns, moving)
+    # The hand is told between two samples of the torso, whose quaternions must not cancel out.
+    hand_at = [nothing + 2.0, nothing, nothing, nothing, nothing, nothing, nothing + 1.0]
+    tree.add_many(names, torso, hand, hand_at, stamps_ns + 5_000_000, moving)
+
+    found = settled(tree).signals["position/gantry::hand"]
+
+    at = np.interp(found.t, stamps_ns / 1e9, angle)
+    expected = np.stack([2 * np.cos(at), 2 * np.sin(at), np.zeros(len(at))], axis=1)
+    assert found.values == pytest.approx(expected, abs=1e-6)

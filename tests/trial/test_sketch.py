@@ -51,6 +51,14 @@ def test_no_pixel_loses_its_lowest_or_highest_value(values: list[float], pixels:
     assert len(kept) <= 2 * pixels + 2
 
 
+def test_of_equal_samples_the_first_is_the_lowest_and_the_last_the_highest() -> None:
+    t = np.arange(6.0)
+
+    assert extremes(t, [np.ones(6)], 1).tolist() == [0, 5]
+    assert extremes(t, [np.array([2.0, 1.0, 1.0, 3.0, 3.0, 2.0])], 1).tolist() == [0, 1, 4, 5]
+    assert extremes(t[:1], [np.ones(1)], 3).tolist() == [0]
+
+
 @settings(max_examples=30)
 @given(seed=st.integers(0, 10_000), steps=st.integers(10, 3000))
 def test_a_curve_keeps_every_extreme_of_value_limit_and_margin(seed: int, steps: int) -> None:

@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score.trial.spans import BoolArray, Span, episodes_where, sample_durations, uncovered_spans
+from ariac_score.trial.spans import (
+    BoolArray,
+    Span,
+    episodes_where,
+    longest_silence_s,
+    sample_durations,
+    uncovered_spans,
+)
 
 LAWFUL = settings(max_examples=80, derandomize=True, deadline=None)
 CONDITIONS = st.lists(st.booleans(), min_size=1, max_size=60)
@@ -262,3 +269,16 @@ def test_the_uncovered_stretches_lie_in_the_window_and_hold_no_sample(
         assert window.start_s <= gap.start_s < gap.end_s <= window.end_s
         assert gap.duration_s > max_gap
         assert not ((t > gap.start_s) & (t < gap.end_s)).any()
+
+
+@LAWFUL
+@given(st.lists(st.integers(0, 40), unique=True, max_size=20), st.integers(0, 30), st.integers(0, 30))
+def test_the_longest_silence_is_the_longest_stretch_without_a_sample(
+    stamps: list[int], start: int, length: int
+) -> None:
+    window = Span(float(start), float(start + length))
+    marks = [start, *sorted(s for s in stamps if start <= s <= start + length), start + length]
+
+    longest_s = longest_silence_s(np.array(sorted(stamps), dtype=float), window)
+
+    assert longest_s == max(b - a for a, b in pairwise(marks))

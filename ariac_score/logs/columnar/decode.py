@@ -16,7 +16,7 @@ from ariac_score.logs.columnar.plan import Definitions, Field, Plan, Stream, com
 from ariac_score.logs.columnar.walk_many import Interned, walk
 from ariac_score.logs.columnar.walk_one import Layout, MisfitError, lay_out
 
-__all__ = ["ColumnDecoder"]
+__all__ = ["ColumnDecoder", "Room"]
 
 _BLOCK_BYTES = 1 << 19
 """Messages are gathered in blocks that stay in the processor's cache."""
@@ -31,6 +31,9 @@ _FEW = 12
 """So few messages are cheaper to walk one by one than together."""
 
 _Deserialise = Callable[[bytes], object]
+
+Room = Callable[[str, np.dtype[Any], int], NDArray[Any]]
+"""Gives the place for the next values of a field: by its path, their type and their number."""
 
 
 @dataclass
@@ -66,9 +69,16 @@ class _Known:
                 agree = same if agree is None else agree & same
         return agree
 
-    def empty(self, count: int) -> dict[int, NDArray[Any]]:
+    def empty(self, count: int, room: Room | None = None) -> dict[int, NDArray[Any]]:
         """Room for the numbers of some messages."""
-        return {s.number: np.empty((count, self._per_message[s.number]), s.dtype) for s in self._streams}
+        found = {}
+        for stream in self._streams:
+            each = self._per_message[stream.number]
+            if room is None:
+                found[stream.number] = np.empty((count, each), stream.dtype)
+            else:
+                found[stream.number] = room(stream.path, stream.dtype, count * each).reshape(count, each)
+        return found
 
     def copy(self, block: Bytes, into: dict[int, NDArray[Any]], first: int) -> None:
         """Copy the numbers of a block of messages."""
@@ -148,19 +158,21 @@ class ColumnDecoder:
                 return stream.kind, tuple(streams[level].path for level in stream.levels)
         return None
 
-    def decode(self, payloads: Payloads) -> Columns:
+    def decode(self, payloads: Payloads, room: Room | None = None) -> Columns:
         """The wanted fields of some messages; those that do not fit are named.
 
         Args:
             payloads: At most so many that their columns fit into memory.
+            room: Where the numbers of a field may be put, so that nobody has to move them there;
+                asked for once at most for each field. Numbers that are elsewhere are to be moved.
         """
-        parts, suspects = self._parts(payloads)
+        parts, suspects = self._parts(payloads, room)
         defects, cause = self._named(payloads, suspects)
         if cause:
             return self._one_by_one(payloads, cause)
         return self._columns(parts, len(payloads), defects)
 
-    def _parts(self, payloads: Payloads) -> tuple[list[_Part], list[int]]:
+    def _parts(self, payloads: Payloads, room: Room | None) -> tuple[list[_Part], list[int]]:
         """What was decoded, and the messages that do not fit."""
         suspects: list[int] = []
         parts: list[_Part] = []
@@ -170,7 +182,9 @@ class ColumnDecoder:
         for size, of_size in _by_size(sizes):
             rows = of_size
             for layout in self._layouts.get(size, ()):
-                part, rows = self._copied(layout, payloads, rows)
+                # Room is asked for where all messages may be alike, once.
+                part, rows = self._copied(layout, payloads, rows, room if len(rows) == len(sizes) else None)
+                room = None
                 parts += [part] if part else []
             while len(rows) >= _FEW and budget > 0:
                 budget -= 1
@@ -207,13 +221,15 @@ class ColumnDecoder:
         self._layouts.setdefault(layout.size, []).append(layout)
         self._remembered += 1
 
-    def _copied(self, layout: _Known, payloads: Payloads, rows: IntArray) -> tuple[_Part | None, IntArray]:
+    def _copied(
+        self, layout: _Known, payloads: Payloads, rows: IntArray, room: Room | None = None
+    ) -> tuple[_Part | None, IntArray]:
         """The messages that have a layout, and the indices of those that have not."""
         size = layout.size
-        if not size:
-            return layout.part(rows, layout.empty(len(rows))), rows[:0]
+        if not size or not len(rows):
+            return (layout.part(rows, layout.empty(len(rows))) if len(rows) else None), rows[:0]
         step = max(1, _BLOCK_BYTES // size)
-        numbers = layout.empty(len(rows))
+        numbers = layout.empty(len(rows), room)
         windows = np.ndarray((len(payloads.buffer) - size + 1,), f"V{size}", payloads.buffer, strides=(1,))
         taken: list[IntArray] = []
         others: list[IntArray] = []
