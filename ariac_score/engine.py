@@ -35,9 +35,10 @@ from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
 from ariac_score.logs.config_forms import looks_like, years_in
 from ariac_score.logs.product_types import unknown_products
+from ariac_score.logs.ranged import ranged
 from ariac_score.registry import Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Settings, Source, canonical
-from ariac_score.ruleset import RuleSet, expanded_yaml, load_rule_set
+from ariac_score.ruleset import Check, RuleSet, expanded_yaml, load_rule_set
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
@@ -60,12 +61,14 @@ __all__ = [
     "file_hashes",
     "find_trial",
     "measure_trial",
+    "needs_alike",
     "price_trial",
     "read_trial",
     "refuse_other_years",
     "reprice",
     "score_trial",
     "sketch_trial",
+    "topics_read",
 ]
 
 Progress = Callable[[float], None]
@@ -96,6 +99,7 @@ def score_trial(
     trial_id: str = "",
     team: str = "",
     jobs: int = 0,
+    known: Result | None = None,
 ) -> Result:
     """Score the trial at a path; where its rules compare teams, `reprice` adds the cohort.
 
@@ -112,6 +116,8 @@ def score_trial(
         team: Name of the team, likewise.
         jobs: Threads that inflate a recording; 0: as many as there are processors. The
             result does not depend on it.
+        known: A result of the same files by the same code, whose checks ask for the same
+            signals (`needs_alike`): what they found is taken from it, and only others are asked.
 
     Raises:
         ScoreError: For everything a user can act on; see `ariac_score.errors`.
@@ -140,7 +146,7 @@ def score_trial(
         trial = _with_unknown_products(_renamed(trial, trial_id, team), rule_set)
         wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
         trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
-        measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
+        measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set, known=known)
         sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
         inputs = hashes()
     provenance = _provenance(bundle, inputs, rule_set, mapping, registry)
@@ -188,6 +194,15 @@ def _with_unknown_products(trial: Trial, rule_set: RuleSet) -> Trial:
         return trial
     unknown = unknown_products(trial.orders, rule_set.edition)
     return replace(trial, log_defects=(*trial.log_defects, *unknown))
+
+
+def topics_read(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
+    """The topics whose messages a rule set reads of a recording, with and without leading slash."""
+    mapping = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
+    needs = _needs(rule_set.build(registry), rule_set, registry)
+    channels = mapping.channels_for(source_quantities(need.quantity for need in needs))
+    names = {channel.topic.lstrip("/") for channel in channels}
+    return frozenset(name for plain in names for name in (plain, f"/{plain}"))
 
 
 def check_needs(
@@ -336,7 +351,12 @@ def _no_orders_hint(bundle: Bundle, trial: Trial) -> str:
 
 
 def measure_trial(
-    trial: Trial, checks: Mapping[str, Rule | Monitor], *, registry: Registry, rule_set: RuleSet
+    trial: Trial,
+    checks: Mapping[str, Rule | Monitor],
+    *,
+    registry: Registry,
+    rule_set: RuleSet,
+    known: Result | None = None,
 ) -> Measured:
     """Ask every check about a trial.
 
@@ -345,6 +365,7 @@ def measure_trial(
         checks: The built plugins by check name.
         registry: To name the plugin when one fails.
         rule_set: Where the checks come from.
+        known: A result whose findings hold for this trial; checks that it has are not asked.
 
     Raises:
         PluginError: A plugin raised, said nothing, or yielded something else.
@@ -354,7 +375,12 @@ def measure_trial(
     for name, check in checks.items():
         plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
         _refuse_recorded_units(trial, name, needs_of(plugin, name, check))
-        for number, finding in enumerate(ask(plugin, name, check, trial), start=1):
+        before = _asked_before(known, rule_set.checks[name]) if known else None
+        if known and before is not None:
+            said = _said(known, before, rule_set.checks[name])
+        else:
+            said = ask(plugin, name, check, trial)
+        for number, finding in enumerate(said, start=1):
             findings[f"{name}#{number}"] = finding
     return Measured(
         trial=trial.id,
@@ -370,6 +396,28 @@ def measure_trial(
         official=trial.official,
         team=trial.team.name if trial.team else "",
     )
+
+
+def _asked_before(known: Result, check: Check) -> str | None:
+    """What a check was called in a stored result; `None` when it was not asked there."""
+    for name, stored in known.checks.items():
+        if stored["use"] == check.use and stored["with"] == dict(check.parameters):
+            return name
+    return None
+
+
+def _said(known: Result, name: str, check: Check) -> list[Finding]:
+    """What a check of a stored result found, as findings of this one."""
+    return [replace(finding, check=check.name) for finding in known.measured.of(name).values()]
+
+
+def needs_alike(first: RuleSet, second: RuleSet, registry: Registry) -> bool:
+    """Whether two rule sets make the same trial of the same files: what one measured holds for the other."""
+    if first.edition != second.edition:
+        return False
+    maps = [load_log_map(r.log_map, beside=Path(r.file).parent).sha256 for r in (first, second)]
+    needs = [list(dict.fromkeys(_needs(r.build(registry), r, registry))) for r in (first, second)]
+    return maps[0] == maps[1] and needs[0] == needs[1]
 
 
 def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed]) -> None:
@@ -534,22 +582,18 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
     known = result.measured.settings
     settings: dict[str, Settings] | None = None if known is None else {}
     for check in rule_set.checks.values():
-        same = [
-            name
-            for name, stored in result.checks.items()
-            if stored["use"] == check.use and stored["with"] == dict(check.parameters)
-        ]
-        if not same:
+        said = _asked_before(result, check)
+        if said is None:
             raise RuleSetError(
                 f"check {check.name!r} ({check.use} with these parameters) was not measured",
                 file=rule_set.file,
                 place=check.place.get("use", check.name),
                 hint="score the log under this rule set instead; only prices can change without it",
             )
-        for number, finding in enumerate(result.measured.of(same[0]).values(), start=1):
-            findings[f"{check.name}#{number}"] = replace(finding, check=check.name)
-        if settings is not None and known is not None and same[0] in known:
-            settings[check.name] = known[same[0]]
+        for number, finding in enumerate(_said(result, said, check), start=1):
+            findings[f"{check.name}#{number}"] = finding
+        if settings is not None and known is not None and said in known:
+            settings[check.name] = known[said]
     code = tuple(sorted({_engine(), *result.provenance.code}))
     provenance = replace(result.provenance, rule_set=(rule_set.id, rule_set.sha256), code=code)
     measured = replace(result.measured, findings=findings, settings=settings)
@@ -562,8 +606,9 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
 @contextmanager
 def _hashing(bundle: Bundle, *, beside: bool) -> Iterator[Callable[[], tuple[Source, ...]]]:
     """The hashes of a bundle's files, computed on another thread where they are large and it may."""
-    size = sum(file.stat().st_size for part in bundle.parts for file in _files(part))
-    if not beside or size < _WORTH_A_THREAD_BYTES:
+    files = [file for part in bundle.parts for file in _files(part)]
+    size = sum(file.stat().st_size for file in files)
+    if not beside or size < _WORTH_A_THREAD_BYTES or any(ranged(file) for file in files):
         yield partial(file_hashes, bundle)
         return
     stopped = Event()
@@ -633,7 +678,10 @@ def _sources(part: Part, root: Path, stopped: Event | None) -> list[Source]:
     run = "" if part.run is None else f"#run={part.run}"
     return [
         Source(
-            part.role, file.relative_to(base).as_posix() + run, file.stat().st_size, _sha256(file, stopped)
+            part.role,
+            file.relative_to(base).as_posix() + run,
+            file.stat().st_size,
+            *_hashed(file, stopped),
         )
         for file in _files(part)
     ]
@@ -642,6 +690,14 @@ def _sources(part: Part, root: Path, stopped: Event | None) -> list[Source]:
 def _files(part: Part) -> list[Path]:
     """The files of a part; a rosbag2 folder is several."""
     return sorted(p for p in part.path.rglob("*") if p.is_file()) if part.path.is_dir() else [part.path]
+
+
+def _hashed(file: Path, stopped: Event | None) -> tuple[str, int | None]:
+    """Hash of a file, and how much of it was read where that is not everything."""
+    parts = ranged(file)
+    if parts is None or parts.whole:
+        return _sha256(file, stopped), None
+    return parts.sha256(), parts.read_bytes
 
 
 def _sha256(file: Path, stopped: Event | None) -> str:

@@ -153,12 +153,21 @@ class Measured:
 
 @dataclass(frozen=True)
 class Source:
-    """One file that was read: its role, its name within the bundle, its hash."""
+    """One file that was read: its role, its name within the bundle, its hash.
+
+    Attributes:
+        role: Such as `log`.
+        name: Within the bundle.
+        bytes: Its size.
+        sha256: Of its content; where only parts were read, of these with their places.
+        read_bytes: How much was read where that is not everything; `None` otherwise.
+    """
 
     role: str
     name: str
     bytes: int
     sha256: str
+    read_bytes: int | None = None
 
 
 @dataclass(frozen=True)

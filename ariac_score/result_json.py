@@ -251,7 +251,9 @@ def _measured_data(measured: Measured) -> dict[str, Any]:
 def _provenance_data(provenance: Provenance) -> dict[str, Any]:
     return {
         "inputs": [
-            {"role": s.role, "name": s.name, "bytes": s.bytes, "sha256": s.sha256} for s in provenance.inputs
+            {"role": s.role, "name": s.name, "bytes": s.bytes, "sha256": s.sha256}
+            | ({} if s.read_bytes is None else {"read_bytes": s.read_bytes})
+            for s in provenance.inputs
         ],
         "ignored": list(provenance.ignored),
         "rule_set": {"id": provenance.rule_set[0], "sha256": provenance.rule_set[1]},
@@ -666,7 +668,9 @@ def _measured(data: Mapping[str, Any]) -> Measured:
 
 def _provenance(data: Mapping[str, Any]) -> Provenance:
     return Provenance(
-        inputs=tuple(Source(s["role"], s["name"], s["bytes"], s["sha256"]) for s in data["inputs"]),
+        inputs=tuple(
+            Source(s["role"], s["name"], s["bytes"], s["sha256"], s.get("read_bytes")) for s in data["inputs"]
+        ),
         ignored=tuple(data["ignored"]),
         rule_set=(data["rule_set"]["id"], data["rule_set"]["sha256"]),
         log_map=(data["log_map"]["id"], data["log_map"]["sha256"]),

@@ -107,7 +107,8 @@ def verify_result(
     if log is not None:
         rule_set = _rule_set_for(result, given, asked=bool(rules))
         again = _again(result.automatic, log, rule_set, log_map, registry or Registry())
-        steps += [_inputs(result, again), _recomputed(result.automatic, again)]
+        again, parts = _as_it_was_read(result.automatic, again)
+        steps += [*parts, _inputs(result, again), _recomputed(result.automatic, again)]
     return Verification(tuple(steps), result)
 
 
@@ -336,6 +337,19 @@ def _run_of(stored: Result, competition: Competition) -> Run:
         file=competition.file,
         hint="give the log of the run itself as --log",
     )
+
+
+def _as_it_was_read(stored: Result, again: Result) -> tuple[Result, list[Step]]:
+    """A result of whole files with the sources of one that read parts of them, and what that means."""
+    parts = {(s.role, s.name, s.bytes): s for s in stored.provenance.inputs if s.read_bytes is not None}
+    inputs = tuple(parts.get((s.role, s.name, s.bytes), s) for s in again.provenance.inputs)
+    words = [
+        f"{name}: {source.read_bytes} of {size} bytes were read; that they are those of this file shows only"
+        " what was found in them"
+        for (_, name, size), source in parts.items()
+    ]
+    steps = [Step("parts", NOTE, "\n".join(words))] if words else []
+    return replace(again, provenance=replace(again.provenance, inputs=inputs)), steps
 
 
 def _inputs(result: Result, again: Result) -> Step:

@@ -13,6 +13,7 @@ from typing import Any
 from ariac_score.batch.tasks import Task
 from ariac_score.engine import code_of
 from ariac_score.logmap import load_log_map
+from ariac_score.logs.ranged import ranged
 from ariac_score.registry import Registry
 from ariac_score.ruleset import RuleSet
 
@@ -51,7 +52,12 @@ def files_of(task: Task) -> Iterator[tuple[str, Path]]:
 
 
 def signature_of(task: Task) -> str:
-    """Hash of what the file system says about the files of a run; it changes whenever one of them does."""
+    """Hash of what the file system says about the files of a run; it changes whenever one of them does.
+
+    Of a run that lies elsewhere it is what its storage said; empty where that is nothing.
+    """
+    if task.remote:
+        return task.signature
     path = str(Path(task.path.partition("#run=")[0]).absolute())
     told = sorted(_statuses(path)) + [status for name in task.also for status in _statuses(name)]
     return _hash([task.path, *told])
@@ -89,6 +95,9 @@ def contents_of(task: Task) -> str:
 
 def _content(file: Path) -> tuple[int, str]:
     digest, size = hashlib.sha256(), 0
+    parts = ranged(file)
+    if parts is not None:
+        return parts.size, f"parts of {parts.identity}"
     try:
         if not file.is_file():
             return -1, "no file"

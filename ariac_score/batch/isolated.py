@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import atexit
 import json
-import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 from dataclasses import asdict, replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from threading import Lock
 from typing import IO, Any
 
-from ariac_score.batch.local import LocalExecutor, lost
+from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.batch.worker import Done, parse_report, report_of
-from ariac_score.errors import LogError, ScoreError, UsageError
 
 __all__ = ["absolute", "measure_apart"]
 
@@ -29,30 +27,30 @@ _READY = b"ready\n"
 
 
 def measure_apart(task: Task, setting: Setting) -> Done:
-    """Score one run in a fresh process on this machine; a run elsewhere is fetched first.
+    """Score one run in a fresh process on this machine.
 
     Raises:
         OSError: The keeper died, twice; another machine may do better.
     """
     with tempfile.TemporaryDirectory(prefix="ariac-score-") as folder:
-        try:
-            near = _fetched(task, Path(folder))
-        except ScoreError as error:
-            return lost(task, "unreadable", f"{error}; {error.hint}" if error.hint else str(error))
         report = Path(folder) / "report"
-        wire = {"task": asdict(near), "setting": asdict(setting), "report": str(report)}
+        wire = {"task": asdict(task), "setting": asdict(setting), "report": str(report)}
         _KEEPER.ask(json.dumps(wire).encode("ascii") + b"\n")
-        return replace(parse_report(near, report.read_bytes()), task=task)
+        return parse_report(task, report.read_bytes())
 
 
 def absolute(task: Task) -> Task:
     """The task with paths that mean the same in whatever folder a worker was started."""
     return replace(
         task,
-        path=task.path if "://" in task.path else str(Path(task.path).absolute()),
-        root=str(Path(task.root).absolute()) if task.root else "",
-        also=tuple(str(Path(name).absolute()) for name in task.also),
+        path=_absolute(task.path),
+        root=_absolute(task.root) if task.root else "",
+        also=tuple(map(_absolute, task.also)),
     )
+
+
+def _absolute(name: str) -> str:
+    return name if "://" in name else str(Path(name).absolute())
 
 
 class _Keeper:
@@ -97,36 +95,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 _KEEPER = _Keeper()
-
-
-def _fetched(task: Task, folder: Path) -> Task:
-    """The task with its files on this machine.
-
-    Raises:
-        LogError: The files cannot be had.
-    """
-    if "://" not in task.path:
-        return task
-    try:
-        import fsspec  # noqa: PLC0415  # an extra
-    except ImportError as cause:
-        raise UsageError(
-            "reading a URI needs fsspec", file=task.path, hint="pip install 'ariac-score[remote]'"
-        ) from cause
-    name = PurePosixPath(task.path.rstrip("/")).name
-    near = folder / "log" / name
-    near.parent.mkdir()
-    try:
-        system, path = fsspec.core.url_to_fs(task.path)
-        system.get(path, str(near), recursive=system.isdir(path))
-    except Exception as cause:  # every protocol has errors of its own
-        shutil.rmtree(near.parent, ignore_errors=True)
-        raise LogError(
-            f"cannot be fetched: {type(cause).__name__}: {cause}",
-            file=task.path,
-            hint="check the address, and the credentials of the machine that fetches it",
-        ) from cause
-    return replace(task, path=str(near))
 
 
 def _serve(lines: IO[bytes], ready: IO[bytes]) -> None:

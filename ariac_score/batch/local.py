@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from hashlib import sha256
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -18,7 +20,7 @@ from typing import Any
 
 from ariac_score.batch.outcomes import outcome_document
 from ariac_score.batch.tasks import Setting, Task
-from ariac_score.batch.worker import Done, limit_threads, parse_report, perform_into
+from ariac_score.batch.worker import Done, kept_apart, limit_threads, parse_report, perform_into
 
 __all__ = [
     "OWN_FAULT_ATTEMPTS",
@@ -105,17 +107,30 @@ class LocalExecutor:
             _stop(process)
         code = process.exitcode
         process.close()
+        contents = _cleared(ended) if task.remote else ""
         with suppress(OSError, ValueError, KeyError):
             done = parse_report(task, ended.report.read_bytes())
             ended.report.unlink()
             return done
         if late:
-            return too_late(task, setting)
+            return replace(too_late(task, setting), contents=contents, signature=task.signature)
         strange = code is not None and -code in _STRANGE_HANDS
         if ended.attempt < (STRANGE_HAND_ATTEMPTS if strange else OWN_FAULT_ATTEMPTS):
             again.append((task, ended.attempt + 1))
             return None
-        return died(task, code, ended.attempt)
+        return replace(died(task, code, ended.attempt), contents=contents, signature=task.signature)
+
+
+def _cleared(ended: _Running) -> str:
+    """Clear away what the process of a run fetched; the hash of that, where it got so far."""
+    shutil.rmtree(kept_apart(ended.report, ".near"), ignore_errors=True)
+    note = kept_apart(ended.report, ".contents")
+    try:
+        contents = note.read_text(encoding="ascii")
+        note.unlink()
+    except OSError:
+        return ""
+    return contents if len(contents) == sha256().digest_size * 2 else ""
 
 
 def too_late(task: Task, setting: Setting) -> Done:

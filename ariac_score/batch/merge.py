@@ -118,7 +118,12 @@ def _told_alike(
     """What the parts say of themselves, the shard left out; they must say the same."""
     first_path, first = described[0]
     for path, told in described[1:]:
-        for key, what in (("batch", "competition"), ("rule_set", "rule set"), ("code", "code")):
+        for key, what in (
+            ("batch", "competition"),
+            ("rule_set", "rule set"),
+            ("read", "way of reading"),
+            ("code", "code"),
+        ):
             if told.get(key) == first.get(key) or (key == "code" and mixed_code):
                 continue
             raise UsageError(
@@ -148,6 +153,8 @@ def _refuse_gaps(described: Sequence[Mapping[str, Any]]) -> None:
 
 def _worded(told: Mapping[str, Any], key: str) -> str:
     value = told.get(key)
+    if key == "read":
+        return "reading parts" if value == "parts" else "reading everything"
     if key == "rule_set" and isinstance(value, Mapping):
         return f"{value.get('id')} ({str(value.get('sha256'))[:12]}…)"
     if key == "code" and isinstance(value, list):

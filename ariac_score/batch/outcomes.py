@@ -37,6 +37,7 @@ OUTCOMES: Mapping[str, str] = {
     "crashed": "the simulator crashed",
     "cancelled": "the run was cancelled by its user",
     "unreadable": "a file of it is damaged or malformed",
+    "unreachable": "its files could not be fetched from where they lie",
     "nothing_to_score": "no reader knows what lies there",
     "no_value": "a formula has no value for it",
     "plugin_failed": "a plugin misbehaved",

@@ -21,16 +21,17 @@ from ariac_score.batch.seen import Seen
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Setting, Task, TaskKey
 from ariac_score.batch.worker import Done
-from ariac_score.engine import code_of
-from ariac_score.errors import BatchError, ResultError
+from ariac_score.engine import code_of, needs_alike
+from ariac_score.errors import BatchError, ResultError, ScoreError
 from ariac_score.registry import Registry
 from ariac_score.result_json import load_result
-from ariac_score.ruleset import RuleSet
+from ariac_score.ruleset import RuleSet, rule_set_from_text
 
 __all__ = ["DESCRIPTION", "SCHEMA", "Executor", "Report", "run_batch", "unwritable"]
 
 SCHEMA = "ariac-score/batch/1"
 DESCRIPTION = "batch.json"
+RULES = "rules.yaml"
 _KEEP_EVERY = 64
 
 
@@ -104,9 +105,10 @@ def run_batch(
     """
     registry = Registry()
     basis = basis_of(rule_set, registry)
+    setting = replace(setting, earlier_basis=_earlier_basis(store, rule_set, setting, registry))
     seen, rows = Seen(store.root), Rows(work)
     rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
-    outcomes: Counter[str] = Counter()
+    outcomes, measured = Counter[str](), list[Measurement]()
     now, cpu_s = 0, 0.0
     journal: IO[str] | None = None
 
@@ -118,8 +120,6 @@ def run_batch(
         outcomes[row.summary.outcome] += 1
         told(row.key, row.summary.outcome, row.summary.reason)
 
-    measured: list[Measurement] = []
-
     def missing() -> Iterator[Task]:
         for task in tasks:
             found = _stored(task, basis, setting, store, seen, rows, again=again)
@@ -128,7 +128,7 @@ def run_batch(
             elif found is not None:
                 measured.append(found)
             else:
-                yield task
+                yield _with_earlier(task, rows)
 
     def look(still: Iterable[Task]) -> None:
         nonlocal now, cpu_s
@@ -158,6 +158,23 @@ def run_batch(
         seen.close()
         rows.close()
     return Report(dict(outcomes), now, cpu_s)
+
+
+def _earlier_basis(store: Store, rule_set: RuleSet, setting: Setting, registry: Registry) -> str:
+    """The basis of the rules that scored here before, by the code of now; empty where it is of no use."""
+    try:
+        text = (store.root / RULES).read_text(encoding="utf-8")
+        if text == setting.rules:
+            return ""
+        earlier = replace(rule_set_from_text(text, file=setting.rules_file), file=setting.rules_file)
+        return basis_of(earlier, registry) if needs_alike(earlier, rule_set, registry) else ""
+    except (OSError, ValueError, ScoreError):
+        return ""  # the first call, or rules that cannot be read any more
+
+
+def _with_earlier(task: Task, rows: Rows) -> Task:
+    row = rows.earlier(task.key)
+    return task if row is None else replace(task, earlier=row.object, earlier_sha256=row.sha256)
 
 
 def _repriced(
@@ -199,7 +216,8 @@ def _stored(
     """
     if task.refused:
         return None
-    contents = seen.contents(signature_of(task))
+    signature = signature_of(task)
+    contents = seen.contents(signature) if signature else ""
     if not contents:
         return None
     address = measuring_address(task, contents, basis)
@@ -234,6 +252,9 @@ def _addressed(done: Done, basis: str) -> Done:
     """What an executor brought, with the address it belongs to, unless nothing of it is to be kept."""
     if done.address or done.document is None or summary_of(done.document).outcome == "changing":
         return done
+    if done.task.remote:  # what was fetched is gone again; its hash may be known
+        address = measuring_address(done.task, done.contents, basis) if done.contents else ""
+        return replace(done, address=address)
     # The process died before it could say what it read; the files are still there to be hashed.
     signature, contents = signature_of(done.task), contents_of(done.task)
     address = measuring_address(done.task, contents, basis)
@@ -264,7 +285,7 @@ def _describe(
         **about,
     }
     text = json.dumps(told, sort_keys=True, indent=1, ensure_ascii=True) + "\n"
-    for name, content in ((DESCRIPTION, text), ("rules.yaml", setting.rules)):
+    for name, content in ((DESCRIPTION, text), (RULES, setting.rules)):
         place = store.root / name
         if not place.is_file() or place.read_text(encoding="utf-8") != content:
             store.put(place, content.encode("utf-8"))

@@ -31,6 +31,10 @@ class Task:
         root: Folder that names in the result are relative to; empty for the run's own.
         also: Configurations that lie elsewhere.
         refused: Why it cannot be told apart from another; empty when it can.
+        signature: What a storage said of its files when they were listed, hashed; empty where
+            nobody asked or nothing was said.
+        earlier: A document of it in the folder of the batch, made by other rules; empty without one.
+        earlier_sha256: Its hash.
     """
 
     team: str
@@ -40,6 +44,14 @@ class Task:
     root: str = ""
     also: tuple[str, ...] = ()
     refused: str = ""
+    signature: str = ""
+    earlier: str = ""
+    earlier_sha256: str = ""
+
+    @property
+    def remote(self) -> bool:
+        """Whether it lies elsewhere, named by a URI."""
+        return "://" in self.path
 
     @property
     def key(self) -> TaskKey:
@@ -72,6 +84,9 @@ class Setting:
         rules_sha256: Hash of the files it was written in.
         rules_file: Where it was loaded from; files it names lie beside it.
         limits: For each run.
+        ranges: Whether of a recording that lies elsewhere only what is wanted is fetched.
+        earlier_basis: Of the rules that scored before in this folder, where their measurements hold
+            for checks that both have; empty otherwise.
     """
 
     rules: str
@@ -79,11 +94,13 @@ class Setting:
     rules_sha256: str
     rules_file: str
     limits: Limits
+    ranges: bool = False
+    earlier_basis: str = ""
 
     @classmethod
-    def of(cls, rule_set: RuleSet, limits: Limits) -> Setting:
+    def of(cls, rule_set: RuleSet, limits: Limits, *, ranges: bool = False) -> Setting:
         """The setting that scores by a rule set."""
-        return cls(expanded_yaml(rule_set), rule_set.id, rule_set.sha256, rule_set.file, limits)
+        return cls(expanded_yaml(rule_set), rule_set.id, rule_set.sha256, rule_set.file, limits, ranges)
 
     def rule_set(self) -> RuleSet:
         """The rule set, as it was loaded where the batch began."""

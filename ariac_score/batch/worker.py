@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import resource
 import sys
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
+from ariac_score.batch.near import Near, bring, still_the_same
 from ariac_score.batch.outcomes import outcome_document, outcome_of, told_within
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Limits, Setting, Task
-from ariac_score.engine import reprice, score_trial
+from ariac_score.engine import reprice, score_trial, topics_read
 from ariac_score.errors import ScoreError
+from ariac_score.logs.ranged import reading
 from ariac_score.registry import Registry
-from ariac_score.result_json import as_json, load_result
+from ariac_score.result import Result
+from ariac_score.result_json import as_json, load_result, read_result
 from ariac_score.ruleset import RuleSet, expanded_yaml
 
 __all__ = [
     "Done",
     "installed",
+    "kept_apart",
     "limit_threads",
     "parse_report",
     "perform",
@@ -65,6 +72,14 @@ def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
         out: Folder of the batch, where this worker can see it: a stored measurement is priced
             again instead of measured.
     """
+    if task.remote:
+        with tempfile.TemporaryDirectory(prefix="ariac-score-") as folder:
+            return _perform_elsewhere(task, setting, out, Path(folder), lambda _near: None)
+    return _perform_here(task, setting, out, changing=False)
+
+
+def _perform_here(task: Task, setting: Setting, out: Path | None, *, changing: bool) -> Done:
+    """Score a run whose files are here; those with holes change while they are read."""
     registry, rule_set, basis = prepared(setting)
     before = signature_of(task)
     contents = contents_of(task)
@@ -74,14 +89,47 @@ def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
         return Done(task, address, contents, before, None)
     document = _priced_again(store, address, rule_set) if store is not None else None
     if document is None:
-        document = _scored(task, rule_set, registry)
-    if signature_of(task) != before:
+        known = _known(task, contents, setting, store) if store is not None else None
+        document = _scored(task, rule_set, registry, known)
+    if not changing and signature_of(task) != before:
         document = _because(task, "changing", "its files changed while they were read; call again when done")
         return Done(task, "", "", "", document)
     if len(document) > setting.limits.output_bytes:
         size, most = len(document), setting.limits.output_bytes
         document = _because(task, "too_large", f"its result has {size} bytes; at most {most} are kept")
     return Done(task, address, contents, before, document)
+
+
+def _perform_elsewhere(
+    task: Task, setting: Setting, out: Path | None, folder: Path, brought: Callable[[Near], None]
+) -> Done:
+    """Fetch a run, score what came, and see that nothing changed meanwhile."""
+    _, rule_set, _ = prepared(setting)
+    topics = topics_read(rule_set, installed()) if setting.ranges else None
+    try:
+        near = bring(task, folder, topics)
+    except (ScoreError, OSError) as error:
+        return _unreachable(task, error)
+    brought(near)
+    with reading(near.parts):
+        done = _perform_here(near.task, setting, out, changing=bool(near.parts))
+        done = replace(done, task=task, signature=near.signature)
+    failures = [file.failure for file in near.parts if file.failure is not None]
+    if failures:
+        return _unreachable(task, failures[0])
+    try:
+        same = still_the_same(task, near, ranges=setting.ranges)
+    except ScoreError as error:
+        return _unreachable(task, error)
+    if same:
+        return done
+    return Done(task, "", "", "", _because(task, "changing", "it changed while it was fetched; call again"))
+
+
+def _unreachable(task: Task, error: Exception) -> Done:
+    """A run whose files could not be had; nothing of it is kept, so that the next call asks again."""
+    hint = getattr(error, "hint", "")
+    return Done(task, "", "", "", _because(task, "unreachable", f"{error}; {hint}" if hint else str(error)))
 
 
 def _is_result(place: Path) -> bool:
@@ -104,7 +152,26 @@ def _priced_again(store: Store, address: str, rule_set: RuleSet) -> bytes | None
         return None  # an outcome, a damaged file, a formula without a value: measure, and say what is wrong
 
 
-def _scored(task: Task, rule_set: RuleSet, registry: Registry) -> bytes:
+def _known(task: Task, contents: str, setting: Setting, store: Store) -> Result | None:
+    """What was measured of the same files, by the same code, under rules that share some checks.
+
+    The address says so: it is that of the earlier rules and the code of now only when neither the
+    files nor any code has changed since.
+    """
+    if not task.earlier or not setting.earlier_basis:
+        return None
+    place = store.root / task.earlier
+    if place.parent.name != measuring_address(task, contents, setting.earlier_basis):
+        return None
+    try:
+        if hashlib.sha256(place.read_bytes()).hexdigest() != task.earlier_sha256:
+            return None
+        return read_result(place, known=True)
+    except (OSError, ScoreError):
+        return None  # an outcome, or a damaged file: ask every check
+
+
+def _scored(task: Task, rule_set: RuleSet, registry: Registry, known: Result | None) -> bytes:
     root = Path(task.root) if task.root else Path(task.path).parent
     try:
         result = score_trial(
@@ -115,6 +182,7 @@ def _scored(task: Task, rule_set: RuleSet, registry: Registry) -> bytes:
             root=Path(task.root) if task.root else None,
             trial_id=task.trial if task.root else "",
             team=task.team,
+            known=known,
         )
         return as_json(result).encode("utf-8")
     except ScoreError as error:
@@ -152,10 +220,19 @@ def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -
 
     The report is a line of JSON, then the document; it appears whole or not at all.
     """
-    _keep(setting.limits)
+    _keep(setting.limits, 0 if task.remote else setting.limits.output_bytes)
     _hush()
+
+    def brought(near: Near) -> None:
+        kept_apart(report, ".contents").write_text(near.contents, encoding="ascii")
+        largest = max((file.size for file in near.parts), default=0)
+        _keep(setting.limits, max(largest, setting.limits.output_bytes))
+
     try:
-        done = perform(task, setting, out)
+        if task.remote:
+            done = _perform_elsewhere(task, setting, out, kept_apart(report, ".near"), brought)
+        else:
+            done = perform(task, setting, out)
     except MemoryError:
         limit = setting.limits.memory_bytes >> 20
         reason = f"it needed more than {limit} MiB; raise --memory-mb if the log is sound"
@@ -164,6 +241,11 @@ def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -
     part.write_bytes(report_of(done))
     part.replace(report)
     os._exit(0)  # nothing is left to be tidied up, and taking modules apart takes as long as a small trial
+
+
+def kept_apart(report: Path, what: str) -> Path:
+    """Where the process of a run keeps what others clear away when it has ended."""
+    return report.with_suffix(what)
 
 
 def report_of(done: Done) -> bytes:
@@ -187,9 +269,11 @@ def parse_report(task: Task, report: bytes) -> Done:
     return Done(task, head["address"], head["contents"], head["signature"], stored, float(head["cpu_s"]))
 
 
-def _keep(limits: Limits) -> None:
-    """Bind this process to its limits; nothing it starts can lift them."""
-    bounds = {resource.RLIMIT_CORE: 0, resource.RLIMIT_FSIZE: limits.output_bytes + (1 << 20)}
+def _keep(limits: Limits, largest_bytes: int) -> None:
+    """Bind this process to its limits, 0 for none yet; nothing it starts can lift them."""
+    bounds = {resource.RLIMIT_CORE: 0}
+    if largest_bytes:
+        bounds[resource.RLIMIT_FSIZE] = largest_bytes + (1 << 20)
     if limits.memory_bytes:
         bounds[resource.RLIMIT_AS] = limits.memory_bytes
     for kind, bound in bounds.items():

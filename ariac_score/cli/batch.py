@@ -8,11 +8,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ariac_score.batch.supervise import Report, Told
-    from ariac_score.batch.tasks import Plan, TaskKey
+    from ariac_score.batch.tasks import Plan, Setting, TaskKey
+    from ariac_score.ruleset import RuleSet
 
 EXIT_UNSETTLED = 6
 
@@ -27,7 +29,10 @@ def register(commands: Any) -> None:
         "the same command goes on where it was.",
     )
     parser.add_argument(
-        "path", type=Path, metavar="PATH", help="competition.yaml, its folder, or a folder of trials"
+        "path",
+        metavar="PATH",
+        help="competition.yaml, its folder, a folder of trials, or a .txt that lists them; "
+        "also by URI: s3://, gs://, https://",
     )
     parser.add_argument("--rules", default="", metavar="NAME", help="rule set; a competition names its own")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder of the batch")
@@ -54,6 +59,11 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--executor", default="local", metavar="NAME", help="where runs are scored; default: local"
     )
+    parser.add_argument(
+        "--ranges",
+        action="store_true",
+        help="of recordings named by URI fetch only what is wanted; results then say how much was read",
+    )
     parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="scheduler of the executor")
     parser.set_defaults(run=run)
 
@@ -61,24 +71,51 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Plan, score what is missing, write the tables, say what came of it."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.batch.executors import make_executor  # noqa: PLC0415
-    from ariac_score.batch.store import Store  # noqa: PLC0415
-    from ariac_score.batch.supervise import run_batch  # noqa: PLC0415
-    from ariac_score.batch.tasks import Limits, Setting, of_shard, plan_batch, shard  # noqa: PLC0415
+    from ariac_score.batch.tasks import Limits, Setting, shard  # noqa: PLC0415
     from ariac_score.errors import UsageError  # noqa: PLC0415
     from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
 
     if arguments.jobs < 0 or arguments.time_limit_s <= 0 or min(arguments.memory_mb, arguments.output_mb) < 0:
         raise UsageError("a limit is negative, or no time at all", hint="leave it out for the default")
     part = shard(arguments.shard) if arguments.shard else (1, 1)
-    plan = plan_batch(arguments.path, arguments.rules)
-    _refuse_inside(arguments.output, arguments.path)
-    rule_set = load_rule_set(plan.rules)
+    _refuse_elsewhere(arguments.output)
     limits = Limits(arguments.time_limit_s, arguments.memory_mb << 20, arguments.output_mb << 20)
-    setting = Setting.of(rule_set, limits)
+    with TemporaryDirectory(prefix="ariac-score-") as laid_out:
+        plan = _planned(arguments, Path(laid_out))
+        rule_set = load_rule_set(plan.rules)
+        return _run(arguments, plan, rule_set, Setting.of(rule_set, limits, ranges=arguments.ranges), part)
+
+
+def _planned(arguments: argparse.Namespace, work: Path) -> Plan:
+    """The runs of a path or URI."""
+    from ariac_score.batch.elsewhere import LIST_ENDING, plan_elsewhere, plan_list  # noqa: PLC0415  # as above
+    from ariac_score.batch.remote import is_uri  # noqa: PLC0415
+    from ariac_score.batch.tasks import plan_batch  # noqa: PLC0415
+
+    if is_uri(arguments.path):
+        return plan_elsewhere(arguments.path, arguments.rules, work, ranges=arguments.ranges)
+    path = Path(arguments.path)
+    if path.suffix == LIST_ENDING and path.is_file():
+        return plan_list(path, arguments.rules, ranges=arguments.ranges)
+    plan = plan_batch(path, arguments.rules)
+    _refuse_inside(arguments.output, path)
+    return plan
+
+
+def _run(
+    arguments: argparse.Namespace, plan: Plan, rule_set: RuleSet, setting: Setting, part: tuple[int, int]
+) -> int:
+    """Score what is missing, write the tables, say what came of it."""
+    from ariac_score.batch.executors import make_executor  # noqa: PLC0415  # as above
+    from ariac_score.batch.store import Store  # noqa: PLC0415
+    from ariac_score.batch.supervise import run_batch  # noqa: PLC0415
+    from ariac_score.batch.tasks import of_shard  # noqa: PLC0415
+
     store = Store(arguments.output)
     tasks = list(of_shard(plan.tasks, *part))
     about: dict[str, object] = {"batch": plan.id}
+    if setting.ranges:
+        about["read"] = "parts"
     if part != (1, 1):
         about["shard"] = {"number": part[0], "of": part[1]}
     try:
@@ -98,6 +135,16 @@ def run(arguments: argparse.Namespace) -> int:
         return 2
     _show(report, plan, arguments.output)
     return EXIT_UNSETTLED if report.unsettled else 0
+
+
+def _refuse_elsewhere(output: Path) -> None:
+    """Refuse to make a folder that is called like a bucket."""
+    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
+
+    if ":/" in str(output):
+        raise UsageError(
+            "a batch is written to a folder of this machine", file=output, hint="copy it there afterwards"
+        )
 
 
 def _refuse_inside(output: Path, path: Path) -> None:

@@ -103,7 +103,8 @@ class McapScan(FileScan):
     def __init__(self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> None:
         super().__init__(path)
         self._jobs, self._topics = jobs, topics
-        self._channels_in_summary: frozenset[int] | None = None
+        self._declarations: Sequence[tuple[int, bytes]] = ()
+        self._all_declared = False
         self._deaf: set[int] = set()
         self._usual_index_bytes = _USUAL_INDEX_BYTES
         self._schemas: dict[int, tuple[str, str, str]] = {}
@@ -127,7 +128,7 @@ class McapScan(FileScan):
                 raise source.damaged("the file does not start as an MCAP file does (wrong magic)", at=0)
             self._data_crc_wanted = _announces_data_crc(source)
             if self._topics is not None:
-                self._channels_in_summary = _channels_in_summary(source)
+                self._declarations = _declarations_in_summary(source)
             self._crc_of_file = crc32(magic)
             yield from self._records(source)
             if source.take(len(MAGIC), "closing magic") != MAGIC:
@@ -200,6 +201,7 @@ class McapScan(FileScan):
             unread = self._unread(index) if index and self._is_unwanted(index) else None
             if unread is not None:
                 yield from self._settled(source, slabs.rest())
+                yield from self._declare_all(start)
                 self._messages += len(unread)
                 yield unread
                 source.skip(behind - source.offset)
@@ -286,11 +288,17 @@ class McapScan(FileScan):
             at = behind
 
     def _is_unwanted(self, index: Sequence[bytes]) -> bool:
-        """Whether a chunk holds no wanted message, and cannot declare anything either."""
-        declared = self._channels.keys()
-        if not self._channels_in_summary or not self._channels_in_summary <= declared:
+        """Whether a chunk holds no wanted message; what it may declare besides, the summary repeats."""
+        if not self._declarations:
             return False
         return {int.from_bytes(body[:2], "little") for body in index} <= self._deaf
+
+    def _declare_all(self, start: int) -> Iterator[_Item]:
+        """Declare what the summary repeats: a chunk that is left out may be the one that declares it."""
+        if not self._all_declared:
+            self._all_declared = True
+            for op, body in self._declarations:
+                yield from self._items(op, body, start)
 
     def _unread(self, index: Sequence[bytes]) -> Batch | None:
         """What the index says of a chunk that is not read: senders and times, in recorded order."""
@@ -546,19 +554,27 @@ def _announces_data_crc(source: Source) -> bool:
     return end[:1] != bytes((_DATA_END,)) or end[-4:] != b"\0\0\0\0"
 
 
-def _channels_in_summary(source: Source) -> frozenset[int] | None:
-    """All channels that the summary lists; `None` when there is none to rely on."""
+def _declarations_in_summary(source: Source) -> Sequence[tuple[int, bytes]]:
+    """All schemas and channels that the summary repeats; none where it is not to be relied on."""
     tail = source.at(source.size - len(MAGIC) - _FOOTER_BODY.size, 8)
     start = int.from_bytes(tail, "little")
     end = source.size - len(MAGIC) - _FOOTER_BODY.size - _RECORD.size
     if not 0 < start < end or end - start > MAX_PEEK_BYTES:
-        return None
-    summary = source.at(start, end - start)
+        return ()
+    summary, found = source.at(start, end - start), []
+    schemas, needed = {0}, set()
     try:
-        places = [at for op, at in _ops(memoryview(summary)) if op == _CHANNEL]
-        return frozenset(struct.unpack_from("<H", summary, at + _RECORD.size)[0] for at in places)
+        for op, at in _ops(memoryview(summary)):
+            if op in (_SCHEMA, _CHANNEL):
+                first = at + _RECORD.size
+                body = summary[first : first + _RECORD.unpack_from(summary, at)[1]]
+                found.append((op, body))
+                (schemas if op == _SCHEMA else needed).add(
+                    struct.unpack_from("<H", body, 2 * (op == _CHANNEL))[0]
+                )
     except struct.error:
-        return None
+        return ()
+    return sorted(found) if needed and needed <= schemas else ()
 
 
 @dataclass(frozen=True)

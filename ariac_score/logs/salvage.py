@@ -20,6 +20,7 @@ from typing import Any, BinaryIO, NamedTuple, Protocol
 
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.columns import IntArray, Payloads
+from ariac_score.logs.ranged import open_log, ranged
 
 __all__ = [
     "LARGEST_FILE_BYTES",
@@ -192,7 +193,8 @@ class Source:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file: BinaryIO = path.open("rb", buffering=_BUFFER_BYTES)
+        self._file: BinaryIO = open_log(path, _BUFFER_BYTES)
+        self._parts = ranged(path)
         self.size = path.stat().st_size
         self.offset = 0
 
@@ -259,6 +261,8 @@ class Source:
             return put
         self._reserve(count, what)
         file, offset = self._file.fileno(), self.offset
+        if self._parts:
+            self._parts.have([(offset, offset + count)])
         self.skip(count)
 
         def read(room: memoryview) -> None:
@@ -300,6 +304,8 @@ class Source:
         if not 0 <= offset < self.size:
             return b""
         count = min(count, MAX_PEEK_BYTES)
+        if self._parts:
+            self._parts.have([(offset, offset + count)])
         if hasattr(os, "pread"):  # which keeps what is buffered of the place that is read
             return os.pread(self._file.fileno(), count, offset)
         self._file.seek(offset)

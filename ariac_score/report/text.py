@@ -258,7 +258,8 @@ def _origin(result: Result, style: Style) -> Iterator[str]:
     for note in result.notes:
         yield style(f"note: {note}", "dim")
     for source in result.provenance.inputs:
-        yield style(f"{source.role}: {plain(source.name)}, sha256 {source.sha256[:16]}…", "dim")
+        parts = "" if source.read_bytes is None else f" of the {source.read_bytes} bytes that were read"
+        yield style(f"{source.role}: {plain(source.name)}, sha256 {source.sha256[:16]}…{parts}", "dim")
 
 
 # explain -------------------------------------------------------------------------------

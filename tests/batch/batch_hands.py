@@ -56,3 +56,10 @@ def raises(task: Task, setting: Setting, out: Path | None, report: Path) -> None
     if "bad" in task.trial:
         worker.score_trial = lambda *_, **__: 1 / 0  # type: ignore[assignment]
     worker.perform_into(task, setting, out, report)
+
+
+def dies_when_asked(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """A fault in a library while one log is scored."""
+    if "bad" in task.trial:
+        worker.score_trial = lambda *_, **__: os.kill(os.getpid(), signal.SIGSEGV)  # type: ignore[assignment,return-value]
+    worker.perform_into(task, setting, out, report)

@@ -555,7 +555,7 @@ def test_a_scheduler_that_is_not_there_is_named(
         dask.dask_executor(jobs=2, scheduler="tcp://127.0.0.1:9", out=tmp_path, work=tmp_path)
 
 
-@pytest.mark.parametrize(("name", "outcome"), [("a.jsonl", "scored"), ("gone.jsonl", "unreadable")])
+@pytest.mark.parametrize(("name", "outcome"), [("a.jsonl", "scored"), ("gone.jsonl", "unreachable")])
 def test_a_run_named_by_a_uri_is_fetched_where_it_is_scored(
     trials: Path, tmp_path: Path, name: str, outcome: str
 ) -> None:
@@ -570,7 +570,7 @@ def test_a_run_named_by_a_uri_is_fetched_where_it_is_scored(
     if outcome == "scored":
         assert done.document.decode() == as_json(score_trial(trials / name, RULES))
     else:
-        assert "check the address, and the credentials" in found.reason
+        assert "no such file or folder; check the address" in found.reason
 
 
 # What becomes of it --------------------------------------------------------------------

@@ -126,7 +126,8 @@ def _checks(result: Result) -> Iterator[str]:
 
 def _origin(result: Result) -> Iterator[str]:
     for source in result.provenance.inputs:
-        yield f"- {escaped(source.role)} {escaped(source.name)}, sha256 `{source.sha256}`"
+        parts = "" if source.read_bytes is None else f" of the {source.read_bytes} bytes that were read"
+        yield f"- {escaped(source.role)} {escaped(source.name)}, sha256 `{source.sha256}`{parts}"
     yield f"- rule set {escaped(result.provenance.rule_set[0])}, sha256 `{result.provenance.rule_set[1]}`"
     for distribution, version, package, sha256 in result.provenance.code:
         yield f"- {escaped(distribution)} {escaped(version)}, {escaped(package)} sha256 `{sha256[:16]}…`"
