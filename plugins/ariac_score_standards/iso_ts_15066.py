@@ -279,6 +279,7 @@ class SsmFormula:
             "stop_model": self._stop_model,
             "speeds": "directed" if self._directed else "scalar",
             "robot_must_move": "yes" if self._must_move else "no",
+            "blame": "yes" if self._blames else "no",
         }
         if self.human_speed == "profile":
             used["human_speed"] = "measured" if self._measured_human else "fixed"
