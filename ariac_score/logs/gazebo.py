@@ -62,6 +62,12 @@ _POSE = re.compile(
     rb"""<pose[^<>]*>(?P<numbers>[^<]*)</pose>"""
 )
 
+_NUMBERS = re.compile(rb"<pose[^<>]*>([^<]*)</pose>")
+"""The same numbers as `_POSE` finds, in the same order."""
+
+_COMMON_END = b"tions>"
+"""Of the tags that hardly any frame has: insertions and deletions."""
+
 IntArray = NDArray[np.int64]
 
 
@@ -223,6 +229,8 @@ class _Model:
         text: From its name to the next model's name.
         quoted: Its name as the text begins with it.
         ends: How many models end in the text.
+        around: What stood around the numbers of its poses, the last time.
+        whose: Whose poses these were; `None` for those that are not converted.
         changes: The frames in which the text was another one than before.
         shown: For each of these the poses it gave: whose they are, and their numbers.
         runs: Runs of frames that list it, first and behind the last.
@@ -235,6 +243,8 @@ class _Model:
         self.written: dict[bytes | None, _Column] = {}
         self.text = self.quoted = b""
         self.ends = 0
+        self.around: list[bytes] = []
+        self.whose: list[_Column | None] = []
         self.changes: array[int] = array("q")
         self.shown: list[list[tuple[_Column, int]]] = []
         self.runs: array[int] = array("q")
@@ -393,8 +403,8 @@ class _Scan:
         named = _ENCODING.match(tag)
         encoding = named[2].decode() if named else ""
         try:
-            for frame in _frames(_text(body, encoding, whole=whole)):
-                self._read_frame(frame)
+            for frame, plain in _frames(_text(body, encoding, whole=whole)):
+                self._read_frame(frame, plain=plain)
         except _CorruptError as cause:
             raise LogError(
                 f"chunk {self.chunk} is corrupt: {cause}",
@@ -403,7 +413,7 @@ class _Scan:
                 hint="the file was damaged after it was written; copy it again, or score without it",
             ) from cause.__cause__
 
-    def _read_frame(self, frame: bytes) -> None:
+    def _read_frame(self, frame: bytes, *, plain: bool) -> None:
         time = _SIM_TIME.search(frame)
         if time is None:
             raise _CorruptError(f"frame {len(self.t_ns)} has no <sim_time> of seconds and nanoseconds")
@@ -411,7 +421,8 @@ class _Scan:
         if t_ns >= 2**63:
             raise _CorruptError(f"frame {len(self.t_ns)} has a simulated time beyond 292 years")
         index = len(self.t_ns)
-        self._note_deletions(frame, index)
+        if not plain:
+            self._note_deletions(frame, index)
         segments = _segments(frame)
         changed = self._changed(segments)
         if changed is None:
@@ -481,37 +492,54 @@ class _Scan:
         return model
 
     def _parse(self, model: _Model, segment: bytes, index: int) -> None:
-        """Take the poses of a model whose text has changed.
+        """Take the poses of a model whose text has changed, mostly in nothing but its numbers."""
+        parts = _NUMBERS.split(segment)
+        if parts[::2] != model.around:
+            self._learn(model, segment)
+            model.around = parts[::2]
+        shown = []
+        for column, numbers in zip(model.whose, parts[1::2], strict=True):
+            if column is not None:
+                self.fresh.append((column, numbers))
+                shown.append((column, self.poses))
+                self.poses += 1
+        model.text = segment
+        model.changes.append(index)
+        model.shown.append(shown)
+
+    def _learn(self, model: _Model, segment: bytes) -> None:
+        """Find out whose poses the text of a model gives.
 
         The text runs from the model's name to the next model's: its own poses, then
         for each `</model>` what its ancestors list after it.
         """
         own, *after = segment.split(_END_OF_MODEL)
-        shown = list(self._take_poses(model, own, links_only=False))
+        whose = self._whose(model, own, links_only=False)
         above: _Model | None = model
         for piece in after:
             above = above.parent if above is not None else None
             if above is not None and above is not self.root and b"<link" in piece:
-                shown += self._take_poses(above, piece, links_only=True)
-        model.text, model.ends = segment, len(after)
-        model.changes.append(index)
-        model.shown.append(shown)
+                whose += self._whose(above, piece, links_only=True)
+            else:
+                whose += [None] * len(_NUMBERS.findall(piece))
+        model.ends, model.whose = len(after), whose
 
-    def _take_poses(self, model: _Model, text: bytes, *, links_only: bool) -> Iterator[tuple[_Column, int]]:
+    def _whose(self, model: _Model, text: bytes, *, links_only: bool) -> list[_Column | None]:
+        """Whose the poses in some text are, one after the other."""
         own_expected = not links_only
+        found: list[_Column | None] = []
         for pose in _POSE.finditer(text):
-            single, double, numbers = pose.groups()
+            single, double, _ = pose.groups()
             written = double if single is None else single
             if not written and not own_expected:
-                continue  # a pose inside a link, of something that is neither model nor link
+                found.append(None)  # a pose inside a link, of something that is neither model nor link
+                continue
             own_expected = False
             column = model.written.get(written)
             if column is None:
                 column = self._column(model, written)
-            if column.converted:
-                self.fresh.append((column, numbers))
-                yield column, self.poses
-                self.poses += 1
+            found.append(column if column.converted else None)
+        return found
 
     def _column(self, model: _Model, written: bytes | None) -> _Column:
         """The column of a link, by its name as it is written, or of the model itself."""
@@ -667,8 +695,10 @@ def _inflate(decompressor: Any, packed: bytes, *, whole: bool) -> Iterator[bytes
         raise _CorruptError("bytes follow its compressed data")
 
 
-def _frames(pieces: Iterator[bytes]) -> Iterator[bytes]:
-    """The content of each whole `<state>`, without insertions; worlds are passed over.
+def _frames(pieces: Iterator[bytes]) -> Iterator[tuple[bytes, bool]]:
+    """The content of each whole `<state>`, without insertions, and whether nothing is deleted in it.
+
+    Worlds are passed over.
 
     A world may hold a `<state>` of its own, and an insertion whole models, so both
     are skipped before anything in them is looked at.
@@ -676,14 +706,14 @@ def _frames(pieces: Iterator[bytes]) -> Iterator[bytes]:
     held = b""
     for piece in pieces:
         held += piece
-        start = 0
+        start, plain = 0, _COMMON_END not in held
         while True:
-            frame, past = _next_frame(held, start)
+            frame, past = _next_frame(held, start, plain=plain)
             if past == start:
                 break
             start = past
             if frame is not None:
-                yield frame
+                yield frame, plain
         held = held[start:]
         if len(held) > MAX_FRAME_BYTES:
             raise _CorruptError(f"more than {MAX_FRAME_BYTES:,} bytes without the end of a frame")
@@ -693,8 +723,14 @@ _OPENING = re.compile(rb"<(world|state)[\s>]")
 _LONGEST_OPENING = 7
 
 
-def _next_frame(text: bytes, start: int) -> tuple[bytes | None, int]:
-    """The first whole frame from `start` on, and up to where the text is done with."""
+def _next_frame(text: bytes, start: int, *, plain: bool) -> tuple[bytes | None, int]:
+    """The first whole frame from `start` on, and up to where the text is done with.
+
+    Args:
+        text: Frames, and what is between them.
+        start: Where to look from.
+        plain: Whether it is known that nothing is inserted in it.
+    """
     opening = _OPENING.search(text, start)
     if opening is None:
         return None, max(start, len(text) - _LONGEST_OPENING)
@@ -705,7 +741,7 @@ def _next_frame(text: bytes, start: int) -> tuple[bytes | None, int]:
     at = opening.end()
     while True:
         end = text.find(b"</state>", at)
-        inserted = text.find(b"<insertions>", at, end if end >= 0 else len(text))
+        inserted = -1 if plain else text.find(b"<insertions>", at, end if end >= 0 else len(text))
         if inserted < 0:
             if end < 0:
                 return None, start
