@@ -230,9 +230,10 @@ class _Model:
         quoted: Its name as the text begins with it.
         ends: How many models end in the text.
         around: What stood around the numbers of its poses, the last time.
-        whose: Whose poses these were; `None` for those that are not converted.
+        whose: Whose poses of these are converted.
+        chosen: Which of these are.
         changes: The frames in which the text was another one than before.
-        shown: For each of these the poses it gave: whose they are, and their numbers.
+        shown: For each of these whose poses it gave, and the number of the first; the others follow it.
         runs: Runs of frames that list it, first and behind the last.
     """
 
@@ -244,9 +245,10 @@ class _Model:
         self.text = self.quoted = b""
         self.ends = 0
         self.around: list[bytes] = []
-        self.whose: list[_Column | None] = []
+        self.whose: list[_Column] = []
+        self.chosen: list[bool] = []
         self.changes: array[int] = array("q")
-        self.shown: list[list[tuple[_Column, int]]] = []
+        self.shown: list[tuple[list[_Column], int]] = []
         self.runs: array[int] = array("q")
 
     def frames(self, count: int) -> IntArray:
@@ -258,11 +260,15 @@ class _Model:
         """Each column its text gave poses of: the frames, and the rows there."""
         version = np.searchsorted(np.array(self.changes, dtype=np.int64), frames, side="right") - 1
         rows: dict[_Column, IntArray] = {}
-        for number, shown in enumerate(self.shown):
-            for column, row in shown:
+        first = np.array([number for _, number in self.shown], dtype=np.int64)
+        kinds = {id(whose): whose for whose, _ in self.shown}
+        kind = np.array([id(whose) for whose, _ in self.shown], dtype=np.uint64)
+        for key, whose in kinds.items():
+            alike = np.flatnonzero(kind == key)
+            for place, column in enumerate(whose):
                 if column not in rows:
                     rows[column] = np.full(len(self.shown), -1, dtype=np.int64)
-                rows[column][number] = row
+                rows[column][alike] = first[alike] + place
         for column, of_version in rows.items():
             at = of_version[version]
             yield column, frames[at >= 0], at[at >= 0]
@@ -291,7 +297,8 @@ class _Scan:
         # The poses in the order they came, and those of the frame that is read.
         self.numbers: array[float] = array("d")
         self.poses = 0
-        self.fresh: list[tuple[_Column, bytes]] = []
+        self.fresh: list[bytes] = []
+        self.fresh_of: list[_Column] = []
         self.root = _Model("", "", None)
         self.models: dict[str, _Model] = {}
         self.deleted: dict[str, list[int]] = {}
@@ -428,21 +435,25 @@ class _Scan:
         if changed is None:
             self._list_anew(segments, index)
         else:
-            for place in changed:
-                self._parse(self.listed[place], segments[place], index)
+            for place, parts in changed:
+                self._parse(self.listed[place], segments[place], parts, index)
         self.segments = segments
         self._convert()
         self.t_ns.append(t_ns)
 
-    def _changed(self, segments: Sequence[bytes]) -> Sequence[int] | None:
-        """The models whose text has changed; `None` when others are listed than before, or elsewhere."""
+    def _changed(self, segments: Sequence[bytes]) -> Sequence[tuple[int, list[bytes]]] | None:
+        """The models whose text has changed, and its parts; `None` when others are listed, or elsewhere."""
         if len(segments) != len(self.segments):
             return None
-        changed = list(compress(range(len(segments)), map(ne, segments, self.segments)))
-        for place in changed:
+        changed = []
+        for place in compress(range(len(segments)), map(ne, segments, self.segments)):
             model, segment = self.listed[place], segments[place]
-            if not segment.startswith(model.quoted) or segment.count(_END_OF_MODEL) != model.ends:
+            parts = _NUMBERS.split(segment)
+            if parts[::2] != model.around and (
+                not segment.startswith(model.quoted) or segment.count(_END_OF_MODEL) != model.ends
+            ):
                 return None
+            changed.append((place, parts))
         return changed
 
     def _list_anew(self, segments: Sequence[bytes], index: int) -> None:
@@ -454,7 +465,7 @@ class _Scan:
         for segment in segments:
             model = self._child(here, segment)
             if segment != model.text:
-                self._parse(model, segment, index)
+                self._parse(model, segment, _NUMBERS.split(segment), index)
             self.listed.append(model)
             here = _ancestor(model, model.ends)
 
@@ -491,21 +502,19 @@ class _Scan:
             model.quoted = segment[: end + 1]
         return model
 
-    def _parse(self, model: _Model, segment: bytes, index: int) -> None:
+    def _parse(self, model: _Model, segment: bytes, parts: Sequence[bytes], index: int) -> None:
         """Take the poses of a model whose text has changed, mostly in nothing but its numbers."""
-        parts = _NUMBERS.split(segment)
         if parts[::2] != model.around:
             self._learn(model, segment)
-            model.around = parts[::2]
-        shown = []
-        for column, numbers in zip(model.whose, parts[1::2], strict=True):
-            if column is not None:
-                self.fresh.append((column, numbers))
-                shown.append((column, self.poses))
-                self.poses += 1
+            if len(model.chosen) != len(parts) // 2:
+                raise _CorruptError(f"frame {len(self.t_ns)} has poses that cannot be told apart")
+            model.around = list(parts[::2])
+        self.fresh += compress(parts[1::2], model.chosen)
+        self.fresh_of += model.whose
         model.text = segment
         model.changes.append(index)
-        model.shown.append(shown)
+        model.shown.append((model.whose, self.poses))
+        self.poses += len(model.whose)
 
     def _learn(self, model: _Model, segment: bytes) -> None:
         """Find out whose poses the text of a model gives.
@@ -522,7 +531,8 @@ class _Scan:
                 whose += self._whose(above, piece, links_only=True)
             else:
                 whose += [None] * len(_NUMBERS.findall(piece))
-        model.ends, model.whose = len(after), whose
+        model.ends, model.chosen = len(after), [column is not None for column in whose]
+        model.whose = [column for column in whose if column is not None]
 
     def _whose(self, model: _Model, text: bytes, *, links_only: bool) -> list[_Column | None]:
         """Whose the poses in some text are, one after the other."""
@@ -556,7 +566,7 @@ class _Scan:
         """Take the numbers of the poses that are new in a frame, all at once where all is well."""
         if not self.fresh:
             return
-        words = b" | ".join([text for _, text in self.fresh]).split()
+        words = b" | ".join(self.fresh).split()
         between = words[6::7]
         del words[6::7]
         fits = len(words) == 6 * len(self.fresh) and between.count(b"|") == len(self.fresh) - 1
@@ -567,9 +577,10 @@ class _Scan:
         if fits:
             self.numbers += numbers
         else:
-            for column, text in self.fresh:
+            for column, text in zip(self.fresh_of, self.fresh, strict=True):
                 self.numbers.extend(self._six(text, column.entity))
         self.fresh.clear()
+        self.fresh_of.clear()
 
     def _six(self, text: bytes, entity: Entity) -> list[float]:
         try:
