@@ -120,8 +120,23 @@ def test_a_nested_definition_is_understood() -> None:
         f"int8 a\n{LINE}\nMSG: builtin_interfaces/Time\nint8 other",
         f"int8 a\n{LINE}\nMSG: test_msgs/Top\nint8 b",
         "",
+        f"Other other\n{LINE}\nMSG: test_msgs/Other",
+        f"int8 bJ{LINE}\nMSG: test_msgs/Other\nint8 a\n",
+        f"Other a\n{LINE}\nMSG: test_msgs/Other\n",
     ],
-    ids=["unknown type", "twice", "wstring", "default", "keyword", "other time", "itself twice", "empty"],
+    ids=[
+        "unknown type",
+        "twice",
+        "wstring",
+        "default",
+        "keyword",
+        "other time",
+        "itself twice",
+        "empty",
+        "cut off",
+        "signs behind a name",
+        "empty inside",
+    ],
 )
 def test_what_is_unusual_is_left_to_rosbags(text: str) -> None:
     found = by_ours(text)
