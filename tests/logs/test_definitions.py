@@ -65,6 +65,8 @@ def by_rosbags(text: str, type_: str = TYPE) -> dict[str, Any] | None:
     try:
         store.register(get_types_from_msg(text, type_))
         store.get_msgdef(type_)
+    except RecursionError:
+        pass  # a type that holds itself: no plan can be made of it either
     except (TypesysError, KeyError, SyntaxError, ValueError, AttributeError, TypeError, AssertionError):
         return None
     return {name: fields for name, (_, fields) in store.fielddefs.items()}
