@@ -290,6 +290,13 @@ def _check_equal(found: Columns, alone: Columns) -> None:
         assert values.tobytes() == expected.tobytes(), path
 
 
+class _Everything:
+    """Topics, of which each is wanted."""
+
+    def __contains__(self, _: object) -> bool:
+        return True
+
+
 class _NoPages:
     """In place of the pages of a file, so that SQLite reads its rows."""
 
@@ -302,7 +309,7 @@ def _rows(path: Path, pages: type) -> list[tuple[str, int, bytes]] | None:
     found: list[tuple[str, int, bytes]] = []
     usual, sqlite_bag.Pages = sqlite_bag.Pages, pages  # type: ignore[misc, assignment]
     try:
-        for item in sqlite_bag.SqliteScan(path):
+        for item in sqlite_bag.SqliteScan(path, topics=_Everything()):
             if isinstance(item, Connection):
                 continue
             messages = item.messages() if isinstance(item, Batch) else (item,)
