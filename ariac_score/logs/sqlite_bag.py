@@ -95,8 +95,8 @@ class SqliteScan:
                 yield from self._declared(bag)
                 yield from self._messages(bag, intact=not damage)
                 if not damage and (self._topics_wanted is None or not self._accounted):
-                    # Rows are read in their own order, so whether the index agrees does not matter. Where each
-                    # page is accounted for, the check has no more to say about them; who wants all is told all.
+                    # Rows are read in their own order, so whether the index agrees does not matter. Where
+                    # each page is accounted for, nothing more is found; but who wants all is told all.
                     ((verdict,),) = bag.execute("PRAGMA quick_check(1)")
                     damage = "" if verdict == "ok" else f"SQLite finds it damaged: {verdict}"
         except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError) as error:
