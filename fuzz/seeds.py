@@ -14,6 +14,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 from ariac_score import score_trial
@@ -76,6 +77,23 @@ def _ros1(work: Path) -> Seeds:
 
 def _sqlite(work: Path) -> Seeds:
     yield "moves", write_bag(work / "s.db3", _messages(all_kinds=False), storage="sqlite3").read_bytes()
+
+
+def _sqlite_pages(work: Path) -> Seeds:
+    rows = [(i, 1 + i % 2, 10**18 + i, b"%03d" % i * (i % 6)) for i in range(1, 31)]
+    for name, more in (("leaves", []), ("chains", [(40, 1, 5, b"z" * 900), (900, 2, 0, b"y" * 1500)])):
+        with closing(sqlite3.connect(work / name)) as bag:
+            bag.execute("PRAGMA page_size=512")
+            bag.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
+            columns = "id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB"
+            bag.execute(f"CREATE TABLE messages({columns})")
+            bag.execute("CREATE INDEX timestamp_idx ON messages (timestamp ASC)")
+            bag.execute("INSERT INTO topics VALUES (1, '/a', 'a/msg/A'), (2, '/b', 'a/msg/A')")
+            bag.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", [*rows, *more])
+            bag.commit()
+        raw = bytearray((work / name).read_bytes())
+        raw[96:100] = bytes(4)  # which version of SQLite wrote it
+        yield name, bytes(raw)
 
 
 def _jsonl(work: Path) -> Seeds:
@@ -353,6 +371,7 @@ _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "rule_set": _rule_sets,
     "sensor_cost": _sensor_cost,
     "sqlite_bag": _sqlite,
+    "sqlite_pages": _sqlite_pages,
     "state_log": _states,
     "stl": _stl,
     "team_config": _teams,

@@ -7,9 +7,10 @@ it raises is a finding, and so are an input that takes too long and one that tak
 from __future__ import annotations
 
 import io
+import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -25,8 +26,11 @@ from ariac_score.errors import PluginError, ScoreError
 from ariac_score.expression import Expression, Traced
 from ariac_score.guard import GuardedDecoder
 from ariac_score.logmap import load_log_map
+from ariac_score.logs import sqlite_bag
 from ariac_score.logs.columnar import ColumnDecoder, Columns, Payloads
 from ariac_score.logs.definitions import parsed_definitions
+from ariac_score.logs.salvage import Batch, Connection
+from ariac_score.logs.sqlite_pages import Pages, UnusualError
 from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import RulesBench
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
@@ -286,6 +290,58 @@ def _check_equal(found: Columns, alone: Columns) -> None:
         assert values.tobytes() == expected.tobytes(), path
 
 
+class _Everything:
+    """Topics, of which each is wanted."""
+
+    def __contains__(self, _: object) -> bool:
+        return True
+
+
+class _NoPages:
+    """In place of the pages of a file, so that SQLite reads its rows."""
+
+    def __init__(self, _: Path) -> None:
+        raise UnusualError("to compare")
+
+
+def _rows(path: Path, pages: type) -> list[tuple[str, int, bytes]] | None:
+    """Topic, time and payload of each message of a SQLite file; nothing where it is refused."""
+    found: list[tuple[str, int, bytes]] = []
+    usual, sqlite_bag.Pages = sqlite_bag.Pages, pages  # type: ignore[misc, assignment]
+    try:
+        for item in sqlite_bag.SqliteScan(path, topics=_Everything()):
+            if isinstance(item, Connection):
+                continue
+            messages = item.messages() if isinstance(item, Batch) else (item,)
+            found += [(m.connection.topic, m.stamp_ns, bytes(m.payload)) for m in messages]
+    except (ScoreError, MemoryError):  # SQLite says the latter of some damage, and readers say it on
+        return None
+    finally:
+        sqlite_bag.Pages = usual  # type: ignore[misc]
+    return found
+
+
+def _selected(path: Path) -> list[tuple[str, int, bytes]] | None:
+    """The same as SQLite selects it, without a check of the whole file."""
+    try:
+        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro&immutable=1", uri=True)) as bag:
+            bag.execute("PRAGMA writable_schema=ON")
+            topics = {key: str(name) for key, name in bag.execute("SELECT id, name FROM topics")}
+            rows = bag.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid")
+            return [(topics[topic], stamp, data) for topic, stamp, data in rows]
+    except (sqlite3.Error, KeyError):
+        return None
+
+
+def _sqlite_pages(folder: Path, raw: bytes) -> None:
+    """Rows taken from the pages of a file, held against the rows that SQLite reads."""
+    path = folder / "log.db3"
+    path.write_bytes(raw)
+    ours, theirs = _rows(path, Pages), _rows(path, _NoPages)
+    assert theirs is None or ours == theirs
+    assert ours is None or ours == _selected(path)
+
+
 def _definition(_: Path, raw: bytes) -> None:
     """A definition read without `rosbags`, held against `rosbags`."""
     text = raw.decode("utf-8", "replace")
@@ -353,6 +409,7 @@ TARGETS: Mapping[str, Target] = {
     "rule_set": Target(_rule_set, (*_YAML, *_SUMS)),
     "sensor_cost": Target(_reader("sensor_cost", "sensor_cost.txt", "ariac2024"), _TEXT),
     "sqlite_bag": Target(_reader("rosbag", "log.db3"), _SQL),
+    "sqlite_pages": Target(_sqlite_pages, (b"\x0d\0\0\0", b"\x05\0\0\0", b"\0\0\0\3", b"\x81\1")),
     "state_log": Target(
         _reader("gazebo", "state.log", "ariac2022"),
         (b"<chunk encoding='txt'>", b"<![CDATA[", b"]]>", b"<sim_time>", b"<pose>", b"<model name='"),

@@ -63,12 +63,12 @@ def parsed_definitions(text: str, type_: str) -> FieldDefinitions | None:
     found: FieldDefinitions = {}
     sections = f"MSG: {type_}\n{text}".split(_SEPARATOR)
     try:
-        if len(sections) > _MOST_TYPES:
+        if len(sections) > _MOST_TYPES or not all(section.endswith("\n") for section in sections[:-1]):
             raise _UnusualError
         for section in sections:
-            head, _, body = section.partition("\n")
+            head, line_end, body = section.partition("\n")
             name = _named(head)
-            if name in found:
+            if name in found or not line_end:
                 raise _UnusualError
             found[name] = [], list(_fields(body, name)) or _EMPTY
             if found[name][1] != _KNOWN.get(name, found[name][1]):

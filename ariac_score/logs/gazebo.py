@@ -62,6 +62,12 @@ _POSE = re.compile(
     rb"""<pose[^<>]*>(?P<numbers>[^<]*)</pose>"""
 )
 
+_NUMBERS = re.compile(rb"<pose[^<>]*>([^<]*)</pose>")
+"""The same numbers as `_POSE` finds, in the same order."""
+
+_COMMON_END = b"tions>"
+"""Of the tags that hardly any frame has: insertions and deletions."""
+
 IntArray = NDArray[np.int64]
 
 
@@ -223,8 +229,11 @@ class _Model:
         text: From its name to the next model's name.
         quoted: Its name as the text begins with it.
         ends: How many models end in the text.
+        around: What stood around the numbers of its poses, the last time.
+        whose: Whose poses of these are converted.
+        chosen: Which of these are.
         changes: The frames in which the text was another one than before.
-        shown: For each of these the poses it gave: whose they are, and their numbers.
+        shown: For each of these whose poses it gave, and the number of the first; the others follow it.
         runs: Runs of frames that list it, first and behind the last.
     """
 
@@ -235,8 +244,11 @@ class _Model:
         self.written: dict[bytes | None, _Column] = {}
         self.text = self.quoted = b""
         self.ends = 0
+        self.around: list[bytes] = []
+        self.whose: list[_Column] = []
+        self.chosen: list[bool] = []
         self.changes: array[int] = array("q")
-        self.shown: list[list[tuple[_Column, int]]] = []
+        self.shown: list[tuple[list[_Column], int]] = []
         self.runs: array[int] = array("q")
 
     def frames(self, count: int) -> IntArray:
@@ -248,11 +260,15 @@ class _Model:
         """Each column its text gave poses of: the frames, and the rows there."""
         version = np.searchsorted(np.array(self.changes, dtype=np.int64), frames, side="right") - 1
         rows: dict[_Column, IntArray] = {}
-        for number, shown in enumerate(self.shown):
-            for column, row in shown:
+        first = np.array([number for _, number in self.shown], dtype=np.int64)
+        kinds = {id(whose): whose for whose, _ in self.shown}
+        kind = np.array([id(whose) for whose, _ in self.shown], dtype=np.uint64)
+        for key, whose in kinds.items():
+            alike = np.flatnonzero(kind == key)
+            for place, column in enumerate(whose):
                 if column not in rows:
                     rows[column] = np.full(len(self.shown), -1, dtype=np.int64)
-                rows[column][number] = row
+                rows[column][alike] = first[alike] + place
         for column, of_version in rows.items():
             at = of_version[version]
             yield column, frames[at >= 0], at[at >= 0]
@@ -281,7 +297,8 @@ class _Scan:
         # The poses in the order they came, and those of the frame that is read.
         self.numbers: array[float] = array("d")
         self.poses = 0
-        self.fresh: list[tuple[_Column, bytes]] = []
+        self.fresh: list[bytes] = []
+        self.fresh_of: list[_Column] = []
         self.root = _Model("", "", None)
         self.models: dict[str, _Model] = {}
         self.deleted: dict[str, list[int]] = {}
@@ -393,8 +410,8 @@ class _Scan:
         named = _ENCODING.match(tag)
         encoding = named[2].decode() if named else ""
         try:
-            for frame in _frames(_text(body, encoding, whole=whole)):
-                self._read_frame(frame)
+            for frame, plain in _frames(_text(body, encoding, whole=whole)):
+                self._read_frame(frame, plain=plain)
         except _CorruptError as cause:
             raise LogError(
                 f"chunk {self.chunk} is corrupt: {cause}",
@@ -403,7 +420,7 @@ class _Scan:
                 hint="the file was damaged after it was written; copy it again, or score without it",
             ) from cause.__cause__
 
-    def _read_frame(self, frame: bytes) -> None:
+    def _read_frame(self, frame: bytes, *, plain: bool) -> None:
         time = _SIM_TIME.search(frame)
         if time is None:
             raise _CorruptError(f"frame {len(self.t_ns)} has no <sim_time> of seconds and nanoseconds")
@@ -411,27 +428,32 @@ class _Scan:
         if t_ns >= 2**63:
             raise _CorruptError(f"frame {len(self.t_ns)} has a simulated time beyond 292 years")
         index = len(self.t_ns)
-        self._note_deletions(frame, index)
+        if not plain:
+            self._note_deletions(frame, index)
         segments = _segments(frame)
         changed = self._changed(segments)
         if changed is None:
             self._list_anew(segments, index)
         else:
-            for place in changed:
-                self._parse(self.listed[place], segments[place], index)
+            for place, parts in changed:
+                self._parse(self.listed[place], segments[place], parts, index)
         self.segments = segments
         self._convert()
         self.t_ns.append(t_ns)
 
-    def _changed(self, segments: Sequence[bytes]) -> Sequence[int] | None:
-        """The models whose text has changed; `None` when others are listed than before, or elsewhere."""
+    def _changed(self, segments: Sequence[bytes]) -> Sequence[tuple[int, list[bytes]]] | None:
+        """The models whose text has changed, and its parts; `None` when others are listed, or elsewhere."""
         if len(segments) != len(self.segments):
             return None
-        changed = list(compress(range(len(segments)), map(ne, segments, self.segments)))
-        for place in changed:
+        changed = []
+        for place in compress(range(len(segments)), map(ne, segments, self.segments)):
             model, segment = self.listed[place], segments[place]
-            if not segment.startswith(model.quoted) or segment.count(_END_OF_MODEL) != model.ends:
+            parts = _NUMBERS.split(segment)
+            if parts[::2] != model.around and (
+                not segment.startswith(model.quoted) or segment.count(_END_OF_MODEL) != model.ends
+            ):
                 return None
+            changed.append((place, parts))
         return changed
 
     def _list_anew(self, segments: Sequence[bytes], index: int) -> None:
@@ -443,7 +465,7 @@ class _Scan:
         for segment in segments:
             model = self._child(here, segment)
             if segment != model.text:
-                self._parse(model, segment, index)
+                self._parse(model, segment, _NUMBERS.split(segment), index)
             self.listed.append(model)
             here = _ancestor(model, model.ends)
 
@@ -480,38 +502,54 @@ class _Scan:
             model.quoted = segment[: end + 1]
         return model
 
-    def _parse(self, model: _Model, segment: bytes, index: int) -> None:
-        """Take the poses of a model whose text has changed.
+    def _parse(self, model: _Model, segment: bytes, parts: Sequence[bytes], index: int) -> None:
+        """Take the poses of a model whose text has changed, mostly in nothing but its numbers."""
+        if parts[::2] != model.around:
+            self._learn(model, segment)
+            if len(model.chosen) != len(parts) // 2:
+                raise _CorruptError(f"frame {len(self.t_ns)} has poses that cannot be told apart")
+            model.around = list(parts[::2])
+        self.fresh += compress(parts[1::2], model.chosen)
+        self.fresh_of += model.whose
+        model.text = segment
+        model.changes.append(index)
+        model.shown.append((model.whose, self.poses))
+        self.poses += len(model.whose)
+
+    def _learn(self, model: _Model, segment: bytes) -> None:
+        """Find out whose poses the text of a model gives.
 
         The text runs from the model's name to the next model's: its own poses, then
         for each `</model>` what its ancestors list after it.
         """
         own, *after = segment.split(_END_OF_MODEL)
-        shown = list(self._take_poses(model, own, links_only=False))
+        whose = self._whose(model, own, links_only=False)
         above: _Model | None = model
         for piece in after:
             above = above.parent if above is not None else None
             if above is not None and above is not self.root and b"<link" in piece:
-                shown += self._take_poses(above, piece, links_only=True)
-        model.text, model.ends = segment, len(after)
-        model.changes.append(index)
-        model.shown.append(shown)
+                whose += self._whose(above, piece, links_only=True)
+            else:
+                whose += [None] * len(_NUMBERS.findall(piece))
+        model.ends, model.chosen = len(after), [column is not None for column in whose]
+        model.whose = [column for column in whose if column is not None]
 
-    def _take_poses(self, model: _Model, text: bytes, *, links_only: bool) -> Iterator[tuple[_Column, int]]:
+    def _whose(self, model: _Model, text: bytes, *, links_only: bool) -> list[_Column | None]:
+        """Whose the poses in some text are, one after the other."""
         own_expected = not links_only
+        found: list[_Column | None] = []
         for pose in _POSE.finditer(text):
-            single, double, numbers = pose.groups()
+            single, double, _ = pose.groups()
             written = double if single is None else single
             if not written and not own_expected:
-                continue  # a pose inside a link, of something that is neither model nor link
+                found.append(None)  # a pose inside a link, of something that is neither model nor link
+                continue
             own_expected = False
             column = model.written.get(written)
             if column is None:
                 column = self._column(model, written)
-            if column.converted:
-                self.fresh.append((column, numbers))
-                yield column, self.poses
-                self.poses += 1
+            found.append(column if column.converted else None)
+        return found
 
     def _column(self, model: _Model, written: bytes | None) -> _Column:
         """The column of a link, by its name as it is written, or of the model itself."""
@@ -528,7 +566,7 @@ class _Scan:
         """Take the numbers of the poses that are new in a frame, all at once where all is well."""
         if not self.fresh:
             return
-        words = b" | ".join([text for _, text in self.fresh]).split()
+        words = b" | ".join(self.fresh).split()
         between = words[6::7]
         del words[6::7]
         fits = len(words) == 6 * len(self.fresh) and between.count(b"|") == len(self.fresh) - 1
@@ -539,9 +577,10 @@ class _Scan:
         if fits:
             self.numbers += numbers
         else:
-            for column, text in self.fresh:
+            for column, text in zip(self.fresh_of, self.fresh, strict=True):
                 self.numbers.extend(self._six(text, column.entity))
         self.fresh.clear()
+        self.fresh_of.clear()
 
     def _six(self, text: bytes, entity: Entity) -> list[float]:
         try:
@@ -667,8 +706,10 @@ def _inflate(decompressor: Any, packed: bytes, *, whole: bool) -> Iterator[bytes
         raise _CorruptError("bytes follow its compressed data")
 
 
-def _frames(pieces: Iterator[bytes]) -> Iterator[bytes]:
-    """The content of each whole `<state>`, without insertions; worlds are passed over.
+def _frames(pieces: Iterator[bytes]) -> Iterator[tuple[bytes, bool]]:
+    """The content of each whole `<state>`, without insertions, and whether nothing is deleted in it.
+
+    Worlds are passed over.
 
     A world may hold a `<state>` of its own, and an insertion whole models, so both
     are skipped before anything in them is looked at.
@@ -676,14 +717,14 @@ def _frames(pieces: Iterator[bytes]) -> Iterator[bytes]:
     held = b""
     for piece in pieces:
         held += piece
-        start = 0
+        start, plain = 0, _COMMON_END not in held
         while True:
-            frame, past = _next_frame(held, start)
+            frame, past = _next_frame(held, start, plain=plain)
             if past == start:
                 break
             start = past
             if frame is not None:
-                yield frame
+                yield frame, plain
         held = held[start:]
         if len(held) > MAX_FRAME_BYTES:
             raise _CorruptError(f"more than {MAX_FRAME_BYTES:,} bytes without the end of a frame")
@@ -693,8 +734,14 @@ _OPENING = re.compile(rb"<(world|state)[\s>]")
 _LONGEST_OPENING = 7
 
 
-def _next_frame(text: bytes, start: int) -> tuple[bytes | None, int]:
-    """The first whole frame from `start` on, and up to where the text is done with."""
+def _next_frame(text: bytes, start: int, *, plain: bool) -> tuple[bytes | None, int]:
+    """The first whole frame from `start` on, and up to where the text is done with.
+
+    Args:
+        text: Frames, and what is between them.
+        start: Where to look from.
+        plain: Whether it is known that nothing is inserted in it.
+    """
     opening = _OPENING.search(text, start)
     if opening is None:
         return None, max(start, len(text) - _LONGEST_OPENING)
@@ -705,7 +752,7 @@ def _next_frame(text: bytes, start: int) -> tuple[bytes | None, int]:
     at = opening.end()
     while True:
         end = text.find(b"</state>", at)
-        inserted = text.find(b"<insertions>", at, end if end >= 0 else len(text))
+        inserted = -1 if plain else text.find(b"<insertions>", at, end if end >= 0 else len(text))
         if inserted < 0:
             if end < 0:
                 return None, start

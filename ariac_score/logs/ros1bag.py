@@ -53,7 +53,7 @@ _Item = Connection | Message | Batch
 
 _LARGEST_INDEX_HEADER = 4096
 _LARGEST_INDEX_BYTES = 64 << 20
-_USUAL_INDEX_BYTES = 1 << 13
+_USUAL_INDEX_BYTES = 1 << 15
 _LARGE_MESSAGE_BYTES = 1 << 16
 _HEAD_BYTES = 128
 """So much is read of a message whose payload is left out; recorders write heads of some 50 bytes."""

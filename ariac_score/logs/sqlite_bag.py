@@ -94,8 +94,9 @@ class SqliteScan:
                 self._check_tables(bag)
                 yield from self._declared(bag)
                 yield from self._messages(bag, intact=not damage)
-                if not damage and not self._accounted:
-                    # Rows are read in their own order, so whether the index agrees does not matter.
+                if not damage and (self._topics_wanted is None or not self._accounted):
+                    # Rows are read in their own order, so whether the index agrees does not matter. Where
+                    # each page is accounted for, nothing more is found; but who wants all is told all.
                     ((verdict,),) = bag.execute("PRAGMA quick_check(1)")
                     damage = "" if verdict == "ok" else f"SQLite finds it damaged: {verdict}"
         except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError) as error:
@@ -152,18 +153,22 @@ class SqliteScan:
             UnusualError: Those that come next are not.
         """
         columns = [(row[1], row[5], row[6]) for row in bag.execute("PRAGMA table_xinfo(messages)")]
-        roots = dict(bag.execute("SELECT name, rootpage FROM sqlite_master WHERE rootpage > 0").fetchall())
-        if columns != _PLAIN_COLUMNS or not all(isinstance(key, int) for key in self._topics):
+        # Names are not fetched: one that is damaged does no harm.
+        where = "SELECT rootpage FROM sqlite_master WHERE rootpage > 0 AND name"
+        ((root,),) = bag.execute(f"{where} = 'messages'").fetchall() or ((None,),)
+        others = [page for (page,) in bag.execute(f"{where} <> 'messages'")]
+        numbers = all(isinstance(number, int) for number in (*others, *self._topics))
+        if columns != _PLAIN_COLUMNS or not numbers or not isinstance(root, int):
             raise UnusualError("its tables have another form")
         unwanted = [key for key, connection in self._topics.items() if not self._is_wanted(connection)]
-        for rows in pages.rows(roots.pop("messages"), unwanted):
+        for rows in pages.rows(root, unwanted):
             known = np.unique(rows.topics)
             if int(rows.stamps_ns.min()) < 0 or not self._topics.keys() >= set(known.tolist()):
                 raise UnusualError("a row is no message")
             senders = tuple(self._topics[key] for key in known.tolist())
             yield Batch(senders, np.searchsorted(known, rows.topics), rows.stamps_ns, rows.payloads)
             self._reached(int(rows.numbers[-1]))
-        self._accounted = pages.all_accounted([1, *roots.values()])
+        self._accounted = pages.all_accounted([1, *others])
 
     def _reached(self, row: int) -> None:
         self._row, self._readable, self._last = row, f"row {row}", row

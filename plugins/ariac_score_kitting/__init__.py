@@ -1,17 +1,39 @@
 """Rules about kits, and what official records say of orders, runs and the team's cost."""
 
-from ariac_score_kitting.assembly import AssemblyCounters, AssemblyPart
-from ariac_score_kitting.contents import NoneFaulty, NoneMissing, NoneUnwanted, Presence, RightNumber
-from ariac_score_kitting.costs import PositiveSensorCost
-from ariac_score_kitting.coverage import OnlyKitting
-from ariac_score_kitting.delivery import Destination, OrderTime, Submitted
-from ariac_score_kitting.inserts import InsertedPart, InsertSeen, PartAssembled
-from ariac_score_kitting.official import OfficialOrderScore, OfficialTrialScore
-from ariac_score_kitting.poses import KitPose, TrayRight
-from ariac_score_kitting.quadrants import ExtraParts, OrderSubmitted, QuadrantPart, TaskKind, TrayNumber
-from ariac_score_kitting.run_record import RunOrder, RunRecord
-from ariac_score_kitting.team import SensorCost
-from ariac_score_kitting.wrong_color import WrongColorPose
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ariac_score_kitting.assembly import AssemblyCounters, AssemblyPart
+    from ariac_score_kitting.contents import NoneFaulty, NoneMissing, NoneUnwanted, Presence, RightNumber
+    from ariac_score_kitting.costs import PositiveSensorCost
+    from ariac_score_kitting.coverage import OnlyKitting
+    from ariac_score_kitting.delivery import Destination, OrderTime, Submitted
+    from ariac_score_kitting.inserts import InsertedPart, InsertSeen, PartAssembled
+    from ariac_score_kitting.official import OfficialOrderScore, OfficialTrialScore
+    from ariac_score_kitting.poses import KitPose, TrayRight
+    from ariac_score_kitting.quadrants import ExtraParts, OrderSubmitted, QuadrantPart, TaskKind, TrayNumber
+    from ariac_score_kitting.run_record import RunOrder, RunRecord
+    from ariac_score_kitting.team import SensorCost
+    from ariac_score_kitting.wrong_color import WrongColorPose
+
+_HOME = {
+    "assembly": "AssemblyCounters AssemblyPart",
+    "contents": "NoneFaulty NoneMissing NoneUnwanted Presence RightNumber",
+    "costs": "PositiveSensorCost",
+    "coverage": "OnlyKitting",
+    "delivery": "Destination OrderTime Submitted",
+    "inserts": "InsertedPart InsertSeen PartAssembled",
+    "official": "OfficialOrderScore OfficialTrialScore",
+    "poses": "KitPose TrayRight",
+    "quadrants": "ExtraParts OrderSubmitted QuadrantPart TaskKind TrayNumber",
+    "run_record": "RunOrder RunRecord",
+    "team": "SensorCost",
+    "wrong_color": "WrongColorPose",
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
 __all__ = [
     "AssemblyCounters",
@@ -43,3 +65,10 @@ __all__ = [
     "TrayRight",
     "WrongColorPose",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a plugin when it is asked for: a rule set uses some of them."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)

@@ -6,13 +6,17 @@ import base64
 import bz2
 import json
 import math
+import random
 import zlib
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from ariac_score.contracts import Reader, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
@@ -518,3 +522,56 @@ def test_other_files_are_not_claimed(tmp_path: Path, content: bytes) -> None:
     assert not READER.can_read(path)
     assert not READER.can_read(tmp_path)
     assert not READER.can_read(tmp_path / "missing.log")
+
+
+def some_frames(seed: int) -> list[str]:
+    """Models whose links come and go, whose parts are nested, of which some stand still; all by chance."""
+    dice = random.Random(seed)  # noqa: S311  # dice, not secrets
+
+    def pose() -> str:
+        return " ".join(dice.choice(["0", "-1.5", "2e-3", "0.25"]) for _ in range(6))
+
+    def one(name: str, depth: int) -> str:
+        links = {f"l{n}": pose() for n in range(3) if dice.random() < 0.7}
+        inside = [one(f"{name}_{n}", depth + 1) for n in range(2) if depth < 2 and dice.random() < 0.3]
+        return model(name, pose(), links=links, nested="".join(inside))
+
+    kept = {name: one(name, 0) for name in ("a", "b", "c")}
+    frames = []
+    for number in range(dice.randint(1, 12)):
+        for name in kept:
+            if dice.random() < 0.4:
+                kept[name] = one(name, 0)
+        listed = [text for text in kept.values() if dice.random() < 0.8]
+        if dice.random() < 0.2:
+            listed.insert(0, "<insertions>" + model("new", pose()) + "</insertions>")
+        if dice.random() < 0.2:
+            listed.insert(0, "<deletions><name>c</name></deletions>")
+        frames.append(frame(f"{number} 0", *listed))
+    return frames
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from([64, 700, 1 << 20]))
+def test_random_frames_give_the_poses_an_xml_parser_finds(tmp_path: Path, seed: int, piece: int) -> None:
+    frames = some_frames(seed)
+    expected: dict[str, list[tuple[int, list[float]]]] = defaultdict(list)
+    for number, text in enumerate(frames):
+        (state,) = ET.fromstring(text)  # noqa: S314  # ours
+        for found in state.iterfind(".//model"):
+            if found in list(state.iterfind("insertions/model")):
+                continue
+            own = (found.attrib["name"], "", found)
+            for name, link, place in [own, *((own[0], e.attrib["name"], e) for e in found.iterfind("link"))]:
+                numbers = [float(word) for word in (place.findtext("pose") or "").split()]
+                expected[f"{name}|{link}"].append((number, numbers))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gazebo, "_PIECE_BYTES", piece)
+        states = read_states(written(tmp_path, log_of(chunk(WORLD + "".join(frames)))))
+
+    assert {
+        key: list(zip(at.tolist(), poses.tolist(), strict=True)) for key, (at, poses) in states.poses.items()
+    } == expected
+    assert states.deleted.get("c", np.zeros(0)).tolist() == [
+        n for n, f in enumerate(frames) if "<deletions>" in f
+    ]

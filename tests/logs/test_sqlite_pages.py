@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import sqlite3
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,17 @@ def bag(path: Path, rows: Iterable[Row], *statements: str, page: int = 512, colu
 Told = list[tuple[str, int, bytes]]
 
 
-def told(path: Path, topics: Sequence[str] | None = None) -> tuple[Told, SqliteScan]:
+class Everything:
+    """Topics, of which each is wanted; a scan that is told of none has the whole file checked besides."""
+
+    def __contains__(self, _: object) -> bool:
+        return True
+
+
+ALL = Everything()
+
+
+def told(path: Path, topics: Container[str] | None = ALL) -> tuple[Told, SqliteScan]:
     """All messages of a bag by topic, time and payload, and the scan that read them."""
     scan = SqliteScan(path, topics=topics)
     found: Told = []
@@ -70,7 +80,7 @@ class ByRowsOnly:
         raise UnusualError("not today")
 
 
-def by_sql(path: Path, topics: Sequence[str] | None = None) -> Told:
+def by_sql(path: Path, topics: Container[str] | None = ALL) -> Told:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sqlite_bag, "Pages", ByRowsOnly)
         return told(path, topics)[0]
@@ -284,3 +294,15 @@ def test_a_page_that_belongs_to_nothing_is_damage(tmp_path: Path) -> None:
 
     with pytest.raises(LogError, match="never used"):
         told(path)
+
+
+def test_damage_beside_the_rows_is_told_to_whom_wants_all(tmp_path: Path) -> None:
+    path = bag(tmp_path / "t.db3", PLAIN)
+    whole = bytearray(path.read_bytes())
+    leaf = next(at for at in range(512, len(whole), 512) if whole[at] == 10)  # of the index of times
+    whole[leaf + 5 : leaf + 7] = b"\xff\xff"  # where its entries start
+    path.write_bytes(whole)
+
+    assert told(path)[0] == [(TOPICS[topic], stamp, data) for _, topic, stamp, data in PLAIN]
+    with pytest.raises(LogError, match="damaged"):
+        told(path, None)
