@@ -206,6 +206,8 @@ def _as_type(value: Any, wanted: Any) -> Any:
     """A YAML value as the type a field declares; strict about booleans and text."""
     origin = get_origin(wanted)
     if origin is Literal:
+        if isinstance(value, bool) and {"yes", "no"} <= set(get_args(wanted)):
+            return "yes" if value else "no"  # which YAML reads as true and false where it is not quoted
         if value not in get_args(wanted):
             raise ValueError(f"{value!r} is not one of {', '.join(map(str, get_args(wanted)))}")
         return value

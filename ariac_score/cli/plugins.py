@@ -178,10 +178,10 @@ def _subject(plugin: Any, arguments: argparse.Namespace) -> Any:
         if arguments.trial is None:
             raise UsageError("a reader is checked with a log that it reads", hint="give one with --trial")
         return arguments.trial
-    return made_trial() if arguments.trial is None else _read(arguments)
+    return made_trial() if arguments.trial is None else _read(arguments, orders=kind == "rules")
 
 
-def _read(arguments: argparse.Namespace) -> Any:
+def _read(arguments: argparse.Namespace, *, orders: bool) -> Any:
     """The trial of a log, with every quantity it has."""
     from ariac_score.engine import find_trial, read_trial  # noqa: PLC0415  # keeps --help quick
     from ariac_score.logmap import load_log_map  # noqa: PLC0415
@@ -192,7 +192,8 @@ def _read(arguments: argparse.Namespace) -> Any:
     registry = Registry()
     mapping = load_log_map(arguments.log_map) if arguments.log_map else LogMap("none")
     bundle, readers = find_trial(arguments.trial, registry)
-    return read_trial(bundle, readers, mapping, registry, quantities=[*QUANTITIES, *mapping.quantities])
+    wanted = [*QUANTITIES, *mapping.quantities]
+    return read_trial(bundle, readers, mapping, registry, quantities=wanted, orders=orders)
 
 
 # doctor --------------------------------------------------------------------------------

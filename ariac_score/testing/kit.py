@@ -13,6 +13,7 @@ from string import Template
 from ariac_score.contracts import GROUPS
 from ariac_score.errors import UsageError
 from ariac_score.registry import Registry
+from ariac_score.ruleset import load_rule_set
 
 __all__ = ["KINDS", "new_distribution"]
 
@@ -75,10 +76,17 @@ def _facts(kind: str, name: str, written: str) -> dict[str, str]:
         "group": KINDS[kind].rpartition(".")[2],
         "module": module,
         "distribution": module.replace("_", "-"),
-        "check": last,
+        "check": f"{module}_{kind}" if module in _taken() else module,
         "cls": cls,
         "version": ".".join(version("ariac-score").split(".")[:2]),
     }
+
+
+def _taken() -> set[str]:
+    """The names of the rule set that the new one extends."""
+    extended = load_rule_set("paper2020")
+    terms = {name for level in extended.sheet.terms.values() for name in level}
+    return {*extended.checks, *extended.sheet.parameters, *terms}
 
 
 def _place(template: Path, facts: dict[str, str]) -> Path:

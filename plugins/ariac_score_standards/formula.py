@@ -23,6 +23,7 @@ import keyword
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from itertools import product
 from string import Formatter
 from typing import Any, ClassVar
@@ -181,8 +182,11 @@ def _source(name: str, told: str) -> _Source:
     if known is not None and unit not in (None, known.unit):
         raise ValueError(f"signal {name!r} is asked for in {unit!r}, but it is measured in {known.unit!r}")
     if known is None and unit is None:
+        near = get_close_matches(template.partition("/")[0], QUANTITIES, n=1)
         raise ValueError(
-            f"signal {name!r} measures nothing known: name its unit, such as {template!r} followed by [bar]"
+            f"signal {name!r} measures nothing known: "
+            + (f"did you mean {near[0]!r}? else " if near else "")
+            + f"name its unit, such as {template!r} followed by [bar]"
         )
     if known is not None and (known.components == 3) is not (axis is not None):
         has = "3 components: take one with .x, .y or .z" if known.components == 3 else "no components"

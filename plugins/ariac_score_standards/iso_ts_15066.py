@@ -514,7 +514,7 @@ class SsmSeparation(SsmFormula, Sampled):
         Profile `seed` is the published formula and no more: it reads three signals and
         finds what that formula finds as four lines of YAML (`formula.always`) or as RML
         (`rml.spec`), sample for sample, so exposure and `closing_by` are left out there
-        unless `blame` is "yes".
+        unless `blame` is yes.
     Violated when:
         The distance is below S_p (profile `standard`: while the robot moves). One
         approach is one violation (episode): pauses shorter than `t_off_s` are

@@ -904,6 +904,20 @@ def test_a_parameter_may_be_zero(name: str) -> None:
     assert getattr(build(**{name: 0}), name) == 0.0
 
 
+@pytest.mark.parametrize(("written", "word"), [(True, "yes"), (False, "no"), ("yes", "yes"), ("no", "no")])
+@pytest.mark.parametrize("name", ["blame", "robot_must_move"])
+def test_yes_and_no_need_no_quotes_in_yaml(name: str, written: Any, word: str) -> None:
+    assert getattr(build(**{name: written}), name) == word
+
+
+@pytest.mark.parametrize(
+    ("name", "written"), [("profile", True), ("blame", 1), ("speeds", False), ("blame", "y")]
+)
+def test_no_other_choice_takes_a_truth(name: str, written: Any) -> None:
+    with pytest.raises(RuleSetError, match="is not one of"):
+        build(**{name: written})
+
+
 @pytest.mark.parametrize("value", [0.0, -0.05, float("nan")])
 def test_a_gap_that_is_not_positive_is_refused(value: float) -> None:
     with pytest.raises(ValueError, match="max_gap_s"):

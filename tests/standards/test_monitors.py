@@ -1703,6 +1703,13 @@ def test_a_formula_without_a_value_is_undecided_and_says_why() -> None:
     assert "division by zero in row 0" in finding.message
 
 
+def test_a_misspelt_quantity_of_a_formula_is_answered_with_the_near_one() -> None:
+    with pytest.raises(ValueError, match=r"did you mean 'speed'\? else name its unit"):
+        Always(holds="v < 1", signals={"v": "sped/{robot}"})
+    with pytest.raises(ValueError, match="measures nothing known: name its unit"):
+        Always(holds="v < 1", signals={"v": "xyzzy/{robot}"})
+
+
 def test_a_formula_takes_one_component_of_a_vector() -> None:
     monitor = Always(holds="z >= 0.5", signals={"z": "position/{human}.z"}, unit="m")
 

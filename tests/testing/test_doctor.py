@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -262,6 +263,18 @@ def test_a_check_can_be_made_on_a_log(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "checks on mine.jsonl" in capsys.readouterr().out
     assert main(["plugins", "check", "jsonl", "--trial", str(log)]) == 0
     assert "kept    cut_off" in capsys.readouterr().out
+
+
+def test_a_monitor_is_checked_on_a_log_without_orders_and_a_rule_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    alone = replace(kitting_trial(), orders=(), submissions=())
+    log = write_trial_log(tmp_path / "alone.jsonl", alone, signals=["speed/robot"])
+
+    assert main(["plugins", "check", "iso_10218_1.reduced_speed", "--trial", str(log)]) == 0
+    assert "checks on alone.jsonl" in capsys.readouterr().out
+    assert main(["plugins", "check", "kitting.pose", "--trial", str(log)]) == 5
+    assert "no order was found" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

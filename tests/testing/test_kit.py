@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from ariac_score.cli import main
 from ariac_score.errors import UsageError
@@ -17,9 +18,10 @@ from ariac_score.testing.kit import KINDS, new_distribution
 def test_a_new_distribution_installs_and_passes_its_own_tests_at_once(
     kind: str, environment: Any, tmp_path: Path
 ) -> None:
-    made = environment.run(f"ariac-score new {kind} made_{kind}.one_thing", tmp_path)
+    # The name is one that scopes, signals and classes have, too.
+    made = environment.run(f"ariac-score new {kind} made_{kind}.trial", tmp_path)
     assert made.returncode == 0, made.stderr
-    folder = tmp_path / f"made-{kind}-one-thing"
+    folder = tmp_path / f"made-{kind}-trial"
 
     for command in ("pip install -q -e .", "python -m pytest -q -p no:cacheprovider"):
         done = environment.run(command, folder)
@@ -29,8 +31,9 @@ def test_a_new_distribution_installs_and_passes_its_own_tests_at_once(
     assert " passed" in done.stdout
     doctor = environment.run("ariac-score plugins doctor", tmp_path)
     assert f"made_{kind}" not in doctor.stdout
-    shown = environment.run(f"ariac-score plugins show made_{kind}.one_thing", tmp_path)
-    assert shown.stdout.startswith(f"{kind} of made-{kind}-one-thing 0.1.0, made_{kind}_one_thing:OneThing")
+    shown = environment.run(f"ariac-score plugins show made_{kind}.trial", tmp_path)
+    cls = f"Trial{kind.capitalize()}"
+    assert shown.stdout.startswith(f"{kind} of made-{kind}-trial 0.1.0, made_{kind}_trial:{cls}")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -58,6 +61,26 @@ def test_a_class_is_called_what_nothing_else_in_its_file_is(
     assert named == [cls.format(kind.capitalize())]
     project = (tmp_path / f"fair-{check}/pyproject.toml").read_text(encoding="utf-8")
     assert f'"fair.{check}" = "fair_{check}:{named[0]}"' in project
+
+
+@pytest.mark.parametrize(
+    ("name", "check"),
+    [
+        ("fair.trial", "fair_trial"),  # `trial` alone is a scope of every rule set
+        ("fair.count", "fair_count"),
+        ("human.contact", "human_contact_rule"),  # the rule set that is extended has one of that name
+        ("separation.weight", "separation_weight_rule"),
+    ],
+)
+def test_the_check_of_its_rule_set_is_called_what_nothing_else_in_it_is(
+    name: str, check: str, tmp_path: Path
+) -> None:
+    made = new_distribution("rule", name, tmp_path)
+
+    (rules,) = [file for file in made if file.suffix == ".yaml"]
+    written = yaml.safe_load(rules.read_text(encoding="utf-8"))
+    assert list(written["rules"]) == [check]
+    assert written["score"] == f"task - 2 * count({check})"
 
 
 def test_a_reader_needs_no_family(tmp_path: Path) -> None:
