@@ -116,10 +116,24 @@ def make_season(folder: Path, count: int) -> Counter[str]:
     return broken
 
 
-def command(season: Path, out: Path, jobs: int) -> list[str]:
+def command(season: Path, out: Path, jobs: int, scheduler: str = "") -> list[str]:
     """The call that an organiser makes, again and again."""
     score = [sys.executable, "-m", "ariac_score.cli", "batch", str(season), "--rules", RULES]
-    return [*score, "-o", str(out), "-j", str(jobs)]
+    where = ["--executor", "dask", "--scheduler", scheduler] if scheduler else ["-j", str(jobs)]
+    return [*score, "-o", str(out), *where]
+
+
+def on_a_cluster(season: Path, out: Path, jobs: int) -> tuple[int, int]:
+    """Score on a Dask cluster of this machine; returns the exit code, and how many workers there were."""
+    import distributed  # noqa: PLC0415  # an extra
+
+    with distributed.LocalCluster(
+        n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        ended = subprocess.run(
+            command(season, out, jobs, cluster.scheduler_address), capture_output=True, check=False
+        )
+    return ended.returncode, jobs
 
 
 def _children(parents: set[int]) -> set[int]:
@@ -180,6 +194,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--supervisor-kills", type=int, default=3)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("-j", "--jobs", type=int, default=2)
+    parser.add_argument(
+        "--executor",
+        choices=("local", "dask"),
+        default="local",
+        help="dask: score on a cluster of this machine instead of disturbing",
+    )
     told = parser.parse_args(argv)
     work = Path(tempfile.mkdtemp(prefix="season-"))
     try:
@@ -191,11 +211,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         print(f"undisturbed: {time.perf_counter() - begun:.0f} s", flush=True)
         begun = time.perf_counter()
-        killed, calls = disturbed(
-            work / "season", work / "out", told.jobs, told.kills, told.supervisor_kills, told.seed
-        )
-        taken_s = time.perf_counter() - begun
-        print(f"disturbed: {taken_s:.0f} s, {killed} processes of runs killed, {calls} calls")
+        if told.executor == "dask":
+            code, workers = on_a_cluster(work / "season", work / "out", told.jobs)
+            taken_s = time.perf_counter() - begun
+            print(f"on a Dask cluster of {workers} workers: {taken_s:.0f} s, exit code {code}")
+        else:
+            killed, calls = disturbed(
+                work / "season", work / "out", told.jobs, told.kills, told.supervisor_kills, told.seed
+            )
+            taken_s = time.perf_counter() - begun
+            print(f"disturbed: {taken_s:.0f} s, {killed} processes of runs killed, {calls} calls")
         lines = (work / "out/runs.jsonl").read_text(encoding="ascii").splitlines()
         rows = [Row.from_line(line) for line in lines]
         for outcome, count in sorted(Counter(row.summary.outcome for row in rows).items()):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -294,3 +296,81 @@ def test_verify_says_who_vouches_for_a_result(
 
     assert main(call[:3]) == 4
     assert "--public-key" in capsys.readouterr().err
+
+
+# The program itself ------------------------------------------------------------------------
+
+MINISIGN = shutil.which("minisign")
+needs_minisign = pytest.mark.skipif(MINISIGN is None, reason="the program minisign is not installed")
+
+
+def minisign(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """What minisign makes of a call; it is never asked anything."""
+    assert MINISIGN is not None
+    return subprocess.run(
+        [MINISIGN, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        input="\n\n",
+        timeout=60,
+    )
+
+
+@needs_minisign
+def test_the_program_minisign_verifies_what_we_sign(result: Path, keys: tuple[Path, Path]) -> None:
+    signed(result, keys[0])
+
+    by_file = minisign("-V", "-p", keys[1], "-m", result)
+    by_key = minisign("-V", "-P", keys[1].read_text().splitlines()[1], "-m", result)
+
+    for found in (by_file, by_key):
+        assert found.returncode == 0, found.stderr
+        assert "Signature and comment signature verified" in found.stdout
+        assert "file:team_a.json" in found.stdout
+
+    _one_space(result)
+    assert minisign("-V", "-p", keys[1], "-m", result).returncode != 0
+
+
+@needs_minisign
+@pytest.mark.parametrize(
+    "change", [_line(2, lambda line: line + b"!"), _line(1, _flipped), _line(3, _flipped)]
+)
+def test_the_program_minisign_refuses_what_we_refuse(
+    result: Path, keys: tuple[Path, Path], change: Callable[[Path], None]
+) -> None:
+    signed(result, keys[0])
+    change(result)
+
+    assert minisign("-V", "-p", keys[1], "-m", result).returncode != 0
+    assert not check_signature(result, str(keys[1]))[0]
+
+
+@needs_minisign
+@pytest.mark.parametrize("legacy", [False, True])
+def test_we_verify_what_the_program_minisign_signs(result: Path, tmp_path: Path, legacy: bool) -> None:
+    secret, public = tmp_path / "theirs.key", tmp_path / "theirs.pub"
+    made = minisign("-G", "-W", "-s", secret, "-p", public)
+    assert made.returncode == 0, made.stderr
+    told = minisign("-S", *(["-l"] if legacy else []), "-s", secret, "-m", result, "-t", "by the program")
+    assert told.returncode == 0, told.stderr
+
+    found = verify_signature(result, str(public))
+
+    assert found.comment == "by the program"
+    assert found.key_id in public.read_text()
+    _one_space(result)
+    with pytest.raises(ResultError, match="the signature is not of these bytes"):
+        verify_signature(result, str(public))
+
+
+@needs_minisign
+def test_we_sign_with_a_key_that_the_program_minisign_made(result: Path, tmp_path: Path) -> None:
+    secret, public = tmp_path / "theirs.key", tmp_path / "theirs.pub"
+    assert minisign("-G", "-W", "-s", secret, "-p", public).returncode == 0
+    secret.chmod(0o600)
+
+    signed(result, secret)
+
+    assert minisign("-V", "-p", public, "-m", result).returncode == 0

@@ -562,8 +562,7 @@ def _declarations_in_summary(source: Source) -> Sequence[tuple[int, bytes]]:
     if not 0 < start < end or end - start > MAX_PEEK_BYTES:
         return ()
     summary, found = source.at(start, end - start), []
-    schemas = {0}
-    needed: set[int] = set()
+    schemas, needed = {0}, set[int]()
     try:
         for op, at in _ops(memoryview(summary)):
             if op in (_SCHEMA, _CHANNEL):

@@ -26,6 +26,7 @@ _CHUNK = struct.Struct("<QQQQ")
 _FIRST_BYTES = 1 << 16
 _LARGEST_SUMMARY_BYTES = 1 << 26
 _CHUNK_HEAD_BYTES = 256
+_USUAL_INDEX_BYTES = 1 << 13
 _MESSAGE_HEAD_BYTES = 31
 _SMALL_CHUNK_BYTES = 1 << 17
 _LARGE_MESSAGE_BYTES = 1 << 16
@@ -119,10 +120,11 @@ def _chunk(body: memoryview, size: int) -> _Chunk:
 
 
 def _outside(chunks: Sequence[_Chunk], size: int) -> Iterator[Range]:
-    """What lies before, between and behind the chunks, and the head of each: the scan reads all that."""
+    """What lies before, between and behind the chunks, their heads, and as far as indexes are looked for."""
     at = 0
     for chunk in chunks:
         yield at, min(chunk.start + _CHUNK_HEAD_BYTES, chunk.end)
+        yield chunk.end, min(chunk.end + _USUAL_INDEX_BYTES, size)
         at = chunk.end
     yield at, size
 

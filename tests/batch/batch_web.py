@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from html import escape
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -108,7 +108,8 @@ def serving(root: Path, **options: Any) -> Iterator[Web]:
             self.send_header("Content-Length", str(len(content)))
             self.end_headers()
             if body:
-                self.wfile.write(content[: len(content) // 2] if cut else content)
+                with suppress(ConnectionError):  # whoever asked may have heard enough
+                    self.wfile.write(content[: len(content) // 2] if cut else content)
             if cut:
                 self.close_connection = True
 

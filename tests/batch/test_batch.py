@@ -13,12 +13,15 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
-from ariac_score import load_rule_set, score_trial
-from ariac_score.batch import supervise, worker
+from ariac_score import engine, load_rule_set, score_trial
+from ariac_score.batch import address, supervise, worker
 from ariac_score.batch.index import Row
 from ariac_score.batch.isolated import measure_apart
 from ariac_score.batch.local import LocalExecutor
@@ -29,8 +32,11 @@ from ariac_score.batch.supervise import Report, run_batch
 from ariac_score.batch.tasks import Limits, Setting, Task, of_shard, plan_batch, shard
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
+from ariac_score.engine import needs_alike
 from ariac_score.errors import BatchError, NothingToScoreError, UsageError
+from ariac_score.registry import Registry
 from ariac_score.result_json import as_json
+from ariac_score.ruleset import expanded_yaml, rule_set_from_text
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
 # What fresh processes do is named by a module that they can import, too.
@@ -373,10 +379,6 @@ def rules(folder: Path, name: str, text: str) -> str:
 
 
 def _own(folder: Path, name: str, *, price: int = 1, tolerance: float | None = None) -> str:
-    import yaml  # noqa: PLC0415  # for this helper alone
-
-    from ariac_score.ruleset import expanded_yaml  # noqa: PLC0415
-
     data = yaml.safe_load(expanded_yaml(load_rule_set(RULES)))
     data["score"] = f"{price} * ({data['score']})"
     if tolerance is not None:
@@ -418,6 +420,111 @@ def test_another_parameter_of_a_check_measures_again(
     after = rows(tmp_path / "out")["/a.jsonl/1"]
     assert after.object.split("/")[2] != before.object.split("/")[2]
     assert after.summary.score != before.summary.score
+
+
+def _asked(patch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
+    """Which checks are asked from now on, about which trial."""
+    asked: list[tuple[str, str]] = []
+    whole = engine.ask
+
+    def ask(plugin: Any, name: str, check: Any, trial: Any) -> Any:
+        asked.append((name, trial.id))
+        return whole(plugin, name, check, trial)
+
+    patch.setattr(engine, "ask", ask)
+    return asked
+
+
+def test_only_checks_whose_parameters_changed_are_asked_again(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", price=2, tolerance=0.5)
+    batch(trials, tmp_path / "fresh", second)
+    batch(trials, tmp_path / "out", first)
+    asked = _asked(monkeypatch)
+
+    report = batch(trials, tmp_path / "out", second)
+
+    assert {name for name, _ in asked} == {"part_pose"}
+    assert len(asked) == 4
+    assert report.scored_now == 6
+    for name, row in rows(tmp_path / "fresh").items():
+        assert row == rows(tmp_path / "out")[name]
+        stored = [tmp_path / folder / row.object for folder in ("fresh", "out")]
+        assert stored[0].read_bytes() == stored[1].read_bytes()
+
+
+def test_back_to_rules_of_before_nothing_is_asked(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", tolerance=0.5)
+    batch(trials, tmp_path / "out", first)
+    before = rows(tmp_path / "out")
+    batch(trials, tmp_path / "out", second)
+    asked = _asked(monkeypatch)
+
+    batch(trials, tmp_path / "out", first)
+
+    assert not asked
+    assert rows(tmp_path / "out") == before
+
+
+def _another_log(trials: Path, out: Path, _patch: pytest.MonkeyPatch) -> None:
+    del out
+    for name in ("a", "b", "c", "d_bad"):
+        file = trials / f"{name}.jsonl"
+        file.write_text(file.read_text(encoding="utf-8").replace('"t_s": 40.0', '"t_s": 40.5'), "utf-8")
+        file.touch()
+
+
+def _other_code(_trials: Path, _out: Path, patch: pytest.MonkeyPatch) -> None:
+    """As after an update of a plugin, a reader or the engine: its file has another hash."""
+    whole = address.code_of
+    worker.prepared.cache_clear()
+    patch.setattr(address, "code_of", lambda *a: (*whole(*a), ("plugins", "1.0", "some_plugin", "0" * 64)))
+
+
+def _forged(_trials: Path, out: Path, _patch: pytest.MonkeyPatch) -> None:
+    for file in out.glob("objects/*/*/*.json"):
+        file.write_text(file.read_text(encoding="utf-8").replace('"violated"', '"satisfied"'), "utf-8")
+
+
+def _other_log_map(trials: Path, _out: Path, _patch: pytest.MonkeyPatch) -> None:
+    shipped = (ROOT / "rules" / "ariac2020" / "log_map.yaml").read_text(encoding="utf-8")
+    (trials.parent / "own_map.yaml").write_text(f"{shipped}\n# changed\n", encoding="utf-8")
+    file = trials.parent / "second.yaml"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace("log_map: ariac2020", "log_map: own_map.yaml"), encoding="utf-8")
+    assert load_rule_set(str(file)).log_map == "own_map.yaml"
+
+
+@pytest.mark.parametrize("change", [_another_log, _other_code, _forged, _other_log_map])
+def test_what_was_measured_of_something_else_or_by_other_code_is_not_used(
+    trials: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    change: Callable[[Path, Path, pytest.MonkeyPatch], None],
+) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", tolerance=0.5)
+    batch(trials, tmp_path / "out", first)
+    change(trials, tmp_path / "out", monkeypatch)
+    asked = _asked(monkeypatch)
+
+    batch(trials, tmp_path / "out", second)
+
+    checks = set(load_rule_set(second).checks)
+    assert {name for name, _ in asked} == checks
+    assert len(asked) == 4 * len(checks)
+    worker.prepared.cache_clear()
+
+
+def test_rules_that_ask_for_other_signals_share_no_measurement() -> None:
+    registry, first = Registry(), load_rule_set("paper2020")
+    again = rule_set_from_text(expanded_yaml(first), file=first.file)
+
+    assert needs_alike(first, replace(again, file=first.file), registry)
+    assert not needs_alike(first, load_rule_set("ariac2024.official"), registry)
+    assert not needs_alike(first, load_rule_set(RULES), registry)
 
 
 # What goes wrong in a process ------------------------------------------------------------
