@@ -64,13 +64,12 @@ def adjusted(folder: Path, *decisions: Any, result: Result | None = None) -> Res
 
 def rewritten(data: dict[str, Any]) -> str:
     """Changed data in the form in which results are written; what is drawn stands on one line there."""
-    sketch = data.get("sketch")
-    bare = {**data, "sketch": None} if sketch else data
-    text = json.dumps(bare, sort_keys=True, indent=1, ensure_ascii=False) + "\n"
-    if not sketch:
-        return text
-    line = json.dumps(sketch, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    return text.replace('\n "sketch": null', f'\n "sketch": {line}', 1)
+    long = {key: data[key] for key in ("sketch", "settings") if data.get(key) is not None}
+    text = json.dumps({**data, **dict.fromkeys(long)}, sort_keys=True, indent=1, ensure_ascii=False) + "\n"
+    for key, value in long.items():
+        line = json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+        text = text.replace(f'\n "{key}": null', f'\n "{key}": {line}', 1)
+    return text
 
 
 @pytest.fixture
