@@ -39,10 +39,13 @@ def oracle(*arguments: str, out: Path) -> Iterator[str]:
     """The command, running; interrupted at the end, as a user does."""
     command = [sys.executable, "-m", "ariac_score.cli", "oracle", *arguments, "--port", "0", "-o", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        yield process.stderr.readline().removeprefix("listening on ").strip()
-        os.kill(process.pid, signal.SIGINT)
-        _, complaints = process.communicate(timeout=TIMEOUT_S)
+        try:
+            assert process.stderr is not None
+            yield process.stderr.readline().removeprefix("listening on ").strip()
+            os.kill(process.pid, signal.SIGINT)
+            _, complaints = process.communicate(timeout=TIMEOUT_S)
+        finally:
+            process.kill()
         assert process.returncode == 0, complaints
 
 
