@@ -57,6 +57,7 @@ _END_OF_MODEL = b"</model>"
 _NAME = re.compile(rb"<name>([^<]*)</name>")
 _MODEL = re.compile(rb"<model\s+name\s*=\s*")
 _MODEL_AS_WRITTEN = b"<model name="
+_ANY_MODEL = b"<model"
 _POSE = re.compile(
     rb"""(?:<link\s+name\s*=\s*(?:'(?P<link>[^'<\n]*)'|"(?P<also>[^"<\n]*)")[^<>]*>\s*)?"""
     rb"""<pose[^<>]*>(?P<numbers>[^<]*)</pose>"""
@@ -430,8 +431,12 @@ class _Scan:
         index = len(self.t_ns)
         if not plain:
             self._note_deletions(frame, index)
-        segments = _segments(frame)
-        changed = self._changed(segments)
+        head, *segments = frame.split(_MODEL_AS_WRITTEN)
+        changed = None if _ANY_MODEL in head else self._changed(segments)
+        if changed is None:
+            # Others than before, or other words before their names: then all words are looked at.
+            segments = _segments(frame)
+            changed = self._changed(segments)
         if changed is None:
             self._list_anew(segments, index)
         else:
@@ -450,7 +455,9 @@ class _Scan:
             model, segment = self.listed[place], segments[place]
             parts = _NUMBERS.split(segment)
             if parts[::2] != model.around and (
-                not segment.startswith(model.quoted) or segment.count(_END_OF_MODEL) != model.ends
+                not segment.startswith(model.quoted)
+                or segment.count(_END_OF_MODEL) != model.ends
+                or _ANY_MODEL in segment
             ):
                 return None
             changed.append((place, parts))
@@ -596,7 +603,7 @@ class _Scan:
 def _segments(frame: bytes) -> list[bytes]:
     """The text of each model from its quoted name on, up to the next model's."""
     segments = frame.split(_MODEL_AS_WRITTEN)
-    if len(segments) - 1 != frame.count(b"<model"):
+    if len(segments) - 1 != frame.count(_ANY_MODEL):
         segments = _MODEL.split(frame)
     del segments[0]
     return segments

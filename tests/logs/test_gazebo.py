@@ -575,3 +575,24 @@ def test_random_frames_give_the_poses_an_xml_parser_finds(tmp_path: Path, seed: 
     assert states.deleted.get("c", np.zeros(0)).tolist() == [
         n for n, f in enumerate(frames) if "<deletions>" in f
     ]
+
+
+@pytest.mark.parametrize("odd", ["<model\tname=", "<model  name =", "<model\nname="])
+def test_a_model_that_is_written_otherwise_is_seen_wherever_it_comes(tmp_path: Path, odd: str) -> None:
+    def listed(time: int, *, arm: str, more: str = "", first: str = "") -> str:
+        return frame(f"{time} 0", first, model("arm", arm), model("box", "7 0 0 0 0 0"), more)
+
+    other = model("late", "9 0 0 0 0 0").replace("<model name=", odd)
+    frames = [
+        listed(1, arm="1 0 0 0 0 0"),
+        listed(2, arm="2 0 0 0 0 0", more=other),
+        listed(3, arm="3 0 0 0 0 0"),
+        listed(4, arm="4 0 0 0 0 0", first=other),
+        listed(5, arm="5 0 0 0 0 0", more=other),
+    ]
+    states = read_states(written(tmp_path, log_of(chunk(WORLD + "".join(frames)))))
+
+    assert states.poses["arm|"][1][:, 0].tolist() == [1, 2, 3, 4, 5]
+    assert states.listed["late"].tolist() == [1, 3, 4]
+    assert states.listed["box"].tolist() == [0, 1, 2, 3, 4]
+    assert states.poses["late|"][1][:, 0].tolist() == [9, 9, 9]
