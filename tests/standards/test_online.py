@@ -327,6 +327,9 @@ ONLINE = ("one_by_one", "instant_by_instant", "standings", "nothing_stepped", "r
 @pytest.mark.parametrize(
     "monitor",
     [
+        SsmSeparation(profile="ariac2023"),
+        SsmSeparation(profile="ariac2023_agent", max_gap_s=0.2),
+        SsmSeparation(blame="yes"),
         SsmSeparation(),
         SsmSeparation(profile="standard"),
         SsmSpeedCap(),
