@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from heapq import merge
 from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -71,8 +72,8 @@ def origin_ns(clock: str) -> int:
     return int(told[1]) if told else 0
 
 
-def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: str) -> list[Annotation]:
-    """Everything the recording holds, in order of time.
+def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: str) -> Iterator[Annotation]:
+    """Everything the recording holds, in order of time, one after the other: there can be a million.
 
     Args:
         result: The result.
@@ -84,16 +85,16 @@ def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: 
         LogError: The log's clock is before its own zero.
     """
     clock = _Clock(origin_ns(trial.clock), frame)
-    made = [
-        message
-        for track, topic in zip(found, _topics(found), strict=True)
-        for message in _states(track, topic, clock)
-    ]
-    made += _markers(result, trial, clock)
-    made += _log(result, clock, without_margins(found))
-    if any(message.t_ns < 0 for message in made):
+    told = [*_markers(result, trial, clock), *_log(result, clock, without_margins(found))]
+    first_ns = [clock.ns(track.moments[0].t_s) for track in found if track.moments]
+    if min((*first_ns, *(message.t_ns for message in told)), default=0) < 0:
         raise LogError("times before the zero of the log's clock cannot be recorded", hint="check its stamps")
-    return sorted(made, key=lambda message: (message.t_ns, message.topic))
+    states = [_states(track, topic, clock) for track, topic in zip(found, _topics(found), strict=True)]
+    return merge(*states, sorted(told, key=_place_in_time), key=_place_in_time)
+
+
+def _place_in_time(message: Annotation) -> tuple[int, str]:
+    return message.t_ns, message.topic
 
 
 @dataclass(frozen=True)
@@ -297,7 +298,7 @@ def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words
 # Writing -------------------------------------------------------------------------------
 
 
-def mcap_bytes(messages: Sequence[Annotation]) -> bytes:
+def mcap_bytes(messages: Iterable[Annotation]) -> bytes:
     """The recording as the bytes of one MCAP file, with its message definitions.
 
     Args:

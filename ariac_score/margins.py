@@ -40,7 +40,7 @@ JUST_AFTER_S = 1e-9
 """What lacks samples is undecided from the last one on, which itself was judged."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Moment:
     """What a monitor says of one instant.
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ariac_score import Charting, Course, Finding, SignalNeed, Trial, load_rule_set
-from ariac_score.asking import courses_of
+from ariac_score.asking import courses_of, margins_of
 from ariac_score.errors import PluginError
 from ariac_score.registry import Plugin, Registry
 from ariac_score.testing import NEAR_MISS, kitting_trial
@@ -36,6 +36,9 @@ class Showing:
     def courses(self, trial: Trial) -> Iterable[Any]:
         return self.show(trial)
 
+    def margins(self, trial: Trial) -> Iterable[Any]:
+        return self.show(trial)
+
 
 def _raise(_trial: Trial) -> Iterator[Course]:
     raise RuntimeError("out of ink")
@@ -55,15 +58,17 @@ def _break_in(trial: Trial) -> Iterator[Course]:
         (_break_in, "changed the trial it was asked about"),
     ],
 )
-def test_a_monitor_that_cannot_show_what_it_saw_is_named(show: Any, words: str) -> None:
+@pytest.mark.parametrize("asked", [courses_of, margins_of])
+def test_a_monitor_that_cannot_show_what_it_saw_is_named(asked: Any, show: Any, words: str) -> None:
     with pytest.raises(PluginError, match=words):
-        courses_of(PLUGIN, "separation", Showing(show), TRIAL)
+        asked(PLUGIN, "separation", Showing(show), TRIAL)
 
 
 def test_a_signal_that_is_missing_leaves_nothing_to_draw() -> None:
     showing = Showing(lambda trial: [trial.signal("nothing/robot", unit="m")])
 
     assert courses_of(PLUGIN, "separation", showing, TRIAL) == []
+    assert margins_of(PLUGIN, "separation", showing, TRIAL) == []
 
 
 def test_a_check_that_shows_nothing_is_not_asked() -> None:

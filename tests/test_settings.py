@@ -32,11 +32,14 @@ from ariac_score.result import Setting, Settings
 from ariac_score.result_json import check_follows, measured_sha256
 from ariac_score.ruleset import RuleSet
 from ariac_score.settings import settings_of
+from ariac_score.testing import contract_checks, made_trial
+from ariac_score.testing.contract import ContractError
 from ariac_score.verify import verify_result
 
 ROOT = Path(__file__).parents[1]
 LOG = ROOT / "examples/kitting_near_miss.mcap"
 REGISTRY = Registry()
+_COUNT = iter(range(1000))
 
 
 @pytest.fixture(scope="module")
@@ -324,6 +327,28 @@ def test_a_plugin_that_cannot_say_what_its_parameters_come_to_is_named(
     with pytest.raises(PluginError, match=words) as caught:
         _of(Choosing(come_to=come_to), tmp_path)
     assert "stranger" in str(caught.value.cause)
+
+
+@pytest.mark.parametrize(
+    ("come_to", "words"),
+    [
+        (lambda: 1 / 0, "raised ZeroDivisionError when asked what its parameters come to"),
+        (lambda: {"rech_m": 1.0}, "says what 'rech_m' comes to, which is no parameter of it"),
+        (lambda: {"reach_m": next(_COUNT)}, "come to something else when asked again"),
+    ],
+)
+def test_the_contract_holds_a_plugin_to_what_it_says_of_its_parameters(come_to: Any, words: str) -> None:
+    (check,) = [c for c in contract_checks(Choosing(come_to=come_to), made_trial()) if c.name == "resolved"]
+
+    with pytest.raises(ContractError, match=words):
+        check()
+
+
+def test_the_shipped_profiles_keep_that_contract() -> None:
+    kind = REGISTRY.find("ariac_score.monitors", "iso_ts_15066.ssm_separation").load()
+    for profile in ("seed", "ariac2023", "ariac2023_agent", "standard"):
+        (check,) = [c for c in contract_checks(kind(profile=profile), made_trial()) if c.name == "resolved"]
+        check()
 
 
 # On the page ---------------------------------------------------------------------------

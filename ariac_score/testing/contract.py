@@ -227,6 +227,8 @@ class _Checked:
                 ("nothing_stepped", "a trial in which nothing comes ends like an empty log", self.unstepped),
                 ("repeated_time", "a time that does not increase is refused", self.repeated_time),
             ]
+        if hasattr(self.check, "resolved"):
+            named.append(("resolved", "what its parameters come to is told by their names", self.resolved))
         if hasattr(self.check, "margins"):
             named.append(("margins", "the margins over time are those of the findings", self.margins))
         return [ContractCheck(*each) for each in named]
@@ -437,6 +439,19 @@ class _Checked:
                 raise self.broken(
                     f"decides {finding.subject!r} although no submission is recorded: {finding.message!r}"
                 )
+
+    def resolved(self) -> None:
+        try:
+            told = [snapshot(dict(check.resolved())) for check in (self.check, self._anew())]
+        except (Exception, SystemExit) as cause:
+            raise self.broken(
+                f"raised {type(cause).__name__} when asked what its parameters come to: {cause}"
+            ) from cause
+        if told[0] != told[1]:
+            raise self.broken("says that its parameters come to something else when asked again")
+        strange = {name for name, _ in told[0]} - {f.name for f in dataclasses.fields(self.check) if f.init}
+        if strange:
+            raise self.broken(f"says what {min(strange)!r} comes to, which is no parameter of it")
 
     def margins(self) -> None:
         told = [

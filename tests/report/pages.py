@@ -25,7 +25,7 @@ from ariac_score import (
 from ariac_score.engine import sketch_trial
 from ariac_score.registry import Registry
 from ariac_score.report.html.trial import trial_page
-from ariac_score.result import Source
+from ariac_score.result import Setting, Settings, Source
 from ariac_score.testing import kitting_trial, write_trial_log
 
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"
@@ -65,9 +65,19 @@ def hostile() -> Result:
         rule_set_title=IMAGE,
         notes=HOSTILE,
         measured=replace(
-            measured, team=SCRIPT, trial=IMAGE, clock=LONG, unrecorded=HOSTILE, findings=findings
+            measured,
+            team=SCRIPT,
+            trial=IMAGE,
+            clock=LONG,
+            unrecorded=HOSTILE,
+            findings=findings,
+            settings=dict.fromkeys(result.checks, _settings()),
         ),
     )
+
+
+def _settings() -> Settings:
+    return Settings(LONG, tuple(Setting(text, [text], "m", "default", IMAGE, text) for text in HOSTILE))
 
 
 def _provenance() -> Provenance:
