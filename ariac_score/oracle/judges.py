@@ -125,7 +125,8 @@ class RulesBench:
             used = rule_set.checks[name]
             why_not = _why_later(check, self._map)
             if not why_not:
-                gap_s = min((need.max_gap_s for need in check.needs()), default=math.inf)
+                gaps_s = (need.max_gap_s for need in check.needs() if not need.optional)
+                gap_s = min(gaps_s, default=math.inf)
                 plugin = registry.find(used.group, used.use)
                 live = _Live(name, plugin, check, _signals_for(check, self._map), gap_s)
                 why_not = str(getattr(_begun(live, self._map.bodies), "undecided", ""))
@@ -149,13 +150,13 @@ def _why_later(check: object, log_map: LogMap) -> str:
         return "rules judge whole orders"
     if not isinstance(check, OnlineMonitor):
         return "its monitor watches whole trials only"
-    needs = {need.quantity for need in check.needs()}
+    needs = {need.quantity for need in check.needs() if not need.optional}
     lacking = sorted(needs - {quantity_of(f.signal) for c in log_map.channels for f in c.signals})
     return f"no topic gives its {' and '.join(lacking)} as they are" if lacking else ""
 
 
 def _signals_for(check: OnlineMonitor, log_map: LogMap) -> frozenset[str]:
-    needs = {need.quantity for need in check.needs()}
+    needs = {need.quantity for need in check.needs() if not need.optional}
     return frozenset(
         f.signal for channel in log_map.channels for f in channel.signals if quantity_of(f.signal) in needs
     )

@@ -1488,7 +1488,7 @@ def test_a_collision_is_seen_by_geometry_where_no_contact_is_recorded() -> None:
         (lambda: Always(holds="v >", signals={"v": "speed/{robot}"}), "is not a formula"),
         (lambda: Always(holds="v.x()", signals={"v": "speed/{robot}"}), "is not allowed in a formula"),
         (lambda: Always(signals={"v": "speed/{dog}"}), r"speaks of \{dog\}; it may speak of robot"),
-        (lambda: Always(signals={"v": "pressure/{robot}"}), "measures nothing known: name its unit"),
+        (lambda: Always(signals={"v": "pressure/{robot}"}), "measures nothing known: .*name its unit"),
         (lambda: Always(signals={"v": "speed/{robot} [km/h]"}), "but it is measured in 'm/s'"),
         (lambda: Always(signals={"v": "position/{robot}"}), "has 3 components"),
         (lambda: Always(signals={"v": "speed/{robot}.x"}), "has no components"),
