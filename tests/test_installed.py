@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from importlib.machinery import PathFinder
 from importlib.metadata import PackageNotFoundError, entry_points, version
 from pathlib import Path
 from zipfile import ZipFile
@@ -107,9 +106,9 @@ def test_a_finder_of_a_stranger_is_asked(monkeypatch: pytest.MonkeyPatch, tmp_pa
 
         @staticmethod
         def find_distributions(*_: object) -> object:
-            from importlib.metadata import DistributionFinder  # noqa: PLC0415  # of the test alone
+            from importlib.metadata import DistributionFinder, MetadataPathFinder  # noqa: PLC0415  # of the test alone
 
-            return PathFinder.find_distributions(DistributionFinder.Context(path=[str(tmp_path)]))
+            return MetadataPathFinder.find_distributions(DistributionFinder.Context(path=[str(tmp_path)]))
 
     monkeypatch.setattr(sys, "meta_path", [*sys.meta_path, Elsewhere])
 
