@@ -167,6 +167,8 @@ class GazeboStates:
             shape (k,), and its pose in each, shape (k, 6).
         """
         listed, poses = self.poses[key]
+        if not len(listed):  # its text came twice in a frame, without a pose the second time
+            return listed, poses
         frames = np.arange(listed[0], len(self.t_ns), dtype=np.int64)
         row = np.searchsorted(listed, frames, side="right") - 1
         entity = self.entities[key]
@@ -934,6 +936,8 @@ def _add_entity(
     builder.add_body(Body(body.id, body.kind, body.radius_m, links))
     if entity.key in states.poses and positions:
         frames, poses = states.pose_in_each_frame(entity.key)
+        if not len(frames):
+            return
         last_of_stamp = np.append(np.diff(states.t_ns[frames]) != 0, True)
         name = f"position/{body.id}::{entity.link}" if entity.link else f"position/{body.id}"
         t, places = states.t_s[frames][last_of_stamp], poses[last_of_stamp, :3]

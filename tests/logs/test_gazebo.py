@@ -596,3 +596,13 @@ def test_a_model_that_is_written_otherwise_is_seen_wherever_it_comes(tmp_path: P
     assert states.listed["late"].tolist() == [1, 3, 4]
     assert states.listed["box"].tolist() == [0, 1, 2, 3, 4]
     assert states.poses["late|"][1][:, 0].tolist() == [9, 9, 9]
+
+
+def test_of_a_model_that_a_frame_lists_twice_the_last_text_counts(tmp_path: Path) -> None:
+    bare = "<model name='arm_1'></model>"
+    trial = read(
+        tmp_path, frame("1 0", model("arm_1", "1 0 0 0 0 0"), bare, model("person_1", "0 0 0 0 0 0"))
+    )
+
+    assert "position/arm_1" not in trial.signals
+    assert len(trial.signals["position/person_1"]) == 1
