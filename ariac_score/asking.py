@@ -12,14 +12,13 @@ from ariac_score.contracts import Charting, Margined, Monitor, Rule
 from ariac_score.errors import MissingSignalError, PluginError
 from ariac_score.findings import Finding
 from ariac_score.guard import broken
-from ariac_score.needs import needs_of
 from ariac_score.quiet import quiet
 from ariac_score.registry import Plugin
 from ariac_score.result import settled
 from ariac_score.trial.model import Trial
 from ariac_score.trial.sketch import Course
 
-__all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "courses_of", "margins_of", "needs_of"]
+__all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "courses_of", "margins_of"]
 
 Heard = Callable[[str], None]
 

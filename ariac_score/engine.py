@@ -11,12 +11,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from threading import Event
-from typing import Any
 
-from ariac_score.asking import ask, courses_of, needs_of
+from ariac_score.asking import ask, courses_of
 from ariac_score.contracts import Monitor, Reader, Rule, SignalNeed, Wanted
 from ariac_score.errors import (
     DataFileError,
@@ -27,15 +25,16 @@ from ariac_score.errors import (
     PluginError,
     RuleSetError,
     RunEndedError,
-    did_you_mean,
 )
 from ariac_score.findings import Finding, Verdict
 from ariac_score.guard import GuardedDecoder, open_readers
+from ariac_score.installed import version_of
 from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
 from ariac_score.logs.config_forms import looks_like, years_in
 from ariac_score.logs.product_types import unknown_products
 from ariac_score.logs.ranged import ranged
+from ariac_score.needs import check_needs, needs_of, needs_of_all, refuse_other_units
 from ariac_score.registry import Registry, package_sha256
 from ariac_score.result import Coverage, Measured, Provenance, Result, Settings, Source, canonical
 from ariac_score.ruleset import Check, RuleSet, expanded_yaml, load_rule_set
@@ -52,7 +51,7 @@ from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.sketch import Sketch, sketch_of
 from ariac_score.trial.spans import Span, longest_silence_s
-from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of
+from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 
 __all__ = [
     "check_needs",
@@ -130,7 +129,7 @@ def score_trial(
     bundle = with_parts(bundle, also, root or path, readers)
     refuse_other_years(bundle, rule_set)
     refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
-    needs = _needs(checks, rule_set, registry)
+    needs = needs_of_all(checks, rule_set, registry)
     quantities = [need.quantity for need in needs]
     with _hashing(bundle, beside=jobs != 1) as hashes:
         trial = read_trial(
@@ -173,15 +172,6 @@ def refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
             )
 
 
-def _needs(checks: Mapping[str, Any], rule_set: RuleSet, registry: Registry) -> list[SignalNeed]:
-    """What all monitors of a rule set need."""
-    found = []
-    for name, check in checks.items():
-        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
-        found += needs_of(plugin, name, check)
-    return found
-
-
 def _renamed(trial: Trial, trial_id: str, team: str) -> Trial:
     setup = replace(trial.team or TeamSetup(), name=team) if team else trial.team
     return replace(trial, id=trial_id or trial.id, team=setup)
@@ -199,56 +189,10 @@ def _with_unknown_products(trial: Trial, rule_set: RuleSet) -> Trial:
 def topics_read(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
     """The topics whose messages a rule set reads of a recording, with and without leading slash."""
     mapping = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
-    needs = _needs(rule_set.build(registry), rule_set, registry)
+    needs = needs_of_all(rule_set.build(registry), rule_set, registry)
     channels = mapping.channels_for(source_quantities(need.quantity for need in needs))
     names = {channel.topic.lstrip("/") for channel in channels}
     return frozenset(name for plain in names for name in (plain, f"/{plain}"))
-
-
-def check_needs(
-    rule_set: RuleSet, checks: Mapping[str, Any], log_map: LogMap, registry: Registry | None = None
-) -> None:
-    """Find monitors that ask for quantities nobody has heard of, or in another unit, before a log is read.
-
-    Raises:
-        RuleSetError: Naming the check and the quantity.
-    """
-    known = {**QUANTITIES, **log_map.quantities}
-    registry = registry or Registry()
-    for name in checks:
-        for need in _needs({name: checks[name]}, rule_set, registry):
-            if need.quantity not in known:
-                raise RuleSetError(
-                    f"check {name!r} asks for the quantity {need.quantity!r}, which is unknown",
-                    file=rule_set.file,
-                    place=rule_set.checks[name].place.get("use", name),
-                    hint=did_you_mean(need.quantity, known, what="known")
-                    + "; declare it under 'quantities:' in the log map",
-                )
-    refuse_other_units(rule_set, checks, known, registry)
-
-
-def refuse_other_units(
-    rule_set: RuleSet, checks: Mapping[str, Any], known: Mapping[str, Quantity], registry: Registry
-) -> None:
-    """Refuse a monitor that would read a quantity in another unit than it is measured in.
-
-    Raises:
-        RuleSetError: Naming the check, its plugin and both units.
-    """
-    for name in checks:
-        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
-        for need in _needs({name: checks[name]}, rule_set, registry):
-            measured = known.get(need.quantity)
-            if measured is not None and measured.unit != need.unit:
-                raise RuleSetError(
-                    f"check {name!r}: plugin {plugin.origin} reads {need.quantity!r} in {need.unit!r}, "
-                    f"but it is measured in {measured.unit!r}",
-                    file=rule_set.file,
-                    place=rule_set.checks[name].place.get("use", name),
-                    hint=f"read it in {measured.unit!r}: in its parameters where they name the unit, "
-                    f"else in the code of {plugin.distribution}",
-                )
 
 
 # Reading -------------------------------------------------------------------------------
@@ -416,7 +360,7 @@ def needs_alike(first: RuleSet, second: RuleSet, registry: Registry) -> bool:
     if first.edition != second.edition:
         return False
     maps = [load_log_map(r.log_map, beside=Path(r.file).parent).sha256 for r in (first, second)]
-    needs = [list(dict.fromkeys(_needs(r.build(registry), r, registry))) for r in (first, second)]
+    needs = [list(dict.fromkeys(needs_of_all(r.build(registry), r, registry))) for r in (first, second)]
     return maps[0] == maps[1] and needs[0] == needs[1]
 
 
@@ -665,7 +609,7 @@ def file_hashes(bundle: Bundle, stopped: Event | None = None) -> tuple[Source, .
 def _engine() -> tuple[str, str, str, str]:
     """The code that prices, whoever measured."""
     name, package = "ariac-score", "ariac_score"
-    return name, version(name), package, package_sha256(package)
+    return name, version_of(name), package, package_sha256(package)
 
 
 def _by_role(source: Source) -> tuple[str, str]:
@@ -723,7 +667,7 @@ def decidable(trial: Trial, rule_set: RuleSet, log_map: LogMap, registry: Regist
         registry: The installed plugins.
     """
     checks = rule_set.build(registry)
-    wanted = [Derivation(n.quantity, n.max_gap_s) for n in _needs(checks, rule_set, registry)]
+    wanted = [Derivation(n.quantity, n.max_gap_s) for n in needs_of_all(checks, rule_set, registry)]
     derived = derive_signals(trial, wanted, speed_window_s=log_map.speed_window_s)
     measured = measure_trial(derived, checks, registry=registry, rule_set=rule_set)
     answers = []

@@ -51,6 +51,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "settings": {"contracts", "guard", "parameters", "quiet", "registry", "result", "ruleset"},
     "asking": {"contracts", "errors", "findings", "guard", "needs", "quiet", "registry", "result", "trial"},
     "engine": {
+        "installed",
         "needs",
         "asking",
         "guard",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, entry_points, version
@@ -148,3 +149,13 @@ def test_the_version_of_a_distribution(name: str) -> None:
 def test_what_is_not_installed_has_no_version() -> None:
     with pytest.raises(PackageNotFoundError):
         version_of("nobody-has-this")
+
+
+def test_checking_a_rule_set_of_rules_alone_loads_neither_numpy_nor_jsonschema() -> None:
+    script = (
+        "import sys; from ariac_score.cli import main; main(['rules', 'validate', 'ariac2020.official']); "
+        "print(*({'numpy', 'jsonschema', 'importlib.metadata', 'rosbags'} & {*sys.modules}))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+
+    assert done.stdout == "ariac2020.official: sound, 4 checks\n\n"

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, uncovered_spans
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from ariac_score.later import numpy as np
 
 __all__ = ["LARGEST_VALUE", "Sample", "Signal", "align", "settle"]
 
@@ -184,7 +188,7 @@ LARGEST_VALUE = 1e9
 """No quantity of a competition cell, in SI units, is larger; what is, is a fault of the recorder."""
 
 
-def settle(t: FloatArray, values: FloatArray, *, at_least: float = -np.inf) -> Settled:
+def settle(t: FloatArray, values: FloatArray, *, at_least: float = -math.inf) -> Settled:
     """The one policy for samples as they come: sorted, unique in time, finite.
 
     Samples are sorted by time (stably). Of equal samples with one stamp one stays;

@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from ariac_score.later import numpy as np
 
 __all__ = [
     "BoolArray",
@@ -19,8 +23,8 @@ __all__ = [
     "uncovered_spans",
 ]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+FloatArray: TypeAlias = "NDArray[np.float64]"
+BoolArray: TypeAlias = "NDArray[np.bool_]"
 
 _TIME_TOLERANCE_S = 1e-9
 """Stamps are ns; sums of them in float64 differ from the decimal figure by far less than this."""
@@ -54,7 +58,7 @@ class Span:
         return self.start_s <= other.end_s and other.start_s <= self.end_s
 
 
-def sample_durations(t: FloatArray, *, longest_s: float = np.inf) -> FloatArray:
+def sample_durations(t: FloatArray, *, longest_s: float = math.inf) -> FloatArray:
     """How long each sample stands for.
 
     Sample k stands for [t_k, t_k+1); the last one for no time at all. Sums of
@@ -90,7 +94,7 @@ def _runs(t: FloatArray, holds: BoolArray, longest_s: float) -> Iterator[tuple[i
 
 
 def episodes_where(
-    t: FloatArray, holds: BoolArray, *, t_on_s: float = 0.0, t_off_s: float = 0.0, longest_s: float = np.inf
+    t: FloatArray, holds: BoolArray, *, t_on_s: float = 0.0, t_off_s: float = 0.0, longest_s: float = math.inf
 ) -> list[Span]:
     """Group the samples at which a condition holds into episodes.
 
