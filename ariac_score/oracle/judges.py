@@ -149,7 +149,7 @@ def _why_later(check: object, log_map: LogMap) -> str:
         return "rules judge whole orders"
     if not isinstance(check, OnlineMonitor):
         return "its monitor watches whole trials only"
-    needs = {need.quantity for need in check.needs()}
+    needs = {need.quantity for need in check.needs() if not need.optional}
     lacking = sorted(needs - {quantity_of(f.signal) for c in log_map.channels for f in c.signals})
     return f"no topic gives its {' and '.join(lacking)} as they are" if lacking else ""
 
