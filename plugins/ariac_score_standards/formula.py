@@ -184,9 +184,8 @@ def _source(name: str, told: str) -> _Source:
     if known is None and unit is None:
         near = get_close_matches(template.partition("/")[0], QUANTITIES, n=1)
         raise ValueError(
-            f"signal {name!r} measures nothing known: "
-            + (f"did you mean {near[0]!r}? else " if near else "")
-            + f"name its unit, such as {template!r} followed by [bar]"
+            f"signal {name!r} measures nothing known: name its unit, such as {template!r} followed by [bar]"
+            + (f"; or did you mean {near[0]!r}?" if near else "")
         )
     if known is not None and (known.components == 3) is not (axis is not None):
         has = "3 components: take one with .x, .y or .z" if known.components == 3 else "no components"
