@@ -63,16 +63,22 @@ def single_cpu_s(trials: Path, rules: str) -> float:
 
 
 def command_s(*arguments: str) -> tuple[float, float, float]:
-    """Time on the clock of a command, s, its own peak memory, MiB, and what its trials took, s."""
+    """Time on the clock of a command, s, its own peak memory, MiB, and what its trials took, s.
+
+    What the command itself took of the processor is printed: that hardly depends on what else a
+    machine does.
+    """
     script = (
         "import resource, sys; from ariac_score.cli import main; code = main(sys.argv[1:]);"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024); sys.exit(code)"
     )
-    begun = time.perf_counter()
+    before, begun = os.times(), time.perf_counter()
     ended = subprocess.run(
         [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True
     )
-    taken = time.perf_counter() - begun
+    taken, after = time.perf_counter() - begun, os.times()
+    used = sum(after[2:4]) - sum(before[2:4])
+    print(f"  {used:.2f} s of processor without its trials:", end=" ")
     told = re.search(r"([\d.]+) s of processor time", ended.stdout)
     return taken, float(ended.stdout.splitlines()[-1]), float(told[1]) if told else 0.0
 

@@ -13,6 +13,7 @@ import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -23,7 +24,16 @@ from ariac_score.errors import BatchError, NothingToScoreError, ScoreError, Usag
 from ariac_score.logs.ranged import Range, RangedFile
 from ariac_score.logs.salvage import LARGEST_FILE_BYTES
 
-__all__ = ["Storage", "Stored", "UnreachableError", "is_uri", "name_of", "shown", "signature_of_stored"]
+__all__ = [
+    "Storage",
+    "Stored",
+    "UnreachableError",
+    "is_uri",
+    "load_library",
+    "name_of",
+    "shown",
+    "signature_of_stored",
+]
 
 MOST_FILES = 200_000
 """Files below a folder that are looked at."""
@@ -281,6 +291,14 @@ class Storage:
 
 
 _AGAIN = "it changed while it was read, or the connection broke: call again"
+
+
+def load_library(scheme: str) -> None:
+    """Import what reads such URIs, where it is installed; nothing is connected."""
+    with suppress(ImportError, ValueError):
+        import fsspec  # noqa: PLC0415  # an extra
+
+        fsspec.get_filesystem_class(scheme.rpartition("::")[2])
 
 
 def _opened(uri: str) -> tuple[Any, str]:

@@ -87,6 +87,7 @@ class Setting:
         ranges: Whether of a recording that lies elsewhere only what is wanted is fetched.
         earlier_basis: Of the rules that scored before in this folder, where their measurements hold
             for checks that both have; empty otherwise.
+        storages: The schemes of the URIs of runs, separated by commas; workers load their libraries once.
     """
 
     rules: str
@@ -96,6 +97,7 @@ class Setting:
     limits: Limits
     ranges: bool = False
     earlier_basis: str = ""
+    storages: str = ""
 
     @classmethod
     def of(cls, rule_set: RuleSet, limits: Limits, *, ranges: bool = False) -> Setting:

@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 from ariac_score.batch import worker
+from ariac_score.batch.remote import load_library
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.contracts import GROUPS
 from ariac_score.errors import ScoreError
@@ -54,6 +55,8 @@ def _prepare(file: str) -> None:
     """Build the rule set, and go through the motions once, with nothing to score."""
     told = json.loads(Path(file).read_text(encoding="ascii"))
     setting = Setting(**{**told, "limits": Limits(**told["limits"])})
+    for scheme in filter(None, setting.storages.split(",")):
+        load_library(scheme)
     with tempfile.TemporaryDirectory(prefix="ariac-score-") as nothing:
         worker.perform(Task("", "nothing", 1, nothing), setting)
 

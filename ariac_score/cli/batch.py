@@ -7,6 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -83,7 +84,9 @@ def run(arguments: argparse.Namespace) -> int:
     with TemporaryDirectory(prefix="ariac-score-") as laid_out:
         plan = _planned(arguments, Path(laid_out))
         rule_set = load_rule_set(plan.rules)
-        return _run(arguments, plan, rule_set, Setting.of(rule_set, limits, ranges=arguments.ranges), part)
+        setting = Setting.of(rule_set, limits, ranges=arguments.ranges)
+        schemes = {task.path.partition("://")[0] for task in plan.tasks if task.remote}
+        return _run(arguments, plan, rule_set, replace(setting, storages=",".join(sorted(schemes))), part)
 
 
 def _planned(arguments: argparse.Namespace, work: Path) -> Plan:
