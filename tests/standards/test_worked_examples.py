@@ -937,7 +937,22 @@ def file_of(config: pytest.Config) -> Path:
 
 
 def examples_in(file: Path) -> list[dict[str, Any]]:
-    return list(json.loads(file.read_text(encoding="utf-8"))["examples"]) if file.is_file() else []
+    """The examples of a file in the layout of `worked_examples.json`; none of one that is not there."""
+    if not file.is_file():
+        return []
+    try:
+        examples = list(json.loads(file.read_text(encoding="utf-8"))["examples"])
+        lacking = [
+            f"example {number} has no {key!r}"
+            for number, example in enumerate(examples, start=1)
+            for key in ("id", "monitor", "inputs", "expected")
+            if key not in example
+        ]
+    except (ValueError, KeyError, TypeError) as cause:
+        lacking = [f"{type(cause).__name__}: {cause}"]
+    if lacking:
+        raise pytest.UsageError(f"{file} is no file of worked examples: {lacking[0]}")
+    return examples
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -952,6 +967,23 @@ def test_the_file_of_worked_examples_is_not_empty(request: pytest.FixtureRequest
     if not file.is_file() and not request.config.getoption("--standards-cases"):
         pytest.skip("the worked examples (../shared/standards) are not here")
     assert examples_in(file), f"no example in {file}"
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        ("{", "JSONDecodeError"),
+        ("[]", "TypeError"),
+        ("{}", "'examples'"),
+        ('{"examples": [{"id": "W1", "monitor": "M1.seed", "inputs": {}}]}', "example 1 has no 'expected'"),
+        ('{"examples": [7]}', "TypeError"),
+    ],
+)
+def test_a_file_of_another_layout_is_named(tmp_path: Path, text: str, cause: str) -> None:
+    (tmp_path / "cases.json").write_text(text, encoding="utf-8")
+
+    with pytest.raises(pytest.UsageError, match=rf"cases\.json is no file of worked examples: .*{cause}"):
+        examples_in(tmp_path / "cases.json")
 
 
 def run_example(example: Mapping[str, Any]) -> None:
