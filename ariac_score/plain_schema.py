@@ -148,12 +148,19 @@ def _required(data: Any, wanted: Any, *_: Any) -> bool:
     return not isinstance(data, dict) or all(name in data for name in wanted)
 
 
+def _dependent(data: Any, wanted: Mapping[str, Any], *_: Any) -> bool:
+    return not isinstance(data, dict) or all(
+        _required(data, others) for name, others in wanted.items() if name in data
+    )
+
+
 _CHECKS: Mapping[str, Callable[..., bool]] = {
     "$ref": _reference,
     "additionalProperties": _additional,
     "anyOf": _any,
     "const": lambda data, wanted, *_: _same(data, wanted),
     "enum": lambda data, wanted, *_: any(_same(data, value) for value in wanted),
+    "dependentRequired": _dependent,
     "else": lambda *_: True,
     "exclusiveMinimum": _number(lambda value, limit: bool(value > limit)),
     "if": _either,

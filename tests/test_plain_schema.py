@@ -50,6 +50,12 @@ KEYWORDS = st.one_of(
     st.tuples(st.just("const"), LEAVES),
     st.tuples(st.just("pattern"), st.sampled_from(["^a", "b$", "ab"])),
     st.tuples(st.just("required"), st.lists(st.sampled_from("abc"), max_size=2, unique=True)),
+    st.tuples(
+        st.just("dependentRequired"),
+        st.dictionaries(
+            st.sampled_from("abc"), st.lists(st.sampled_from("abc"), max_size=2, unique=True), max_size=2
+        ),
+    ),
     st.tuples(st.just("uniqueItems"), st.booleans()),
 )
 

@@ -15,7 +15,7 @@ from ariac_score.logs.salvage import Batch, Connection, Message
 
 __all__ = ["SLAB_BYTES", "Pending", "Waiting"]
 
-SLAB_BYTES = 8 << 20
+SLAB_BYTES = 16 << 20
 """So much waits at most, beyond one message: it bounds the memory that reading needs."""
 
 _SMALLEST_BYTES = 1 << 16
@@ -123,7 +123,7 @@ class Pending:
             new_starts, new_ends = starts + by, ends + by
         table = np.stack((numbers, batch.stamps_ns[kept], new_starts, new_ends), axis=1)
         sources = batch.sources[kept]
-        for place in np.unique(sources).tolist():
+        for place in np.flatnonzero(np.bincount(sources)).tolist():
             self._of(batch.connections[place]).frombytes(table[sources == place].tobytes())
         self._count += len(kept)
 

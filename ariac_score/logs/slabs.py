@@ -16,7 +16,7 @@ from ariac_score.logs.columnar.columns import Bytes, IntArray
 
 __all__ = ["SLAB_BYTES", "Chunk", "Slab", "Slabs", "entries_of", "nothing_to_do", "scratch"]
 
-SLAB_BYTES = 8 << 20
+SLAB_BYTES = 16 << 20
 """So many bytes of records lie side by side, in two buffers; a larger chunk has one of its own."""
 
 _LARGEST_INDEX_BYTES = 64 << 20

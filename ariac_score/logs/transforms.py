@@ -17,7 +17,7 @@ from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body
 from ariac_score.trial.signals import covered, settle
-from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.spans import FloatArray, distinct
 
 __all__ = ["MAX_GAP_S", "ModelPoses", "TransformTree", "times_s"]
 
@@ -311,15 +311,15 @@ class TransformTree:
         first = moving[0].t
         if all(np.array_equal(settled.t, first) for settled in moving[1:]):
             return first
-        return np.unique(np.concatenate([settled.t for settled in moving]))
+        return distinct(np.concatenate([settled.t for settled in moving]))
 
     def _all_times(self, builder: TrialBuilder, origin_ns: int) -> FloatArray:
         """When a frame that never moves is somewhere: whenever anything in the tree was seen."""
         edges = [edge for parents in self._edges.values() for edge in parents.values() if edge.moves]
         if edges:
-            return times_s(np.unique(np.concatenate([edge.stamps_ns for edge in edges])), origin_ns)
+            return times_s(distinct(np.concatenate([edge.stamps_ns for edge in edges])), origin_ns)
         ends = builder.recorded
-        return np.unique([ends.start_s, ends.end_s]) if ends else np.zeros(0)
+        return distinct(np.array([ends.start_s, ends.end_s])) if ends else np.zeros(0)
 
     def _moving(self, builder: TrialBuilder, origin_ns: int, frame: str, edge: _Edge) -> _Settled:
         """The samples of a moving transform, settled, its quaternions fit for interpolation."""
@@ -380,7 +380,7 @@ def _are_units(quaternion: Sequence[FloatArray]) -> NDArray[np.bool_]:
 def _keys(codes: IntArray, limit: int) -> list[int]:
     """The different ones of some numbers below a limit, increasing."""
     if limit > _FEW_CODES:
-        return [int(code) for code in np.unique(codes)]
+        return [int(code) for code in distinct(codes)]
     return [int(code) for code in np.flatnonzero(np.bincount(codes))]
 
 

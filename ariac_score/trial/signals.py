@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, uncovered_spans
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, uncovered_spans
 
 if TYPE_CHECKING:
     import numpy as np
@@ -153,7 +153,7 @@ def align(signals: Sequence[Signal], *, max_gap_s: float) -> tuple[FloatArray, l
     first = signals[0]
     if all(len(s.t) == len(first.t) and np.array_equal(s.t, first.t) for s in signals[1:]):
         return first.t, [s.values for s in signals]
-    t = np.unique(np.concatenate([s.t for s in signals]))
+    t = distinct(np.concatenate([s.t for s in signals]))
     covered = np.ones(len(t), dtype=bool)
     for signal in signals:
         covered &= signal.covers(t, max_gap_s=max_gap_s)

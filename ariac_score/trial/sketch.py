@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ariac_score.trial.model import Trial
-from ariac_score.trial.spans import FloatArray, Span
+from ariac_score.trial.spans import FloatArray, Span, distinct
 
 if TYPE_CHECKING:
     import numpy as np
@@ -286,7 +286,7 @@ def _curve(check: str, course: Course, moments: Sequence[Span], stretches: int, 
             near = slice(rows[0], rows[-1] + 1)
             kept.append(rows[0] + extremes(course.t[near], [column[near] for column in columns], finer))
     beside = _beside_holes(course.t, course.max_gap_s)
-    rows = np.unique(np.concatenate([*kept, beside, beside + 1]))
+    rows = distinct(np.concatenate([*kept, beside, beside + 1]))
     return Curve(
         check,
         course.subject,
@@ -350,7 +350,7 @@ def extremes(t: FloatArray, columns: Iterable[FloatArray], stretches: int) -> ND
         # Of equal samples the first one is the least and the last one the largest.
         kept += [least[np.append(True, np.diff(stretch[least]) > 0)]]
         kept += [largest[np.append(np.diff(stretch[largest]) > 0, True)]]
-    return np.unique(np.concatenate(kept))
+    return distinct(np.concatenate(kept))
 
 
 def _routes(trial: Trial) -> Iterable[Route]:
@@ -365,7 +365,7 @@ def _routes(trial: Trial) -> Iterable[Route]:
         if not len(t):
             continue
         beside = _beside_holes(t, 1.0)
-        rows = np.unique(
+        rows = distinct(
             np.concatenate([extremes(t, [places[:, 0], places[:, 1]], ROUTE_STRETCHES), beside, beside + 1])
         )
         yield Route(

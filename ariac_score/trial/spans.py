@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,6 +17,7 @@ __all__ = [
     "BoolArray",
     "FloatArray",
     "Span",
+    "distinct",
     "episodes_where",
     "longest_silence_s",
     "sample_durations",
@@ -163,6 +164,16 @@ def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Sp
     after = int(np.searchsorted(t, window.end_s))
     bridged = 0 < after < len(t) and t[after] - t[after - 1] <= max_gap_s + _TIME_TOLERANCE_S
     return [] if bridged else [window]
+
+
+def distinct(values: NDArray[Any]) -> NDArray[Any]:
+    """The different ones of some numbers, increasing: `numpy.unique`, which loads much else.
+
+    >>> distinct(np.array([2, 1, 2])).tolist()
+    [1, 2]
+    """
+    found = np.sort(values)
+    return found[np.append(True, found[1:] != found[:-1])] if len(found) else found
 
 
 def longest_silence_s(t: FloatArray, window: Span) -> float:

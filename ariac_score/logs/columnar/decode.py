@@ -18,7 +18,7 @@ from ariac_score.logs.columnar.walk_one import Layout, MisfitError, lay_out
 
 __all__ = ["ColumnDecoder", "Room"]
 
-_BLOCK_BYTES = 1 << 19
+_BLOCK_BYTES = 1 << 20
 """Messages are gathered in blocks that stay in the processor's cache."""
 
 _MOST_LAYOUTS = 64
