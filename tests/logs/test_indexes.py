@@ -232,6 +232,53 @@ def test_a_chunk_without_a_wanted_message_is_not_inflated(tmp_path: Path) -> Non
         list(McapScan(path))
 
 
+def it_names_the_other_channel(content: bytearray, start: int, end: int) -> None:
+    content[start - 6] ^= 3
+
+
+def a_time_is_earlier_than_all(content: bytearray, start: int, end: int) -> None:
+    content[start : start + 8] = bytes(8)
+
+
+def a_time_is_later_than_all(content: bytearray, start: int, end: int) -> None:
+    content[end - 9] = 0x7F
+
+
+@pytest.mark.parametrize(
+    "change",
+    [*CHANGES, it_names_the_other_channel, a_time_is_earlier_than_all, a_time_is_later_than_all],
+)
+@pytest.mark.parametrize("compression", ["", "zstd"])
+def test_no_damage_of_one_index_hides_a_chunk_or_moves_the_start(
+    tmp_path: Path, compression: Any, change: Change
+) -> None:
+    dice = random.Random(5)  # noqa: S311  # of pictures
+    pictures = [
+        Recorded("/picture", STRING, 2 * 10**18 + i, {"data": dice.randbytes(400_000).hex()})
+        for i in range(4)
+    ]
+    speeds = [Recorded("/speed", VECTOR, 3 * 10**18 + i * 10**6, {"x": float(i)}) for i in range(16_000)]
+    recorded = [*LARGE[:6], *pictures, *speeds]
+    path = write_bag(tmp_path / "t.mcap", recorded, storage="mcap", compression=compression)
+    expected, whole = figures(read(path)), path.read_bytes()
+    places = list(index_records("mcap", whole))
+    channels = {whole[start - 6] for start, _ in places}
+    assert len(places) > 4
+    assert channels == {1, 2}
+
+    for start, end in places:
+        content = bytearray(whole)
+        change(content, start, end)
+        if content == whole:
+            continue  # an index of one entry
+        path.write_bytes(content)
+        trial = read(path)
+
+        assert figures(trial) == expected
+        # Of a chunk that is not read, the places of messages do not matter.
+        assert [(d.kind, d.count) for d in trial.log_defects] in ([], [("contradicting_index", 1)])
+
+
 def records_of(content: bytes) -> Iterator[tuple[int, int]]:
     at = 8
     while at < len(content) - 8:

@@ -23,6 +23,7 @@ from hypothesis.strategies import binary, integers
 from ariac_score.contracts import Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs import salvage, sqlite_bag
+from ariac_score.logs.mcap import McapScan
 from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.logs.salvage import (
     LARGEST_INFLATED_BYTES,
@@ -147,6 +148,25 @@ def test_a_flipped_byte_in_a_chunk_fails_its_checksum(tmp_path: Path, compressio
 
     assert "CRC" in error.cause
     assert error.place == f"chunk at byte {start}"
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_nothing_behind_a_damaged_chunk_is_given(tmp_path: Path, jobs: int) -> None:
+    """Also where so much follows that other chunks are on their way already."""
+    dice = random.Random(5)  # noqa: S311  # so that nothing packs well
+    messages = [
+        Recorded("/w", "std_msgs/msg/String", i, {"data": dice.randbytes(600_000).hex()}) for i in range(24)
+    ]
+    path = write_bag(tmp_path / "t.mcap", messages, storage="mcap", compression="zstd")
+    content = bytearray(path.read_bytes())
+    content[len(content) // 20] ^= 0xFF  # in the second chunk
+    path.write_bytes(content)
+    scan, stamps_ns = McapScan(path, jobs=jobs), list[int]()
+    with pytest.raises(LogError, match="chunk at byte"):
+        stamps_ns.extend(ns for item in scan if isinstance(item, Batch) for ns in item.stamps_ns.tolist())
+
+    assert stamps_ns == [0]
+    assert int(scan.readable.removeprefix("byte ")) < len(content) // 20
 
 
 def test_a_flipped_byte_outside_chunks_fails_the_checksum_of_the_data_section(tmp_path: Path) -> None:
