@@ -170,7 +170,7 @@ class McapScan(FileScan):
             if op == _MESSAGE_INDEX and held is not None and held.has_room_for(length):
                 body = source.take(length, what)
                 self._add_to_crcs(op, head, body)
-                held.index.append(body)
+                held.add_index(body)
                 held.end = source.offset
                 continue
             yield from self._settled(source, slabs.rest())
@@ -208,7 +208,9 @@ class McapScan(FileScan):
                 source.skip(behind - source.offset)
                 self._reached(source.offset)
                 return
-            packed = end - source.offset if self._data_crc_wanted and not head.plain else 0
+            # What is read later is read piece by piece, of which each is bounded by what it inflates to.
+            held = self._data_crc_wanted or head.packed > head.size
+            packed = head.packed if held and not head.plain else 0
             yield from self._settled(source, slabs.turn(head.size, packed))
             left_out = self._left_out(index, head) if head.plain else []
             if left_out:
@@ -268,7 +270,7 @@ class McapScan(FileScan):
         while True:
             if at + _RECORD.size > len(window):
                 # It ends here, or more must be looked at.
-                more = source.at(end + len(window), 16 * _USUAL_INDEX_BYTES)
+                more = source.at(end + len(window), max(len(window), 16 * _USUAL_INDEX_BYTES))
                 if not more or len(window) > MAX_PEEK_BYTES:
                     return [], end
                 window += more
