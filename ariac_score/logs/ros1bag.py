@@ -54,6 +54,8 @@ _Item = Connection | Message | Batch
 _LARGEST_INDEX_HEADER = 4096
 _LARGEST_INDEX_BYTES = 64 << 20
 _USUAL_INDEX_BYTES = 1 << 15
+_RECORD_BYTES = 1 << 8
+"""What an index record takes besides what it holds."""
 _LARGE_MESSAGE_BYTES = 1 << 16
 _HEAD_BYTES = 128
 """So much is read of a message whose payload is left out; recorders write heads of some 50 bytes."""
@@ -555,7 +557,8 @@ def _index_at(source: Source, start: int) -> tuple[list[bytes], int]:
     def seen(behind: int) -> bool:
         nonlocal window
         if behind > len(window):
-            window += source.at(start + len(window), behind - len(window) + _USUAL_INDEX_BYTES)
+            more = max(behind - len(window) + _USUAL_INDEX_BYTES, len(window))
+            window += source.at(start + len(window), more)
         return behind <= len(window)
 
     while seen(at + 4):
@@ -564,7 +567,7 @@ def _index_at(source: Source, start: int) -> tuple[list[bytes], int]:
         if size > _LARGEST_INDEX_HEADER or not seen(body):
             break
         length = int.from_bytes(window[body - 4 : body], "little")
-        room -= length
+        room -= length + _RECORD_BYTES
         try:
             header = _header(window[at + 4 : at + 4 + size])
             if _byte(header, b"op") != _INDEX:

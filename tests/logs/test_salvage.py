@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import importlib
 import os
@@ -10,10 +11,12 @@ import re
 import sqlite3
 import struct
 import sys
+import threading
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +33,7 @@ from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.logs.salvage import (
     LARGEST_INFLATED_BYTES,
     Batch,
+    Source,
     inflate,
     inflate_into,
     normalised_type,
@@ -236,10 +240,13 @@ def test_without_reading_at_a_place_it_is_the_same(
     """As on Windows."""
     path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap", compression="zstd")
     expected = told(path)
-    monkeypatch.delattr(os, name)
+    monkeypatch.delattr(os, name, raising=False)
 
     assert told(path) == expected
     assert len(expected) == len(MESSAGES)
+
+
+needs_preadv = pytest.mark.skipif(not hasattr(os, "preadv"), reason="there is no reading at a place")
 
 
 def told(path: Path) -> list[tuple[int, bytes]]:
@@ -247,6 +254,34 @@ def told(path: Path) -> list[tuple[int, bytes]]:
     return [(m.stamp_ns, bytes(m.payload)) for batch in batches for m in batch.messages()]
 
 
+@needs_preadv
+@pytest.mark.parametrize("failure", [OSError(5, "Input/output error"), MemoryError()])
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_what_the_system_refuses_on_another_thread_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jobs: int, failure: Exception
+) -> None:
+    path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap", compression="zstd")
+
+    def refused(*_: object) -> int:
+        raise failure
+
+    monkeypatch.setattr(os, "preadv", refused)
+    with pytest.raises(LogError, match="it cannot be read"):
+        READER.read(path, replace(WANTED, jobs=jobs))
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_who_stops_early_leaves_no_thread_and_no_file_behind(tmp_path: Path, jobs: int) -> None:
+    path = write_bag(tmp_path / "t.mcap", unpackable(60), storage="mcap", compression="zstd")
+    threads, items = threading.active_count(), iter(McapScan(path, jobs=jobs))
+    assert any(isinstance(item, Batch) for item in items)
+    items.close()  # type: ignore[attr-defined]  # it is a generator
+
+    assert threading.active_count() == threads
+    assert not [file for file in gc.get_objects() if isinstance(file, Source) and not file._file.closed]
+
+
+@needs_preadv
 def test_a_read_may_come_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As of more than two gigabytes, or from some file systems."""
     path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap", compression="zstd")
