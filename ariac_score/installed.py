@@ -38,6 +38,7 @@ class Point(NamedTuple):
     version: str
 
 
+_KINDS = ("dist-info", "egg-info")
 _TARGET = re.compile(r"(?P<module>[\w.]+)\s*(:\s*(?P<attribute>[\w.]+)\s*)?(\[.*\]\s*)?$")
 
 
@@ -79,7 +80,7 @@ def _on_path(groups: Container[str]) -> Iterator[Point]:
     for place in sys.path:
         for name in _names_in(place):
             stem, dot, kind = name.rpartition(".")
-            if kind.lower() not in ("dist-info", "egg-info") or not dot:
+            if kind.lower() not in _KINDS or not dot:
                 continue
             if kind != kind.lower():
                 raise _UnusualError
@@ -140,7 +141,7 @@ def version_of(distribution: str) -> str:
         for place in sys.path:
             for name in _names_in(place):
                 stem, _, kind = name.rpartition(".")
-                if kind == "dist-info" and _normalised(stem.partition("-")[0]) == wanted:
+                if kind in _KINDS and _normalised(stem.partition("-")[0]) == wanted:
                     return _brought_by(f"{place or '.'}{os.sep}{name}")[1]
     except _UnusualError:
         pass

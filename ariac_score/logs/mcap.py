@@ -6,7 +6,7 @@ Source: MCAP format specification, version 0 (mcap.dev/spec).
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -36,7 +36,7 @@ __all__ = ["MAGIC", "McapScan"]
 MAGIC = b"\x89MCAP0\r\n"
 
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
-_MESSAGE_INDEX, _STATISTICS, _DATA_END = 0x07, 0x0B, 0x0F
+_MESSAGE_INDEX, _CHUNK_INDEX, _STATISTICS, _DATA_END = 0x07, 0x08, 0x0B, 0x0F
 _READ = frozenset({_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS, _DATA_END})
 
 _RECORD = struct.Struct("<BQ")
@@ -103,7 +103,7 @@ class McapScan(FileScan):
     def __init__(self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> None:
         super().__init__(path)
         self._jobs, self._topics = jobs, topics
-        self._declarations: Sequence[tuple[int, bytes]] = ()
+        self._summary: _Summary | None = None
         self._all_declared = False
         self._deaf: set[int] = set()
         self._usual_index_bytes = _USUAL_INDEX_BYTES
@@ -128,7 +128,7 @@ class McapScan(FileScan):
                 raise source.damaged("the file does not start as an MCAP file does (wrong magic)", at=0)
             self._data_crc_wanted = _announces_data_crc(source)
             if self._topics is not None:
-                self._declarations = _declarations_in_summary(source)
+                self._summary = _summary_of(source)
             self._crc_of_file = crc32(magic)
             yield from self._records(source)
             if source.take(len(MAGIC), "closing magic") != MAGIC:
@@ -146,8 +146,9 @@ class McapScan(FileScan):
             try:
                 yield from self._passed(source, slabs)
             except LogError:
-                # What is before the damage counts, and damage in it is told instead.
-                yield from self._settled(source, slabs.rest())
+                if not self._is_settling:
+                    # What is before the damage counts, and damage in it is told instead.
+                    yield from self._settled(source, slabs.rest())
                 raise
 
     def _passed(self, source: Source, slabs: Slabs) -> Iterator[_Item]:
@@ -169,7 +170,7 @@ class McapScan(FileScan):
             if op == _MESSAGE_INDEX and held is not None and held.has_room_for(length):
                 body = source.take(length, what)
                 self._add_to_crcs(op, head, body)
-                held.index.append(body)
+                held.add_index(body)
                 held.end = source.offset
                 continue
             yield from self._settled(source, slabs.rest())
@@ -198,7 +199,7 @@ class McapScan(FileScan):
             if not {int.from_bytes(body[:2], "little") for body in index} <= self._channels.keys():
                 # They are declared in what was read and not looked at yet.
                 yield from self._settled(source, slabs.rest())
-            unread = self._unread(index) if index and self._is_unwanted(index) else None
+            unread = self._unread(index, head) if self._is_unwanted(index, start) else None
             if unread is not None:
                 yield from self._settled(source, slabs.rest())
                 yield from self._declare_all(start)
@@ -207,7 +208,9 @@ class McapScan(FileScan):
                 source.skip(behind - source.offset)
                 self._reached(source.offset)
                 return
-            packed = end - source.offset if self._data_crc_wanted and not head.plain else 0
+            # What is read later is read piece by piece, of which each is bounded by what it inflates to.
+            held = self._data_crc_wanted or head.packed > head.size
+            packed = head.packed if held and not head.plain else 0
             yield from self._settled(source, slabs.turn(head.size, packed))
             left_out = self._left_out(index, head) if head.plain else []
             if left_out:
@@ -267,7 +270,7 @@ class McapScan(FileScan):
         while True:
             if at + _RECORD.size > len(window):
                 # It ends here, or more must be looked at.
-                more = source.at(end + len(window), 16 * _USUAL_INDEX_BYTES)
+                more = source.at(end + len(window), max(len(window), 16 * _USUAL_INDEX_BYTES))
                 if not more or len(window) > MAX_PEEK_BYTES:
                     return [], end
                 window += more
@@ -287,24 +290,36 @@ class McapScan(FileScan):
             found.append(window[at + _RECORD.size : behind])
             at = behind
 
-    def _is_unwanted(self, index: Sequence[bytes]) -> bool:
-        """Whether a chunk holds no wanted message; what it may declare besides, the summary repeats."""
-        if not self._declarations:
+    def _is_unwanted(self, index: Sequence[bytes], start: int) -> bool:
+        """Whether a chunk holds no wanted message, by its index and by the summary.
+
+        What it may declare besides, the summary repeats.
+        """
+        if not index or self._summary is None:
             return False
-        return {int.from_bytes(body[:2], "little") for body in index} <= self._deaf
+        named = frozenset(int.from_bytes(body[:2], "little") for body in index)
+        return named <= self._deaf and named == self._summary.chunks.get(start)
 
     def _declare_all(self, start: int) -> Iterator[_Item]:
         """Declare what the summary repeats: a chunk that is left out may be the one that declares it."""
-        if not self._all_declared:
+        if self._summary is not None and not self._all_declared:
             self._all_declared = True
-            for op, body in self._declarations:
+            for op, body in self._summary.declarations:
                 yield from self._items(op, body, start)
 
-    def _unread(self, index: Sequence[bytes]) -> Batch | None:
-        """What the index says of a chunk that is not read: senders and times, in recorded order."""
+    def _unread(self, index: Sequence[bytes], head: _ChunkHead) -> Batch | None:
+        """What the index says of a chunk that is not read: senders and times, in recorded order.
+
+        `None` where it cannot be right: then the records are to tell.
+        """
         try:
             heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, 0, nothing_to_do, list(index))])
         except (struct.error, ValueError):
+            return None
+        times, offsets = pairs.T
+        if not len(pairs) or (int(times.min()), int(times.max())) != head.span_ns:
+            return None
+        if int(offsets.max()) >= head.size or len(np.unique(offsets)) != len(offsets):
             return None
         channels = np.repeat(np.array(heads, dtype=np.int64), counts)
         order = np.argsort(pairs[:, 1], kind="stable")
@@ -334,6 +349,7 @@ class McapScan(FileScan):
 
     def _settled(self, source: Source, slabs: Iterable[Slab]) -> Iterator[_Item]:
         """The records of the chunks that are held."""
+        self._is_settling = True  # and stays so where one is damaged: what is behind it does not count
         for slab in slabs:
             chunks, failure = slab.finished()
             batch = self._together(slab, chunks)
@@ -348,6 +364,7 @@ class McapScan(FileScan):
                 at = slab.chunks[len(chunks)].start
                 slab.empty()
                 raise source.damaged(str(failure), what="chunk", at=at) from failure
+        self._is_settling = False
 
     def _together(self, slab: Slab, chunks: Sequence[Chunk]) -> Batch | None:
         """All messages of some chunks; `None` where they hold more, or their index is not as it should be."""
@@ -554,27 +571,54 @@ def _announces_data_crc(source: Source) -> bool:
     return end[:1] != bytes((_DATA_END,)) or end[-4:] != b"\0\0\0\0"
 
 
-def _declarations_in_summary(source: Source) -> Sequence[tuple[int, bytes]]:
-    """All schemas and channels that the summary repeats; none where it is not to be relied on."""
+@dataclass(frozen=True)
+class _Summary:
+    """What the end of a file says is in it.
+
+    Attributes:
+        declarations: All schemas, then all channels.
+        chunks: By the start of each chunk the channels whose messages it holds.
+    """
+
+    declarations: Sequence[tuple[int, bytes]]
+    chunks: Mapping[int, frozenset[int]]
+
+
+def _summary_of(source: Source) -> _Summary | None:
+    """The summary; `None` where it is not to be relied on."""
     tail = source.at(source.size - len(MAGIC) - _FOOTER_BODY.size, 8)
     start = int.from_bytes(tail, "little")
     end = source.size - len(MAGIC) - _FOOTER_BODY.size - _RECORD.size
     if not 0 < start < end or end - start > MAX_PEEK_BYTES:
-        return ()
+        return None
     summary, found = source.at(start, end - start), []
     schemas, needed = {0}, set[int]()
+    chunks = dict[int, frozenset[int]]()
     try:
         for op, at in _ops(memoryview(summary)):
+            first = at + _RECORD.size
+            body = summary[first : first + _RECORD.unpack_from(summary, at)[1]]
             if op in (_SCHEMA, _CHANNEL):
-                first = at + _RECORD.size
-                body = summary[first : first + _RECORD.unpack_from(summary, at)[1]]
                 found.append((op, body))
                 (schemas if op == _SCHEMA else needed).add(
                     struct.unpack_from("<H", body, 2 * (op == _CHANNEL))[0]
                 )
+            elif op == _CHUNK_INDEX:
+                chunk, channels = _indexed_chunk(body)
+                chunks[chunk] = channels
     except struct.error:
-        return ()
-    return sorted(found) if needed and needed <= schemas else ()
+        return None
+    return _Summary(sorted(found), chunks) if needed and needed <= schemas else None
+
+
+def _indexed_chunk(body: bytes) -> tuple[int, frozenset[int]]:
+    """Where a chunk starts, and the channels that have an index behind it."""
+    _, _, start, _, length = struct.unpack_from("<QQQQI", body)
+    entries = body[_CHUNK_INDEX_HEAD_BYTES : _CHUNK_INDEX_HEAD_BYTES + length]
+    return start, frozenset(channel for channel, _ in struct.iter_unpack("<HQ", entries))
+
+
+_CHUNK_INDEX_HEAD_BYTES = 36
 
 
 @dataclass(frozen=True)
@@ -583,6 +627,7 @@ class _ChunkHead:
 
     Attributes:
         raw: Its bytes.
+        span_ns: The earliest and the latest log time in it, as it announces them, ns.
         size: Bytes of its records.
         announced: Their checksum; 0 without one.
         compression: By name; empty without one.
@@ -590,6 +635,7 @@ class _ChunkHead:
     """
 
     raw: bytes
+    span_ns: tuple[int, int]
     size: int
     announced: int
     compression: str
@@ -606,7 +652,7 @@ class _ChunkHead:
         head = source.take(min(_CHUNK_HEAD.size + 4, length), what)
         if len(head) < _CHUNK_HEAD.size + 4:
             raise ValueError(f"its head has {len(head)} bytes")
-        _, _, size, announced = _CHUNK_HEAD.unpack_from(head)
+        earliest_ns, latest_ns, size, announced = _CHUNK_HEAD.unpack_from(head)
         named = int.from_bytes(head[_CHUNK_HEAD.size :], "little")
         if named > min(_LONGEST_COMPRESSION, length - len(head)):
             raise ValueError(f"a text of {named} bytes is longer than its record")
@@ -615,7 +661,7 @@ class _ChunkHead:
         (packed,) = struct.unpack_from("<Q", head, at)
         if packed != length - len(head):
             raise ValueError(f"it announces {packed} bytes of records and has {length - len(head)}")
-        chunk = cls(head, size, announced, compression, packed)
+        chunk = cls(head, (earliest_ns, latest_ns), size, announced, compression, packed)
         if chunk.plain and packed != size:
             raise ValueError(
                 f"CRC cannot be checked: it holds {packed} bytes instead of the announced {size}"

@@ -54,6 +54,8 @@ _Item = Connection | Message | Batch
 _LARGEST_INDEX_HEADER = 4096
 _LARGEST_INDEX_BYTES = 64 << 20
 _USUAL_INDEX_BYTES = 1 << 15
+_RECORD_BYTES = 1 << 8
+"""What an index record takes besides what it holds."""
 _LARGE_MESSAGE_BYTES = 1 << 16
 _HEAD_BYTES = 128
 """So much is read of a message whose payload is left out; recorders write heads of some 50 bytes."""
@@ -205,8 +207,9 @@ class Ros1Scan(FileScan):
                         yield from self._record(source, slabs)
                     yield from self._settled(source, slabs.rest())
                 except LogError:
-                    # What is before the damage counts, and damage in it is told instead.
-                    yield from self._settled(source, slabs.rest())
+                    if not self._is_settling:
+                        # What is before the damage counts, and damage in it is told instead.
+                        yield from self._settled(source, slabs.rest())
                     raise
             self._reached(source.offset)
             self._check_whole(source, *announced)
@@ -311,7 +314,7 @@ class Ros1Scan(FileScan):
             yield from self._settled(source, slabs.rest())
         if not named <= self._deaf or not self._contents.connections <= self._connections.keys():
             return False
-        unread = self._unread(index, size, self._contents.counts.get(start, Counter()))
+        unread = self._unread(index, size, self._contents.chunks.get(start))
         if unread is None:
             return False
         yield from self._settled(source, slabs.rest())
@@ -319,7 +322,7 @@ class Ros1Scan(FileScan):
         self._chunks += 1
         return True
 
-    def _unread(self, index: Sequence[bytes], size: int, announced: Counter[int]) -> Batch | None:
+    def _unread(self, index: Sequence[bytes], size: int, announced: _Announced | None) -> Batch | None:
         """What the index says of a chunk that is not read: senders and times, in recorded order.
 
         `None` where it cannot be right: then the records are to tell.
@@ -330,7 +333,8 @@ class Ros1Scan(FileScan):
             return None
         if int(offsets.max()) >= size or len(np.unique(offsets)) != len(offsets):
             return None
-        if Counter(connections.tolist()) != announced:
+        span_ns = int(stamps_ns.min()), int(stamps_ns.max())
+        if announced is None or (span_ns, Counter(connections.tolist())) != announced:
             return None
         order = np.argsort(offsets, kind="stable")
         nowhere = np.zeros(len(order), dtype=np.int64)
@@ -374,6 +378,7 @@ class Ros1Scan(FileScan):
 
     def _settled(self, source: Source, slabs: Iterable[Slab]) -> Iterator[_Item]:
         """The records of the chunks that are held."""
+        self._is_settling = True  # and stays so where one is damaged: what is behind it does not count
         for slab in slabs:
             chunks, failure = slab.finished()
             self._chunks += len(chunks)
@@ -388,6 +393,7 @@ class Ros1Scan(FileScan):
                 at = slab.chunks[len(chunks)].start
                 slab.empty()
                 raise source.damaged(str(failure), what="chunk", at=at) from failure
+        self._is_settling = False
 
     def _together(self, slab: Slab, chunks: Sequence[Chunk]) -> Batch | None:
         """All messages of some chunks; `None` where they hold more, or their index is not as it should be."""
@@ -551,7 +557,8 @@ def _index_at(source: Source, start: int) -> tuple[list[bytes], int]:
     def seen(behind: int) -> bool:
         nonlocal window
         if behind > len(window):
-            window += source.at(start + len(window), behind - len(window) + _USUAL_INDEX_BYTES)
+            more = max(behind - len(window) + _USUAL_INDEX_BYTES, len(window))
+            window += source.at(start + len(window), more)
         return behind <= len(window)
 
     while seen(at + 4):
@@ -560,7 +567,7 @@ def _index_at(source: Source, start: int) -> tuple[list[bytes], int]:
         if size > _LARGEST_INDEX_HEADER or not seen(body):
             break
         length = int.from_bytes(window[body - 4 : body], "little")
-        room -= length
+        room -= length + _RECORD_BYTES
         try:
             header = _header(window[at + 4 : at + 4 + size])
             if _byte(header, b"op") != _INDEX:
@@ -586,17 +593,26 @@ def _told(index: Sequence[bytes]) -> tuple[IntArray, IntArray, IntArray]:
     return np.repeat(_numbers(named), counts), seconds * 10**9 + nanoseconds, offsets
 
 
+_Announced = tuple[tuple[int, int], Counter[int]]
+"""Of a chunk the earliest and the latest log time, ns, and the messages of each connection."""
+
+
 @dataclass(frozen=True)
 class _Contents:
     """What the end of a bag says is in it.
 
     Attributes:
         connections: All that are declared there.
-        counts: By the start of each chunk the messages of each connection in it.
+        chunks: What is announced of each chunk, by its start.
     """
 
     connections: frozenset[int]
-    counts: Mapping[int, Counter[int]]
+    chunks: Mapping[int, _Announced]
+
+
+def _stamp_ns(header: _Header, name: bytes) -> int:
+    seconds, nanoseconds = _TIME.unpack(_field(header, name, 8))
+    return int(seconds) * 10**9 + int(nanoseconds)
 
 
 def _contents_at(source: Source, at: int) -> _Contents | None:
@@ -604,7 +620,7 @@ def _contents_at(source: Source, at: int) -> _Contents | None:
     records, connections, here = memoryview(source.at(at, source.size)), set[int](), 0
     if at + len(records) < source.size:
         return None  # so large that it is not worth it
-    counts: dict[int, Counter[int]] = {}
+    chunks: dict[int, _Announced] = {}
     try:
         while here < len(records):
             head, behind = _sized(records, here)
@@ -614,13 +630,15 @@ def _contents_at(source: Source, at: int) -> _Contents | None:
                 connections.add(_number(header, b"conn"))
             elif _byte(header, b"op") == _CHUNK_INFO:
                 start = int.from_bytes(_field(header, b"chunk_pos", 8), "little")
-                told = counts.setdefault(start, Counter())
+                first_ns, last_ns = (_stamp_ns(header, name) for name in (b"start_time", b"end_time"))
+                told = Counter[int]()
                 for entry in range(0, 8 * _number(header, b"count"), 8):
                     connection, count = _TIME.unpack_from(body, entry)
                     told[connection] += count
+                chunks[start] = (first_ns, last_ns), told
     except (struct.error, ValueError):
         return None
-    return _Contents(frozenset(connections), counts)
+    return _Contents(frozenset(connections), chunks)
 
 
 def _u32(source: Source, what: str) -> int:

@@ -341,6 +341,7 @@ class FileScan:
         self._readable = "byte 0"
         self._source: Source | None = None
         self._contradictions = self._done = 0
+        self._is_settling = False
 
     def _reached(self, offset: int) -> None:
         """Take note that everything before this byte was readable."""

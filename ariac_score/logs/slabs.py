@@ -20,6 +20,8 @@ SLAB_BYTES = 16 << 20
 """So many bytes of records lie side by side, in two buffers; a larger chunk has one of its own."""
 
 _LARGEST_INDEX_BYTES = 64 << 20
+_RECORD_BYTES = 1 << 8
+"""What an index record takes besides what it holds, so that there are not too many that hold nothing."""
 _MOST_JOBS = 16
 
 _Fill = Callable[[memoryview], Callable[[], None]]
@@ -46,10 +48,16 @@ class Chunk:
     finish: Callable[[], None]
     index: list[bytes] = field(default_factory=list)
     complete: Callable[[], None] | None = None
+    _index_bytes: int = 0
 
     def has_room_for(self, length: int) -> bool:
-        """Whether so many bytes of index are still looked at."""
-        return sum(map(len, self.index)) + length <= _LARGEST_INDEX_BYTES
+        """Whether an index record of so many bytes is still looked at."""
+        return self._index_bytes + length <= _LARGEST_INDEX_BYTES
+
+    def add_index(self, body: bytes) -> None:
+        """Take what an index record holds."""
+        self.index.append(body)
+        self._index_bytes += len(body) + _RECORD_BYTES
 
 
 class Slab:
@@ -179,9 +187,10 @@ def scratch(size: int) -> Iterator[memoryview]:
     if size > SLAB_BYTES:
         yield memoryview(bytearray(size))
         return
-    if len(getattr(_OWN, "bytes", b"")) < size:
-        _OWN.bytes = bytearray(max(size, _SMALLEST_SCRATCH_BYTES))
-    yield memoryview(_OWN.bytes)[:size]
+    own: bytearray = getattr(_OWN, "bytes", bytearray())
+    if len(own) < max(size, _SMALLEST_SCRATCH_BYTES):
+        own = _OWN.bytes = bytearray(max(size, _SMALLEST_SCRATCH_BYTES))
+    yield memoryview(own)[:size]
 
 
 _SMALLEST_SCRATCH_BYTES = 1 << 20

@@ -22,6 +22,8 @@ __all__ = ["Table", "read_tables"]
 
 
 _LARGEST_GUESS = 1 << 26
+_MOST_FORESEEN = 64
+"""So many times what came so far is room made for at most: where memory is limited, room counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,7 @@ class _Grown:
         """Where the next values go; they count once they are added."""
         needed = self._used + count
         if needed > len(self._values):
-            guess = min(int(needed / max(share, 1e-3) * 1.1), _LARGEST_GUESS)
+            guess = min(int(needed / max(share, 1 / _MOST_FORESEEN) * 1.1), _LARGEST_GUESS)
             larger = np.empty(max(guess, needed * 5 // 4), dtype=dtype)
             larger[: self._used] = self._values[: self._used]
             self._values = larger

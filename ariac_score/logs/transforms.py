@@ -35,6 +35,8 @@ _FEW_CODES = 1 << 16
 _FEW_PLACES = 16
 _FEWEST_SAMPLES = 64
 _LARGEST_GUESS = 1 << 22
+_MOST_FORESEEN = 64
+"""So many times what came so far is room made for at most: where memory is limited, room counts."""
 _BLOCK_ROWS = 1 << 13
 """So many transforms are composed at a time: what is computed stays in the processor's cache."""
 
@@ -103,7 +105,9 @@ class _Edge:
         """
         start, self._used = self._used, self._used + count
         if self._used > len(self._stamps_ns):
-            guess = min(int(1.1 * self._used / share), _LARGEST_GUESS) if share > 0 else 0
+            guess = (
+                min(int(1.1 * self._used / max(share, 1 / _MOST_FORESEEN)), _LARGEST_GUESS) if share else 0
+            )
             size = max(self._used, 2 * len(self._stamps_ns), _FEWEST_SAMPLES, guess)
             stamps_ns, columns = np.empty(size, dtype=np.int64), np.empty((7, size))
             stamps_ns[:start], columns[:, :start] = self._stamps_ns[:start], self._columns[:, :start]

@@ -19,8 +19,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ariac_score.logs import mcap, ros1bag
 from ariac_score.logs.columnar import Payloads
 from ariac_score.logs.mcap import McapScan
+from ariac_score.logs.opening import open_scan
 from ariac_score.logs.ros1bag import Ros1Scan
 from ariac_score.logs.salvage import Batch, Connection, Message
 from ariac_score.logs.sqlite_bag import SqliteScan
@@ -146,3 +148,34 @@ def assert_fields(fields: dict[str, Any], messages: list[Message], topic: str) -
             assert (len(joined), digest) == (facts["n"], facts["sha256_of_joined_nul"]), f"{topic} {name}"
         else:
             raise AssertionError(f"{topic} {name}: nothing is expected of it: {facts}")
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_each_topic_alone_is_what_it_is_among_all(
+    expected: Path | None, large: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where chunks and messages of others are left out however small they are."""
+    path, _ = described(expected)
+    everything, contradictions = told(path, None, jobs=1)
+    if not large:
+        monkeypatch.setattr(mcap, "_WORTH_LEAVING_OUT_BYTES", 0)
+        monkeypatch.setattr(mcap, "_LARGE_MESSAGE_BYTES", 1)
+        monkeypatch.setattr(ros1bag, "_LARGE_MESSAGE_BYTES", 1)
+    for topic in {topic for topic, _, _ in everything}:
+        alone = [(t, stamp_ns, data if t == topic else b"") for t, stamp_ns, data in everything]
+        for jobs in (1, 2):
+            found, others = told(path, {topic}, jobs=jobs)
+            assert [(t, s, d if t == topic else b"") for t, s, d in found] == alone
+            assert others == contradictions
+
+
+def told(path: Path, topics: set[str] | None, *, jobs: int) -> tuple[list[tuple[str, int, bytes]], int]:
+    """All messages of a recording, and how often its index contradicts it."""
+    scan = open_scan(path, topics=topics, jobs=jobs)
+    found: list[Message] = []
+    for item in scan:
+        if not isinstance(item, Connection):
+            batch = item.messages() if isinstance(item, Batch) else (item,)
+            found += [message._replace(payload=bytes(message.payload)) for message in batch]
+    messages = [(m.connection.topic, m.stamp_ns, bytes(m.payload)) for m in found]
+    return messages, scan.index_contradictions

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import random
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -230,6 +232,84 @@ def test_a_chunk_without_a_wanted_message_is_not_inflated(tmp_path: Path) -> Non
     assert figures(read(path)) == expected
     with pytest.raises(LogError):
         list(McapScan(path))
+
+
+def chunks_apart(count: int) -> list[Recorded]:
+    """A chunk of both topics, chunks of pictures, chunks of as many speeds."""
+    dice = random.Random(5)  # noqa: S311  # of pictures
+    pictures = [
+        Recorded("/picture", STRING, 2 * 10**18 + i, {"data": dice.randbytes(400_000).hex()})
+        for i in range(4)
+    ]
+    speeds = [Recorded("/speed", VECTOR, 3 * 10**18 + i * 10**6, {"x": float(i)}) for i in range(count)]
+    return [*LARGE[:6], *pictures, *speeds]
+
+
+def it_names_the_other_channel(content: bytearray, start: int, end: int) -> None:
+    content[start - 6] ^= 3
+
+
+def a_time_is_earlier_than_all(content: bytearray, start: int, end: int) -> None:
+    content[start : start + 8] = bytes(8)
+
+
+def a_time_is_later_than_all(content: bytearray, start: int, end: int) -> None:
+    content[end - 9] = 0x7F
+
+
+@pytest.mark.parametrize(
+    "change",
+    [*CHANGES, it_names_the_other_channel, a_time_is_earlier_than_all, a_time_is_later_than_all],
+)
+@pytest.mark.parametrize("compression", ["", "zstd"])
+def test_no_damage_of_one_index_hides_a_chunk_or_moves_the_start(
+    tmp_path: Path, compression: Any, change: Change
+) -> None:
+    path = write_bag(tmp_path / "t.mcap", chunks_apart(16_000), storage="mcap", compression=compression)
+    expected, whole = figures(read(path)), path.read_bytes()
+    places = list(index_records("mcap", whole))
+    channels = {whole[start - 6] for start, _ in places}
+    assert len(places) > 4
+    assert channels == {1, 2}
+
+    for start, end in places:
+        content = bytearray(whole)
+        change(content, start, end)
+        if content == whole:
+            continue  # an index of one entry
+        path.write_bytes(content)
+        trial = read(path)
+
+        assert figures(trial) == expected
+        # Of a chunk that is not read, the places of messages do not matter.
+        assert [(d.kind, d.count) for d in trial.log_defects] in ([], [("contradicting_index", 1)])
+
+
+def heads_and_ends(content: bytes) -> list[int]:
+    """Places in the heads and ends of all records of a file."""
+    starts = [at for _, at in records_of(content)]
+    places = {p for a, b in pairwise([0, *starts, len(content)]) for p in range(a, min(b, a + 80))}
+    return sorted(places | {p for end in starts for p in range(end - 40, end)})
+
+
+def test_no_changed_byte_hides_anything_where_chunks_are_left_out(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.mcap", chunks_apart(13_000), storage="mcap", compression="zstd")
+    expected, whole = figures(read(path)), path.read_bytes()
+    dice = random.Random(11)  # noqa: S311  # of places and bits
+    found = Counter[str]()
+    for at in dice.sample(heads_and_ends(whole), 60):
+        content = bytearray(whole)
+        content[at] ^= 1 << dice.randrange(8)
+        path.write_bytes(content)
+        try:
+            trial = read(path)
+        except LogError:
+            found["refused"] += 1
+            continue
+        assert figures(trial) == expected
+        found["read"] += 1
+
+    assert min(found["refused"], found["read"]) > 5
 
 
 def records_of(content: bytes) -> Iterator[tuple[int, int]]:

@@ -195,6 +195,21 @@ def test_a_chunk_is_read_where_the_end_of_the_bag_says_something_else(
     assert len(bytes_read) > pieces
 
 
+@pytest.mark.parametrize("seconds", [0, 2**32 - 1])
+def test_a_chunk_is_read_where_its_index_moves_the_start_or_the_end(tmp_path: Path, seconds: int) -> None:
+    path = write_bag(tmp_path / "t.bag", [*MESSAGES[:30], *picture_alone(5)], storage="ros1")
+    everything, _ = told(path)
+    content = bytearray(path.read_bytes())
+    _, start, _ = [found for found in records_of(bytes(content)) if found[0] == 4][-1]
+    content[start : start + 4] = seconds.to_bytes(4, "little")
+    path.write_bytes(content)
+
+    some, scan = told(path, {"/speed"})
+
+    assert without(some, {"/speed"}) == without(everything, {"/speed"})
+    assert scan.index_contradictions == 1
+
+
 @pytest.mark.parametrize("wrong", ["beyond the chunk", "twice"])
 def test_a_chunk_is_read_where_its_index_cannot_be_right(tmp_path: Path, wrong: str) -> None:
     path = write_bag(tmp_path / "t.bag", [*MESSAGES[:30], *picture_alone(5)], storage="ros1")

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import importlib
+import os
 import random
 import re
 import sqlite3
 import struct
 import sys
+import threading
 import zlib
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +28,12 @@ from hypothesis.strategies import binary, integers
 from ariac_score.contracts import Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs import salvage, sqlite_bag
+from ariac_score.logs.mcap import McapScan
 from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.logs.salvage import (
     LARGEST_INFLATED_BYTES,
     Batch,
+    Source,
     inflate,
     inflate_into,
     normalised_type,
@@ -147,6 +154,156 @@ def test_a_flipped_byte_in_a_chunk_fails_its_checksum(tmp_path: Path, compressio
 
     assert "CRC" in error.cause
     assert error.place == f"chunk at byte {start}"
+
+
+def unpackable(count: int) -> list[Recorded]:
+    """Messages of a megabyte that can hardly be compressed."""
+    dice = random.Random(5)  # noqa: S311  # of texts
+    texts = [dice.randbytes(600_000).hex() for _ in range(count)]
+    return [Recorded("/word", "std_msgs/msg/String", i, {"data": text}) for i, text in enumerate(texts)]
+
+
+def mcap_record(op: int, body: bytes) -> bytes:
+    return struct.pack("<BQ", op, len(body)) + body
+
+
+def mcap_text(text: bytes) -> bytes:
+    return struct.pack("<I", len(text)) + text
+
+
+def mcap_chunk(packed: bytes, size: int, compression: bytes = b"") -> bytes:
+    """A chunk without a checksum."""
+    head = struct.pack("<QQQI", 0, 0, size, 0) + mcap_text(compression)
+    return mcap_record(6, head + struct.pack("<Q", len(packed)) + packed)
+
+
+ONE_MESSAGE = (
+    mcap_record(3, struct.pack("<H", 1) + mcap_text(b"std_msgs/msg/Empty") + mcap_text(b"ros2msg") + bytes(4))
+    + mcap_record(4, struct.pack("<HH", 1, 1) + mcap_text(b"/a") + mcap_text(b"cdr") + bytes(4))
+    + mcap_record(5, struct.pack("<HIQQ", 1, 0, 7, 7) + bytes(5))
+)
+MCAP_START = b"\x89MCAP0\r\n" + mcap_record(1, mcap_text(b"ros2") + bytes(4))
+MCAP_END = mcap_record(15, bytes(4)) + mcap_record(2, bytes(20)) + b"\x89MCAP0\r\n"
+
+
+def messages_of(path: Path, content: bytes, **how: Any) -> int:
+    """How many messages are between start and end of an MCAP file."""
+    path.write_bytes(MCAP_START + content + MCAP_END)
+    return sum(len(item) for item in McapScan(path, **how) if isinstance(item, Batch))
+
+
+@pytest.mark.parametrize("topics", [None, {"/a"}, {"/b"}])
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_empty_chunks_are_chunks(tmp_path: Path, jobs: int, topics: Any) -> None:
+    empty = mcap_chunk(lz4.frame.compress(b""), 0, b"lz4")
+    first = mcap_chunk(ONE_MESSAGE, len(ONE_MESSAGE))
+    path = tmp_path / "t.mcap"
+
+    assert messages_of(path, empty + empty, jobs=jobs, topics=topics) == 0
+    assert messages_of(path, mcap_chunk(b"", 0) + first + empty, jobs=jobs, topics=topics) == 1
+
+
+@pytest.mark.parametrize("compression", [b"lz4", b"zstd"])
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_nothing_is_no_frame(tmp_path: Path, jobs: int, compression: bytes) -> None:
+    for size in (0, 1):
+        with pytest.raises(LogError, match="ends early"):
+            messages_of(tmp_path / "t.mcap", mcap_chunk(b"", size, compression), jobs=jobs)
+
+
+@pytest.mark.parametrize("body", [b"", b"\1\0" + bytes(4)])
+@pytest.mark.parametrize("topics", [None, {"/b"}])
+def test_index_records_without_number_are_no_burden(tmp_path: Path, body: bytes, topics: Any) -> None:
+    """Each was once added to all before: so many would have taken hours."""
+    large = mcap_record(5, struct.pack("<HIQQ", 1, 0, 8, 8) + bytes(200_000))
+    chunk = mcap_chunk(ONE_MESSAGE + large, len(ONE_MESSAGE) + len(large))
+
+    assert messages_of(tmp_path / "t.mcap", chunk + mcap_record(7, body) * 400_000, topics=topics) == 2
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_a_file_that_shrinks_while_it_is_read_is_refused(tmp_path: Path, jobs: int) -> None:
+    path = write_bag(tmp_path / "t.mcap", unpackable(60), storage="mcap", compression="zstd")
+    items = iter(McapScan(path, jobs=jobs))
+    assert any(isinstance(item, Batch) for item in items)
+    with path.open("r+b") as file:
+        file.truncate(path.stat().st_size // 4)
+
+    with pytest.raises(LogError, match=r"ends early|cut off"):
+        deque(items, maxlen=0)
+
+
+@pytest.mark.parametrize("name", ["preadv", "pread"])
+def test_without_reading_at_a_place_it_is_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """As on Windows."""
+    path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap", compression="zstd")
+    expected = told(path)
+    monkeypatch.delattr(os, name, raising=False)
+
+    assert told(path) == expected
+    assert len(expected) == len(MESSAGES)
+
+
+needs_preadv = pytest.mark.skipif(not hasattr(os, "preadv"), reason="there is no reading at a place")
+
+
+def told(path: Path) -> list[tuple[int, bytes]]:
+    batches = [item for item in McapScan(path, topics={"/snapshot"}) if isinstance(item, Batch)]
+    return [(m.stamp_ns, bytes(m.payload)) for batch in batches for m in batch.messages()]
+
+
+@needs_preadv
+@pytest.mark.parametrize("failure", [OSError(5, "Input/output error"), MemoryError()])
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_what_the_system_refuses_on_another_thread_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jobs: int, failure: Exception
+) -> None:
+    path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap", compression="zstd")
+
+    def refused(*_: object) -> int:
+        raise failure
+
+    monkeypatch.setattr(os, "preadv", refused)
+    with pytest.raises(LogError, match="it cannot be read"):
+        READER.read(path, replace(WANTED, jobs=jobs))
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_who_stops_early_leaves_no_thread_and_no_file_behind(tmp_path: Path, jobs: int) -> None:
+    path = write_bag(tmp_path / "t.mcap", unpackable(60), storage="mcap", compression="zstd")
+    threads, items = threading.active_count(), iter(McapScan(path, jobs=jobs))
+    assert any(isinstance(item, Batch) for item in items)
+    items.close()  # type: ignore[attr-defined]  # it is a generator
+
+    assert threading.active_count() == threads
+    assert not [file for file in gc.get_objects() if isinstance(file, Source) and not file._file.closed]
+
+
+@needs_preadv
+def test_a_read_may_come_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of more than two gigabytes, or from some file systems."""
+    path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap", compression="zstd")
+    expected, preadv = told(path), os.preadv
+    monkeypatch.setattr(os, "preadv", lambda file, rooms, at: preadv(file, [rooms[0][:7]], at))
+
+    assert told(path) == expected
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_nothing_behind_a_damaged_chunk_is_given(tmp_path: Path, jobs: int) -> None:
+    """Also where so much follows that other chunks are on their way already."""
+    path = write_bag(tmp_path / "t.mcap", unpackable(24), storage="mcap", compression="zstd")
+    content = bytearray(path.read_bytes())
+    content[len(content) // 20] ^= 0xFF  # in the second chunk
+    path.write_bytes(content)
+    scan, stamps_ns = McapScan(path, jobs=jobs), list[int]()
+    with pytest.raises(LogError, match="chunk at byte"):
+        stamps_ns.extend(ns for item in scan if isinstance(item, Batch) for ns in item.stamps_ns.tolist())
+
+    assert stamps_ns == [0]
+    assert int(scan.readable.removeprefix("byte ")) < len(content) // 20
 
 
 def test_a_flipped_byte_outside_chunks_fails_the_checksum_of_the_data_section(tmp_path: Path) -> None:

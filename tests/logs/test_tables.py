@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
 
 from ariac_score.errors import LogError
+from ariac_score.logs import tables
+from ariac_score.logs.columnar import Payloads
+from ariac_score.logs.pending import Waiting
+from ariac_score.logs.salvage import Connection
 from ariac_score.logs.tables import read_tables
+from ariac_score.logs.types import column_decoder_for
 from ariac_score.testing.bags import Recorded, write_bag
 
 STRING, VECTOR = "std_msgs/msg/String", "geometry_msgs/msg/Vector3"
@@ -57,3 +67,50 @@ def test_a_cut_off_recording_is_refused(tmp_path: Path) -> None:
 
     with pytest.raises(LogError):
         read_tables(path, {"/speed": None})
+
+
+NAMES = st.sampled_from([(), ("a",), ("b",), ("a", "b"), ("elbow", "wrist", "a")])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(NAMES, st.integers(0, 5)), max_size=80), st.data())
+def test_however_the_slabs_are_cut_the_columns_are_those_of_one(
+    sent: list[tuple[tuple[str, ...], int]], data: st.DataObject
+) -> None:
+    """Whether numbers are decoded where they stay or moved there, with good and bad guesses of how many."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    state, header = (store.types[name] for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header"))
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=1, nanosec=2)
+    values = np.random.default_rng(len(sent)).normal(size=(len(sent), 3))
+    packed, expected = [], list[float]()
+    for (names, short), row in zip(sent, values, strict=True):
+        position = row[: len(names)]
+        message = state(header(stamp, ""), list(names), position, position[short:] * 2, position[:0])
+        raw = bytes(store.serialize_cdr(message, "sensor_msgs/msg/JointState"))
+        sound = not (names and short == 5)
+        packed.append(raw if sound else raw[:-9])
+        expected += position.tolist() if sound else []
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(sent)), max_size=6)))
+    connection = Connection("/joints", "sensor_msgs/msg/JointState", "cdr")
+    growing = tables._Growing(column_decoder_for(connection, None))
+    for first, last in pairwise([0, *cuts, len(sent)]):
+        numbers = np.arange(first, last)
+        share = data.draw(st.sampled_from([0.0, 1e-9, 0.3, 1.0]))
+        growing.take(Waiting(numbers, numbers, Payloads.joined(packed[first:last])), share)
+
+    table = growing.table(connection)
+
+    assert table.defects == sum(1 for names, short in sent if names and short == 5)
+    assert table.columns["position"].values.tolist() == expected
+    assert [table.columns["name"].texts[code] for code in table.columns["name"].values] == [  # type: ignore[index]
+        name for names, short in sent if short != 5 for name in names
+    ]
+
+
+def test_a_guess_from_very_little_does_not_take_all_memory() -> None:
+    """Of a file that is nearly all zeros, or whose start holds what its rest does not."""
+    grown = tables._Grown(np.dtype(np.float64))
+    room = grown.room(np.dtype(np.float64), 1000, 1e-12)
+
+    assert room.base is not None
+    assert room.base.nbytes <= 8 * 1000 * 71

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score.errors import LogError
-from ariac_score.logs.transforms import MAX_GAP_S, TransformTree
+from ariac_score.logs.transforms import MAX_GAP_S, TransformTree, _Edge
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body
@@ -387,3 +387,12 @@ def test_more_transforms_than_are_composed_at_a_time_keep_their_hemisphere() -> 
     at = np.interp(found.t, stamps_ns / 1e9, angle)
     expected = np.stack([2 * np.cos(at), 2 * np.sin(at), np.zeros(len(at))], axis=1)
     assert found.values == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_guess_from_very_little_does_not_take_all_memory() -> None:
+    """There may be thousands of frames."""
+    edge, stamps_ns = _Edge(), np.arange(1000)
+    edge.add_many(slice(0, 1000), stamps_ns, [stamps_ns.astype(np.float64)] * 7, 1e-12)
+
+    assert edge.columns.base is not None
+    assert edge.columns.base.nbytes <= 7 * 8 * 1000 * 71
