@@ -23,24 +23,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Collection
-from functools import cache
 from pathlib import Path
 from statistics import median
 
-FIELDS = {
-    "/tf": ["transforms.header.stamp", "transforms.header.frame_id", "transforms.child_frame_id"],
-    "/joint_states": ["header.stamp", "name", "position", "velocity"],
-    "/human/state": ["header.stamp", "pose.pose.position", "twist.twist.linear"],
-    "/clock": ["clock"],
-    "/gripper/wrench": ["header.stamp", "wrench.force"],
-}
-FIELDS["/tf"].append("transforms.transform")
+from recordings import write, write_state_log
 
 COLD = False
-
-SCORED = ("/tf", "/human/state")
-"""The topics that the log map below leads anywhere."""
 
 LOG_MAP = """
 id: benchmark_map
@@ -102,127 +90,6 @@ CASES = [
 ]
 
 
-def ours(path: Path) -> int:
-    from ariac_score.logs.tables import read_tables  # noqa: PLC0415
-
-    return sum(len(t.stamps_ns) for t in read_tables(path, FIELDS))
-
-
-def ours_all(path: Path) -> int:
-    from ariac_score.logs.tables import read_tables  # noqa: PLC0415
-
-    return sum(len(t.stamps_ns) for t in read_tables(path, dict.fromkeys(FIELDS)))
-
-
-def rosbags(path: Path, topics: Collection[str] = FIELDS.keys()) -> int:
-    from rosbags.highlevel import AnyReader  # noqa: PLC0415
-
-    from ariac_score.logs.types import bundled_typestore  # noqa: PLC0415
-
-    count = 0
-    with AnyReader([path], default_typestore=bundled_typestore(2)) as reader:
-        wanted = [c for c in reader.connections if c.topic in topics]
-        for connection, _, raw in reader.messages(connections=wanted):
-            reader.deserialize(raw, connection.msgtype)
-            count += 1
-    return count
-
-
-def mcap_ros2(path: Path) -> int:
-    from mcap.reader import make_reader  # noqa: PLC0415
-    from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
-
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        return sum(1 for _ in reader.iter_decoded_messages(topics=list(FIELDS)))
-
-
-def pybag(path: Path) -> int:
-    from pybag.mcap_reader import McapFileReader  # noqa: PLC0415
-
-    with McapFileReader.from_file(path) as reader:
-        return sum(1 for topic in FIELDS for _ in reader.messages(topic))
-
-
-def floor(path: Path) -> int:
-    """The file read and inflated on one thread, by the quickest module that is installed."""
-    if path.suffix != ".mcap":
-        with path.open("rb", buffering=0) as file:
-            return sum(len(block) for block in iter(lambda: file.read(1 << 20), b""))
-    import struct  # noqa: PLC0415
-
-    total, room = 0, bytearray(16 << 20)
-    with path.open("rb") as file:
-        file.read(8)
-        while len(head := file.read(9)) == 9:
-            op, length = struct.unpack("<BQ", head)
-            body = file.read(length)
-            if op == 6:
-                (size,) = struct.unpack_from("<Q", body, 16)
-                (name,) = struct.unpack_from("<I", body, 28)
-                kind, packed = body[32 : 32 + name].decode(), memoryview(body)[40 + name :]
-                if kind:
-                    inflater(kind)(packed, memoryview(room)[:size])
-                total += size
-    return total
-
-
-@cache
-def inflater(kind: str) -> Callable[[memoryview, memoryview], object]:
-    if importlib.util.find_spec("cramjam"):
-        import cramjam  # noqa: PLC0415
-
-        return getattr(cramjam, kind).decompress_into
-    if kind == "lz4":
-        from lz4.frame import LZ4FrameDecompressor as Inflater  # noqa: PLC0415
-    else:
-        from backports.zstd import ZstdDecompressor as Inflater  # noqa: PLC0415
-    return lambda packed, room: Inflater().decompress(bytes(packed), max_length=len(room))
-
-
-def state_log(path: Path) -> int:
-    from ariac_score.logs.gazebo import read_states  # noqa: PLC0415
-
-    return sum(len(frames) for frames, _ in read_states(path).poses.values())
-
-
-def state_log_lxml(path: Path) -> int:
-    """The same poses by `lxml` iterparse, chunk by chunk."""
-    import base64  # noqa: PLC0415
-    import io  # noqa: PLC0415
-    import re  # noqa: PLC0415
-    import zlib  # noqa: PLC0415
-    from collections import defaultdict  # noqa: PLC0415
-
-    from lxml import etree  # noqa: PLC0415
-
-    found: dict[tuple[str, str], list[list[float]]] = defaultdict(list)
-    for chunk in re.finditer(rb"CDATA\[(.*?)\]\]>", path.read_bytes(), re.DOTALL):
-        text = zlib.decompress(base64.b64decode(chunk[1]))
-        for _, state in etree.iterparse(io.BytesIO(b"<r>" + text + b"</r>"), tag="state"):
-            for model in state.iterfind("model"):
-                name = model.get("name")
-                found[name, ""].append([float(n) for n in model.findtext("pose").split()])
-                for link in model.iterfind("link"):
-                    found[name, link.get("name")].append([float(n) for n in link.findtext("pose").split()])
-            state.clear()
-    return sum(map(len, found.values()))
-
-
-def score(path: Path) -> int:
-    """The whole command, from the start of Python on."""
-    import contextlib  # noqa: PLC0415
-    import io  # noqa: PLC0415
-
-    from ariac_score.cli import main as command  # noqa: PLC0415
-
-    folder = path.parent / "scored"
-    with contextlib.redirect_stdout(io.StringIO()) as said:
-        code = command(["score", str(folder), "--rules", str(path.parent / "benchmark_rules.yaml")])
-    assert code in (0, 6), said.getvalue()
-    return len(said.getvalue())
-
-
 def bundled(path: Path) -> None:
     """Put a recording into a folder with the trial's configuration, for the whole command."""
     folder = path.parent / "scored"
@@ -233,31 +100,6 @@ def bundled(path: Path) -> None:
     (folder / "bundle.yaml").write_text("logs: [made.mcap]\ntrial_config: trial.yaml\n", encoding="utf-8")
     (folder / "made.mcap").unlink(missing_ok=True)
     (folder / "made.mcap").hardlink_to(path.resolve())
-
-
-def rosbags_scored(path: Path) -> int:
-    """The topics that the command decodes, deserialised."""
-    return rosbags(path, SCORED)
-
-
-WAYS: dict[str, Callable[[Path], int]] = {
-    "ours": ours,
-    "ours_all": ours_all,
-    "rosbags": rosbags,
-    "mcap_ros2": mcap_ros2,
-    "pybag": pybag,
-    "floor": floor,
-    "state_log": state_log,
-    "lxml": state_log_lxml,
-    "score": score,
-    "rosbags_scored": rosbags_scored,
-}
-
-
-def one(way: str, path: Path) -> None:
-    count = WAYS[way](path)
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(time.process_time(), peak_mb, count)
 
 
 WARM_UP = """
@@ -284,7 +126,7 @@ def warm_up(path: Path) -> None:
 
 def measured(way: str, path: Path) -> tuple[float, float, float, int]:
     """Seconds, processor seconds, peak memory in MB, and messages, of a fresh process."""
-    command = [sys.executable, __file__, "--one", way, str(path)]
+    command = [sys.executable, str(Path(__file__).with_name("ways.py")), way, str(path)]
     # An installation has its bytecode compiled, so a checkout is measured with its own compiled too.
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     environment["PYTHONPYCACHEPREFIX"] = str(Path(tempfile.gettempdir(), "ariac-score-benchmark-bytecode"))
@@ -354,15 +196,9 @@ def main() -> None:
     parser.add_argument("--only", default="", help="only recordings whose name contains this")
     parser.add_argument("--peers", action="store_true", help="also mcap-ros2-support and pybag-sdk")
     parser.add_argument("--cold", action="store_true", help="do not touch file and memory before each run")
-    parser.add_argument("--one", nargs=2, metavar=("WAY", "PATH"), help=argparse.SUPPRESS)
     given = parser.parse_args()
     global COLD  # noqa: PLW0603  # an option of the whole run
     COLD = given.cold
-    if given.one:
-        one(given.one[0], Path(given.one[1]))
-        return
-    from recordings import write, write_state_log  # noqa: PLC0415  # the measured processes need none of it
-
     given.folder.mkdir(parents=True, exist_ok=True)
     for suffix, compression, camera in CASES:
         name = f"{compression or 'none'}{'_camera' if camera else ''}_{given.seconds:g}s.{suffix}"
