@@ -112,9 +112,7 @@ def run_batch(
     seen, rows = Seen(store.root), Rows(work)
     rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
     outcomes, measured = Counter[str](), list[Measurement]()
-    now, cpu_s, contradictions = 0, 0.0, 0
-    # Tables as this machine wrote them need not be held against ten thousand documents.
-    trusted = not store.journal.exists() and seen.contents(_TABLES) == (tables_sha256(store.root) or "none")
+    now, cpu_s, contradictions, trusted = 0, 0.0, 0, _as_written(store, seen)
     journal: IO[str] | None = None
 
     def settle(row: Row, *, known: bool = False) -> None:
@@ -155,16 +153,11 @@ def run_batch(
         if measured:
             look(list(_repriced(measured, setting, store, work, settle)))
         contradictions += write_tables(store, rows, work, trusted=trusted)
-        seen.note(_TABLES, tables_sha256(store.root))
-        store.journal.unlink()
+        _finished(store, seen)
     except OSError as cause:
         raise unwritable(cause, store) from cause
     finally:
-        if journal is not None:
-            with suppress(OSError):
-                journal.close()
-        seen.close()
-        rows.close()
+        _let_go(journal, seen, rows)
     return Report(dict(outcomes), now, cpu_s, contradictions)
 
 
@@ -245,6 +238,24 @@ _WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_lar
 
 _TABLES = "the tables"
 """Under which name `Seen` keeps the hash of the tables that were written last."""
+
+
+def _let_go(journal: IO[str] | None, seen: Seen, rows: Rows) -> None:
+    if journal is not None:
+        with suppress(OSError):
+            journal.close()
+    seen.close()
+    rows.close()
+
+
+def _as_written(store: Store, seen: Seen) -> bool:
+    """Whether the tables are as this machine wrote them: then ten thousand documents need not be read."""
+    return not store.journal.exists() and seen.contents(_TABLES) == (tables_sha256(store.root) or "none")
+
+
+def _finished(store: Store, seen: Seen) -> None:
+    seen.note(_TABLES, tables_sha256(store.root))
+    store.journal.unlink()
 
 
 def _row_at(key: TaskKey, place: Path, store: Store, rows: Rows, *, trusted: bool) -> Row | None:

@@ -18,6 +18,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,10 @@ from ariac_score.platforms.archives import unpack
 from ariac_score.platforms.neutral import COLUMNS, checked_metrics
 from ariac_score.platforms.page import progress_page, result_page
 from ariac_score.platforms.submission import (
+    HASHES,
     PHASE,
     RULES,
+    hashes_text,
     load_phase,
     phase_text,
     score_submission,
@@ -48,6 +51,7 @@ LONGEST_KEY = 36
 _STAMP = (2020, 1, 1, 0, 0, 0)
 """Of all members of the zips we write: the same bundle has the same bytes."""
 _DIGEST = re.compile(r".+@sha256:[0-9a-f]{64}")
+_TRIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 _RESERVED = ("metadata.yaml", "metadata")
 
 _PROGRAM = '''\
@@ -140,11 +144,18 @@ def write_bundle(
             f"{rule_set.id} compares teams, and a platform scores one submission at a time",
             hint="let the phase use the task rules (as_coded), and rank with 'ariac-score rank' afterwards",
         )
+    for trial in trials:
+        if not _TRIAL.fullmatch(trial):
+            raise UsageError(
+                f"{trial!r} is no name of a trial",
+                hint="use letters, digits, '_', '.' and '-', such as kitting",
+            )
     names = {trial: f"trials/{trial}.yaml" if config else "" for trial, config in trials.items()}
     reference = {PHASE: phase_text(bundle.title, setting, names).encode(), RULES: setting.rules.encode()}
-    reference |= {names[trial]: config.read_bytes() for trial, config in trials.items() if config}
+    reference |= {names[trial]: _content(config) for trial, config in trials.items() if config}
     keys = [column.key for column in COLUMNS]
     reference["leaderboard_keys.json"] = (json.dumps(keys) + "\n").encode()
+    reference[HASHES] = hashes_text(reference).encode()
     metadata = "command: python3 /app/program/scoring.py /app/input /app/output\n"
     program = {"metadata.yaml": metadata.encode(), "scoring.py": _PROGRAM.encode()}
     files = {
@@ -156,12 +167,30 @@ def write_bundle(
         "reference_data.zip": _zipped(reference),
     }
     temporary = output.with_name(f".part-{output.name}")
-    temporary.write_bytes(_zipped(files))
+    try:
+        temporary.write_bytes(_zipped(files))
+    except OSError as cause:
+        raise _unwritable(output, cause) from cause
     problems = [problem for problem in check_bundle(temporary) if problem.severe]
     if problems:
         temporary.unlink()
         raise UsageError(f"{problems[0].where}: {problems[0].what}", file=output, hint=problems[0].remedy)
     temporary.replace(output)
+
+
+def _content(config: Path) -> bytes:
+    try:
+        return config.read_bytes()
+    except OSError as cause:
+        raise UsageError(
+            f"cannot be read: {cause.strerror}", file=config, hint="give --trial ID=CONFIG a configuration"
+        ) from cause
+
+
+def _unwritable(output: Path, cause: OSError) -> UsageError:
+    return UsageError(
+        f"cannot be written: {cause.strerror or cause}", file=output, hint="check folder and room"
+    )
 
 
 def _competition(bundle: Bundle, rule_set: RuleSet) -> str:
@@ -337,18 +366,40 @@ def _leaderboard_problems(told: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def _phase_problems(told: Mapping[str, Any]) -> Iterator[Problem]:
-    for number, phase in enumerate(_listed(told, "phases")):
-        limit = phase.get("execution_time_limit", 0)
-        if isinstance(limit, int) and limit > DEFAULT_QUEUE_S:
+    phases = _listed(told, "phases")
+    if not phases:
+        yield Problem(
+            "competition.yaml: phases", "there is none", "write it with 'platform codabench bundle'"
+        )
+    for number, phase in enumerate(phases):
+        where = f"competition.yaml: phases[{number}]"
+        limit = phase.get("execution_time_limit")
+        if type(limit) is not int or limit < 1:
+            yield Problem(where, f"{limit!r} s are no time to score in", "give seconds, such as 600")
+        elif limit > DEFAULT_QUEUE_S:
             yield Problem(
-                f"competition.yaml: phases[{number}]",
+                where,
                 f"{limit} s are granted on a queue of your own; the default one stops at {DEFAULT_QUEUE_S} s",
                 "set up a queue with workers of your own",
                 severe=False,
             )
         for key in ("start", "tasks"):
             if not phase.get(key) and phase.get(key) != 0:
-                yield Problem(f"competition.yaml: phases[{number}]", f"it has no {key!r}", f"add {key!r}")
+                yield Problem(where, f"it has no {key!r}", f"add {key!r}")
+        yield from _date_problems(where, phase)
+
+
+def _date_problems(where: str, phase: Mapping[str, Any]) -> Iterator[Problem]:
+    dates = {}
+    for key in ("start", "end"):
+        if not phase.get(key):
+            continue
+        try:
+            dates[key] = datetime.fromisoformat(str(phase[key]).replace("Z", "+00:00")).replace(tzinfo=None)
+        except ValueError:
+            yield Problem(where, f"{key} {str(phase[key])!r} is no date", "write it as 2026-09-01")
+    if len(dates) == len(("start", "end")) and dates["end"] <= dates["start"]:
+        yield Problem(where, "it ends before it begins", "give an end after the start")
 
 
 def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
@@ -363,7 +414,7 @@ def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
             yield Problem(name, error.cause, error.hint)
             return
         names = {member.relative_to(inner).as_posix() for member in members}
-        needed = ("metadata.yaml", "scoring.py") if key == "scoring_program" else (PHASE, RULES)
+        needed = ("metadata.yaml", "scoring.py") if key == "scoring_program" else (PHASE, RULES, HASHES)
         for one in needed:
             if one not in names:
                 deeper = [other for other in names if other.endswith(f"/{one}")]
@@ -430,9 +481,7 @@ def pack(paths: Sequence[Path], output: Path) -> int:
         temporary.replace(output)
     except OSError as cause:
         temporary.unlink(missing_ok=True)
-        raise UsageError(
-            f"cannot be written: {cause.strerror or cause}", file=output, hint="check folder and room"
-        ) from cause
+        raise _unwritable(output, cause) from cause
     return len(members)
 
 

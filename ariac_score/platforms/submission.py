@@ -15,6 +15,7 @@ from ariac_score.batch.local import LocalExecutor, usable_cores
 from ariac_score.batch.outcomes import UNSETTLED, summary_of
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.batch.worker import Done
+from ariac_score.datafiles import strict_json
 from ariac_score.errors import LogError, RunEndedError, ScoreError, UsageError
 from ariac_score.findings import Verdict
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
@@ -25,11 +26,21 @@ from ariac_score.ranking.spec import ranking_spec
 from ariac_score.result import Result
 from ariac_score.result_json import load_result
 
-__all__ = ["EMPTY", "Phase", "Scored", "load_phase", "phase_text", "score_submission"]
+__all__ = [
+    "EMPTY",
+    "HASHES",
+    "Phase",
+    "Scored",
+    "hashes_text",
+    "load_phase",
+    "phase_text",
+    "score_submission",
+]
 
 TEAM = "submission"
 PHASE = "phase.json"
 RULES = "ruleset.yaml"
+HASHES = "hashes.json"
 SCHEMA = "ariac-score/phase/1"
 EMPTY = (
     "the submission arrived empty; a zip with metadata.yaml or metadata at its root is taken for a program: "
@@ -93,6 +104,30 @@ def phase_text(name: str, setting: Setting, trials: Mapping[str, str]) -> str:
     return json.dumps(told, indent=1, sort_keys=True) + "\n"
 
 
+def hashes_text(files: Mapping[str, bytes]) -> str:
+    """The SHA-256 of each file of the reference data, which `load_phase` holds them against."""
+    told = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    return json.dumps(told, indent=1, sort_keys=True) + "\n"
+
+
+def _check_hashes(folder: Path) -> None:
+    """Refuse reference data of which a file is another one than was written.
+
+    Raises:
+        ValueError: A checksum is wrong.
+        OSError: A file is missing.
+    """
+    if not (folder / HASHES).is_file():
+        return  # written by hand
+    for name, stated in strict_json((folder / HASHES).read_text(encoding="utf-8")).items():
+        file = folder / name
+        if not file.resolve().is_relative_to(folder.resolve()):
+            raise ValueError(f"{HASHES} names {name!r}, which is elsewhere")
+        found = hashlib.sha256(file.read_bytes()).hexdigest()
+        if found != stated:
+            raise ValueError(f"{name} has the SHA-256 {found}, and {HASHES} says {stated}")
+
+
 def load_phase(folder: Path) -> Phase:
     """Read the reference data of a phase.
 
@@ -100,6 +135,7 @@ def load_phase(folder: Path) -> Phase:
         UsageError: They are not what `bundle` writes; this is the organisers' fault.
     """
     try:
+        _check_hashes(folder)
         told = json.loads((folder / PHASE).read_text(encoding="utf-8"))
         rules = (folder / RULES).read_text(encoding="utf-8")
         if told["schema"] != SCHEMA:
@@ -114,7 +150,7 @@ def load_phase(folder: Path) -> Phase:
         trials = tuple(
             TrialPlan(trial, folder / name if name else None) for trial, name in told["trials"].items()
         )
-    except (OSError, ValueError, KeyError, TypeError) as cause:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as cause:
         raise UsageError(
             f"these are no reference data of a phase: {cause}",
             file=folder,

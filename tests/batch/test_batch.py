@@ -365,6 +365,13 @@ def lose_a_check(out: Path) -> None:
     connection.close()
 
 
+def test_a_folder_that_lets_nobody_write_is_named(trials: Path, tmp_path: Path) -> None:
+    (tmp_path / "out" / ".lock").mkdir(parents=True)
+    with pytest.raises(UsageError, match="cannot be written") as caught:
+        batch(trials, tmp_path / "out")
+    assert caught.value.file == str(tmp_path / "out")
+
+
 @pytest.mark.parametrize("forge", [forge_line, forge_index, lose_a_check])
 def test_tables_that_contradict_the_documents_are_made_again_and_it_is_said(
     trials: Path, tmp_path: Path, forge: Callable[[Path], None], capsys: pytest.CaptureFixture[str]

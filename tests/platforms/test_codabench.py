@@ -355,6 +355,14 @@ def _program(content: dict[str, bytes]) -> bytes:
     return out.getvalue()
 
 
+def _edited(zipped_file: bytes, name: str) -> bytes:
+    """A zip with a blank line more in one of its files."""
+    import io  # noqa: PLC0415  # for this helper alone
+
+    with zipfile.ZipFile(io.BytesIO(zipped_file)) as archive:
+        return _program({n: archive.read(n) + (b"\n" if n == name else b"") for n in archive.namelist()})
+
+
 TRAPS = {
     "leaderboard": (
         lambda c, _m: c.update(leaderboard=c.pop("leaderboards")),
@@ -388,6 +396,14 @@ TRAPS = {
     "no program": (lambda _c, m: m.pop("scoring_program.zip"), "is not in the zip"),
     "tag": (lambda c, _m: c.update(docker_image="example.org/x:latest"), "is not named by its digest"),
     "long": (lambda c, _m: c["phases"][0].update(execution_time_limit=601), "a queue of your own"),
+    "no date": (lambda c, _m: c["phases"][0].update(start="soon"), "start 'soon' is no date"),
+    "end before start": (lambda c, _m: c["phases"][0].update(end="2026-08-31"), "it ends before it begins"),
+    "no time": (lambda c, _m: c["phases"][0].update(execution_time_limit=0), "no time to score in"),
+    "no phase": (lambda c, _m: c.update(phases=5), "there is none"),
+    "another rule set": (
+        lambda _c, m: m.update({"reference_data.zip": _edited(m["reference_data.zip"], "ruleset.yaml")}),
+        "ruleset.yaml has the SHA-256",
+    ),
     "no page": (lambda _c, m: m.pop("rules.md"), "rules.md is not in the zip"),
 }
 
@@ -407,6 +423,45 @@ def test_rules_that_compare_teams_are_refused_for_a_platform(tmp_path: Path) -> 
     with pytest.raises(UsageError, match="compares teams"):
         write_bundle(BUNDLE, rule_set, Setting.of(rule_set, Limits()), {}, tmp_path / "b.zip")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("changes", "trials", "words"),
+    [
+        ({"start": "soon"}, {"kit": None}, "is no date"),
+        ({"time_limit_s": -5}, {"kit": None}, "no time to score in"),
+        ({}, {"../../kit": None}, "is no name of a trial"),
+        ({}, {"kit": Path("nowhere.yaml")}, "cannot be read"),
+    ],
+)
+def test_a_bundle_that_cannot_work_is_not_written(
+    tmp_path: Path, changes: dict[str, Any], trials: dict[str, Path | None], words: str
+) -> None:
+    rule_set = load_rule_set(RULES)
+    one = Bundle(**{**vars(BUNDLE), **changes})
+    with pytest.raises(UsageError, match=words):
+        write_bundle(one, rule_set, Setting.of(rule_set, Limits()), trials, tmp_path / "b.zip")
+    assert not list(tmp_path.iterdir())
+
+
+def test_reference_data_with_a_wrong_checksum_score_nobody(
+    tmp_path: Path, log_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (
+        zipfile.ZipFile(bundle(tmp_path)) as archive,
+        zipfile.ZipFile(archive.open("reference_data.zip")) as reference,
+    ):
+        reference.extractall(tmp_path / "in/ref")  # our own
+    (tmp_path / "in/res").mkdir()
+    (tmp_path / "in/res/kit_1.jsonl").write_text(log_text, encoding="utf-8")
+    assert score(tmp_path / "in", tmp_path / "out") == 0
+
+    with (tmp_path / "in/ref/ruleset.yaml").open("a") as rules:
+        rules.write("\n")
+    assert score(tmp_path / "in", tmp_path / "out") == 3
+
+    assert "ruleset.yaml has the SHA-256" in capsys.readouterr().err
+    assert not (tmp_path / "out/scores.json").exists()
 
 
 # The pack ------------------------------------------------------------------------------
