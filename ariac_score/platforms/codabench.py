@@ -414,7 +414,7 @@ def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
             yield Problem(name, error.cause, error.hint)
             return
         names = {member.relative_to(inner).as_posix() for member in members}
-        needed = ("metadata.yaml", "scoring.py") if key == "scoring_program" else (PHASE, RULES, HASHES)
+        needed = ("metadata.yaml", "scoring.py") if key == "scoring_program" else (PHASE, RULES)
         for one in needed:
             if one not in names:
                 deeper = [other for other in names if other.endswith(f"/{one}")]
@@ -422,6 +422,9 @@ def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
                 yield Problem(name, what, "zip the files themselves, without a folder around them")
         if key == "scoring_program" and "metadata.yaml" in names:
             yield from _command_problems(name, (Path(inner) / "metadata.yaml").read_bytes())
+        if key == "reference_data" and HASHES not in names:
+            words = f"it has no {HASHES}, so that nobody would notice a file that was changed"
+            yield Problem(name, words, "write it with 'platform codabench bundle'", severe=False)
         if key == "reference_data" and {PHASE, RULES} <= names:
             try:
                 load_phase(Path(inner)).setting.rule_set()
