@@ -74,7 +74,14 @@ def _evalai(parser: argparse.ArgumentParser) -> None:
     one = actions.add_parser("config", help="write challenge_config.yaml")
     one.add_argument("--title", required=True)
     one.add_argument("--phase", required=True, metavar="CODENAME")
-    one.add_argument("-o", "--output", type=Path, metavar="FILE")
+    where = one.add_mutually_exclusive_group()
+    where.add_argument("-o", "--output", type=Path, metavar="FILE", help="the configuration alone")
+    where.add_argument(
+        "--folder",
+        type=Path,
+        metavar="DIR",
+        help="the configuration with the files that the importer asks for",
+    )
     one.set_defaults(run=_config)
     one = actions.add_parser("check", help="what the platform would get wrong in silence")
     one.add_argument("config", type=Path, metavar="FILE")
@@ -169,9 +176,16 @@ def _score(arguments: argparse.Namespace) -> int:
 
 def _config(arguments: argparse.Namespace) -> int:
     from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.platforms.evalai import Challenge, challenge_config  # noqa: PLC0415
+    from ariac_score.platforms.evalai import Challenge, challenge_config, challenge_files  # noqa: PLC0415
 
-    write(challenge_config(Challenge(arguments.title, arguments.phase)), arguments.output)
+    challenge = Challenge(arguments.title, arguments.phase)
+    if arguments.folder is None:
+        write(challenge_config(challenge), arguments.output)
+        return 0
+    for name, content in challenge_files(challenge).items():
+        place = arguments.folder / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(content)
     return 0
 
 

@@ -42,7 +42,7 @@ from ariac_score.platforms.submission import (
 from ariac_score.result_json import as_json
 from ariac_score.ruleset import RuleSet
 
-__all__ = ["Bundle", "Problem", "check_bundle", "dry_run", "pack", "score", "write_bundle"]
+__all__ = ["Bundle", "Problem", "check_bundle", "dry_run", "pack", "score", "write_bundle", "zipped"]
 
 EXIT_SCORER_FAILED = 3
 DEFAULT_QUEUE_S = 600
@@ -163,12 +163,12 @@ def write_bundle(
         "rules.md": _rules_page(rule_set).encode(),
         "terms.md": b"Submissions are scored by ariac-score; results and logs may be published.\n",
         "logo.png": _logo(),
-        "scoring_program.zip": _zipped(program),
-        "reference_data.zip": _zipped(reference),
+        "scoring_program.zip": zipped(program),
+        "reference_data.zip": zipped(reference),
     }
     temporary = output.with_name(f".part-{output.name}")
     try:
-        temporary.write_bytes(_zipped(files))
+        temporary.write_bytes(zipped(files))
     except OSError as cause:
         raise _unwritable(output, cause) from cause
     problems = [problem for problem in check_bundle(temporary) if problem.severe]
@@ -255,14 +255,15 @@ def _rules_page(rule_set: RuleSet) -> str:
     return f"# {rule_set.title}\n\nSource: {rule_set.source}\n\n{notes}\n## Columns\n\n{columns}"
 
 
-def _zipped(files: Mapping[str, bytes]) -> bytes:
+def zipped(files: Mapping[str, bytes]) -> bytes:
+    """A zip of files by name; the same files give the same bytes."""
     out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as zipped:
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as packed:
         for name, content in files.items():
             info = zipfile.ZipInfo(name, _STAMP)
             info.compress_type = zipfile.ZIP_DEFLATED
             info.external_attr = 0o644 << 16
-            zipped.writestr(info, content)
+            packed.writestr(info, content)
     return out.getvalue()
 
 
@@ -474,12 +475,12 @@ def pack(paths: Sequence[Path], output: Path) -> int:
         raise UsageError("there is no file to pack", hint="name logs or folders of trials")
     temporary = output.with_name(f".part-{output.name}")
     try:
-        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as zipped:
+        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as packed:
             for name, file in members:
                 info = zipfile.ZipInfo(name, _STAMP)
                 info.compress_type = zipfile.ZIP_DEFLATED
                 info.external_attr = 0o644 << 16
-                with file.open("rb") as source, zipped.open(info, "w", force_zip64=True) as out:
+                with file.open("rb") as source, packed.open(info, "w", force_zip64=True) as out:
                     shutil.copyfileobj(source, out, 1 << 20)
         temporary.replace(output)
     except OSError as cause:

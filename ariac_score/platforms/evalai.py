@@ -23,7 +23,7 @@ import yaml
 from ariac_score.datafiles import parse_yaml
 from ariac_score.errors import BatchError, ScoreError, UsageError
 from ariac_score.platforms.archives import is_archive
-from ariac_score.platforms.codabench import Problem
+from ariac_score.platforms.codabench import Problem, zipped
 from ariac_score.platforms.neutral import COLUMNS, PlatformScores, checked_metrics
 from ariac_score.platforms.submission import Phase, score_submission
 
@@ -33,6 +33,7 @@ __all__ = [
     "Challenge",
     "Worker",
     "challenge_config",
+    "challenge_files",
     "check_challenge",
     "failed_body",
     "finished_body",
@@ -128,6 +129,30 @@ def challenge_config(challenge: Challenge) -> str:
     return yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
 
 
+_SCRIPT = """\
+def evaluate(*_, **__):
+    raise RuntimeError("this challenge is evaluated remotely: run 'ariac-score platform evalai worker'")
+"""
+
+
+def challenge_files(challenge: Challenge) -> dict[str, bytes]:
+    """The configuration with the files that it names, by name.
+
+    The importer asks for a script and an annotation also where neither is used; the script says so,
+    should anybody run it.
+
+    Raises:
+        UsageError: The code name is none.
+    """
+    config = challenge_config(challenge)
+    script = {"__init__.py": b"from .main import evaluate\n", "main.py": _SCRIPT.encode()}
+    return {
+        "challenge_config.yaml": config.encode("utf-8"),
+        "evaluation_script.zip": zipped(script),
+        f"annotations/{challenge.phase}.json": b"{}\n",
+    }
+
+
 def check_challenge(file: Path) -> list[Problem]:
     """Everything about a configuration that the platform gets wrong in silence."""
     try:
@@ -138,7 +163,23 @@ def check_challenge(file: Path) -> list[Problem]:
         return [Problem(str(file), error.cause, error.hint)]
     if not isinstance(told, dict):
         return [Problem(str(file), "it is no mapping", "write it with 'platform evalai config'")]
-    return list(_problems(told))
+    return [*_problems(told), *_file_problems(told, file.parent)]
+
+
+def _file_problems(told: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
+    named = [("evaluation_script", told.get("evaluation_script"))]
+    named += [
+        (f"challenge_phases[{number}]: test_annotation_file", phase.get("test_annotation_file"))
+        for number, phase in enumerate(_listed(told, "challenge_phases"))
+    ]
+    for where, name in named:
+        if not isinstance(name, str) or not (folder / name).is_file():
+            yield Problem(
+                where,
+                f"{name!r} does not lie beside the configuration, and the importer asks for it",
+                "write it with 'platform evalai config --folder'",
+                severe=False,
+            )
 
 
 def _problems(told: Mapping[str, Any]) -> Iterator[Problem]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import threading
+import zipfile
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -22,6 +24,7 @@ from ariac_score.platforms.evalai import (
     Challenge,
     Worker,
     challenge_config,
+    challenge_files,
     check_challenge,
     failed_body,
     finished_body,
@@ -387,6 +390,9 @@ def test_the_shape_is_the_one_the_code_takes() -> None:
 def config(tmp_path: Path, change: Any = lambda _c: None) -> Path:
     told = yaml.safe_load(challenge_config(Challenge("Finals", "finals")))
     change(told)
+    for name, content in challenge_files(Challenge("Finals", "finals")).items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(content)
     (tmp_path / "challenge_config.yaml").write_text(yaml.safe_dump(told), encoding="utf-8")
     return tmp_path / "challenge_config.yaml"
 
@@ -416,6 +422,7 @@ TRAPS = {
     "no phase": (lambda c: c.update(challenge_phases={"a": 1}), "no list of mappings"),
     "a board of numbers": (lambda c: c.update(leaderboard=[5]), "no list of mappings"),
     "a board without a schema": (lambda c: c["leaderboard"][0].update(schema=7), "not those of the worker"),
+    "no script": (lambda c: c.update(evaluation_script="other.zip"), "the importer asks for it"),
     "labels": (lambda c: c["leaderboard"][0]["schema"]["labels"].append("more"), "not those of the worker"),
 }
 
@@ -424,6 +431,15 @@ TRAPS = {
 def test_every_trap_of_the_configuration_is_found(tmp_path: Path, trap: str) -> None:
     change, words = TRAPS[trap]
     assert any(words in problem.what for problem in check_challenge(config(tmp_path, change)))
+
+
+def test_the_script_that_the_importer_asks_for_refuses_to_score(tmp_path: Path) -> None:
+    archive = zipfile.ZipFile(io.BytesIO(challenge_files(Challenge("F", "finals"))["evaluation_script.zip"]))
+    assert sorted(archive.namelist()) == ["__init__.py", "main.py"]  # no folder around them
+    names: dict[str, Any] = {}
+    exec(compile(archive.read("main.py"), "main.py", "exec"), names)  # noqa: S102  # ours, as a worker would
+    with pytest.raises(RuntimeError, match="evaluated remotely"):
+        names["evaluate"]("annotation", "submission", "finals", submission_metadata={})
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "a: [", "a: 1\na: 2\n"])
@@ -440,6 +456,9 @@ def test_the_commands(
     file = str(tmp_path / "c.yaml")
     assert main([*head, "config", "--title", "Finals", "--phase", "finals", "-o", file]) == 0
     assert main([*head, "check", file]) == 0
+    folder = str(tmp_path / "challenge")
+    assert main([*head, "config", "--title", "Finals", "--phase", "finals", "--folder", folder]) == 0
+    assert main([*head, "check", f"{folder}/challenge_config.yaml"]) == 0
     assert main([*head, "config", "--title", "Finals", "--phase", "The finals!", "-o", file]) == 4
     run = [*head, "worker", str(phase.folder), "--store", str(tmp_path / "store"), "--once"]
     monkeypatch.delenv("API_SERVER", raising=False)
