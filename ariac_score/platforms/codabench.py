@@ -17,6 +17,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -514,7 +515,6 @@ def score(inputs: Path, output: Path) -> int:
         inputs: The folder with `ref` and `res`.
         output: Where `scores.json` and the page go.
     """
-    output.mkdir(parents=True, exist_ok=True)
     lines: list[str] = []
 
     def told(line: str) -> None:
@@ -522,6 +522,7 @@ def score(inputs: Path, output: Path) -> int:
         _write(output / "detailed_results.html", progress_page(lines))
 
     try:
+        output.mkdir(parents=True, exist_ok=True)
         _write(output / "detailed_results.html", progress_page(()))
         phase = load_phase(inputs / "ref")
         with tempfile.TemporaryDirectory(prefix="ariac-score-") as work:
@@ -535,10 +536,11 @@ def score(inputs: Path, output: Path) -> int:
         _write(output / "scores.json", json.dumps(checked_metrics(scored.export.metrics), allow_nan=False))
         print(scored.export.message)  # noqa: T201  # the platform shows what the program prints
     except Exception as error:  # noqa: BLE001  # whatever it is, it may not look like a score
-        (output / "scores.json").unlink(missing_ok=True)
         print(f"{type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
         words = "The scorer failed. The organisers have the log; this attempt should not count."
-        _write(output / "detailed_results.html", progress_page([*lines, words]))
+        with suppress(OSError):  # a folder that nobody may write in has no page either
+            (output / "scores.json").unlink(missing_ok=True)
+            _write(output / "detailed_results.html", progress_page([*lines, words]))
         return EXIT_SCORER_FAILED
     return 0
 

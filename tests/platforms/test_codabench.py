@@ -444,6 +444,15 @@ def test_a_bundle_that_cannot_work_is_not_written(
     assert not list(tmp_path.iterdir())
 
 
+def test_an_output_that_cannot_be_written_is_a_failure_of_the_scorer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "output").write_text("a file where the folder should be")
+
+    assert score(tmp_path, tmp_path / "output") == 3
+    assert "output" in capsys.readouterr().err
+
+
 def test_reference_data_with_a_wrong_checksum_score_nobody(
     tmp_path: Path, log_text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
