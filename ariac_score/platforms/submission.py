@@ -6,7 +6,8 @@ import hashlib
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,8 @@ EMPTY = (
     "'ariac-score platform codabench pack'"
 )
 _RUN = re.compile(r"(?P<trial>.+)_(?P<run>\d{1,6})")
+BEGUN_WITHIN = 0.9
+"""Share of the time of one run in which all must have begun; a bundle grants a submission twice that time."""
 _OF_THE_WORKER = ("metadata",)
 """What the platform puts among the files of a submission."""
 
@@ -190,9 +193,14 @@ def score_submission(
     if not tasks:
         return _nothing(phase, EMPTY)
     results: dict[tuple[str, str, int], Result | ScoreError] = {}
-    for done in LocalExecutor(jobs or usable_cores(), None, work).run(tasks, phase.setting):
+    late: list[Task] = []
+    in_time = _in_time(tasks, phase.setting.limits.wall_s * BEGUN_WITHIN, late)
+    for done in LocalExecutor(jobs or usable_cores(), None, work).run(in_time, phase.setting):
         results[done.task.key] = _result_of(done, work)
         told(_line(done))
+    for task in late:
+        results[task.key] = LogError("not looked at: the runs before it took all the time of the submission")
+        told(f"{task.trial}, run {task.number}: not looked at: no time left")
     competition = Competition(
         id=phase.name,
         title=phase.name,
@@ -206,6 +214,19 @@ def score_submission(
     ranking = rank_results(competition, spec, rule_set, results)
     scored = {key[1:]: result for key, result in results.items() if isinstance(result, Result)}
     return Scored(_export(phase, ranking, scored), ranking, scored)
+
+
+def _in_time(tasks: Iterable[Task], within_s: float, late: list[Task]) -> Iterator[Task]:
+    """The tasks that are asked for in time; the others are noted as late.
+
+    A platform that has to stop a submission keeps no score of any of its runs.
+    """
+    until = time.monotonic() + within_s
+    for task in tasks:
+        if time.monotonic() < until:
+            yield task
+        else:
+            late.append(task)
 
 
 def _nothing(phase: Phase, message: str) -> Scored:

@@ -11,6 +11,7 @@ import sys
 import zipfile
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -20,7 +21,7 @@ from ariac_score import load_rule_set, score_trial
 from ariac_score.batch.tasks import Limits, Setting
 from ariac_score.cli import main
 from ariac_score.errors import BatchError, UsageError
-from ariac_score.platforms import codabench
+from ariac_score.platforms import codabench, submission
 from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
 from ariac_score.platforms.neutral import COLUMNS, PlatformScores, checked_metrics
 from ariac_score.platforms.submission import phase_text
@@ -162,6 +163,24 @@ def test_a_run_beyond_its_time_leaves_the_others_their_score(tmp_path: Path, log
 
     assert told(tmp_path / "output")["status_code"] == 1  # `slow` was never run
     assert told(tmp_path / "output")["final"] > 0
+
+
+def test_runs_that_would_begin_too_late_do_not_cost_the_others_their_score(
+    tmp_path: Path, log_text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A platform that stops a submission keeps none of its scores."""
+    inputs = reference(tmp_path / "input", "kit", "more", limits=Limits(100.0, 0))
+    for name in ("kit_1", "more_1"):
+        (inputs / f"res/{name}.jsonl").write_text(log_text, encoding="utf-8")
+    clock = iter([0.0, 89.9, 90.0])  # at the beginning, and when a run is asked for
+    monkeypatch.setattr(submission, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    assert told(tmp_path / "output")["status_code"] == 1
+    assert told(tmp_path / "output")["final"] > 0
+    page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
+    assert "not looked at: the runs before it took all the time" in page
 
 
 @pytest.mark.parametrize("damage", ["no phase", "no rules", "other schema", "rules that compare teams"])
