@@ -192,7 +192,8 @@ def _problems(told: Mapping[str, Any]) -> Iterator[Problem]:
             yield Problem(key, "there is none, or it is no list of mappings", "write it as 'config' does")
     for number, board in enumerate(_listed(told, "leaderboard")):
         where, schema = f"leaderboard[{number}]", _mapping(board.get("schema"))
-        if sorted(map(str, schema.get("labels") or [])) != sorted(labels):
+        stated = schema.get("labels")
+        if not isinstance(stated, list) or sorted(map(str, stated)) != sorted(labels):
             yield Problem(where, "its labels are not those of the worker", f"use {', '.join(labels)}")
         for label, about in _mapping(schema.get("metadata")).items():
             if "sort_ascending" not in _mapping(about):
@@ -201,7 +202,7 @@ def _problems(told: Mapping[str, Any]) -> Iterator[Problem]:
                     "without 'sort_ascending' the label is sorted ascending: the worst would lead",
                     "say sort_ascending: false for scores",
                 )
-    splits = {split.get("codename") for split in _listed(told, "dataset_splits")}
+    splits = {str(split.get("codename")) for split in _listed(told, "dataset_splits")}
     for number, phase in enumerate(_listed(told, "challenge_phases")):
         yield from _phase_problems(f"challenge_phases[{number}]", phase, splits)
     for number, split in enumerate(_listed(told, "challenge_phase_splits")):
@@ -213,7 +214,7 @@ def _problems(told: Mapping[str, Any]) -> Iterator[Problem]:
             )
 
 
-def _phase_problems(where: str, phase: Mapping[str, Any], splits: set[Any]) -> Iterator[Problem]:
+def _phase_problems(where: str, phase: Mapping[str, Any], splits: set[str]) -> Iterator[Problem]:
     allowed = str(phase.get("allowed_submission_file_types", ""))
     missing = [suffix for suffix in SUFFIXES if suffix not in allowed]
     if missing:
@@ -222,7 +223,7 @@ def _phase_problems(where: str, phase: Mapping[str, Any], splits: set[Any]) -> I
             f"submissions ending in {', '.join(missing)} are refused",
             f'allowed_submission_file_types: "{", ".join(SUFFIXES)}"',
         )
-    if phase.get("codename") not in splits:
+    if str(phase.get("codename")) not in splits:
         yield Problem(
             where,
             f"no dataset split has its code name {phase.get('codename')!r}, under which the worker answers",

@@ -421,6 +421,14 @@ TRAPS = {
     ),
     "no phase": (lambda c: c.update(challenge_phases={"a": 1}), "no list of mappings"),
     "a board of numbers": (lambda c: c.update(leaderboard=[5]), "no list of mappings"),
+    "labels that are a number": (
+        lambda c: c["leaderboard"][0]["schema"].update(labels=5),
+        "not those of the worker",
+    ),
+    "a code name of lists": (
+        lambda c: (c["dataset_splits"][0].update(codename=[5]), c["challenge_phases"][0].update(codename={})),
+        "no dataset split has its code name",
+    ),
     "a board without a schema": (lambda c: c["leaderboard"][0].update(schema=7), "not those of the worker"),
     "no script": (lambda c: c.update(evaluation_script="other.zip"), "the importer asks for it"),
     "labels": (lambda c: c["leaderboard"][0]["schema"]["labels"].append("more"), "not those of the worker"),
