@@ -317,6 +317,8 @@ def _problems(folder: Path) -> Iterator[Problem]:
             "give NAME@sha256:DIGEST",
             severe=False,
         )
+    if not _listed(told, "tasks"):
+        yield Problem("competition.yaml: tasks", "there is none", "write it with 'platform codabench bundle'")
     for task in _listed(told, "tasks"):
         for key in ("scoring_program", "reference_data"):
             yield from _member_problems(folder, str(task.get(key, "")), key)

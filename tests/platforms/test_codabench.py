@@ -418,6 +418,7 @@ TRAPS = {
     "no date": (lambda c, _m: c["phases"][0].update(start="soon"), "start 'soon' is no date"),
     "end before start": (lambda c, _m: c["phases"][0].update(end="2026-08-31"), "it ends before it begins"),
     "no time": (lambda c, _m: c["phases"][0].update(execution_time_limit=0), "no time to score in"),
+    "no task": (lambda c, _m: c.update(tasks=[]), "there is none"),
     "no phase": (lambda c, _m: c.update(phases=5), "there is none"),
     "another rule set": (
         lambda _c, m: m.update({"reference_data.zip": _edited(m["reference_data.zip"], "ruleset.yaml")}),
