@@ -1,7 +1,8 @@
 # The scorer of a hosted competition: no network, no root, nothing written but /app/output and /tmp.
 #   docker build -t ariac-score .
 #   docker run --rm --read-only --tmpfs /tmp --network none -v "$PWD/input:/app/input:ro" \
-#     -v "$PWD/output:/app/output" ariac-score platform codabench score /app/input /app/output
+#     -v "$PWD/output:/app/output" ariac-score ariac-score platform codabench score /app/input /app/output
+# There is no ENTRYPOINT: a platform gives the whole command, which would become the arguments of one.
 FROM python:3.12-slim AS build
 WORKDIR /src
 COPY . .
@@ -16,5 +17,4 @@ ENV PATH=/opt/ariac-score/bin:$PATH \
     XDG_CACHE_HOME=/tmp
 WORKDIR /app
 USER 10001
-ENTRYPOINT ["ariac-score"]
-CMD ["--help"]
+CMD ["ariac-score", "--help"]

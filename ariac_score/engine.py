@@ -148,6 +148,7 @@ def score_trial(
         measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set, known=known)
         sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
         inputs = hashes()
+    _refuse_other_contents(bundle, inputs)
     provenance = _provenance(bundle, inputs, rule_set, mapping, registry)
     settings = settings_of(checks, registry=registry, rule_set=rule_set)
     return price_trial(replace(measured, sketch=sketch, settings=settings), rule_set, provenance)
@@ -604,6 +605,30 @@ def file_hashes(bundle: Bundle, stopped: Event | None = None) -> tuple[Source, .
     """
     found = (s for part in bundle.parts for s in _sources(part, bundle.root, stopped))
     return tuple(sorted(found, key=_by_role))
+
+
+def _refuse_other_contents(bundle: Bundle, inputs: Sequence[Source]) -> None:
+    """Hold what was read against the checksums that `bundle.yaml` states.
+
+    Raises:
+        LogError: A file is another one, or none of this trial.
+    """
+    base = bundle.root if bundle.root.is_dir() else bundle.root.parent
+    read = {base / source.name.partition("#run=")[0]: source for source in inputs}
+    for path, stated in bundle.stated:
+        source = read.get(path)
+        if source is None:
+            raise LogError(
+                f"a checksum is stated of {path.name!r}, which is no file of this trial",
+                file=bundle.file,
+                hint="state those of logs, configurations and official results",
+            )
+        if source.read_bytes is None and source.sha256 != stated:
+            raise LogError(
+                f"its SHA-256 is {source.sha256}, and {stated} is stated",
+                file=path,
+                hint="send the file again, or correct bundle.yaml",
+            )
 
 
 def _engine() -> tuple[str, str, str, str]:

@@ -51,6 +51,7 @@ __all__ = [
     "findings_json",
     "load_result",
     "measured_sha256",
+    "newer_schema",
     "read_result",
 ]
 
@@ -385,13 +386,16 @@ def read_result(path: Path, *, known: bool = False) -> Result:
         text = path.read_text(encoding="utf-8")
         # What a batch of ours wrote was held against its schema then, and is read in its thousands.
         exact = (json.loads if known else strict_json)(text, parse_float=Decimal)
-        faults = [] if known else schema_errors(strict_json(text), "result")
+        told = None if known else strict_json(text)
+        faults = [] if known else schema_errors(told, "result")
     except OSError as cause:
         raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
     except (ValueError, RecursionError) as cause:
         raise ResultError(
             f"not a result: {cause}", file=path, hint="give the JSON that 'score --output-format json' wrote"
         ) from None
+    if faults and (newer := newer_schema(told)):
+        raise ResultError(newer, file=path, place="$.schema", hint="update ariac-score")
     if faults:
         where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in faults[0][0])
         raise ResultError(
@@ -404,6 +408,16 @@ def read_result(path: Path, *, known: bool = False) -> Result:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ArithmeticError) as cause:
         raise ResultError(f"not a whole result: {cause}", file=path, hint="score the trial again") from None
+
+
+def newer_schema(data: Any) -> str:
+    """What to tell of a result that a newer version wrote; empty for any other."""
+    stated = data.get("schema") if isinstance(data, dict) else None
+    name, _, number = str(stated).rpartition("/")
+    read_name, _, read = SCHEMA.rpartition("/")
+    if name != read_name or not number.isdecimal() or not int(read) < int(number[:9]):
+        return ""
+    return f"a newer version wrote it, as {name}/{number[:9]}; this one reads {SCHEMA}"
 
 
 def check_follows(result: Result) -> None:

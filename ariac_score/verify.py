@@ -20,7 +20,7 @@ from ariac_score.errors import NothingToScoreError, PluginError, ResultError, Sc
 from ariac_score.ranking.competition import FILE, Competition, Run, load_competition
 from ariac_score.registry import Registry, package_sha256
 from ariac_score.result import Provenance, Result
-from ariac_score.result_json import as_json, check_follows, measured_sha256, read_result
+from ariac_score.result_json import as_json, check_follows, measured_sha256, newer_schema, read_result
 from ariac_score.ruleset import RuleSet, differences, expanded_yaml, load_rule_set, rule_set_from_text
 from ariac_score.settings import plain_value
 
@@ -139,6 +139,8 @@ def _schema(data: Any) -> Step:
     faults = schema_errors(data, "result")
     if not faults:
         return Step("schema", OK, str(data["schema"]))
+    if newer := newer_schema(data):
+        return Step("schema", FAILED, f"$.schema: {newer}; update ariac-score")
     where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in faults[0][0])
     return Step("schema", FAILED, f"{where}: {faults[0][1]}")
 

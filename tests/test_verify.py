@@ -361,6 +361,31 @@ def test_json_that_is_no_result_fails_its_schema(
     assert "does not hold: schema" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("number", ["2", "999", "9" * 5000])
+def test_a_result_from_a_newer_version_is_named_as_one(
+    number: str, stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    newer = tmp_path / "newer.json"
+    text = stored.read_text(encoding="utf-8")
+    newer.write_text(text.replace("ariac-score/result/1", f"ariac-score/result/{number}"), encoding="utf-8")
+
+    assert main(["verify", str(newer)]) == 1
+    assert "a newer version wrote it" in capsys.readouterr().out
+    assert main(["report", str(newer), "-o", str(tmp_path / "page.html")]) == 6
+    assert "update ariac-score" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("schema", ["ariac-score/result/0", "ariac-score/result/x", "other/result/2", ""])
+def test_what_no_newer_version_wrote_is_not_called_so(
+    schema: str, stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = stored.read_text(encoding="utf-8").replace("ariac-score/result/1", schema)
+    (tmp_path / "r.json").write_text(text, encoding="utf-8")
+
+    assert main(["verify", str(tmp_path / "r.json")]) == 1
+    assert "newer" not in capsys.readouterr().out
+
+
 def test_a_log_that_is_not_there_is_named(stored: Path) -> None:
     with pytest.raises(NothingToScoreError):
         verify_result(stored, log=Path("nowhere.mcap"))

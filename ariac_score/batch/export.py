@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ariac_score.batch.index import INDEX
+from ariac_score.batch.index import INDEX, RUNS, check_index, checked_rows
 from ariac_score.errors import UsageError
 
 __all__ = ["COLUMNS", "TABLES", "table_csv", "write_parquet"]
@@ -56,8 +56,24 @@ def _rows(root: Path, table: str) -> Iterator[tuple[Any, ...]]:
         ) from cause
 
 
+def _check(root: Path) -> None:
+    """Hold the tables against each other and against the documents, before anything is written.
+
+    Raises:
+        BatchError: They do not say the same.
+    """
+    if (root / INDEX).is_file() and (root / RUNS).is_file():
+        check_index(root, (row for row, _ in checked_rows(root)))
+
+
 def table_csv(root: Path, table: str) -> str:
-    """A table as CSV; text that a spreadsheet would take for a formula has an apostrophe before it."""
+    """A table as CSV; text that a spreadsheet would take for a formula has an apostrophe before it.
+
+    Raises:
+        UsageError: The folder holds no finished batch.
+        BatchError: Its tables do not say what its documents say.
+    """
+    _check(root)
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS[table])
@@ -77,6 +93,7 @@ def write_parquet(root: Path, table: str, file: Path) -> None:
 
     Raises:
         UsageError: pyarrow is not installed, or the folder holds no finished batch.
+        BatchError: Its tables do not say what its documents say.
     """
     try:
         import pyarrow as pa  # noqa: PLC0415  # an extra
@@ -85,6 +102,7 @@ def write_parquet(root: Path, table: str, file: Path) -> None:
         raise UsageError(
             "writing Parquet needs pyarrow", hint="pip install 'ariac-score[parquet]', or export CSV"
         ) from cause
+    _check(root)
     kinds = {"run": pa.int64(), "score": pa.float64(), "task": pa.float64(), "worst_robustness": pa.float64()}
     counts = dict.fromkeys(("satisfied", "violated", "inconclusive", "not_applicable"), pa.int64())
     fields = [(name, {**kinds, **counts}.get(name, pa.string())) for name in COLUMNS[table]]

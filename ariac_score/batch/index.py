@@ -18,11 +18,24 @@ from typing import Any
 from ariac_score.batch.outcomes import Summary, summary_of
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import TaskKey
+from ariac_score.errors import BatchError
 
-__all__ = ["INDEX", "RUNS", "Row", "Rows", "read_rows", "write_tables"]
+__all__ = [
+    "AGAIN",
+    "INDEX",
+    "RUNS",
+    "Row",
+    "Rows",
+    "check_index",
+    "checked_rows",
+    "read_rows",
+    "tables_sha256",
+    "write_tables",
+]
 
 RUNS = "runs.jsonl"
 INDEX = "index.sqlite"
+AGAIN = "call 'batch' again with this folder: it makes again what is missing or wrong"
 
 _TABLES = """
 CREATE TABLE runs (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NULL, outcome TEXT NOT NULL,
@@ -177,8 +190,109 @@ def read_rows(file: Path) -> Iterator[tuple[Row, str]]:
         return
 
 
-def write_tables(store: Store, rows: Rows, work: Path) -> None:
+def checked_rows(root: Path) -> Iterator[tuple[Row, bytes]]:
+    """The rows of a finished batch with their documents, each held against what it says of its document.
+
+    Raises:
+        BatchError: A line is no row, or a document is missing, damaged, or says something else.
+    """
+    store, file = Store(root), root / RUNS
+    with file.open(encoding="ascii", errors="replace") as lines:
+        for number, line in enumerate(lines, start=1):
+            try:
+                row = Row.from_line(line)
+            except ValueError as cause:
+                raise BatchError("no row of a run", file=file, place=f"line {number}", hint=AGAIN) from cause
+            document = _document(row, root) if row.object else b""
+            if row.object and not _says(row, document, root / row.object, store):
+                raise BatchError(
+                    f"it says of run {'/'.join(map(str, row.key)).lstrip('/')} what its document does not",
+                    file=file,
+                    place=f"line {number}",
+                    hint=AGAIN,
+                )
+            yield row, document
+
+
+def _document(row: Row, root: Path) -> bytes:
+    if not _is_object(row.object):
+        raise BatchError(f"{row.object!r} is no place of a result", file=root / RUNS, hint=AGAIN)
+    source = root / row.object
+    try:
+        document = source.read_bytes()
+    except OSError as cause:
+        raise BatchError(f"cannot be read: {cause.strerror}", file=source, hint=AGAIN) from cause
+    if hashlib.sha256(document).hexdigest() != row.sha256:
+        raise BatchError("is not what was written: its hash is another one", file=source, hint=AGAIN)
+    return document
+
+
+def _is_object(name: str) -> bool:
+    """Whether a name leads to a result and nowhere else: it comes out of a file."""
+    parts = name.split("/")
+    return len(parts) == 4 and parts[0] == "objects" and all(p and p.strip(".") for p in parts)
+
+
+def _says(row: Row, document: bytes, place: Path, store: Store) -> bool:
+    try:
+        return Row.kept(row.key, document, place, store).as_line() == row.as_line()
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return False
+
+
+def check_index(root: Path, rows: Iterable[Row]) -> None:
+    """Hold the index of a batch against its rows, which come by team, trial and number.
+
+    Raises:
+        BatchError: It says something else.
+    """
+    file = root / INDEX
+    try:
+        connection = sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)
+        try:
+            tables = (
+                connection.execute("SELECT * FROM runs ORDER BY team, trial, run"),
+                connection.execute("SELECT * FROM checks ORDER BY team, trial, run, name"),
+            )
+            expected = (_index_rows(row) for row in rows)
+            runs, checks = tables
+            alike = all(
+                runs.fetchone() == run and [checks.fetchone() for _ in found] == sorted(found)
+                for run, found in expected
+            )
+            alike = alike and not any(table.fetchone() for table in tables)
+        finally:
+            connection.close()
+    except sqlite3.Error as cause:
+        raise BatchError(f"cannot be read: {cause}", file=file, hint=AGAIN) from cause
+    if not alike:
+        raise BatchError(f"it says something else than {RUNS}", file=file, hint=AGAIN)
+
+
+def tables_sha256(root: Path) -> str:
+    """One hash over both tables; empty when one is not there."""
+    digest = hashlib.sha256()
+    try:
+        for name in (RUNS, INDEX):
+            with (root / name).open("rb") as table:
+                while block := table.read(1 << 20):
+                    digest.update(block)
+    except OSError:
+        return ""
+    return digest.hexdigest()
+
+
+def write_tables(store: Store, rows: Rows, work: Path, *, trusted: bool = False) -> bool:
     """Write both tables, whole, and only where they changed.
+
+    Args:
+        store: The folder of the batch.
+        rows: All rows.
+        work: Folder for unfinished work.
+        trusted: The index that is there follows from the rows that are there.
+
+    Returns:
+        Whether the index contradicted the rows that were there.
 
     Raises:
         OSError: The disk is full.
@@ -186,13 +300,18 @@ def write_tables(store: Store, rows: Rows, work: Path) -> None:
     lines = work / RUNS
     with lines.open("w", encoding="ascii", newline="\n") as out:
         out.writelines(rows.lines())
-    if _same(lines, store.root / RUNS) and (store.root / INDEX).is_file():
-        return
+    as_before = _same(lines, store.root / RUNS)
+    if as_before and trusted:
+        return False
     index = work / INDEX
     _write_index(index, rows.lines())
+    if as_before and _same(index, store.root / INDEX):
+        return False
+    contradicted = as_before and (store.root / INDEX).is_file()
     (store.root / RUNS).unlink(missing_ok=True)  # the tables are of one mind, or the first is not there
     index.replace(store.root / INDEX)
     lines.replace(store.root / RUNS)
+    return contradicted
 
 
 def _same(first: Path, second: Path) -> bool:
@@ -210,19 +329,19 @@ def _write_index(file: Path, lines: Iterator[str]) -> None:
         connection.executescript(_TABLES)
         connection.execute("BEGIN")
         for line in lines:
-            row = Row.from_line(line)
-            s = row.summary
-            connection.execute(
-                "INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                (*row.key, s.outcome, s.reason, s.score, s.task, row.object, row.sha256),
-            )
-            connection.executemany(
-                "INSERT INTO checks VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                [(*row.key, name, *_counts(counts), worst) for name, counts, worst in s.checks],
-            )
+            run, checks = _index_rows(Row.from_line(line))
+            connection.execute("INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", run)
+            connection.executemany("INSERT INTO checks VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", checks)
         connection.commit()
     finally:
         connection.close()
+
+
+def _index_rows(row: Row) -> tuple[tuple[Any, ...], list[tuple[Any, ...]]]:
+    """What stands in either table of the index of a run."""
+    s = row.summary
+    checks = [(*row.key, name, *_counts(counts), worst) for name, counts, worst in s.checks]
+    return (*row.key, s.outcome, s.reason, s.score, s.task, row.object, row.sha256), checks
 
 
 def _counts(counts: Mapping[str, Any]) -> list[int]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from ariac_score.batch.index import RUNS, Row, Rows, read_rows, write_tables
+from ariac_score.batch.index import RUNS, Row, Rows, check_index, checked_rows, read_rows, write_tables
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import DESCRIPTION, SCHEMA, Report, unwritable
 from ariac_score.errors import BatchError, UsageError
@@ -37,8 +36,9 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
     rows, outcomes = Rows(work), Counter[str]()
     try:
         for part in parts:
-            for row, _ in read_rows(part / RUNS):
-                _take(row, part, store, rows)
+            for row, document in checked_rows(part):
+                _take(row, document, part, store, rows)
+            check_index(part, (row for row, _ in read_rows(part / RUNS)))
         for line in rows.lines():
             outcomes[Row.from_line(line).summary.outcome] += 1
         store.put(store.root / DESCRIPTION, (json.dumps(told, sort_keys=True, indent=1) + "\n").encode())
@@ -51,7 +51,7 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
     return Report(dict(outcomes), sum(outcomes.values()))
 
 
-def _take(row: Row, part: Path, store: Store, rows: Rows) -> None:
+def _take(row: Row, document: bytes, part: Path, store: Store, rows: Rows) -> None:
     name = "/".join(map(str, row.key)).lstrip("/")
     taken = rows.get(row.key)
     if taken is not None and taken.as_line() != row.as_line():
@@ -64,32 +64,15 @@ def _take(row: Row, part: Path, store: Store, rows: Rows) -> None:
     rows.add(row)
     if not row.object:
         return
-    source, place = part / row.object, store.root / row.object
-    if not _is_object(row.object):
-        raise BatchError(f"{row.object!r} is no place of a result", file=part / RUNS, hint=_AGAIN)
-    try:
-        document = source.read_bytes()
-    except OSError as cause:
-        raise BatchError(f"cannot be read: {cause.strerror}", file=source, hint=_AGAIN) from cause
-    if sha256(document).hexdigest() != row.sha256:
-        raise BatchError("is not what was written: its hash is another one", file=source, hint=_AGAIN)
+    place = store.root / row.object
     if not place.is_file():
         store.put(place, document)
     elif place.read_bytes() != document:
         raise BatchError(
             "differs from the result of the same name in another part",
-            file=source,
+            file=part / row.object,
             hint="one of the two was edited or damaged; score that run again",
         )
-
-
-_AGAIN = "call 'batch' again with this folder: it makes again what is missing"
-
-
-def _is_object(name: str) -> bool:
-    """Whether a name leads to a result and nowhere else: it comes out of a file."""
-    parts = name.split("/")
-    return len(parts) == 4 and parts[0] == "objects" and all(p and p.strip(".") for p in parts)
 
 
 def _description(part: Path) -> Mapping[str, Any]:

@@ -91,9 +91,16 @@ class Store:
         What an interrupted batch left behind is cleared away, half-written files included.
 
         Raises:
-            UsageError: Another batch is at work here.
+            UsageError: Another batch is at work here, or nobody may write here.
         """
-        lock = (self.root / _LOCK).open("w")
+        try:
+            lock = (self.root / _LOCK).open("w")
+        except OSError as cause:
+            raise UsageError(
+                f"cannot be written: {cause.strerror}",
+                file=self.root,
+                hint="name a folder you may write in with -o",
+            ) from cause
         try:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

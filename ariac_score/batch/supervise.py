@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, Protocol
 
 from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
-from ariac_score.batch.index import RUNS, Row, Rows, read_rows, write_tables
+from ariac_score.batch.index import RUNS, Row, Rows, read_rows, tables_sha256, write_tables
 from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
 from ariac_score.batch.pricing import Measurement, priced_again
 from ariac_score.batch.seen import Seen
@@ -54,11 +54,14 @@ class Report:
         outcomes: How many runs have which outcome, those of earlier calls included.
         scored_now: How many were looked at in this call.
         cpu_s: What their processes took of the processor, s.
+        contradictions: Rows of the tables that said something else than their documents, and were
+            made again; an index that did so counts as one.
     """
 
     outcomes: Mapping[str, int]
     scored_now: int
     cpu_s: float = 0.0
+    contradictions: int = 0
 
     @property
     def runs(self) -> int:
@@ -109,7 +112,7 @@ def run_batch(
     seen, rows = Seen(store.root), Rows(work)
     rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
     outcomes, measured = Counter[str](), list[Measurement]()
-    now, cpu_s = 0, 0.0
+    now, cpu_s, contradictions, trusted = 0, 0.0, 0, _as_written(store, seen)
     journal: IO[str] | None = None
 
     def settle(row: Row, *, known: bool = False) -> None:
@@ -121,9 +124,11 @@ def run_batch(
         told(row.key, row.summary.outcome, row.summary.reason)
 
     def missing() -> Iterator[Task]:
+        nonlocal contradictions
         for task in tasks:
-            found = _stored(task, basis, setting, store, seen, rows, again=again)
+            found = _stored(task, basis, setting, store, seen, rows, again=again, trusted=trusted)
             if isinstance(found, Row):
+                contradictions += _contradicted(rows.earlier(task.key), found)
                 settle(found, known=True)
             elif found is not None:
                 measured.append(found)
@@ -147,17 +152,13 @@ def run_batch(
         look(missing())
         if measured:
             look(list(_repriced(measured, setting, store, work, settle)))
-        write_tables(store, rows, work)
-        store.journal.unlink()
+        contradictions += write_tables(store, rows, work, trusted=trusted)
+        _finished(store, seen)
     except OSError as cause:
         raise unwritable(cause, store) from cause
     finally:
-        if journal is not None:
-            with suppress(OSError):
-                journal.close()
-        seen.close()
-        rows.close()
-    return Report(dict(outcomes), now, cpu_s)
+        _let_go(journal, seen, rows)
+    return Report(dict(outcomes), now, cpu_s, contradictions)
 
 
 def _earlier_basis(store: Store, rule_set: RuleSet, setting: Setting, registry: Registry) -> str:
@@ -209,6 +210,7 @@ def _stored(
     rows: Rows,
     *,
     again: bool,
+    trusted: bool,
 ) -> Row | Measurement | None:
     """The row of a run that is scored already, or what of it is measured under other prices.
 
@@ -221,7 +223,7 @@ def _stored(
     if not contents:
         return None
     address = measuring_address(task, contents, basis)
-    row = _row_at(task.key, store.place(address, setting.rules_sha256), store, rows)
+    row = _row_at(task.key, store.place(address, setting.rules_sha256), store, rows, trusted=trusted)
     if row is not None:
         return None if again and row.summary.outcome in _WORTH_ANOTHER_TRY else row
     earlier = rows.earlier(task.key)
@@ -234,18 +236,45 @@ def _stored(
 _WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_large", "failed"})
 
 
-def _row_at(key: TaskKey, place: Path, store: Store, rows: Rows) -> Row | None:
+_TABLES = "the tables"
+"""Under which name `Seen` keeps the hash of the tables that were written last."""
+
+
+def _let_go(journal: IO[str] | None, seen: Seen, rows: Rows) -> None:
+    if journal is not None:
+        with suppress(OSError):
+            journal.close()
+    seen.close()
+    rows.close()
+
+
+def _as_written(store: Store, seen: Seen) -> bool:
+    """Whether the tables are as this machine wrote them: then ten thousand documents need not be read."""
+    return not store.journal.exists() and seen.contents(_TABLES) == (tables_sha256(store.root) or "none")
+
+
+def _finished(store: Store, seen: Seen) -> None:
+    seen.note(_TABLES, tables_sha256(store.root))
+    store.journal.unlink()
+
+
+def _row_at(key: TaskKey, place: Path, store: Store, rows: Rows, *, trusted: bool) -> Row | None:
     """The row of a stored document; `None` when there is none, or one that nobody should believe."""
     try:
         document = place.read_bytes()
         row = rows.earlier(key)
         if row is not None and (row.object, row.sha256) == (store.name(place), sha256(document).hexdigest()):
-            return row
+            return row if trusted else Row.kept(key, document, place, store)
         # The table knows another document, or none: this one counts only if it follows from itself.
         load_result(place)
         return Row.kept(key, document, place, store)
     except (OSError, ValueError, ResultError):
         return None
+
+
+def _contradicted(earlier: Row | None, found: Row) -> bool:
+    """Whether a table said of a document what it does not say."""
+    return earlier is not None and earlier.object == found.object and earlier.as_line() != found.as_line()
 
 
 def _addressed(done: Done, basis: str) -> Done:

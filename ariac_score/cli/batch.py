@@ -214,6 +214,9 @@ def _show(report: Report, plan: Plan, out: Path) -> None:
         print(f"{report.scored_now} looked at, {report.cpu_s:.1f} s of processor time")
     if report.scored_now < report.runs:
         print(f"{report.runs - report.scored_now} of them were there already")
+    if report.contradictions:
+        rows = f"{report.contradictions} row{'' if report.contradictions == 1 else 's'}"
+        print(f"{rows} of the tables contradicted the stored documents and were made again")
     for stranger in plan.strangers:
         print(f"passed over: {plain(stranger)}")
     print(f"results: {plain(str(out))} (runs.jsonl to read, index.sqlite to ask)")

@@ -74,7 +74,14 @@ def _evalai(parser: argparse.ArgumentParser) -> None:
     one = actions.add_parser("config", help="write challenge_config.yaml")
     one.add_argument("--title", required=True)
     one.add_argument("--phase", required=True, metavar="CODENAME")
-    one.add_argument("-o", "--output", type=Path, metavar="FILE")
+    where = one.add_mutually_exclusive_group()
+    where.add_argument("-o", "--output", type=Path, metavar="FILE", help="the configuration alone")
+    where.add_argument(
+        "--folder",
+        type=Path,
+        metavar="DIR",
+        help="the configuration with the files that the importer asks for",
+    )
     one.set_defaults(run=_config)
     one = actions.add_parser("check", help="what the platform would get wrong in silence")
     one.add_argument("config", type=Path, metavar="FILE")
@@ -82,13 +89,20 @@ def _evalai(parser: argparse.ArgumentParser) -> None:
     one = actions.add_parser(
         "worker",
         help="score the submissions of a challenge",
-        description="Takes AUTH_TOKEN, API_SERVER, QUEUE_NAME and CHALLENGE_PK from the environment.",
+        description="Takes AUTH_TOKEN, API_SERVER, QUEUE_NAME and CHALLENGE_PK from the environment, and "
+        "AUTH_SCHEME (Bearer; Token for the platform's older interface).",
     )
     one.add_argument(
         "phase", type=Path, metavar="DIR", help="reference data: phase.json, ruleset.yaml, trials/"
     )
     one.add_argument(
         "--store", type=Path, required=True, metavar="DIR", help="folder for submissions, answers"
+    )
+    one.add_argument(
+        "--phase-codename",
+        default="",
+        metavar="CODENAME",
+        help="refuse submissions for any other phase; needed where a challenge has several",
     )
     one.add_argument("--once", action="store_true", help="stop when the queue is empty")
     one.set_defaults(run=_worker)
@@ -128,7 +142,8 @@ def _told(problems: Sequence[Problem]) -> int:
 
     for problem in problems:
         word = "problem" if problem.severe else "worth a look"
-        print(plain(f"{word}: {problem.where}: {problem.what}\n  hint: {problem.remedy}"))
+        print(plain(f"{word}: {problem.where}: {problem.what}"))
+        print(plain(f"  hint: {problem.remedy}"))
     if not problems:
         print("nothing that the platform would trip over")
     return EXIT_PROBLEMS if any(problem.severe for problem in problems) else 0
@@ -161,9 +176,16 @@ def _score(arguments: argparse.Namespace) -> int:
 
 def _config(arguments: argparse.Namespace) -> int:
     from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.platforms.evalai import Challenge, challenge_config  # noqa: PLC0415
+    from ariac_score.platforms.evalai import Challenge, challenge_config, challenge_files  # noqa: PLC0415
 
-    write(challenge_config(Challenge(arguments.title, arguments.phase)), arguments.output)
+    challenge = Challenge(arguments.title, arguments.phase)
+    if arguments.folder is None:
+        write(challenge_config(challenge), arguments.output)
+        return 0
+    for name, content in challenge_files(challenge).items():
+        place = arguments.folder / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(content)
     return 0
 
 
@@ -181,7 +203,8 @@ def _worker(arguments: argparse.Namespace) -> int:
         )
     server, token, queue, challenge = (os.environ[name] for name in names)
     api = Api(server, token, queue, int(challenge), os.environ.get("AUTH_SCHEME", "Bearer"))
-    worker = Worker(api, load_phase(arguments.phase), arguments.store, time.sleep, _say)
+    phase, codename = load_phase(arguments.phase), arguments.phase_codename
+    worker = Worker(api, phase, arguments.store, time.sleep, _say, codename)
     while True:
         try:
             if worker.once():

@@ -87,12 +87,16 @@ class Bundle:
         root: The folder (or the file) the parts are in.
         parts: Sorted by path; those of `bundle.yaml` in its order.
         ignored: Paths below the root that no reader recognised, sorted.
+        stated: The SHA-256 of files as `bundle.yaml` states them, sorted by path.
+        file: The `bundle.yaml` that names the parts, if one does.
     """
 
     id: str
     root: Path
     parts: tuple[Part, ...]
     ignored: tuple[str, ...] = ()
+    stated: tuple[tuple[Path, str], ...] = ()
+    file: Path | None = None
 
 
 def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
@@ -147,7 +151,7 @@ def with_parts(bundle: Bundle, paths: Sequence[Path], root: Path, readers: Mappi
             raise LogError("no reader recognises this file", file=path, hint=f"known formats: {FORMATS}")
         if part.role not in taken:
             parts.append(part)
-    return Bundle(bundle.id, root, tuple(parts), bundle.ignored) if paths else bundle
+    return replace(bundle, root=root, parts=tuple(parts)) if paths else bundle
 
 
 def _folder_name(folder: Path) -> str:
@@ -329,7 +333,9 @@ def _named_parts(file: Path, readers: Mapping[str, Reader]) -> Bundle:
         raise NothingToScoreError(
             "the bundle names no part", file=file, hint="name at least one log or configuration"
         )
-    return Bundle(named.get("id") or _folder_name(file.parent), file.parent, tuple(parts))
+    stated = tuple(sorted((file.parent / name, digest) for name, digest in named.get("sha256", {}).items()))
+    name = named.get("id") or _folder_name(file.parent)
+    return Bundle(name, file.parent, tuple(parts), stated=stated, file=file)
 
 
 def _named_part(

@@ -17,7 +17,9 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +32,10 @@ from ariac_score.platforms.archives import unpack
 from ariac_score.platforms.neutral import COLUMNS, checked_metrics
 from ariac_score.platforms.page import progress_page, result_page
 from ariac_score.platforms.submission import (
+    HASHES,
     PHASE,
     RULES,
+    hashes_text,
     load_phase,
     phase_text,
     score_submission,
@@ -39,7 +43,7 @@ from ariac_score.platforms.submission import (
 from ariac_score.result_json import as_json
 from ariac_score.ruleset import RuleSet
 
-__all__ = ["Bundle", "Problem", "check_bundle", "dry_run", "pack", "score", "write_bundle"]
+__all__ = ["Bundle", "Problem", "check_bundle", "dry_run", "pack", "score", "write_bundle", "zipped"]
 
 EXIT_SCORER_FAILED = 3
 DEFAULT_QUEUE_S = 600
@@ -48,6 +52,7 @@ LONGEST_KEY = 36
 _STAMP = (2020, 1, 1, 0, 0, 0)
 """Of all members of the zips we write: the same bundle has the same bytes."""
 _DIGEST = re.compile(r".+@sha256:[0-9a-f]{64}")
+_TRIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 _RESERVED = ("metadata.yaml", "metadata")
 
 _PROGRAM = '''\
@@ -140,11 +145,18 @@ def write_bundle(
             f"{rule_set.id} compares teams, and a platform scores one submission at a time",
             hint="let the phase use the task rules (as_coded), and rank with 'ariac-score rank' afterwards",
         )
+    for trial in trials:
+        if not _TRIAL.fullmatch(trial):
+            raise UsageError(
+                f"{trial!r} is no name of a trial",
+                hint="use letters, digits, '_', '.' and '-', such as kitting",
+            )
     names = {trial: f"trials/{trial}.yaml" if config else "" for trial, config in trials.items()}
     reference = {PHASE: phase_text(bundle.title, setting, names).encode(), RULES: setting.rules.encode()}
-    reference |= {names[trial]: config.read_bytes() for trial, config in trials.items() if config}
+    reference |= {names[trial]: _content(config) for trial, config in trials.items() if config}
     keys = [column.key for column in COLUMNS]
     reference["leaderboard_keys.json"] = (json.dumps(keys) + "\n").encode()
+    reference[HASHES] = hashes_text(reference).encode()
     metadata = "command: python3 /app/program/scoring.py /app/input /app/output\n"
     program = {"metadata.yaml": metadata.encode(), "scoring.py": _PROGRAM.encode()}
     files = {
@@ -152,16 +164,34 @@ def write_bundle(
         "rules.md": _rules_page(rule_set).encode(),
         "terms.md": b"Submissions are scored by ariac-score; results and logs may be published.\n",
         "logo.png": _logo(),
-        "scoring_program.zip": _zipped(program),
-        "reference_data.zip": _zipped(reference),
+        "scoring_program.zip": zipped(program),
+        "reference_data.zip": zipped(reference),
     }
     temporary = output.with_name(f".part-{output.name}")
-    temporary.write_bytes(_zipped(files))
+    try:
+        temporary.write_bytes(zipped(files))
+    except OSError as cause:
+        raise _unwritable(output, cause) from cause
     problems = [problem for problem in check_bundle(temporary) if problem.severe]
     if problems:
         temporary.unlink()
         raise UsageError(f"{problems[0].where}: {problems[0].what}", file=output, hint=problems[0].remedy)
     temporary.replace(output)
+
+
+def _content(config: Path) -> bytes:
+    try:
+        return config.read_bytes()
+    except OSError as cause:
+        raise UsageError(
+            f"cannot be read: {cause.strerror}", file=config, hint="give --trial ID=CONFIG a configuration"
+        ) from cause
+
+
+def _unwritable(output: Path, cause: OSError) -> UsageError:
+    return UsageError(
+        f"cannot be written: {cause.strerror or cause}", file=output, hint="check folder and room"
+    )
 
 
 def _competition(bundle: Bundle, rule_set: RuleSet) -> str:
@@ -226,14 +256,15 @@ def _rules_page(rule_set: RuleSet) -> str:
     return f"# {rule_set.title}\n\nSource: {rule_set.source}\n\n{notes}\n## Columns\n\n{columns}"
 
 
-def _zipped(files: Mapping[str, bytes]) -> bytes:
+def zipped(files: Mapping[str, bytes]) -> bytes:
+    """A zip of files by name; the same files give the same bytes."""
     out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as zipped:
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as packed:
         for name, content in files.items():
             info = zipfile.ZipInfo(name, _STAMP)
             info.compress_type = zipfile.ZIP_DEFLATED
             info.external_attr = 0o644 << 16
-            zipped.writestr(info, content)
+            packed.writestr(info, content)
     return out.getvalue()
 
 
@@ -286,6 +317,8 @@ def _problems(folder: Path) -> Iterator[Problem]:
             "give NAME@sha256:DIGEST",
             severe=False,
         )
+    if not _listed(told, "tasks"):
+        yield Problem("competition.yaml: tasks", "there is none", "write it with 'platform codabench bundle'")
     for task in _listed(told, "tasks"):
         for key in ("scoring_program", "reference_data"):
             yield from _member_problems(folder, str(task.get(key, "")), key)
@@ -337,18 +370,40 @@ def _leaderboard_problems(told: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def _phase_problems(told: Mapping[str, Any]) -> Iterator[Problem]:
-    for number, phase in enumerate(_listed(told, "phases")):
-        limit = phase.get("execution_time_limit", 0)
-        if isinstance(limit, int) and limit > DEFAULT_QUEUE_S:
+    phases = _listed(told, "phases")
+    if not phases:
+        yield Problem(
+            "competition.yaml: phases", "there is none", "write it with 'platform codabench bundle'"
+        )
+    for number, phase in enumerate(phases):
+        where = f"competition.yaml: phases[{number}]"
+        limit = phase.get("execution_time_limit")
+        if type(limit) is not int or limit < 1:
+            yield Problem(where, f"{limit!r} s are no time to score in", "give seconds, such as 600")
+        elif limit > DEFAULT_QUEUE_S:
             yield Problem(
-                f"competition.yaml: phases[{number}]",
+                where,
                 f"{limit} s are granted on a queue of your own; the default one stops at {DEFAULT_QUEUE_S} s",
                 "set up a queue with workers of your own",
                 severe=False,
             )
         for key in ("start", "tasks"):
             if not phase.get(key) and phase.get(key) != 0:
-                yield Problem(f"competition.yaml: phases[{number}]", f"it has no {key!r}", f"add {key!r}")
+                yield Problem(where, f"it has no {key!r}", f"add {key!r}")
+        yield from _date_problems(where, phase)
+
+
+def _date_problems(where: str, phase: Mapping[str, Any]) -> Iterator[Problem]:
+    dates = {}
+    for key in ("start", "end"):
+        if not phase.get(key):
+            continue
+        try:
+            dates[key] = datetime.fromisoformat(str(phase[key]).replace("Z", "+00:00")).replace(tzinfo=None)
+        except ValueError:
+            yield Problem(where, f"{key} {str(phase[key])!r} is no date", "write it as 2026-09-01")
+    if len(dates) == len(("start", "end")) and dates["end"] <= dates["start"]:
+        yield Problem(where, "it ends before it begins", "give an end after the start")
 
 
 def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
@@ -371,6 +426,9 @@ def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
                 yield Problem(name, what, "zip the files themselves, without a folder around them")
         if key == "scoring_program" and "metadata.yaml" in names:
             yield from _command_problems(name, (Path(inner) / "metadata.yaml").read_bytes())
+        if key == "reference_data" and HASHES not in names:
+            words = f"it has no {HASHES}, so that nobody would notice a file that was changed"
+            yield Problem(name, words, "write it with 'platform codabench bundle'", severe=False)
         if key == "reference_data" and {PHASE, RULES} <= names:
             try:
                 load_phase(Path(inner)).setting.rule_set()
@@ -420,19 +478,17 @@ def pack(paths: Sequence[Path], output: Path) -> int:
         raise UsageError("there is no file to pack", hint="name logs or folders of trials")
     temporary = output.with_name(f".part-{output.name}")
     try:
-        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as zipped:
+        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as packed:
             for name, file in members:
                 info = zipfile.ZipInfo(name, _STAMP)
                 info.compress_type = zipfile.ZIP_DEFLATED
                 info.external_attr = 0o644 << 16
-                with file.open("rb") as source, zipped.open(info, "w", force_zip64=True) as out:
+                with file.open("rb") as source, packed.open(info, "w", force_zip64=True) as out:
                     shutil.copyfileobj(source, out, 1 << 20)
         temporary.replace(output)
     except OSError as cause:
         temporary.unlink(missing_ok=True)
-        raise UsageError(
-            f"cannot be written: {cause.strerror or cause}", file=output, hint="check folder and room"
-        ) from cause
+        raise _unwritable(output, cause) from cause
     return len(members)
 
 
@@ -461,7 +517,6 @@ def score(inputs: Path, output: Path) -> int:
         inputs: The folder with `ref` and `res`.
         output: Where `scores.json` and the page go.
     """
-    output.mkdir(parents=True, exist_ok=True)
     lines: list[str] = []
 
     def told(line: str) -> None:
@@ -469,6 +524,7 @@ def score(inputs: Path, output: Path) -> int:
         _write(output / "detailed_results.html", progress_page(lines))
 
     try:
+        output.mkdir(parents=True, exist_ok=True)
         _write(output / "detailed_results.html", progress_page(()))
         phase = load_phase(inputs / "ref")
         with tempfile.TemporaryDirectory(prefix="ariac-score-") as work:
@@ -482,10 +538,11 @@ def score(inputs: Path, output: Path) -> int:
         _write(output / "scores.json", json.dumps(checked_metrics(scored.export.metrics), allow_nan=False))
         print(scored.export.message)  # noqa: T201  # the platform shows what the program prints
     except Exception as error:  # noqa: BLE001  # whatever it is, it may not look like a score
-        (output / "scores.json").unlink(missing_ok=True)
         print(f"{type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
         words = "The scorer failed. The organisers have the log; this attempt should not count."
-        _write(output / "detailed_results.html", progress_page([*lines, words]))
+        with suppress(OSError):  # a folder that nobody may write in has no page either
+            (output / "scores.json").unlink(missing_ok=True)
+            _write(output / "detailed_results.html", progress_page([*lines, words]))
         return EXIT_SCORER_FAILED
     return 0
 

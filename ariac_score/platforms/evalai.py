@@ -8,6 +8,8 @@ Source: notes on EvalAI (commit 0f04039), section 3; where the guide and the cod
 from __future__ import annotations
 
 import json
+import re
+import shutil
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -19,8 +21,9 @@ from typing import Any
 import yaml
 
 from ariac_score.datafiles import parse_yaml
-from ariac_score.errors import BatchError, ScoreError
-from ariac_score.platforms.codabench import Problem
+from ariac_score.errors import BatchError, ScoreError, UsageError
+from ariac_score.platforms.archives import is_archive
+from ariac_score.platforms.codabench import Problem, zipped
 from ariac_score.platforms.neutral import COLUMNS, PlatformScores, checked_metrics
 from ariac_score.platforms.submission import Phase, score_submission
 
@@ -30,6 +33,7 @@ __all__ = [
     "Challenge",
     "Worker",
     "challenge_config",
+    "challenge_files",
     "check_challenge",
     "failed_body",
     "finished_body",
@@ -38,10 +42,12 @@ __all__ = [
 SUFFIXES = (".zip", ".mcap", ".bag", ".db3", ".jsonl")
 """What a submission may be; the platform's own list has none of these but `.zip`."""
 LARGEST_SUBMISSION = 4 << 30
+_CODENAME = re.compile(r"[a-z0-9_]{1,100}")
 _DONE = ("finished", "failed", "cancelled")
 _TIMEOUT_S = 60.0
 _BLOCK = 1 << 20
 _PUT_ATTEMPTS = 5
+_LONGEST_NAME = 200
 
 
 # The configuration -----------------------------------------------------------------------
@@ -67,7 +73,15 @@ class Challenge:
 
 
 def challenge_config(challenge: Challenge) -> str:
-    """`challenge_config.yaml` for a challenge that is evaluated remotely."""
+    """`challenge_config.yaml` for a challenge that is evaluated remotely.
+
+    Raises:
+        UsageError: The code name is none.
+    """
+    if not _CODENAME.fullmatch(challenge.phase):
+        raise UsageError(
+            f"{challenge.phase!r} is no code name of a phase", hint="use a-z, 0-9 and _, such as finals"
+        )
     schema = {
         "labels": [column.key for column in COLUMNS],
         "default_order_by": COLUMNS[0].key,
@@ -115,6 +129,30 @@ def challenge_config(challenge: Challenge) -> str:
     return yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
 
 
+_SCRIPT = """\
+def evaluate(*_, **__):
+    raise RuntimeError("this challenge is evaluated remotely: run 'ariac-score platform evalai worker'")
+"""
+
+
+def challenge_files(challenge: Challenge) -> dict[str, bytes]:
+    """The configuration with the files that it names, by name.
+
+    The importer asks for a script and an annotation also where neither is used; the script says so,
+    should anybody run it.
+
+    Raises:
+        UsageError: The code name is none.
+    """
+    config = challenge_config(challenge)
+    script = {"__init__.py": b"from .main import evaluate\n", "main.py": _SCRIPT.encode()}
+    return {
+        "challenge_config.yaml": config.encode("utf-8"),
+        "evaluation_script.zip": zipped(script),
+        f"annotations/{challenge.phase}.json": b"{}\n",
+    }
+
+
 def check_challenge(file: Path) -> list[Problem]:
     """Everything about a configuration that the platform gets wrong in silence."""
     try:
@@ -125,7 +163,23 @@ def check_challenge(file: Path) -> list[Problem]:
         return [Problem(str(file), error.cause, error.hint)]
     if not isinstance(told, dict):
         return [Problem(str(file), "it is no mapping", "write it with 'platform evalai config'")]
-    return list(_problems(told))
+    return [*_problems(told), *_file_problems(told, file.parent)]
+
+
+def _file_problems(told: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
+    named = [("evaluation_script", told.get("evaluation_script"))]
+    named += [
+        (f"challenge_phases[{number}]: test_annotation_file", phase.get("test_annotation_file"))
+        for number, phase in enumerate(_listed(told, "challenge_phases"))
+    ]
+    for where, name in named:
+        if not isinstance(name, str) or not (folder / name).is_file():
+            yield Problem(
+                where,
+                f"{name!r} does not lie beside the configuration, and the importer asks for it",
+                "write it with 'platform evalai config --folder'",
+                severe=False,
+            )
 
 
 def _problems(told: Mapping[str, Any]) -> Iterator[Problem]:
@@ -133,27 +187,25 @@ def _problems(told: Mapping[str, Any]) -> Iterator[Problem]:
         what = "the platform's own workers are Python 3.7 to 3.9 with 1 GiB: this engine does not run there"
         yield Problem("remote_evaluation", what, "set it to true, and run 'platform evalai worker'")
     labels = [column.key for column in COLUMNS]
-    for number, board in enumerate(told.get("leaderboard") or []):
-        where, schema = f"leaderboard[{number}]", board.get("schema") or {}
-        if sorted(schema.get("labels") or []) != sorted(labels):
+    for key in ("leaderboard", "dataset_splits", "challenge_phases", "challenge_phase_splits"):
+        if not _listed(told, key):
+            yield Problem(key, "there is none, or it is no list of mappings", "write it as 'config' does")
+    for number, board in enumerate(_listed(told, "leaderboard")):
+        where, schema = f"leaderboard[{number}]", _mapping(board.get("schema"))
+        stated = schema.get("labels")
+        if not isinstance(stated, list) or sorted(map(str, stated)) != sorted(labels):
             yield Problem(where, "its labels are not those of the worker", f"use {', '.join(labels)}")
-        for label, about in (schema.get("metadata") or {}).items():
-            if "sort_ascending" not in (about or {}):
+        for label, about in _mapping(schema.get("metadata")).items():
+            if "sort_ascending" not in _mapping(about):
                 yield Problem(
                     f"{where}: metadata: {label}",
                     "without 'sort_ascending' the label is sorted ascending: the worst would lead",
                     "say sort_ascending: false for scores",
                 )
-    for number, phase in enumerate(told.get("challenge_phases") or []):
-        allowed = str(phase.get("allowed_submission_file_types", ""))
-        missing = [suffix for suffix in SUFFIXES if suffix not in allowed]
-        if missing:
-            yield Problem(
-                f"challenge_phases[{number}]",
-                f"submissions ending in {', '.join(missing)} are refused",
-                f'allowed_submission_file_types: "{", ".join(SUFFIXES)}"',
-            )
-    for number, split in enumerate(told.get("challenge_phase_splits") or []):
+    splits = {str(split.get("codename")) for split in _listed(told, "dataset_splits")}
+    for number, phase in enumerate(_listed(told, "challenge_phases")):
+        yield from _phase_problems(f"challenge_phases[{number}]", phase, splits)
+    for number, split in enumerate(_listed(told, "challenge_phase_splits")):
         if split.get("show_leaderboard_by_latest_submission"):
             yield Problem(
                 f"challenge_phase_splits[{number}]",
@@ -162,16 +214,48 @@ def _problems(told: Mapping[str, Any]) -> Iterator[Problem]:
             )
 
 
+def _phase_problems(where: str, phase: Mapping[str, Any], splits: set[str]) -> Iterator[Problem]:
+    allowed = str(phase.get("allowed_submission_file_types", ""))
+    missing = [suffix for suffix in SUFFIXES if suffix not in allowed]
+    if missing:
+        yield Problem(
+            where,
+            f"submissions ending in {', '.join(missing)} are refused",
+            f'allowed_submission_file_types: "{", ".join(SUFFIXES)}"',
+        )
+    if str(phase.get("codename")) not in splits:
+        yield Problem(
+            where,
+            f"no dataset split has its code name {phase.get('codename')!r}, under which the worker answers",
+            "give phase and split one code name",
+        )
+
+
+def _listed(told: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    value = told.get(key)
+    return [entry for entry in value if isinstance(entry, dict)] if isinstance(value, list) else []
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
 # What the platform is sent ---------------------------------------------------------------
 
 
-def finished_body(scores: PlatformScores, *, phase_pk: int, submission_pk: int) -> dict[str, Any]:
+def finished_body(scores: PlatformScores, *, split: str, phase_pk: int, submission_pk: int) -> dict[str, Any]:
     """The body that ends an evaluation: the shape that the code takes, which is not that of the guide.
+
+    Args:
+        scores: What came of the submission.
+        split: Code name of the dataset split; the platform knows no other name.
+        phase_pk: Number of the phase.
+        submission_pk: Number of the submission.
 
     Raises:
         BatchError: A number cannot be stored.
     """
-    row = {"split": scores.phase, "show_to_participant": True, "accuracies": checked_metrics(scores.metrics)}
+    row = {"split": split, "show_to_participant": True, "accuracies": checked_metrics(scores.metrics)}
     return {
         "challenge_phase": phase_pk,
         "submission": submission_pk,
@@ -302,6 +386,7 @@ class Worker:
         store: Folder for submissions and answers.
         pause: Called with seconds before a request is tried again.
         say: Called with a line for each thing done.
+        codename: Of the phase that is scored; empty: whatever the queue brings.
     """
 
     api: Api
@@ -309,6 +394,7 @@ class Worker:
     store: Path
     pause: Callable[[float], None]
     say: Callable[[str], None]
+    codename: str = ""
 
     def once(self) -> bool:
         """Deal with one message; whether there was one.
@@ -316,22 +402,37 @@ class Worker:
         Raises:
             ApiError: The platform cannot be reached; the message comes again.
         """
-        message = self.api.request("GET", f"/api/jobs/challenge/queues/{self.api.queue}/")
-        body = message.get("body") if isinstance(message, dict) else None
-        if not body:
+        message = _mapping(self.api.request("GET", f"/api/jobs/challenge/queues/{self.api.queue}/"))
+        if not message.get("body"):
             return False
-        submission, phase = int(body["submission_pk"]), int(body["phase_pk"])
-        told = self.api.request("GET", f"/api/jobs/submission/{submission}")
+        submission, phase, receipt = _numbers(message)
+        told = _mapping(self.api.request("GET", f"/api/jobs/submission/{submission}"))
         if str(told.get("status", "")).lower() in _DONE:
             self.say(f"submission {submission}: is {told['status']} already")
         else:
-            self._answer(submission, phase, str(told.get("input_file", "")))
-        self.api.request(
-            "POST", f"/api/jobs/queues/{self.api.queue}/", {"receipt_handle": message["receipt_handle"]}
-        )
+            self._answer(submission, phase, self._split(phase), str(told.get("input_file", "")))
+        self.api.request("POST", f"/api/jobs/queues/{self.api.queue}/", {"receipt_handle": receipt})
         return True
 
-    def _answer(self, submission: int, phase: int, url: str) -> None:
+    def _split(self, phase: int) -> str:
+        """The code name of a phase, which is that of its split; of another phase nothing is scored.
+
+        Raises:
+            ApiError: The message belongs to a worker with other reference data.
+        """
+        told = _mapping(
+            self.api.request("GET", f"/api/challenges/challenge/{self.api.challenge}/challenge_phase/{phase}")
+        )
+        name = str(told.get("codename", ""))
+        if not _CODENAME.fullmatch(name):
+            raise ApiError(400, f"phase {phase} has no code name")
+        if self.codename and name != self.codename:
+            raise ApiError(
+                400, f"a submission is for phase {name!r}, and this worker scores {self.codename!r}"
+            )
+        return name
+
+    def _answer(self, submission: int, phase: int, split: str, url: str) -> None:
         place = self.store / str(submission)
         place.mkdir(parents=True, exist_ok=True)
         kept = place / "answer.json"
@@ -339,7 +440,7 @@ class Worker:
         if not kept.is_file():
             running = {"submission": submission, "submission_status": "RUNNING", "job_name": ""}
             self.api.request("PATCH", update, running)
-            body = self._scored(place, submission, phase, url)
+            body = self._scored(place, submission, phase, split, url)
             temporary = place / ".answer.json"
             temporary.write_text(json.dumps(body), encoding="utf-8")
             temporary.replace(kept)
@@ -353,16 +454,29 @@ class Worker:
             self._put(update, failed_body(error.text, phase_pk=phase, submission_pk=submission))
         self.say(f"submission {submission}: {body['submission_status'].lower()}")
 
-    def _scored(self, place: Path, submission: int, phase: int, url: str) -> dict[str, Any]:
-        name = PurePosixPath(urllib.parse.urlsplit(url).path).name or "submission"
+    def _scored(self, place: Path, submission: int, phase: int, split: str, url: str) -> dict[str, Any]:
         files = place / "files"
-        files.mkdir(exist_ok=True)
-        self.api.download(url, files / name)
+        shutil.rmtree(files, ignore_errors=True)  # of an attempt that was cut off
+        files.mkdir()
         try:
+            self._fetch(url, files)
             scored = score_submission(files, self.phase, place / "work", told=self.say)
-            return finished_body(scored.export, phase_pk=phase, submission_pk=submission)
+            return finished_body(scored.export, split=split, phase_pk=phase, submission_pk=submission)
+        except ApiError as error:
+            if error.passes:
+                raise
+            # Left in the queue, it would stop this worker again and again, and everybody behind it.
+            words = f"the submission cannot be fetched: {error}"
+            return failed_body(words, phase_pk=phase, submission_pk=submission)
         except (ScoreError, BatchError) as error:
             return failed_body(str(error), phase_pk=phase, submission_pk=submission)
+
+    def _fetch(self, url: str, files: Path) -> None:
+        """Download a submission under a name that says its trial: the platform may have renamed it."""
+        file = files / _file_name(url)
+        self.api.download(url, file)
+        if len(self.phase.trials) == 1 and not is_archive(file):
+            file.rename(files / f"{self.phase.trials[0].id}_1{file.suffix}")
 
     def _put(self, path: str, body: Mapping[str, Any]) -> None:
         for attempt in range(1, _PUT_ATTEMPTS + 1):
@@ -373,3 +487,23 @@ class Worker:
                 if not error.passes or attempt == _PUT_ATTEMPTS:
                     raise
                 self.pause(2.0**attempt)
+
+
+def _numbers(message: Mapping[str, Any]) -> tuple[int, int, str]:
+    """Submission, phase and receipt of a message.
+
+    Raises:
+        ApiError: It is none.
+    """
+    try:
+        body = message["body"]
+        return int(body["submission_pk"]), int(body["phase_pk"]), str(message["receipt_handle"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ApiError(400, f"the queue gave no message of a submission: {str(message)[:200]}") from error
+
+
+def _file_name(url: str) -> str:
+    """What a submission is called here: its end says what it is, and the name which trial."""
+    name = PurePosixPath(urllib.parse.unquote(urllib.parse.urlsplit(url).path)).name
+    plain = re.sub(r"[^A-Za-z0-9._-]", "_", name)[-_LONGEST_NAME:].lstrip(".")
+    return plain or "submission"

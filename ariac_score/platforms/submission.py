@@ -6,7 +6,8 @@ import hashlib
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from ariac_score.batch.local import LocalExecutor, usable_cores
 from ariac_score.batch.outcomes import UNSETTLED, summary_of
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.batch.worker import Done
+from ariac_score.datafiles import strict_json
 from ariac_score.errors import LogError, RunEndedError, ScoreError, UsageError
 from ariac_score.findings import Verdict
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
@@ -25,11 +27,21 @@ from ariac_score.ranking.spec import ranking_spec
 from ariac_score.result import Result
 from ariac_score.result_json import load_result
 
-__all__ = ["EMPTY", "Phase", "Scored", "load_phase", "phase_text", "score_submission"]
+__all__ = [
+    "EMPTY",
+    "HASHES",
+    "Phase",
+    "Scored",
+    "hashes_text",
+    "load_phase",
+    "phase_text",
+    "score_submission",
+]
 
 TEAM = "submission"
 PHASE = "phase.json"
 RULES = "ruleset.yaml"
+HASHES = "hashes.json"
 SCHEMA = "ariac-score/phase/1"
 EMPTY = (
     "the submission arrived empty; a zip with metadata.yaml or metadata at its root is taken for a program: "
@@ -37,6 +49,8 @@ EMPTY = (
     "'ariac-score platform codabench pack'"
 )
 _RUN = re.compile(r"(?P<trial>.+)_(?P<run>\d{1,6})")
+BEGUN_WITHIN = 0.9
+"""Share of the time of one run in which all must have begun; a bundle grants a submission twice that time."""
 _OF_THE_WORKER = ("metadata",)
 """What the platform puts among the files of a submission."""
 
@@ -93,6 +107,30 @@ def phase_text(name: str, setting: Setting, trials: Mapping[str, str]) -> str:
     return json.dumps(told, indent=1, sort_keys=True) + "\n"
 
 
+def hashes_text(files: Mapping[str, bytes]) -> str:
+    """The SHA-256 of each file of the reference data, which `load_phase` holds them against."""
+    told = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    return json.dumps(told, indent=1, sort_keys=True) + "\n"
+
+
+def _check_hashes(folder: Path) -> None:
+    """Refuse reference data of which a file is another one than was written.
+
+    Raises:
+        ValueError: A checksum is wrong.
+        OSError: A file is missing.
+    """
+    if not (folder / HASHES).is_file():
+        return  # written by hand
+    for name, stated in strict_json((folder / HASHES).read_text(encoding="utf-8")).items():
+        file = folder / name
+        if not file.resolve().is_relative_to(folder.resolve()):
+            raise ValueError(f"{HASHES} names {name!r}, which is elsewhere")
+        found = hashlib.sha256(file.read_bytes()).hexdigest()
+        if found != stated:
+            raise ValueError(f"{name} has the SHA-256 {found}, and {HASHES} says {stated}")
+
+
 def load_phase(folder: Path) -> Phase:
     """Read the reference data of a phase.
 
@@ -100,6 +138,7 @@ def load_phase(folder: Path) -> Phase:
         UsageError: They are not what `bundle` writes; this is the organisers' fault.
     """
     try:
+        _check_hashes(folder)
         told = json.loads((folder / PHASE).read_text(encoding="utf-8"))
         rules = (folder / RULES).read_text(encoding="utf-8")
         if told["schema"] != SCHEMA:
@@ -114,7 +153,7 @@ def load_phase(folder: Path) -> Phase:
         trials = tuple(
             TrialPlan(trial, folder / name if name else None) for trial, name in told["trials"].items()
         )
-    except (OSError, ValueError, KeyError, TypeError) as cause:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as cause:
         raise UsageError(
             f"these are no reference data of a phase: {cause}",
             file=folder,
@@ -154,9 +193,14 @@ def score_submission(
     if not tasks:
         return _nothing(phase, EMPTY)
     results: dict[tuple[str, str, int], Result | ScoreError] = {}
-    for done in LocalExecutor(jobs or usable_cores(), None, work).run(tasks, phase.setting):
+    late: list[Task] = []
+    in_time = _in_time(tasks, phase.setting.limits.wall_s * BEGUN_WITHIN, late)
+    for done in LocalExecutor(jobs or usable_cores(), None, work).run(in_time, phase.setting):
         results[done.task.key] = _result_of(done, work)
         told(_line(done))
+    for task in late:
+        results[task.key] = LogError("not looked at: the runs before it took all the time of the submission")
+        told(f"{task.trial}, run {task.number}: not looked at: no time left")
     competition = Competition(
         id=phase.name,
         title=phase.name,
@@ -170,6 +214,19 @@ def score_submission(
     ranking = rank_results(competition, spec, rule_set, results)
     scored = {key[1:]: result for key, result in results.items() if isinstance(result, Result)}
     return Scored(_export(phase, ranking, scored), ranking, scored)
+
+
+def _in_time(tasks: Iterable[Task], within_s: float, late: list[Task]) -> Iterator[Task]:
+    """The tasks that are asked for in time; the others are noted as late.
+
+    A platform that has to stop a submission keeps no score of any of its runs.
+    """
+    until = time.monotonic() + within_s
+    for task in tasks:
+        if time.monotonic() < until:
+            yield task
+        else:
+            late.append(task)
 
 
 def _nothing(phase: Phase, message: str) -> Scored:

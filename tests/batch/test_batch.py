@@ -331,12 +331,84 @@ def test_tables_that_are_lost_or_damaged_are_made_again(
     batch(trials, tmp_path / "out")
     shutil.copytree(tmp_path / "out", tmp_path / "before")
     (tmp_path / "out" / table).unlink()
-    if content is not None and table == "runs.jsonl":
+    if content is not None:
         (tmp_path / "out" / table).write_bytes(content)
 
     batch(trials, tmp_path / "out")
 
     assert same(tmp_path / "before", tmp_path / "out")
+
+
+def forge_line(out: Path) -> None:
+    """Another score in the table; place and hash of the document stay."""
+    lines = [json.loads(line) for line in (out / "runs.jsonl").read_text(encoding="ascii").splitlines()]
+    (scored, *_) = [line for line in lines if line["outcome"] == "scored"]
+    scored["score"] = 99.0
+    (out / "runs.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="ascii")
+
+
+def forge_index(out: Path) -> None:
+    """Another score in the index alone."""
+    connection = sqlite3.connect(out / "index.sqlite")
+    connection.execute("UPDATE runs SET score = 99 WHERE trial = 'b.jsonl'")
+    connection.commit()
+    connection.close()
+
+
+def lose_a_check(out: Path) -> None:
+    """A check of one run less in the index."""
+    connection = sqlite3.connect(out / "index.sqlite")
+    connection.execute(
+        "DELETE FROM checks WHERE trial = 'c.jsonl' AND name IN (SELECT max(name) FROM checks)"
+    )
+    connection.commit()
+    connection.close()
+
+
+def test_a_folder_that_lets_nobody_write_is_named(trials: Path, tmp_path: Path) -> None:
+    (tmp_path / "out" / ".lock").mkdir(parents=True)
+    with pytest.raises(UsageError, match="cannot be written") as caught:
+        batch(trials, tmp_path / "out")
+    assert caught.value.file == str(tmp_path / "out")
+
+
+@pytest.mark.parametrize("forge", [forge_line, forge_index, lose_a_check])
+def test_tables_that_contradict_the_documents_are_made_again_and_it_is_said(
+    trials: Path, tmp_path: Path, forge: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert batch(trials, tmp_path / "out").contradictions == 0
+    shutil.copytree(tmp_path / "out", tmp_path / "before")
+    forge(tmp_path / "out")
+
+    assert main(["batch", str(trials), "--rules", RULES, "-j", "1", "-o", str(tmp_path / "out")]) == 6
+
+    assert "1 row of the tables contradicted the stored documents" in capsys.readouterr().out
+    assert same(tmp_path / "before", tmp_path / "out")
+    assert batch(trials, tmp_path / "out").contradictions == 0
+
+
+@pytest.mark.parametrize("forge", [forge_line, forge_index, lose_a_check])
+def test_tables_that_contradict_the_documents_are_neither_exported_nor_joined(
+    trials: Path, tmp_path: Path, forge: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    batch(trials, tmp_path / "out")
+    forge(tmp_path / "out")
+
+    for name in ("t.csv", "t.parquet"):
+        assert main(["export", str(tmp_path / "out"), "-o", str(tmp_path / name)]) == 7
+        assert not (tmp_path / name).exists()
+    assert "call 'batch' again" in capsys.readouterr().err
+    with pytest.raises(BatchError, match=r"what its document does not|something else than runs\.jsonl"):
+        joined([tmp_path / "out"], tmp_path / "whole")
+
+
+def test_a_line_that_is_no_row_is_not_passed_over_when_joining(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "out")
+    table = tmp_path / "out" / "runs.jsonl"
+    table.write_text(table.read_text(encoding="ascii")[:-20], encoding="ascii")
+
+    with pytest.raises(BatchError, match="no row of a run"):
+        joined([tmp_path / "out"], tmp_path / "whole")
 
 
 def test_a_changed_log_is_scored_again_and_the_old_result_stays(

@@ -11,6 +11,7 @@ import sys
 import zipfile
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -20,7 +21,7 @@ from ariac_score import load_rule_set, score_trial
 from ariac_score.batch.tasks import Limits, Setting
 from ariac_score.cli import main
 from ariac_score.errors import BatchError, UsageError
-from ariac_score.platforms import codabench
+from ariac_score.platforms import codabench, submission
 from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
 from ariac_score.platforms.neutral import COLUMNS, PlatformScores, checked_metrics
 from ariac_score.platforms.submission import phase_text
@@ -162,6 +163,24 @@ def test_a_run_beyond_its_time_leaves_the_others_their_score(tmp_path: Path, log
 
     assert told(tmp_path / "output")["status_code"] == 1  # `slow` was never run
     assert told(tmp_path / "output")["final"] > 0
+
+
+def test_runs_that_would_begin_too_late_do_not_cost_the_others_their_score(
+    tmp_path: Path, log_text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A platform that stops a submission keeps none of its scores."""
+    inputs = reference(tmp_path / "input", "kit", "more", limits=Limits(100.0, 0))
+    for name in ("kit_1", "more_1"):
+        (inputs / f"res/{name}.jsonl").write_text(log_text, encoding="utf-8")
+    clock = iter([0.0, 89.9, 90.0])  # at the beginning, and when a run is asked for
+    monkeypatch.setattr(submission, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    assert told(tmp_path / "output")["status_code"] == 1
+    assert told(tmp_path / "output")["final"] > 0
+    page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
+    assert "not looked at: the runs before it took all the time" in page
 
 
 @pytest.mark.parametrize("damage", ["no phase", "no rules", "other schema", "rules that compare teams"])
@@ -355,6 +374,14 @@ def _program(content: dict[str, bytes]) -> bytes:
     return out.getvalue()
 
 
+def _edited(zipped_file: bytes, name: str) -> bytes:
+    """A zip with a blank line more in one of its files."""
+    import io  # noqa: PLC0415  # for this helper alone
+
+    with zipfile.ZipFile(io.BytesIO(zipped_file)) as archive:
+        return _program({n: archive.read(n) + (b"\n" if n == name else b"") for n in archive.namelist()})
+
+
 TRAPS = {
     "leaderboard": (
         lambda c, _m: c.update(leaderboard=c.pop("leaderboards")),
@@ -388,6 +415,15 @@ TRAPS = {
     "no program": (lambda _c, m: m.pop("scoring_program.zip"), "is not in the zip"),
     "tag": (lambda c, _m: c.update(docker_image="example.org/x:latest"), "is not named by its digest"),
     "long": (lambda c, _m: c["phases"][0].update(execution_time_limit=601), "a queue of your own"),
+    "no date": (lambda c, _m: c["phases"][0].update(start="soon"), "start 'soon' is no date"),
+    "end before start": (lambda c, _m: c["phases"][0].update(end="2026-08-31"), "it ends before it begins"),
+    "no time": (lambda c, _m: c["phases"][0].update(execution_time_limit=0), "no time to score in"),
+    "no task": (lambda c, _m: c.update(tasks=[]), "there is none"),
+    "no phase": (lambda c, _m: c.update(phases=5), "there is none"),
+    "another rule set": (
+        lambda _c, m: m.update({"reference_data.zip": _edited(m["reference_data.zip"], "ruleset.yaml")}),
+        "ruleset.yaml has the SHA-256",
+    ),
     "no page": (lambda _c, m: m.pop("rules.md"), "rules.md is not in the zip"),
 }
 
@@ -407,6 +443,54 @@ def test_rules_that_compare_teams_are_refused_for_a_platform(tmp_path: Path) -> 
     with pytest.raises(UsageError, match="compares teams"):
         write_bundle(BUNDLE, rule_set, Setting.of(rule_set, Limits()), {}, tmp_path / "b.zip")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("changes", "trials", "words"),
+    [
+        ({"start": "soon"}, {"kit": None}, "is no date"),
+        ({"time_limit_s": -5}, {"kit": None}, "no time to score in"),
+        ({}, {"../../kit": None}, "is no name of a trial"),
+        ({}, {"kit": Path("nowhere.yaml")}, "cannot be read"),
+    ],
+)
+def test_a_bundle_that_cannot_work_is_not_written(
+    tmp_path: Path, changes: dict[str, Any], trials: dict[str, Path | None], words: str
+) -> None:
+    rule_set = load_rule_set(RULES)
+    one = Bundle(**{**vars(BUNDLE), **changes})
+    with pytest.raises(UsageError, match=words):
+        write_bundle(one, rule_set, Setting.of(rule_set, Limits()), trials, tmp_path / "b.zip")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_output_that_cannot_be_written_is_a_failure_of_the_scorer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "output").write_text("a file where the folder should be")
+
+    assert score(tmp_path, tmp_path / "output") == 3
+    assert "output" in capsys.readouterr().err
+
+
+def test_reference_data_with_a_wrong_checksum_score_nobody(
+    tmp_path: Path, log_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (
+        zipfile.ZipFile(bundle(tmp_path)) as archive,
+        zipfile.ZipFile(archive.open("reference_data.zip")) as reference,
+    ):
+        reference.extractall(tmp_path / "in/ref")  # our own
+    (tmp_path / "in/res").mkdir()
+    (tmp_path / "in/res/kit_1.jsonl").write_text(log_text, encoding="utf-8")
+    assert score(tmp_path / "in", tmp_path / "out") == 0
+
+    with (tmp_path / "in/ref/ruleset.yaml").open("a") as rules:
+        rules.write("\n")
+    assert score(tmp_path / "in", tmp_path / "out") == 3
+
+    assert "ruleset.yaml has the SHA-256" in capsys.readouterr().err
+    assert not (tmp_path / "out/scores.json").exists()
 
 
 # The pack ------------------------------------------------------------------------------

@@ -39,11 +39,15 @@ def test_nothing_is_fetched_by_address_and_no_secret_is_named() -> None:
     assert not re.search(r"(?i)token|password|secret", text)
 
 
-def test_the_entry_is_a_command_we_have(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_of_a_platform_is_run_as_it_is() -> None:
+    """Codabench gives `python3 /app/program/scoring.py …`; an entry point would take it for arguments."""
+    assert of("ENTRYPOINT") == []
+
+
+def test_what_it_does_of_itself_is_a_command_we_have(capsys: pytest.CaptureFixture[str]) -> None:
     from ariac_score.cli import main  # noqa: PLC0415  # it is what is called
 
-    (entry,) = of("ENTRYPOINT")
-    assert entry == '["ariac-score"]'
+    assert of("CMD") == ['["ariac-score", "--help"]']
     with pytest.raises(SystemExit) as ended:
         main(["--help"])
     assert ended.value.code == 0

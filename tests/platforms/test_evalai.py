@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import threading
+import zipfile
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -22,6 +24,7 @@ from ariac_score.platforms.evalai import (
     Challenge,
     Worker,
     challenge_config,
+    challenge_files,
     check_challenge,
     failed_body,
     finished_body,
@@ -49,6 +52,7 @@ class Platform(ThreadingHTTPServer):
         self.acknowledged: list[str] = []
         self.faults: list[int] = []
         self.cut = False
+        self.codename = "finals"
 
     def accepts(self, body: dict[str, Any]) -> tuple[int, str]:
         """The checks on the body that ends an evaluation."""
@@ -87,12 +91,16 @@ class _Handler(BaseHTTPRequestHandler):
         server.requests.append((method, self.path))
         length = int(self.headers.get("Content-Length") or 0)
         body = json.loads(self.rfile.read(length)) if length else {}
-        if self.path.startswith("/media/"):
+        if self.path.startswith("/media/") and self.path not in server.files:
+            self._reply(404, {})
+        elif self.path.startswith("/media/"):
             self._reply(200, None, raw=server.files[self.path])
         elif self.headers.get("Authorization") != "Bearer secret":
             self._reply(401, {"detail": "Invalid token."})
         elif method == "GET" and "/queues/" in self.path:
             self._reply(200, server.queue[0] if server.queue else {})
+        elif method == "GET" and "/challenge_phase/" in self.path:
+            self._reply(200, {"codename": server.codename, "test_annotation": None})
         elif method == "GET":
             self._reply(200, {"status": server.status, "input_file": next(iter(server.files), "")})
         elif method == "POST":
@@ -145,7 +153,9 @@ def phase(tmp_path: Path) -> Phase:
     folder = tmp_path / "reference"
     folder.mkdir()
     setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
-    (folder / "phase.json").write_text(phase_text("finals", setting, {"kit": ""}), encoding="utf-8")
+    (folder / "phase.json").write_text(
+        phase_text("The finals of 2026", setting, {"kit": ""}), encoding="utf-8"
+    )
     (folder / "ruleset.yaml").write_text(setting.rules, encoding="utf-8")
     return load_phase(folder)
 
@@ -184,7 +194,7 @@ def test_a_submission_is_fetched_scored_sent_and_only_then_acknowledged(
     assert row["accuracies"]["final"] == float(score_trial(tmp_path / "kit_1.jsonl", RULES).score or 0)
     assert platform.acknowledged == ["r11"]
     methods = [method for method, path in platform.requests if "media" not in path]
-    assert methods == ["GET", "GET", "PATCH", "PUT", "POST", "GET"]
+    assert methods == ["GET", "GET", "GET", "PATCH", "PUT", "POST", "GET"]
 
 
 def test_a_bad_submission_is_a_scored_outcome(platform: Platform, phase: Phase, tmp_path: Path) -> None:
@@ -289,13 +299,84 @@ def test_a_submission_may_not_name_a_file_of_this_machine(
 ) -> None:
     message(platform, None)
     platform.files = {url: b""}
-    with pytest.raises(ApiError, match="is no address on the web"):
-        worker(platform, phase, tmp_path)[0].once()
+    worker(platform, phase, tmp_path)[0].once()
+
+    assert platform.taken[0]["submission_status"] == "FAILED"
+    assert "is no address on the web" in platform.taken[0]["stderr"]
+
+
+def test_a_submission_that_cannot_be_had_does_not_block_those_behind_it(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    message(platform, None, pk=11)
+    message(platform, log_text.encode(), pk=12)
+    one, _ = worker(platform, phase, tmp_path)
+    monkeypatch.setattr("ariac_score.platforms.evalai.LARGEST_SUBMISSION", len(log_text) - 1)
+    one.once()
+    monkeypatch.undo()
+    one.once()
+
+    assert [(body["submission"], body["submission_status"]) for body in platform.taken] == [
+        (11, "FAILED"),
+        (12, "FINISHED"),
+    ]
+    assert "it has more than" in platform.taken[0]["stderr"]
+    assert platform.acknowledged == ["r11", "r12"]
+
+
+@pytest.mark.parametrize(
+    "name", ["6fb5e6a0-1c1a-4b7e-9d7c.jsonl", "..jsonl", "x" * 300 + ".jsonl", "%2e%2e%2fkit.jsonl"]
+)
+def test_the_platform_may_name_a_submission_as_it_likes(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str, name: str
+) -> None:
+    message(platform, log_text.encode(), name)
+    worker(platform, phase, tmp_path)[0].once()
+
+    (row,) = json.loads(platform.taken[0]["result"])
+    assert row["accuracies"]["status_code"] == 0
+
+
+def test_the_answer_is_for_the_split_that_the_platform_knows(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str
+) -> None:
+    message(platform, log_text.encode())
+    worker(platform, phase, tmp_path)[0].once()
+
+    assert phase.name == "The finals of 2026"  # which is no code name
+    assert json.loads(platform.taken[0]["result"])[0]["split"] == "finals"
+
+
+def test_a_submission_for_another_phase_is_left_to_its_own_worker(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str
+) -> None:
+    message(platform, log_text.encode())
+    platform.codename = "practice"
+    one, _ = worker(platform, phase, tmp_path)
+    one.codename = "finals"
+    with pytest.raises(ApiError, match="for phase 'practice', and this worker scores 'finals'"):
+        one.once()
+    assert (platform.taken, platform.acknowledged) == ([], [])
+
+
+@pytest.mark.parametrize(
+    "told", [{"body": {}, "receipt_handle": "r"}, [], {"body": {"submission_pk": "x"}}, {"body": 5}]
+)
+def test_an_answer_that_is_no_message_is_an_empty_queue_or_told(
+    platform: Platform, phase: Phase, tmp_path: Path, told: Any
+) -> None:
+    platform.queue.append(told)
+    one, _ = worker(platform, phase, tmp_path)
+    if not told or not told["body"]:
+        assert not one.once()
+    else:
+        with pytest.raises(ApiError, match="the queue gave no message of a submission"):
+            one.once()
 
 
 def test_the_shape_is_the_one_the_code_takes() -> None:
     scores = PlatformScores("finals", "scored", dict.fromkeys(LABELS, 1.0), "all well", "ab")
-    body = finished_body(scores, phase_pk=3, submission_pk=11)
+    body = finished_body(scores, split="finals", phase_pk=3, submission_pk=11)
 
     assert Platform.accepts(Platform.__new__(Platform), body) == (200, "")
     assert isinstance(body["result"], str)
@@ -309,6 +390,9 @@ def test_the_shape_is_the_one_the_code_takes() -> None:
 def config(tmp_path: Path, change: Any = lambda _c: None) -> Path:
     told = yaml.safe_load(challenge_config(Challenge("Finals", "finals")))
     change(told)
+    for name, content in challenge_files(Challenge("Finals", "finals")).items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(content)
     (tmp_path / "challenge_config.yaml").write_text(yaml.safe_dump(told), encoding="utf-8")
     return tmp_path / "challenge_config.yaml"
 
@@ -331,6 +415,22 @@ TRAPS = {
         lambda c: c["challenge_phase_splits"][0].update(show_leaderboard_by_latest_submission=True),
         "newest first",
     ),
+    "split": (
+        lambda c: c["dataset_splits"][0].update(codename="other"),
+        "no dataset split has its code name",
+    ),
+    "no phase": (lambda c: c.update(challenge_phases={"a": 1}), "no list of mappings"),
+    "a board of numbers": (lambda c: c.update(leaderboard=[5]), "no list of mappings"),
+    "labels that are a number": (
+        lambda c: c["leaderboard"][0]["schema"].update(labels=5),
+        "not those of the worker",
+    ),
+    "a code name of lists": (
+        lambda c: (c["dataset_splits"][0].update(codename=[5]), c["challenge_phases"][0].update(codename={})),
+        "no dataset split has its code name",
+    ),
+    "a board without a schema": (lambda c: c["leaderboard"][0].update(schema=7), "not those of the worker"),
+    "no script": (lambda c: c.update(evaluation_script="other.zip"), "the importer asks for it"),
     "labels": (lambda c: c["leaderboard"][0]["schema"]["labels"].append("more"), "not those of the worker"),
 }
 
@@ -339,6 +439,15 @@ TRAPS = {
 def test_every_trap_of_the_configuration_is_found(tmp_path: Path, trap: str) -> None:
     change, words = TRAPS[trap]
     assert any(words in problem.what for problem in check_challenge(config(tmp_path, change)))
+
+
+def test_the_script_that_the_importer_asks_for_refuses_to_score(tmp_path: Path) -> None:
+    archive = zipfile.ZipFile(io.BytesIO(challenge_files(Challenge("F", "finals"))["evaluation_script.zip"]))
+    assert sorted(archive.namelist()) == ["__init__.py", "main.py"]  # no folder around them
+    names: dict[str, Any] = {}
+    exec(compile(archive.read("main.py"), "main.py", "exec"), names)  # noqa: S102  # ours, as a worker would
+    with pytest.raises(RuntimeError, match="evaluated remotely"):
+        names["evaluate"]("annotation", "submission", "finals", submission_metadata={})
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "a: [", "a: 1\na: 2\n"])
@@ -355,6 +464,10 @@ def test_the_commands(
     file = str(tmp_path / "c.yaml")
     assert main([*head, "config", "--title", "Finals", "--phase", "finals", "-o", file]) == 0
     assert main([*head, "check", file]) == 0
+    folder = str(tmp_path / "challenge")
+    assert main([*head, "config", "--title", "Finals", "--phase", "finals", "--folder", folder]) == 0
+    assert main([*head, "check", f"{folder}/challenge_config.yaml"]) == 0
+    assert main([*head, "config", "--title", "Finals", "--phase", "The finals!", "-o", file]) == 4
     run = [*head, "worker", str(phase.folder), "--store", str(tmp_path / "store"), "--once"]
     monkeypatch.delenv("API_SERVER", raising=False)
     assert main(run) == 4
