@@ -93,7 +93,7 @@ def _version() -> str:
 
 
 def _parser(first: str = "") -> argparse.ArgumentParser:
-    """The parser of the command that a command line begins with; of all where it begins otherwise."""
+    """The parser of the command that a command line begins with; of none for the version, else of all."""
     parser = _Parser(
         prog="ariac-score",
         description="Score robot competition trials: task points, safety monitors, one explained score.",
@@ -103,7 +103,7 @@ def _parser(first: str = "") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in [first] if first in _COMMANDS else _COMMANDS:
+    for name in [first] if first in _COMMANDS else () if first == "--version" else _COMMANDS:
         import_module(f"ariac_score.cli.{name}").register(commands)
     return parser
 
