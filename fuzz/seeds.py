@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import json
 import shutil
@@ -18,6 +19,12 @@ from contextlib import closing
 from pathlib import Path
 
 from ariac_score import score_trial
+from ariac_score.batch.index import Row
+from ariac_score.batch.outcomes import Summary
+from ariac_score.batch.tasks import Limits, Setting
+from ariac_score.cohort import Cohort, CohortMean, cohort_text
+from ariac_score.platforms.evalai import Challenge, challenge_config
+from ariac_score.platforms.submission import phase_text
 from ariac_score.result_json import as_json
 from ariac_score.ruleset import rule_set_from_text
 from ariac_score.testing import (
@@ -343,6 +350,58 @@ def _archives(_: Path) -> Seeds:
         yield name, out.getvalue()
 
 
+def _bundles(_: Path) -> Seeds:
+    yield "one_log", b"logs: [log.jsonl]\n"
+    checksums = f"sha256:\n  log.jsonl: {hashlib.sha256(b'{}').hexdigest()}\n".encode()
+    yield "named", b"id: kit_1\nlogs:\n  - log.jsonl\ntrial_config: log.jsonl\n" + checksums
+
+
+def _cohorts(_: Path) -> Seeds:
+    means = {"mean_cost": {"": CohortMean(12.5, 3, 1)}, "mean_time": {"order_1": CohortMean(None, 0, 0)}}
+    yield "made", cohort_text(Cohort(("ariac2024.release_5", "0" * 64), {"kit_1": means})).encode()
+
+
+def _decisions(_: Path) -> Seeds:
+    yield (
+        "two",
+        b"adjustments:\n"
+        b"  - id: protest_3\n    author: A. Example\n    reason: a marshal was in the way\n"
+        b"    time: 2024-05-12T14:30:00Z\n"
+        b"    target: {trial: kit_1, measured: '" + b"0" * 64 + b"', finding: 'separation#1'}\n"
+        b"    effect: {verdict: satisfied}\n"
+        b"  - id: penalty_1\n    author: A. Example\n    reason: left early\n"
+        b"    time: 2024-05-12T15:10:00+02:00\n"
+        b"    target: {trial: kit_1, measured: '" + b"0" * 64 + b"'}\n"
+        b"    effect: {points: -2}\n",
+    )
+
+
+def _signatures(_: Path) -> Seeds:
+    signed, told = (base64.b64encode(b"ED" + bytes(8) + bytes(64)), base64.b64encode(bytes(64)))
+    lines = (b"untrusted comment: made", signed, b"trusted comment: of nothing", told)
+    yield "signature", b"\n".join(lines) + b"\n"
+    yield "key", b"untrusted comment: made\n" + base64.b64encode(b"Ed" + bytes(8) + bytes(range(32))) + b"\n"
+
+
+def _phases(_: Path) -> Seeds:
+    limits = Limits(wall_s=60.0, memory_bytes=1 << 30, output_bytes=1 << 20)
+    setting = Setting("id: x\n", "x", "0" * 64, "rules.yaml", limits)
+    yield "made", phase_text("finals", setting, {"kit_1": "kit_1", "kit_2": ""}).encode()
+
+
+def _challenges(_: Path) -> Seeds:
+    yield "made", challenge_config(Challenge("Example", "finals")).encode()
+
+
+def _batch_rows(_: Path) -> Seeds:
+    checks = (("separation", {"violated": 1, "satisfied": 2}, -0.25),)
+    rows = [
+        Row(("a", "kit_1", 1), Summary("scored", "", 19.5, 20.0, checks), "objects/00/0.json", "0" * 64),
+        Row(("b", "kit_1", 1), Summary("crashed", "signal 11", None, None), "", ""),
+    ]
+    yield "two", "".join(row.as_line() for row in rows).encode()
+
+
 def _frames(_: Path) -> Seeds:
     event = {"topic": "snapshot", "human_operator_speed": 0.0, "robot_speed": 0.5, "time": 1.0}
     frames = [
@@ -352,17 +411,23 @@ def _frames(_: Path) -> Seeds:
 
 
 _MAKERS: dict[str, Callable[[Path], Seeds]] = {
+    "adjustments": _decisions,
     "archive": _archives,
     "ariac_database": _database,
+    "batch_rows": _batch_rows,
+    "bundle": _bundles,
+    "cohort": _cohorts,
     "columnar": _columnar,
     "competition": _competitions,
     "definition": _definitions,
+    "evalai_challenge": _challenges,
     "expression": _expressions,
     "jsonl": _jsonl,
     "log_map": _log_maps,
     "mcap": _mcap,
     "oracle": _frames,
     "performance_log": _performance,
+    "phase": _phases,
     "result": _results,
     "rml": _rml,
     "rml_events": _rml_events,
@@ -370,6 +435,7 @@ _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "ros_monitoring": _monitored,
     "rule_set": _rule_sets,
     "sensor_cost": _sensor_cost,
+    "signature": _signatures,
     "sqlite_bag": _sqlite,
     "sqlite_pages": _sqlite_pages,
     "state_log": _states,

@@ -21,7 +21,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from ariac_score import Body, Signal, Span, Trial, load_rule_set
+from ariac_score.adjustments import load_adjustments
+from ariac_score.batch.index import checked_rows, read_rows
+from ariac_score.cohort import load_cohort
 from ariac_score.contracts import Monitor, Reader, Wanted
+from ariac_score.engine import find_trial
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.expression import Expression, Traced
 from ariac_score.guard import GuardedDecoder
@@ -34,9 +38,13 @@ from ariac_score.logs.sqlite_pages import Pages, UnusualError
 from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import RulesBench
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
+from ariac_score.platforms.evalai import check_challenge
+from ariac_score.platforms.submission import load_phase
 from ariac_score.ranking.competition import load_competition
 from ariac_score.registry import Registry
 from ariac_score.result_json import load_result
+from ariac_score.ruleset import RuleSet
+from ariac_score.signing import verify_signature
 from ariac_score.trial.vocabulary import QUANTITIES
 from ariac_score_rml import RmlError, compile_rml, format_rml, run_trace
 from ariac_score_rml.lines import run_lines
@@ -206,6 +214,64 @@ def _result(folder: Path, raw: bytes) -> None:
     (folder / "result.json").write_bytes(raw)
     with _refusals():
         load_result(folder / "result.json")
+
+
+def _bundle(folder: Path, raw: bytes) -> None:
+    (folder / "bundle.yaml").write_bytes(raw)
+    (folder / "log.jsonl").write_bytes(b"{}")
+    with _refusals():
+        find_trial(folder, _registry())
+
+
+@cache
+def _compared() -> RuleSet:
+    return load_rule_set("ariac2024.release_5")
+
+
+def _cohort(folder: Path, raw: bytes) -> None:
+    (folder / "cohort.json").write_bytes(raw)
+    with _refusals():
+        load_cohort(folder / "cohort.json", _compared())
+
+
+def _adjustments(folder: Path, raw: bytes) -> None:
+    (folder / "adjustments.yaml").write_bytes(raw)
+    with _refusals():
+        load_adjustments(folder / "adjustments.yaml")
+
+
+_KEY = "RWQf6LRCGA9i53mlYecO4IzT51TGPpvWucNSCh1CBM0QTaLn73Y7GFO3"
+
+
+def _signature(folder: Path, raw: bytes) -> None:
+    (folder / "r.json").write_bytes(b"Hello")
+    (folder / "r.json.minisig").write_bytes(raw)
+    (folder / "key.pub").write_bytes(raw)
+    with _refusals():
+        verify_signature(folder / "r.json", _KEY)
+    with _refusals():
+        verify_signature(folder / "r.json", str(folder / "key.pub"))
+
+
+def _phase(folder: Path, raw: bytes) -> None:
+    (folder / "phase.json").write_bytes(raw)
+    (folder / "rules.yaml").write_text("id: x\n", encoding="utf-8")
+    with _refusals():
+        load_phase(folder)
+
+
+def _evalai_challenge(folder: Path, raw: bytes) -> None:
+    (folder / "challenge_config.yaml").write_bytes(raw)
+    check_challenge(folder / "challenge_config.yaml")
+
+
+def _batch_rows(folder: Path, raw: bytes) -> None:
+    (folder / "runs.jsonl").write_bytes(raw)
+    for _ in read_rows(folder / "runs.jsonl"):
+        pass
+    with _refusals():
+        for _ in checked_rows(folder):
+            pass
 
 
 def _archive(folder: Path, raw: bytes) -> None:
@@ -392,15 +458,21 @@ _SUMS = (b"sum(", b" if ", b" else ", b"**", b"//", b"max(", b"a.b.c", b"__class
 TARGETS: Mapping[str, Target] = {
     "archive": Target(_archive, (b"PK\x01\x02", b"PK\x03\x04", b"PK\x05\x06", b"../", b"ustar")),
     "ariac_database": Target(_reader("ariac_database", "ariac.db"), _SQL),
+    "adjustments": Target(_adjustments, (*_YAML, b"2024-05-12T14:30:00Z", b"effect: {", b"target: {")),
+    "batch_rows": Target(_batch_rows, (*_JSON, b"objects/", b"../")),
+    "bundle": Target(_bundle, (*_YAML, b"logs: [", b"sha256:", b"../", b"log.jsonl")),
+    "cohort": Target(_cohort, _JSON),
     "columnar": Target(_columnar, (b"\0\1\0\0", b"\0\0\0\0", b"\xff\xff\xff\xff", b"\1\0\0\0", b"\xc3\xa4")),
     "competition": Target(_competition, (*_YAML, b"{team}", b"../", b"runs")),
     "definition": Target(_definition, _MSG),
+    "evalai_challenge": Target(_evalai_challenge, (*_YAML, b"challenge_phases:", b"!!python/object")),
     "expression": Target(_expression, _SUMS),
     "jsonl": Target(_reader("jsonl", "log.jsonl"), _JSON),
     "log_map": Target(_log_map, _YAML),
     "mcap": Target(_reader("rosbag", "log.mcap"), _MCAP),
     "oracle": Target(_oracle, (*_JSON, b'"topic"', b'"time"')),
     "performance_log": Target(_reader("gazebo_text", "performance.log", "ariac2022"), _TEXT),
+    "phase": Target(_phase, (*_JSON, b"../", b'"limits"')),
     "result": Target(_result, _JSON),
     "rml": Target(_rml, _RML),
     "rml_events": Target(_rml_events, _JSON),
@@ -408,6 +480,7 @@ TARGETS: Mapping[str, Target] = {
     "ros_monitoring": Target(_reader("ros_monitoring", "log.json"), (*_JSON, b"array('d', [", b"'topic'")),
     "rule_set": Target(_rule_set, (*_YAML, *_SUMS)),
     "sensor_cost": Target(_reader("sensor_cost", "sensor_cost.txt", "ariac2024"), _TEXT),
+    "signature": Target(_signature, (b"untrusted comment: ", b"trusted comment: ", b"RWQ", b"\n", b"=")),
     "sqlite_bag": Target(_reader("rosbag", "log.db3"), _SQL),
     "sqlite_pages": Target(_sqlite_pages, (b"\x0d\0\0\0", b"\x05\0\0\0", b"\0\0\0\3", b"\x81\1")),
     "state_log": Target(

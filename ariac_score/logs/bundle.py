@@ -338,6 +338,14 @@ def _named_parts(file: Path, readers: Mapping[str, Reader]) -> Bundle:
     return Bundle(name, file.parent, tuple(parts), stated=stated, file=file)
 
 
+def _is_there(path: Path) -> bool:
+    """Whether there is such a path; none has a name that the system refuses."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
+
+
 def _named_part(
     document: YamlDocument,
     file: Path,
@@ -357,9 +365,12 @@ def _named_part(
             place=where,
             hint="copy the file into the folder and name it relative to it",
         )
-    if not path.exists():
+    if not _is_there(path):
         raise LogError(
-            f"{name!r} does not exist", file=file, place=where, hint="check the name, or remove the entry"
+            f"{name[:200]!r} does not exist",
+            file=file,
+            place=where,
+            hint="check the name, or remove the entry",
         )
     part = _as_bag(path, readers) if path.is_dir() else _as_part(path, readers)
     if part is None or part.role != role:
