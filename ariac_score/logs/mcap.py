@@ -195,11 +195,13 @@ class McapScan(FileScan):
             head = _ChunkHead.read(source, length)
             self._add_to_crcs(_CHUNK, head.raw)
             check_announced(head.size, head.packed)
-            index, behind = self._index_if_large(source, head, end)
-            if not {int.from_bytes(body[:2], "little") for body in index} <= self._channels.keys():
+            index, behind = self._index_behind(source, end)
+            named = {int.from_bytes(body[:2], "little") for body in index}
+            if self._topics is not None and not named <= self._channels.keys():
                 # They are declared in what was read and not looked at yet.
                 yield from self._settled(source, slabs.rest())
-            unread = self._unread(index, head) if self._is_unwanted(index, start) else None
+            large = head.size >= _WORTH_LEAVING_OUT_BYTES
+            unread = self._unread(index, head) if large and self._is_unwanted(index, start) else None
             if unread is not None:
                 yield from self._settled(source, slabs.rest())
                 yield from self._declare_all(start)
@@ -212,7 +214,7 @@ class McapScan(FileScan):
             held = self._data_crc_wanted or head.packed > head.size
             packed = head.packed if held and not head.plain else 0
             yield from self._settled(source, slabs.turn(head.size, packed))
-            left_out = self._left_out(index, head) if head.plain else []
+            left_out = self._left_out(index, head) if large and head.plain else []
             if left_out:
                 chunk = self._hold_parts(source, slabs, head, left_out, start)
             else:
@@ -259,13 +261,11 @@ class McapScan(FileScan):
         chunk.complete = complete
         return chunk
 
-    def _index_if_large(self, source: Source, head: _ChunkHead, end: int) -> tuple[list[bytes], int]:
-        """The index records behind a chunk of which parts might be left out, and where they end."""
+    def _index_behind(self, source: Source, end: int) -> tuple[list[bytes], int]:
+        """The index records behind a chunk, and where they end; none where they are to be read one by one."""
         found: list[bytes] = []
-        if self._topics is None or self._data_crc_wanted or head.size < _WORTH_LEAVING_OUT_BYTES:
+        if self._data_crc_wanted:
             return found, end
-        if self._channels and not self._deaf:
-            return found, end  # everything is wanted
         at, window = 0, source.at(end, self._usual_index_bytes)
         while True:
             if at + _RECORD.size > len(window):

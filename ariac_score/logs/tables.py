@@ -24,6 +24,8 @@ __all__ = ["Table", "read_tables"]
 _LARGEST_GUESS = 1 << 26
 _MOST_FORESEEN = 64
 """So many times what came so far is room made for at most: where memory is limited, room counts."""
+_GUESS_AGAIN = 8
+"""Once so many times what there was has come, more is known, and little would have to be moved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +58,16 @@ class _Grown:
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self._values = np.empty(0, dtype=dtype)
-        self._used = 0
+        self._used = self._guess_again_at = 0
 
     def room(self, dtype: np.dtype[Any], count: int, share: float) -> NDArray[Any]:
         """Where the next values go; they count once they are added."""
         needed = self._used + count
-        if needed > len(self._values):
+        if needed > min(len(self._values), self._guess_again_at):
             guess = min(int(needed / max(share, 1 / _MOST_FORESEEN) * 1.1), _LARGEST_GUESS)
+            self._guess_again_at = _GUESS_AGAIN * needed
+            if guess <= len(self._values) and needed <= len(self._values):
+                return self._values[self._used : needed]
             larger = np.empty(max(guess, needed * 5 // 4), dtype=dtype)
             larger[: self._used] = self._values[: self._used]
             self._values = larger
@@ -108,7 +113,7 @@ class _Growing:
             self._lengths.setdefault(path, _Grown(np.dtype(np.int64))).add(np.diff(bounds), share)
 
     def table(self, connection: Connection) -> Table:
-        offsets = {p: np.concatenate(([0], np.cumsum(g.finished()))) for p, g in self._lengths.items()}
+        offsets = {path: _bounds(lengths.finished()) for path, lengths in self._lengths.items()}
         columns = {
             path: Column(
                 path,
@@ -121,6 +126,14 @@ class _Growing:
         }
         stamps_ns = self._stamps_ns.finished()
         return Table(connection.topic, connection.type, stamps_ns, columns, self._defects, self._unreadable)
+
+
+def _bounds(lengths: IntArray) -> IntArray:
+    """Where each of some lists starts, and where the last one ends."""
+    bounds = np.empty(len(lengths) + 1, dtype=np.int64)
+    bounds[0] = 0
+    np.cumsum(lengths, out=bounds[1:])
+    return bounds
 
 
 def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None], *, jobs: int = 0) -> list[Table]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from keyword import iskeyword
 from operator import attrgetter
@@ -20,6 +20,9 @@ __all__ = ["ColumnDecoder", "Room"]
 
 _BLOCK_BYTES = 1 << 20
 """Messages are gathered in blocks that stay in the processor's cache."""
+
+_WIDTHS = (8, 4, 2, 1)
+"""Bytes of the words that are compared."""
 
 _MOST_LAYOUTS = 64
 """Layouts that are remembered."""
@@ -45,13 +48,45 @@ class _Part:
     values: dict[int, NDArray[Any]]
 
 
+class _Pattern:
+    """The bytes that decide a layout: what they are, and where, from the start of a message.
+
+    Each stretch of them is covered by words, the last of which may overlap the one before.
+    """
+
+    def __init__(self, deciding: Sequence[tuple[int, int]], message: bytes) -> None:
+        self._size = len(message)
+        places: dict[int, list[int]] = {}
+        for start, end in deciding:
+            width = next(w for w in _WIDTHS if w <= end - start)
+            places.setdefault(width, []).extend([*range(start, end - width, width), end - width])
+        self._words: list[tuple[int, IntArray, NDArray[Any]]] = []
+        for width, starts in places.items():
+            held = b"".join(message[start : start + width] for start in starts)
+            expected = np.frombuffer(held, dtype=f"u{width}")[:, np.newaxis]
+            self._words.append((width, np.array(starts, dtype=np.int64), expected))
+
+    def found_in(self, block: Bytes) -> NDArray[np.bool_] | None:
+        """Which messages of a block, shape (n, size), have them; `None` when all have."""
+        agree: NDArray[np.bool_] | None = None
+        for width, starts, expected in self._words:
+            shape, strides = (self._size - width + 1, len(block)), (1, self._size)
+            windows: NDArray[Any] = np.ndarray(shape, f"V{width}", block.data, strides=strides)
+            same = windows[starts].view(f"u{width}") == expected
+            if not same.all():
+                agree = same.all(axis=0) if agree is None else agree & same.all(axis=0)
+        return agree
+
+
 class _Known:
     """A layout made ready to be compared with many messages and to be copied from."""
 
     def __init__(self, layout: Layout, message: bytes, plan: Plan, interned: Interned) -> None:
         self.size, self.big = len(message), layout.big
-        self._deciding = [(a, b, message[a:b]) for a, b in layout.deciding]
+        self._pattern: _Pattern | None = None
+        self._deciding, self._message = layout.deciding, message
         self._streams = [s for s in plan.streams if s.kind not in ("string", "length")]
+        self._texts = {s.number: s.path for s in plan.streams if s.kind == "string"}
         self._runs = {n: list(_even_runs(places)) for n, places in layout.offsets.items()}
         self._per_message = {n: len(places) for n, places in layout.offsets.items()}
         self._constant = dict(layout.counts)
@@ -59,15 +94,10 @@ class _Known:
             self._constant[number] = np.array([interned[t.encode()] for t in texts], dtype=np.int32)
 
     def fits(self, block: Bytes) -> NDArray[np.bool_] | None:
-        """Which messages of a block have this layout; `None` when all have."""
-        agree: NDArray[np.bool_] | None = None
-        for start, end, expected in self._deciding:
-            found = block[:, start:end]
-            # Comparing bytes is many times faster than comparing elements.
-            if found.tobytes() != expected * len(block):
-                same = (found == np.frombuffer(expected, dtype=np.uint8)).all(axis=1)
-                agree = same if agree is None else agree & same
-        return agree
+        """Which messages of a block, shape (n, size), have this layout; `None` when all have."""
+        if self._pattern is None:
+            self._pattern = _Pattern(self._deciding, self._message)
+        return self._pattern.found_in(block)
 
     def empty(self, count: int, room: Room | None = None) -> dict[int, NDArray[Any]]:
         """Room for the numbers of some messages."""
@@ -81,7 +111,7 @@ class _Known:
         return found
 
     def copy(self, block: Bytes, into: dict[int, NDArray[Any]], first: int) -> None:
-        """Copy the numbers of a block of messages."""
+        """Copy the numbers of a block of messages, shape (n, size)."""
         for stream in self._streams:
             raw = (
                 np.dtype(np.uint8)
@@ -95,13 +125,17 @@ class _Known:
                 )
                 out[:, column : column + count] = view != 0 if stream.kind == "bool" else view
 
-    def part(self, rows: IntArray, numbers: dict[int, NDArray[Any]]) -> _Part:
+    def part(self, rows: IntArray, numbers: dict[int, NDArray[Any]], room: Room | None = None) -> _Part:
         """What messages of this layout hold, with their numbers."""
         counts: dict[int, IntArray | int] = dict(self._per_message)
         values: dict[int, NDArray[Any]] = {n: found.reshape(-1) for n, found in numbers.items()}
         for number, constant in self._constant.items():
             counts[number] = len(constant)
-            values[number] = np.tile(constant, len(rows))
+            if room is None or number not in self._texts:
+                values[number] = np.tile(constant, len(rows))
+            else:
+                values[number] = room(self._texts[number], constant.dtype, len(rows) * len(constant))
+                values[number].reshape(len(rows), len(constant))[:] = constant
         return _Part(rows, counts, values)
 
 
@@ -163,8 +197,8 @@ class ColumnDecoder:
 
         Args:
             payloads: At most so many that their columns fit into memory.
-            room: Where the numbers of a field may be put, so that nobody has to move them there;
-                asked for once at most for each field. Numbers that are elsewhere are to be moved.
+            room: Where the values of a field may be put, so that nobody has to move them there;
+                asked for once at most for each field. Values that are elsewhere are to be moved.
         """
         parts, suspects = self._parts(payloads, room)
         defects, cause = self._named(payloads, suspects)
@@ -250,7 +284,7 @@ class ColumnDecoder:
             return None, rest
         if done < len(rows):
             numbers = {number: found[:done] for number, found in numbers.items()}
-        return layout.part(np.concatenate(taken), numbers), rest
+        return layout.part(np.concatenate(taken), numbers, room if done == len(rows) else None), rest
 
     def _walked(self, payloads: Payloads, rows: IntArray) -> tuple[list[_Part], list[int]]:
         """Messages without a common layout: a few one by one, many together."""
