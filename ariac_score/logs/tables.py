@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ariac_score.logs.columnar import Column, ColumnDecoder
 from ariac_score.logs.columnar.columns import IntArray
 from ariac_score.logs.columnar.plan import PlanError
+from ariac_score.logs.foreseen import Foreseen
 from ariac_score.logs.opening import open_scan
 from ariac_score.logs.pending import Pending, Waiting
 from ariac_score.logs.salvage import Batch, Connection
@@ -20,12 +21,7 @@ from ariac_score.logs.types import UnknownTypeError, column_decoder_for
 
 __all__ = ["Table", "read_tables"]
 
-
 _LARGEST_GUESS = 1 << 26
-_MOST_FORESEEN = 64
-"""So many times what came so far is room made for at most: where memory is limited, room counts."""
-_GUESS_AGAIN = 8
-"""Once so many times what there was has come, more is known, and little would have to be moved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,25 +46,18 @@ class Table:
 
 
 class _Grown:
-    """An array that grows at its end.
-
-    Its size is guessed from the share of the recording that was read: memory that nothing
-    is written to costs nothing, and moving what was written does.
-    """
+    """An array that grows at its end."""
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self._values = np.empty(0, dtype=dtype)
-        self._used = self._guess_again_at = 0
+        self._used, self._foreseen = 0, Foreseen(_LARGEST_GUESS)
 
     def room(self, dtype: np.dtype[Any], count: int, share: float) -> NDArray[Any]:
         """Where the next values go; they count once they are added."""
         needed = self._used + count
-        if needed > min(len(self._values), self._guess_again_at):
-            guess = min(int(needed / max(share, 1 / _MOST_FORESEEN) * 1.1), _LARGEST_GUESS)
-            self._guess_again_at = _GUESS_AGAIN * needed
-            if guess <= len(self._values) and needed <= len(self._values):
-                return self._values[self._used : needed]
-            larger = np.empty(max(guess, needed * 5 // 4), dtype=dtype)
+        length = self._foreseen.length(needed, len(self._values), share)
+        if length > len(self._values):
+            larger = np.empty(length, dtype=dtype)
             larger[: self._used] = self._values[: self._used]
             self._values = larger
         return self._values[self._used : needed]

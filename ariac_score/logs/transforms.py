@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.errors import LogError
+from ariac_score.logs.foreseen import Foreseen
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body
@@ -35,8 +36,6 @@ _FEW_CODES = 1 << 16
 _FEW_PLACES = 16
 _FEWEST_SAMPLES = 64
 _LARGEST_GUESS = 1 << 22
-_MOST_FORESEEN = 64
-"""So many times what came so far is room made for at most: where memory is limited, room counts."""
 _BLOCK_ROWS = 1 << 13
 """So many transforms are composed at a time: what is computed stays in the processor's cache."""
 
@@ -61,7 +60,7 @@ class _Edge:
         self.static: _Row | None = None
         self._stamps_ns: IntArray = np.empty(0, dtype=np.int64)
         self._columns: FloatArray = np.empty((7, 0))
-        self._used = 0
+        self._used, self._foreseen = 0, Foreseen(_LARGEST_GUESS)
 
     @property
     def moves(self) -> bool:
@@ -98,17 +97,11 @@ class _Edge:
             own[room] = column[places]
 
     def _room(self, count: int, share: float = 0.0) -> slice:
-        """Where the next so many samples go.
-
-        The arrays get as long as all will be, by the share: memory that nothing is written to
-        costs nothing, and moving what was written does.
-        """
+        """Where the next so many samples go."""
         start, self._used = self._used, self._used + count
-        if self._used > len(self._stamps_ns):
-            guess = (
-                min(int(1.1 * self._used / max(share, 1 / _MOST_FORESEEN)), _LARGEST_GUESS) if share else 0
-            )
-            size = max(self._used, 2 * len(self._stamps_ns), _FEWEST_SAMPLES, guess)
+        have = len(self._stamps_ns)
+        size = max(_FEWEST_SAMPLES, self._foreseen.length(self._used, have, share))
+        if size > have:
             stamps_ns, columns = np.empty(size, dtype=np.int64), np.empty((7, size))
             stamps_ns[:start], columns[:, :start] = self._stamps_ns[:start], self._columns[:, :start]
             self._stamps_ns, self._columns = stamps_ns, columns
