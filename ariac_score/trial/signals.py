@@ -115,8 +115,9 @@ def covered(samples_s: FloatArray, t: FloatArray, *, max_gap_s: float) -> BoolAr
         return np.zeros(len(t), dtype=bool)
     if len(t) == len(samples_s) and np.array_equal(t, samples_s):
         return np.ones(len(t), dtype=bool)
-    after = np.searchsorted(samples_s, t, side="left").clip(0, len(samples_s) - 1)
-    before = (np.searchsorted(samples_s, t, side="right") - 1).clip(0, len(samples_s) - 1)
+    place = np.searchsorted(samples_s, t, side="left")
+    after = np.minimum(place, len(samples_s) - 1)
+    before = np.maximum(place - (samples_s[after] != t), 0)
     inside = (t >= samples_s[0]) & (t <= samples_s[-1])
     found: BoolArray = inside & (samples_s[after] - samples_s[before] <= max_gap_s + 1e-9)
     return found
