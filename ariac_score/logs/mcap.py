@@ -354,6 +354,7 @@ class McapScan(FileScan):
             chunks, failure = slab.finished()
             batch = self._together(slab, chunks)
             if batch is not None:
+                self._hands_over(chunks[-1].end)
                 self._messages += len(batch)
                 yield batch
             else:

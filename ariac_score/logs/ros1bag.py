@@ -384,6 +384,7 @@ class Ros1Scan(FileScan):
             self._chunks += len(chunks)
             batch = self._together(slab, chunks)
             if batch is not None:
+                self._hands_over(chunks[-1].end)
                 yield batch
             else:
                 yield from self._one_by_one(source, slab, chunks)

@@ -340,12 +340,16 @@ class FileScan:
         self.path = path
         self._readable = "byte 0"
         self._source: Source | None = None
-        self._contradictions = self._done = 0
+        self._contradictions = self._done = self._handed_over = 0
         self._is_settling = False
 
     def _reached(self, offset: int) -> None:
         """Take note that everything before this byte was readable."""
         self._done, self._readable = offset, f"byte {offset}"
+
+    def _hands_over(self, offset: int) -> None:
+        """Take note that what comes now is everything up to this byte."""
+        self._handed_over = offset
 
     @property
     def index_contradictions(self) -> int:
@@ -359,9 +363,9 @@ class FileScan:
 
     @property
     def share(self) -> float:
-        """The share read, 0 to 1."""
+        """The share read, 0 to 1, what was handed over last included."""
         source = self._source
-        return self._done / source.size if source and source.size else 0.0
+        return max(self._done, self._handed_over) / source.size if source and source.size else 0.0
 
 
 _INFLATERS = {
