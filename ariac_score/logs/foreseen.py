@@ -35,5 +35,7 @@ class Foreseen:
         self._again_at = _AGAIN * needed
         if share <= 0:
             return have if needed <= have else max(needed, 2 * have)
-        guess = min(int(1.1 * needed / max(share, 1 / _MOST_TIMES)), self._most)
-        return max(have, guess, needed if needed <= have else needed * 5 // 4)
+        guess = min(int(needed / max(share, 1 / _MOST_TIMES)), self._most)
+        if max(guess, needed) <= have:
+            return have
+        return max(guess * 11 // 10, needed * 5 // 4)

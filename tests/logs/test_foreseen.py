@@ -23,7 +23,14 @@ def test_a_tenth_that_came_foresees_the_rest() -> None:
 
 def test_what_never_came_is_bounded() -> None:
     assert Foreseen(1 << 26).length(1_000, 0, 1e-12) <= 71_000
-    assert Foreseen(5_000).length(1_000, 0, 1e-12) == 5_000
+    assert Foreseen(5_000).length(1_000, 0, 1e-12) == 5_500
+
+
+def test_nothing_is_moved_for_a_guess_that_is_a_little_larger() -> None:
+    foreseen = Foreseen(1 << 26)
+    have = foreseen.length(1_000, 0, 0.1)
+    assert foreseen.length(8_500, have, 0.8) == have
+    assert foreseen.length(have + 1, have, 1.0) > have
 
 
 def test_a_first_guess_from_little_is_mended_before_much_would_be_moved() -> None:
