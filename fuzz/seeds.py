@@ -254,32 +254,14 @@ _PLAIN = (
 
 
 def _columnar(_: Path) -> Seeds:
-    def stated(payload: bytes) -> bytes:
-        return len(payload).to_bytes(2, "little") + payload
-
-    fixed = struct.pack("<dB1x3h", 1.5, 3, 1, -2, 3)
-    yield "fixed", b"\x00\x0d" + stated(b"\0\1\0\0" + fixed) * 2
-    yield "fixed_big", b"\x00\x01" + stated(b"\0\0\0\0" + struct.pack(">dB1x3h", 1.5, 3, 1, -2, 3))
-    named = struct.pack("<I4sI4x2dB", 4, b"abc\0", 2, 1.0, 2.0, 7)
-    yield (
-        "named",
-        b"\x01\x0d" + stated(b"\0\1\0\0" + named) + stated(b"\0\1\0\0" + named[:8] + b"\0\0\0\0\x07"),
-    )
-    yield "named_ros1", b"\x81\x01" + stated(struct.pack("<I3sIddB", 3, b"abc", 2, 1.0, 2.0, 7)) * 3
-    inner = struct.pack("<II2s2x4x3dI3s", 1, 2, b"a\0", 0.0, 1.0, 2.0, 3, b"\1\2\3")
-    few = struct.pack("<BI4xq", 1, 1, -5)
-    rest = struct.pack("<II2s", 1, 2, b"b\0")
-    yield "nested", b"\x02\x02" + stated(b"\0\1\0\0" + inner + few + rest)
-    ros1 = struct.pack("<II1s3dI2s", 1, 1, b"a", 0.0, 1.0, 2.0, 2, b"\1\2") + struct.pack(
-        "<BIqII1s", 1, 1, -5, 1, 1, b"b"
-    )
-    yield "nested_ros1", b"\x82\x0d" + stated(ros1) * 2
-    both = struct.pack("<I1s3dI1s", 1, b"a", 0.0, 1.0, 2.0, 1, b"\1") * 2
-    yield (
-        "stamped_ros1",
-        b"\x83\x0d"
-        + stated(struct.pack("<iI", 5, 6) + both + struct.pack("<IfI2sB", 1, 0.5, 2, b"\1\2", 65)),
-    )
+    """Programs of `fuzz.columns`: definition, packing and slabs, then whole messages and changed ones."""
+    again, damaged = b"\3\5", b"\4\5\0\xff\6\4\0\xff\xff\xff\xff\5\11\0\7\2ab"
+    for number, packing in enumerate((0, 1, 2, 0xD0, 0xE2)):
+        yield f"by_hand_{number}", bytes((number, packing)) + b"\1\0" + again + b"\1\1\1\2\1\3" + damaged
+        made = b"".join(b"\1%c\4\12\0\1" % i for i in range(8))
+        yield f"by_dice_{number}", bytes((9 + 11 * number, packing | 4 * number)) + made + again + damaged
+    text = struct.pack("<I4s", 4, b"abc\0") + struct.pack("<I4x2dB", 2, 1.0, 2.0, 7)
+    yield "own_bytes", b"\1\0\0" + struct.pack("<H", 4 + len(text)) + b"\0\1\0\0" + text + again
 
 
 def _definitions(_: Path) -> Seeds:
