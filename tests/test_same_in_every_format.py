@@ -166,3 +166,78 @@ def test_one_number_changed_is_another_result(
 def test_a_compression_that_nobody_knows_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no compression 'lzma'"):
         mcap(tmp_path, MESSAGES, McapForm("lzma"))
+
+
+# Gazebo's state.log -------------------------------------------------------------------
+
+RULES = """
+id: contact
+title: contact with the human, in a state.log
+source: made
+log_map: ./map.yaml
+monitors:
+  contact:
+    use: ariac.human_contact
+    with: {distance: centre_distance, contact_distance_m: 0.5, max_gap_s: 0.15}
+parameters: {points: 1}
+score: points - violated(contact)
+"""
+LOG_MAP = """
+id: two_models
+title: an arm and a human
+source: made
+bodies: {human: {kind: human}, robot: {kind: robot}}
+models:
+  - {match: person_1, kind: human, body: human}
+  - {match: gantry, kind: robot, body: robot}
+"""
+ENCODINGS: dict[str, Callable[[str], str]] = {
+    "txt": str,
+    "zlib": lambda text: base64.b64encode(zlib.compress(text.encode())).decode(),
+    "bz2": lambda text: base64.b64encode(bz2.compress(text.encode())).decode(),
+}
+
+
+def state_log(folder: Path, encodings: list[str], *, closest: str = "0.4") -> Path:
+    """A human who comes near a gantry; its frames in as many chunks as there are encodings."""
+    frames = [
+        f"<sdf version='1.6'><state world_name='w'><sim_time>{k // 10} {k % 10}00000000</sim_time>"
+        f"<model name='gantry'><pose>{k / 100} 0 0 0 0 0</pose></model>"
+        f"<model name='person_1'><pose>{k / 100} {closest if k == 77 else 9} 0 0 0 0</pose></model></state></sdf>"
+        for k in range(120)
+    ]
+    each, chunks = (
+        -(-len(frames) // len(encodings)),
+        [("txt", "<sdf version ='1.6'><world name='w'></world></sdf>")],
+    )
+    chunks += [(e, "".join(frames[i * each : (i + 1) * each])) for i, e in enumerate(encodings)]
+    (folder / "state.log").write_text(
+        "<?xml version='1.0'?>\n<gazebo_log>\n<header>\n<log_version>1.0</log_version>\n</header>\n"
+        + "".join(
+            f"<chunk encoding='{e}'>\n<![CDATA[{ENCODINGS[e](text)}]]>\n</chunk>\n" for e, text in chunks
+        )
+        + "</gazebo_log>\n",
+        encoding="utf-8",
+    )
+    (folder / "rules.yaml").write_text(RULES, encoding="utf-8")
+    (folder / "map.yaml").write_text(LOG_MAP, encoding="utf-8")
+    return folder / "state.log"
+
+
+@pytest.mark.parametrize(
+    "encodings", [["zlib"], ["bz2"], ["zlib"] * 7, ["bz2"] * 120, ["txt", "zlib", "bz2", "zlib"]], ids=str
+)
+def test_a_state_log_scores_the_same_however_its_chunks_are_encoded(
+    encodings: list[str], tmp_path: Path
+) -> None:
+    rules = str(tmp_path / "rules.yaml")
+    code, plain = scored(state_log(tmp_path, ["txt"]), rules=rules)
+    result = json.loads(plain)
+
+    assert (code, result["score"], result["measured"]["findings"]["contact#1"]["verdict"]) == (
+        0,
+        0,
+        "violated",
+    )
+    assert scored(state_log(tmp_path, encodings), "--jobs", "2", rules=rules) == (code, plain)
+    assert scored(state_log(tmp_path, encodings, closest="0.4000001"), rules=rules) != (code, plain)
