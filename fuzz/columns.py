@@ -44,7 +44,7 @@ _PARTS = {
 }
 _MADE = 59
 _EACH = 8
-_MOST_MESSAGES = 24
+_MOST_MESSAGES = 12
 _LONGEST_BYTES = 1 << 12
 _TEXTS = ("", "a", "base_link", "Ger\u00e4t", "w\u00f6rld/\u2603", "xxxxxxx")
 _PACKINGS = ("cdr", "big", "ros1", "cdr")

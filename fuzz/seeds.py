@@ -16,6 +16,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 from ariac_score import score_trial
@@ -38,6 +39,7 @@ from ariac_score.testing import (
 )
 from ariac_score.testing.competitions import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 from ariac_score.testing.competitions import write_database_competition as write_database
+from ariac_score.testing.repacked import McapForm, repacked
 
 __all__ = ["CORPUS", "write_corpus"]
 
@@ -80,6 +82,40 @@ def _ros1(work: Path) -> Seeds:
     yield "moves", write_bag(work / "s.bag", small, storage="ros1").read_bytes()
     yield "bz2", write_bag(work / "b.bag", _messages(), storage="ros1", compression="bz2").read_bytes()
     yield "lz4", write_bag(work / "l.bag", small, storage="ros1", compression="lz4").read_bytes()
+
+
+def _sizes() -> list[Recorded]:
+    """Messages of two topics, small ones and large ones, in stretches in which there is only one of them."""
+    wanted = "ssslslllslsllssl"
+    return [
+        Recorded(
+            "/small" if kind == "s" else "/large",
+            "std_msgs/msg/UInt8" if kind == "s" else "std_msgs/msg/String",
+            10**9 + 10**6 * number,
+            {"data": number} if kind == "s" else {"data": chr(97 + number) * 240},
+        )
+        for number, kind in enumerate(wanted)
+    ]
+
+
+def _mcap_scan(work: Path) -> Seeds:
+    whole = write_bag(work / "s.mcap", _sizes(), storage="mcap").read_bytes()
+    plain = McapForm(chunk_bytes=400, chunk_checksums=False)
+    yield "plain", repacked(whole, plain)
+    yield "checked", repacked(whole, McapForm("lz4", chunk_bytes=600, data_checksum=True))
+    yield "lz4", repacked(whole, replace(plain, compression="lz4"))
+    yield "zstd", repacked(whole, replace(plain, compression="zstd", chunk_bytes=700))
+    yield "no_indexes", repacked(whole, replace(plain, indexed=False))
+    yield "no_chunks", repacked(whole, replace(plain, chunk_bytes=0))
+
+
+def _ros1_scan(work: Path) -> Seeds:
+    yield "plain", write_bag(work / "p.bag", _sizes(), storage="ros1", chunk_bytes=400).read_bytes()
+    for packing in ("lz4", "bz2"):
+        bag = write_bag(
+            work / f"{packing}.bag", _sizes(), storage="ros1", compression=packing, chunk_bytes=900
+        )
+        yield packing, bag.read_bytes()
 
 
 def _sqlite(work: Path) -> Seeds:
@@ -407,6 +443,7 @@ _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "jsonl": _jsonl,
     "log_map": _log_maps,
     "mcap": _mcap,
+    "mcap_scan": _mcap_scan,
     "oracle": _frames,
     "performance_log": _performance,
     "phase": _phases,
@@ -414,6 +451,7 @@ _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "rml": _rml,
     "rml_events": _rml_events,
     "ros1_bag": _ros1,
+    "ros1_scan": _ros1_scan,
     "ros_monitoring": _monitored,
     "rule_set": _rule_sets,
     "sensor_cost": _sensor_cost,

@@ -50,6 +50,7 @@ from ariac_score_rml.tokens import Dialect
 from ariac_score_rml.traces import read_events
 from ariac_score_stl import StlFormula
 from fuzz.columns import decode_both_ways
+from fuzz.containers import mcap_three_ways, ros1_three_ways
 
 __all__ = ["TARGETS", "Target"]
 
@@ -422,6 +423,7 @@ TARGETS: Mapping[str, Target] = {
     "expression": Target(_expression, _SUMS),
     "jsonl": Target(_reader("jsonl", "log.jsonl"), _JSON),
     "log_map": Target(_log_map, _YAML),
+    "mcap_scan": Target(mcap_three_ways, _MCAP),
     "mcap": Target(_reader("rosbag", "log.mcap"), _MCAP),
     "oracle": Target(_oracle, (*_JSON, b'"topic"', b'"time"')),
     "performance_log": Target(_reader("gazebo_text", "performance.log", "ariac2022"), _TEXT),
@@ -429,6 +431,7 @@ TARGETS: Mapping[str, Target] = {
     "result": Target(_result, _JSON),
     "rml": Target(_rml, _RML),
     "rml_events": Target(_rml_events, _JSON),
+    "ros1_scan": Target(ros1_three_ways, (b"op=", b"size=", b"conn=", b"chunk_pos=", b"ver=", b"count=")),
     "ros1_bag": Target(_reader("rosbag", "log.bag"), (b"#ROSBAG V2.0\n", b"op=", b"size=", b"conn=", b"bz2")),
     "ros_monitoring": Target(_reader("ros_monitoring", "log.json"), (*_JSON, b"array('d', [", b"'topic'")),
     "rule_set": Target(_rule_set, (*_YAML, *_SUMS)),

@@ -10,7 +10,7 @@ from zlib import crc32
 from ariac_score.logs.mcap import MAGIC
 from ariac_score.logs.salvage import inflate
 
-__all__ = ["McapForm", "repacked"]
+__all__ = ["McapForm", "records", "repacked"]
 
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 _MESSAGE_INDEX, _CHUNK_INDEX, _STATISTICS, _DATA_END = 0x07, 0x08, 0x0B, 0x0F
@@ -49,13 +49,17 @@ def repacked(mcap: bytes, form: McapForm) -> bytes:
         ValueError: No such compression is known.
     """
     writer = _Writer(form)
-    for op, body in _records(mcap[len(MAGIC) :]):
+    for op, body in records(mcap):
         writer.take(op, body)
     return writer.finished()
 
 
-def _records(raw: bytes) -> Iterator[_Record]:
-    """Header, declarations and messages of the data section, chunks opened."""
+def records(mcap: bytes) -> Iterator[_Record]:
+    """Header, declarations and messages of a whole file, in their order, whatever chunks they are in."""
+    return _opened(mcap[len(MAGIC) :])
+
+
+def _opened(raw: bytes) -> Iterator[_Record]:
     at = 0
     while at < len(raw):
         op, length = struct.unpack_from("<BQ", raw, at)
@@ -65,7 +69,8 @@ def _records(raw: bytes) -> Iterator[_Record]:
             return
         if op == _CHUNK:
             size, _, named = struct.unpack_from("<QII", body, 16)
-            yield from _records(bytes(inflate(body[40 + named :], body[32 : 32 + named].decode(), size=size)))
+            packed, how = body[40 + named :], body[32 : 32 + named].decode()
+            yield from _opened(bytes(inflate(packed, how, size=size)) if how else packed)
         elif op in _COPIED:
             yield op, body
 
