@@ -12,6 +12,7 @@ from contextlib import closing, redirect_stdout
 from dataclasses import replace
 from functools import partial
 from io import StringIO
+from itertools import pairwise
 from pathlib import Path
 
 import cramjam
@@ -48,7 +49,7 @@ def split(folder: Path, messages: list[Recorded], write: Write) -> Path:
     """Three files of one recording, of which each declares anew what it holds."""
     bounds, parts = (0, len(messages) // 4, len(messages) // 2, len(messages)), []
     (folder / "trial").mkdir()
-    for number, (first, last) in enumerate(zip(bounds, bounds[1:], strict=False)):
+    for number, (first, last) in enumerate(pairwise(bounds)):
         part = write(folder, messages[first:last])
         parts.append(part.rename(folder / f"trial/trial_{number}{part.suffix}"))
     return described(folder / "trial", parts, len(messages))
@@ -203,7 +204,8 @@ def state_log(folder: Path, encodings: list[str], *, closest: str = "0.4") -> Pa
     frames = [
         f"<sdf version='1.6'><state world_name='w'><sim_time>{k // 10} {k % 10}00000000</sim_time>"
         f"<model name='gantry'><pose>{k / 100} 0 0 0 0 0</pose></model>"
-        f"<model name='person_1'><pose>{k / 100} {closest if k == 77 else 9} 0 0 0 0</pose></model></state></sdf>"
+        f"<model name='person_1'><pose>{k / 100} {closest if k == 77 else 9} 0 0 0 0</pose></model>"
+        "</state></sdf>"
         for k in range(120)
     ]
     each, chunks = (
