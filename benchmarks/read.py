@@ -5,19 +5,25 @@ latter are as a multiple of ours, and the peak of memory. Imports count. On a ma
 use, only processor time can be compared.
 
     python benchmarks/read.py [--rounds 5] [--seconds 600] [--folder DIR] [--only PART]
+    python benchmarks/read.py --profile PART [--way ours]
 
 Writes the recordings it needs (seeded), once. `ours` brings the wanted fields of five topics
 into arrays, all checksums verified; `rosbags` deserialises the same messages; `floor` reads
 and inflates the file on one thread and looks at nothing. Before each run, of whatever way, the file
 is read and memory is touched, so that none pays for what a virtual machine had given back to its
 host; `--cold` leaves that out.
+
+`--profile` reads one recording within this process and prints in which functions the time goes. Of other
+threads, which inflate and verify, it sees nothing; and small functions look slower in it than they are.
 """
 
 from __future__ import annotations
 
 import argparse
+import cProfile
 import importlib.util
 import os
+import pstats
 import resource
 import subprocess
 import sys
@@ -27,6 +33,7 @@ from pathlib import Path
 from statistics import median
 
 from recordings import write, write_state_log
+from ways import WAYS
 
 COLD = False
 
@@ -189,6 +196,23 @@ def start_up(rounds: int) -> None:
         print(f"{name:24} {more[0]:+6.0f} ms, {more[1]:+6.0f} ms cpu over python -c pass", flush=True)
 
 
+def profiled(way: str, path: Path) -> None:
+    """Print the functions in which most of the time goes: own seconds, calls, name."""
+    warm_up(path)
+    WAYS[way](path)  # whatever is loaded late
+    # Of this thread the processor time, which is the same whatever else the machine does.
+    profile = cProfile.Profile(time.thread_time)
+    start = time.thread_time()
+    profile.runcall(WAYS[way], path)
+    seconds = time.thread_time() - start
+    # Of one function its place, (calls, of them not recursive, own seconds, all seconds, callers).
+    entries = pstats.Stats(profile).stats.items()  # type: ignore[attr-defined]
+    print(f"{way} of {path.name}: {seconds:.2f} s of processor time under cProfile")
+    for (file, line, name), (_, calls, own, _, _) in sorted(entries, key=lambda e: -e[1][2])[:14]:
+        where = f"{Path(file).name}:{line} {name}" if line else name
+        print(f"{own:8.3f} s {100 * own / seconds:4.0f} % {calls:>9}  {where}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5)
@@ -197,17 +221,23 @@ def main() -> None:
     parser.add_argument("--only", default="", help="only recordings whose name contains this")
     parser.add_argument("--peers", action="store_true", help="also mcap-ros2-support and pybag-sdk")
     parser.add_argument("--cold", action="store_true", help="do not touch file and memory before each run")
+    parser.add_argument("--profile", metavar="PART", help="the first recording whose name contains this")
+    parser.add_argument("--way", default="ours", choices=WAYS, help="what is profiled")
     given = parser.parse_args()
     global COLD  # noqa: PLW0603  # an option of the whole run
     COLD = given.cold
     given.folder.mkdir(parents=True, exist_ok=True)
+    only = given.only if given.profile is None else given.profile
     for suffix, compression, camera in CASES:
         name = f"{compression or 'none'}{'_camera' if camera else ''}_{given.seconds:g}s.{suffix}"
-        if given.only not in name or (camera and "camera" not in given.only and given.only):
+        if only not in name or (camera and "camera" not in only and only):
             continue
         path = given.folder / name
         if not path.exists():
             write(path, compression, seconds=given.seconds, camera=camera)
+        if given.profile is not None:
+            profiled(given.way, path)
+            return
         ways = ["ours", "rosbags", "floor"]
         if given.peers and suffix == "mcap" and not camera:
             ways += [w for w in ("mcap_ros2", "pybag") if importlib.util.find_spec(w)]

@@ -50,7 +50,8 @@ def _change(raw: bytearray, corpus: Sequence[bytes], words: Sequence[bytes], cha
             number = chance.choice((0, 1, (1 << 8 * width) - 1, 1 << (8 * width - 1), chance.randrange(64)))
             raw[at : at + width] = number.to_bytes(width, "little")
         case 7:
-            digits = [place for place, byte in enumerate(raw) if 48 <= byte <= 57]
+            # Not all: of a long input that would take longer than all else.
+            digits = [place for place, byte in enumerate(raw[at : at + 256], at) if 48 <= byte <= 57]
             if digits:
                 place = chance.choice(digits)
                 raw[place : place + 1] = chance.choice((b"-1", b"1e999", b"0", b"9" * 25, b"nan", b"", b".5"))

@@ -16,6 +16,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 from ariac_score import score_trial
@@ -38,6 +39,7 @@ from ariac_score.testing import (
 )
 from ariac_score.testing.competitions import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 from ariac_score.testing.competitions import write_database_competition as write_database
+from ariac_score.testing.repacked import McapForm, repacked
 
 __all__ = ["CORPUS", "write_corpus"]
 
@@ -80,6 +82,40 @@ def _ros1(work: Path) -> Seeds:
     yield "moves", write_bag(work / "s.bag", small, storage="ros1").read_bytes()
     yield "bz2", write_bag(work / "b.bag", _messages(), storage="ros1", compression="bz2").read_bytes()
     yield "lz4", write_bag(work / "l.bag", small, storage="ros1", compression="lz4").read_bytes()
+
+
+def _sizes() -> list[Recorded]:
+    """Messages of two topics, small ones and large ones, in stretches in which there is only one of them."""
+    wanted = "ssslslllslsllssl"
+    return [
+        Recorded(
+            "/small" if kind == "s" else "/large",
+            "std_msgs/msg/UInt8" if kind == "s" else "std_msgs/msg/String",
+            10**9 + 10**6 * number,
+            {"data": number} if kind == "s" else {"data": chr(97 + number) * 240},
+        )
+        for number, kind in enumerate(wanted)
+    ]
+
+
+def _mcap_scan(work: Path) -> Seeds:
+    whole = write_bag(work / "s.mcap", _sizes(), storage="mcap").read_bytes()
+    plain = McapForm(chunk_bytes=400, chunk_checksums=False)
+    yield "plain", repacked(whole, plain)
+    yield "checked", repacked(whole, McapForm("lz4", chunk_bytes=600, data_checksum=True))
+    yield "lz4", repacked(whole, replace(plain, compression="lz4"))
+    yield "zstd", repacked(whole, replace(plain, compression="zstd", chunk_bytes=700))
+    yield "no_indexes", repacked(whole, replace(plain, indexed=False))
+    yield "no_chunks", repacked(whole, replace(plain, chunk_bytes=0))
+
+
+def _ros1_scan(work: Path) -> Seeds:
+    yield "plain", write_bag(work / "p.bag", _sizes(), storage="ros1", chunk_bytes=400).read_bytes()
+    for packing in ("lz4", "bz2"):
+        bag = write_bag(
+            work / f"{packing}.bag", _sizes(), storage="ros1", compression=packing, chunk_bytes=900
+        )
+        yield packing, bag.read_bytes()
 
 
 def _sqlite(work: Path) -> Seeds:
@@ -254,32 +290,14 @@ _PLAIN = (
 
 
 def _columnar(_: Path) -> Seeds:
-    def stated(payload: bytes) -> bytes:
-        return len(payload).to_bytes(2, "little") + payload
-
-    fixed = struct.pack("<dB1x3h", 1.5, 3, 1, -2, 3)
-    yield "fixed", b"\x00\x0d" + stated(b"\0\1\0\0" + fixed) * 2
-    yield "fixed_big", b"\x00\x01" + stated(b"\0\0\0\0" + struct.pack(">dB1x3h", 1.5, 3, 1, -2, 3))
-    named = struct.pack("<I4sI4x2dB", 4, b"abc\0", 2, 1.0, 2.0, 7)
-    yield (
-        "named",
-        b"\x01\x0d" + stated(b"\0\1\0\0" + named) + stated(b"\0\1\0\0" + named[:8] + b"\0\0\0\0\x07"),
-    )
-    yield "named_ros1", b"\x81\x01" + stated(struct.pack("<I3sIddB", 3, b"abc", 2, 1.0, 2.0, 7)) * 3
-    inner = struct.pack("<II2s2x4x3dI3s", 1, 2, b"a\0", 0.0, 1.0, 2.0, 3, b"\1\2\3")
-    few = struct.pack("<BI4xq", 1, 1, -5)
-    rest = struct.pack("<II2s", 1, 2, b"b\0")
-    yield "nested", b"\x02\x02" + stated(b"\0\1\0\0" + inner + few + rest)
-    ros1 = struct.pack("<II1s3dI2s", 1, 1, b"a", 0.0, 1.0, 2.0, 2, b"\1\2") + struct.pack(
-        "<BIqII1s", 1, 1, -5, 1, 1, b"b"
-    )
-    yield "nested_ros1", b"\x82\x0d" + stated(ros1) * 2
-    both = struct.pack("<I1s3dI1s", 1, b"a", 0.0, 1.0, 2.0, 1, b"\1") * 2
-    yield (
-        "stamped_ros1",
-        b"\x83\x0d"
-        + stated(struct.pack("<iI", 5, 6) + both + struct.pack("<IfI2sB", 1, 0.5, 2, b"\1\2", 65)),
-    )
+    """Programs of `fuzz.columns`: definition, packing and slabs, then whole messages and changed ones."""
+    again, damaged = b"\3\5", b"\4\5\0\xff\6\4\0\xff\xff\xff\xff\5\11\0\7\2ab"
+    for number, packing in enumerate((0, 1, 2, 0xD0, 0xE2)):
+        yield f"by_hand_{number}", bytes((number, packing)) + b"\1\0" + again + b"\1\1\1\2\1\3" + damaged
+        made = b"".join(b"\1%c\4\12\0\1" % i for i in range(8))
+        yield f"by_dice_{number}", bytes((9 + 11 * number, packing | 4 * number)) + made + again + damaged
+    text = struct.pack("<I4s", 4, b"abc\0") + struct.pack("<I4x2dB", 2, 1.0, 2.0, 7)
+    yield "own_bytes", b"\1\0\0" + struct.pack("<H", 4 + len(text)) + b"\0\1\0\0" + text + again
 
 
 def _definitions(_: Path) -> Seeds:
@@ -425,6 +443,7 @@ _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "jsonl": _jsonl,
     "log_map": _log_maps,
     "mcap": _mcap,
+    "mcap_scan": _mcap_scan,
     "oracle": _frames,
     "performance_log": _performance,
     "phase": _phases,
@@ -432,6 +451,7 @@ _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "rml": _rml,
     "rml_events": _rml_events,
     "ros1_bag": _ros1,
+    "ros1_scan": _ros1_scan,
     "ros_monitoring": _monitored,
     "rule_set": _rule_sets,
     "sensor_cost": _sensor_cost,

@@ -17,8 +17,7 @@ from pathlib import Path
 from shutil import rmtree
 
 import numpy as np
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from rosbags.typesys import get_types_from_msg
 
 from ariac_score import Body, Signal, Span, Trial, load_rule_set
 from ariac_score.adjustments import load_adjustments
@@ -31,7 +30,6 @@ from ariac_score.expression import Expression, Traced
 from ariac_score.guard import GuardedDecoder
 from ariac_score.logmap import load_log_map
 from ariac_score.logs import sqlite_bag
-from ariac_score.logs.columnar import ColumnDecoder, Columns, Payloads
 from ariac_score.logs.definitions import parsed_definitions
 from ariac_score.logs.salvage import Batch, Connection
 from ariac_score.logs.sqlite_pages import Pages, UnusualError
@@ -51,6 +49,8 @@ from ariac_score_rml.lines import run_lines
 from ariac_score_rml.tokens import Dialect
 from ariac_score_rml.traces import read_events
 from ariac_score_stl import StlFormula
+from fuzz.columns import decode_both_ways
+from fuzz.containers import mcap_three_ways, ros1_three_ways
 
 __all__ = ["TARGETS", "Target"]
 
@@ -66,13 +66,18 @@ class Target:
     Attributes:
         run: Called with a folder it may write in, and the bytes.
         words: Pieces of the format that a mutation should know.
+        in_memory: Whether it needs no folder.
     """
 
     run: Callable[[Path, bytes], None]
     words: tuple[bytes, ...] = ()
+    in_memory: bool = False
 
     def once(self, raw: bytes) -> None:
         """Run it on one input."""
+        if self.in_memory:
+            self.run(_SHM, raw)
+            return
         folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=_SHM if _SHM.is_dir() else None))
         try:
             self.run(folder, raw)
@@ -297,63 +302,8 @@ def _oracle(folder: Path, raw: bytes) -> None:
     conversation.close("the end of the input")
 
 
-_DEFINITIONS = (
-    "float64 x\nuint8 y\nint16[3] z",
-    "string name\nfloat64[] values\nuint8 last",
-    "fuzz/Inner[] inner\nbool good\nint64[<=2] few\nstring[] names",
-    "builtin_interfaces/Time stamp\nfuzz/Inner[2] both\nfloat32[] low\nbyte[] raw\nchar c",
-)
-
-
-@cache
-def _store() -> Typestore:
-    store = get_typestore(Stores.EMPTY)
-    store.max_sequence_length = 1 << 16
-    types = get_types_from_msg("string frame\nfloat64[3] at\nuint8[] tags", "fuzz/msg/Inner")
-    types |= get_types_from_msg("int32 sec\nuint32 nanosec", "builtin_interfaces/msg/Time")
-    for number, text in enumerate(_DEFINITIONS):
-        types |= get_types_from_msg(text, f"fuzz/msg/T{number}")
-    store.register(types)
-    return store
-
-
 def _columnar(_: Path, raw: bytes) -> None:
-    """Messages decoded together, held against the same messages deserialised one by one by `rosbags`.
-
-    The first byte says which type and packing, the second how often each message stands; of each
-    message two bytes of length stand before it.
-    """
-    if len(raw) < 2:
-        return
-    type_, cdr, times = f"fuzz/msg/T{raw[0] % len(_DEFINITIONS)}", not raw[0] & 0x80, 1 + raw[1] % 16
-    payloads, at = list[bytes](), 2
-    while at + 2 <= len(raw) and len(payloads) < 64:
-        end = at + 2 + int.from_bytes(raw[at : at + 2], "little")
-        payloads += [raw[at + 2 : end]] * times
-        at = end
-    joined = Payloads.joined(payloads)
-    found = ColumnDecoder(_store(), type_, cdr=cdr).decode(joined)
-    alone = ColumnDecoder(_store(), type_, cdr=cdr)._one_by_one(joined, "as a reference")
-    _check_equal(found, alone)
-    if found.fallback:
-        raise AssertionError(found.fallback)
-
-
-def _check_equal(found: Columns, alone: Columns) -> None:
-    assert found.rows.tolist() == alone.rows.tolist()
-    assert [d.index for d in found.defects] == [d.index for d in alone.defects]
-    for path, column in alone.columns.items():
-        ours = found.columns[path]
-        for level, expected in zip(ours.offsets, column.offsets, strict=True):
-            assert level.tolist() == expected.tolist(), path
-        if column.texts is not None:
-            assert ours.text() == column.text(), path
-            continue
-        values, expected = ours.values, column.values
-        if values.dtype == np.float32:  # a Python float cannot hold a signalling NaN
-            values, expected = (np.where(np.isnan(v), np.float32(0), v) for v in (values, expected))
-            assert (np.isnan(ours.values) == np.isnan(column.values)).all(), path
-        assert values.tobytes() == expected.tobytes(), path
+    decode_both_ways(raw)
 
 
 class _Everything:
@@ -462,13 +412,18 @@ TARGETS: Mapping[str, Target] = {
     "batch_rows": Target(_batch_rows, (*_JSON, b"objects/", b"../")),
     "bundle": Target(_bundle, (*_YAML, b"logs: [", b"sha256:", b"../", b"log.jsonl")),
     "cohort": Target(_cohort, _JSON),
-    "columnar": Target(_columnar, (b"\0\1\0\0", b"\0\0\0\0", b"\xff\xff\xff\xff", b"\1\0\0\0", b"\xc3\xa4")),
+    "columnar": Target(
+        _columnar,
+        (b"\0\1\0\0", b"\0\0\0\0", b"\xff\xff\xff\xff", b"\1\0\0\0", b"\xc3\xa4", b"\3\5", b"\1\0\3\5"),
+        in_memory=True,
+    ),
     "competition": Target(_competition, (*_YAML, b"{team}", b"../", b"runs")),
-    "definition": Target(_definition, _MSG),
+    "definition": Target(_definition, _MSG, in_memory=True),
     "evalai_challenge": Target(_evalai_challenge, (*_YAML, b"challenge_phases:", b"!!python/object")),
     "expression": Target(_expression, _SUMS),
     "jsonl": Target(_reader("jsonl", "log.jsonl"), _JSON),
     "log_map": Target(_log_map, _YAML),
+    "mcap_scan": Target(mcap_three_ways, _MCAP),
     "mcap": Target(_reader("rosbag", "log.mcap"), _MCAP),
     "oracle": Target(_oracle, (*_JSON, b'"topic"', b'"time"')),
     "performance_log": Target(_reader("gazebo_text", "performance.log", "ariac2022"), _TEXT),
@@ -476,6 +431,7 @@ TARGETS: Mapping[str, Target] = {
     "result": Target(_result, _JSON),
     "rml": Target(_rml, _RML),
     "rml_events": Target(_rml_events, _JSON),
+    "ros1_scan": Target(ros1_three_ways, (b"op=", b"size=", b"conn=", b"chunk_pos=", b"ver=", b"count=")),
     "ros1_bag": Target(_reader("rosbag", "log.bag"), (b"#ROSBAG V2.0\n", b"op=", b"size=", b"conn=", b"bz2")),
     "ros_monitoring": Target(_reader("ros_monitoring", "log.json"), (*_JSON, b"array('d', [", b"'topic'")),
     "rule_set": Target(_rule_set, (*_YAML, *_SUMS)),

@@ -245,6 +245,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "testing": {
         "asking",
         "contracts",
+        "cramjam",
         "errors",
         "findings",
         "guard",

@@ -53,6 +53,7 @@ _TYPE_NAME = re.compile(r"[A-Za-z]\w*(/(msg|srv|action))?/[A-Za-z]\w*", re.ASCII
 _LONGEST_SEQUENCE = 1 << 24
 """Elements in one array of a message: bounds those whose elements take no bytes."""
 
+_WIDE = re.compile(r"^[ \t]*wstring\b|<[ \t]*wstring\b", re.MULTILINE)
 _IDL_SEPARATOR = "=" * 80 + "\n"
 
 
@@ -128,6 +129,8 @@ def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = No
 
     paths = None if wanted is None else tuple(wanted)
     cdr = connection.encoding == "cdr"
+    if cdr and _WIDE.search(connection.definition):
+        return _wide_decoder_for(connection, paths)
     light = _light_store_of(connection)
     if light is not None:
         try:
@@ -135,6 +138,13 @@ def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = No
         except PlanError:
             pass  # rosbags may say it better
     return ColumnDecoder(_store_of(connection), connection.type, cdr=cdr, wanted=paths)
+
+
+def _wide_decoder_for(connection: Connection, wanted: Iterable[str] | None) -> ColumnDecoder:
+    from ariac_score.logs.wide_text import UNITS, WideDecoder  # noqa: PLC0415  # most recordings have none
+
+    stores = {unit: _store_of(connection, unit) for unit in UNITS}
+    return WideDecoder(stores, connection.type, wanted=wanted)
 
 
 class _LightStore:
@@ -171,16 +181,18 @@ def _light_store_of(connection: Connection) -> _LightStore | None:
     return _LightStore(connection, found) if found else None
 
 
-def _store_of(connection: Connection) -> Typestore:
+def _store_of(connection: Connection, unit: str = "") -> Typestore:
     if connection.encoding not in ("cdr", "ros1"):
         raise UnknownTypeError(f"its messages are {connection.encoding or 'not'} encoded, not as ROS does")
     return _typestore_for(
-        connection.encoding, connection.type, connection.definition_format, connection.definition
+        connection.encoding, connection.type, connection.definition_format, connection.definition, unit
     )
 
 
 @lru_cache(maxsize=128)  # compiling a definition takes longer than reading a small recording
-def _typestore_for(encoding: str, name: str, definition_format: str, definition: str) -> Typestore:
+def _typestore_for(
+    encoding: str, name: str, definition_format: str, definition: str, unit: str = ""
+) -> Typestore:
     from rosbags.serde import SerdeError  # noqa: PLC0415  # see bundled_typestore
     from rosbags.typesys import Stores, TypesysError, get_typestore  # noqa: PLC0415
 
@@ -196,12 +208,23 @@ def _typestore_for(encoding: str, name: str, definition_format: str, definition:
     try:
         store = get_typestore(Stores.EMPTY)
         store.max_sequence_length = _LONGEST_SEQUENCE
-        store.register(_parsed(name, definition_format, definition))
+        store.register(_types_of(name, definition_format, definition, unit))
         store.get_msgdef(name)  # compiles it, and so finds what is missing
     except (SerdeError, TypesysError, *UNDECODABLE) as error:
         cause = f"it lacks {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
         raise UnknownTypeError(f"the recording's definition of it cannot be used: {cause}") from error
     return store
+
+
+def _types_of(name: str, definition_format: str, definition: str, unit: str) -> Typesdict:
+    """The types of a definition; its wide texts, if any, as sequences of a type of numbers."""
+    if not unit:
+        if _WIDE.search(definition):
+            raise UnknownTypeError("a wide text (wstring) in it needs all messages to be told how to read it")
+        return _parsed(name, definition_format, definition)
+    from ariac_score.logs.wide_text import plain_definition, widened  # noqa: PLC0415  # see above
+
+    return widened(_parsed(name, definition_format, plain_definition(definition)), unit)
 
 
 def _parsed(name: str, definition_format: str, definition: str) -> Typesdict:

@@ -50,6 +50,7 @@ def write_bag(
     *,
     storage: Storage,
     compression: str = "",
+    chunk_bytes: int = 1 << 20,
 ) -> Path:
     """Write a recording with its message definitions.
 
@@ -58,6 +59,7 @@ def write_bag(
         messages: In recorded order.
         storage: The format.
         compression: `bz2` or `lz4` for `ros1`, `zstd` for `mcap`, empty for none.
+        chunk_bytes: A chunk of `ros1` is closed once it has more bytes.
 
     Returns:
         The path.
@@ -68,7 +70,7 @@ def write_bag(
     if compression not in {"ros1": ("", "bz2", "lz4"), "sqlite3": ("",), "mcap": ("", "zstd")}[storage]:
         raise ValueError(f"{storage} does not know compression {compression!r}")
     if storage == "ros1":
-        _write_ros1(path, messages, compression)
+        _write_ros1(path, messages, compression, chunk_bytes)
     elif path.suffix in (".db3", ".mcap"):
         with TemporaryDirectory() as parent:
             folder = Path(parent, path.stem)
@@ -79,12 +81,13 @@ def write_bag(
     return path
 
 
-def _write_ros1(path: Path, messages: Sequence[Recorded], compression: str) -> None:
+def _write_ros1(path: Path, messages: Sequence[Recorded], compression: str, chunk_bytes: int) -> None:
     # Imported here, as everywhere: rosbags is slow to load.
     from rosbags.rosbag1 import Writer  # noqa: PLC0415
 
     store = bundled_typestore(1)
     writer = Writer(path)
+    writer.chunk_threshold = chunk_bytes
     if compression:
         writer.set_compression(Writer.CompressionFormat[compression.upper()])
     with writer:
