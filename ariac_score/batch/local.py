@@ -37,15 +37,39 @@ OWN_FAULT_ATTEMPTS = 2
 """Attempts at a run whose process died of itself, as of a fault in a library: it dies again."""
 STRANGE_HAND_ATTEMPTS = 12
 """Attempts at a run whose process somebody killed: it does not deserve to lose its score for that."""
-_STRANGE_HANDS = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
+_ALARM = signal.SIGALRM
+"""Ends a process that nobody ends in time, see `worker.perform_into`."""
+_SERVER_LOST = 255
+"""The exit code of a process whose server died, and nobody knows how it ended."""
+_STRANGE_HANDS = frozenset(
+    {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP, -_ALARM, _SERVER_LOST}
+)
+_START_ATTEMPTS = 5
 _LONGEST_WAIT_S = 1.0
 _SETTING = "ARIAC_SCORE_BATCH_SETTING"
+
+
+@dataclass(frozen=True)
+class _Deaths:
+    """How often the process of a run died; counted apart, so that strange hands change no reason."""
+
+    own: int = 0
+    strange: int = 0
+
+    def and_one(self, code: int | None) -> _Deaths:
+        if code in _STRANGE_HANDS:
+            return replace(self, strange=self.strange + 1)
+        return replace(self, own=self.own + 1)
+
+    @property
+    def enough(self) -> bool:
+        return self.own >= OWN_FAULT_ATTEMPTS or self.strange >= STRANGE_HAND_ATTEMPTS
 
 
 @dataclass
 class _Running:
     task: Task
-    attempt: int
+    deaths: _Deaths
     process: BaseProcess
     report: Path
     deadline: float
@@ -54,6 +78,9 @@ class _Running:
 @dataclass
 class LocalExecutor:
     """Runs tasks on this machine.
+
+    Time in which nobody looked after them does not count against runs: when a machine sleeps, or
+    stops the batch, they did not go on either.
 
     Attributes:
         jobs: Processes at a time.
@@ -67,13 +94,15 @@ class LocalExecutor:
     work: Path
     target: Callable[[Task, Setting, Path | None, Path], None] = perform_into
     _serial: int = field(default=0, init=False)
+    _looked_s: float = field(default=0.0, init=False)
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish."""
         context = fresh_processes(self.work, setting)
         waiting = iter(tasks)
-        again: deque[tuple[Task, int]] = deque()
+        again: deque[tuple[Task, _Deaths]] = deque()
         running: list[_Running] = []
+        self._looked_s = time.monotonic()
         try:
             while True:
                 while len(running) < self.jobs:
@@ -83,7 +112,7 @@ class LocalExecutor:
                     running.append(self._start(context, *following, setting))
                 if not running:
                     return
-                for ended in _ended(running):
+                for ended in self._ended(running):
                     running.remove(ended)
                     done = self._settle(ended, setting, again)
                     if done is not None:
@@ -92,14 +121,24 @@ class LocalExecutor:
             for one in running:
                 _stop(one.process)
 
-    def _start(self, context: Any, task: Task, attempt: int, setting: Setting) -> _Running:
+    def _start(self, context: Any, task: Task, deaths: _Deaths, setting: Setting) -> _Running:
         self._serial += 1
         report = self.work / f"{self._serial}.report"
-        process = context.Process(target=self.target, args=(task, setting, self.out, report), daemon=True)
-        process.start()
-        return _Running(task, attempt, process, report, time.monotonic() + setting.limits.wall_s)
+        process = _started(context, self.target, (task, setting, self.out, report))
+        return _Running(task, deaths, process, report, time.monotonic() + setting.limits.wall_s)
 
-    def _settle(self, ended: _Running, setting: Setting, again: deque[tuple[Task, int]]) -> Done | None:
+    def _ended(self, running: list[_Running]) -> list[_Running]:
+        """Those that have ended, or must; waits for the first of them."""
+        patience = min(one.deadline for one in running) - time.monotonic()
+        sentinels = [one.process.sentinel for one in running]
+        ready = wait(sentinels, timeout=max(0.0, min(patience, _LONGEST_WAIT_S)))
+        now = time.monotonic()
+        unseen_s, self._looked_s = now - self._looked_s - 2 * _LONGEST_WAIT_S, now
+        for one in running:
+            one.deadline += max(0.0, unseen_s)
+        return [one for one in running if one.process.sentinel in ready or one.deadline <= now]
+
+    def _settle(self, ended: _Running, setting: Setting, again: deque[tuple[Task, _Deaths]]) -> Done | None:
         """What came of a process that has ended, or is beyond its time; `None` when it is tried again."""
         process, task = ended.process, ended.task
         late = process.is_alive()
@@ -114,11 +153,12 @@ class LocalExecutor:
             return done
         if late:
             return replace(too_late(task, setting), contents=contents, signature=task.signature)
-        strange = code is not None and -code in _STRANGE_HANDS
-        if ended.attempt < (STRANGE_HAND_ATTEMPTS if strange else OWN_FAULT_ATTEMPTS):
-            again.append((task, ended.attempt + 1))
+        deaths = ended.deaths.and_one(code)
+        if not deaths.enough:
+            again.append((task, deaths))
             return None
-        return replace(died(task, code, ended.attempt), contents=contents, signature=task.signature)
+        alike = deaths.own if deaths.own >= OWN_FAULT_ATTEMPTS else deaths.strange
+        return replace(died(task, code, alike), contents=contents, signature=task.signature)
 
 
 def _cleared(ended: _Running) -> str:
@@ -154,18 +194,24 @@ def lost(task: Task, outcome: str, reason: str) -> Done:
     return Done(task, "", "", "", document)
 
 
-def _first(tasks: Iterator[Task]) -> tuple[Task, int] | None:
+def _first(tasks: Iterator[Task]) -> tuple[Task, _Deaths] | None:
     task = next(tasks, None)
-    return None if task is None else (task, 1)
+    return None if task is None else (task, _Deaths())
 
 
-def _ended(running: list[_Running]) -> list[_Running]:
-    """Those that have ended, or must; waits for the first of them."""
-    now = time.monotonic()
-    patience = min(one.deadline for one in running) - now
-    ready = wait([one.process.sentinel for one in running], timeout=max(0.0, min(patience, _LONGEST_WAIT_S)))
-    now = time.monotonic()
-    return [one for one in running if one.process.sentinel in ready or one.deadline <= now]
+def _started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...]) -> BaseProcess:
+    """A new process; where the server it should come from is just being killed, from the next one."""
+    for attempt in range(1, _START_ATTEMPTS + 1):
+        process: BaseProcess = context.Process(target=target, args=arguments, daemon=True)
+        try:
+            process.start()
+        except (OSError, EOFError):
+            if attempt == _START_ATTEMPTS:
+                raise
+            time.sleep(0.1)
+        else:
+            return process
+    raise AssertionError("unreachable")
 
 
 def _stop(process: BaseProcess) -> None:

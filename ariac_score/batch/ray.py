@@ -51,9 +51,11 @@ class RayExecutor:
 def _result(future: Any, task: Task) -> Done:
     try:
         done: Done = ray.get(future)
+    except ray.exceptions.WorkerCrashedError:  # its words name a process and a machine
+        return lost(task, "killed", "worker after worker that scored it was lost")
     except ray.exceptions.RayError as error:
         what = f"{type(error).__name__}: {error}".split("\n", maxsplit=1)[0]
-        return lost(task, "killed", f"every worker that scored it was lost: {what}")
+        return lost(task, "killed", f"every worker that scored it failed: {what}")
     return replace(done, task=task)
 
 

@@ -105,8 +105,10 @@ def run_batch(
 
     Raises:
         BatchError: The folder cannot be written, as when the disk is full; what was found is kept.
+        ScoreError: A check of the rules cannot be built.
     """
     registry = Registry()
+    rule_set.build(registry)  # what is wrong with it is said once, not for every run
     basis = basis_of(rule_set, registry)
     setting = replace(setting, earlier_basis=_earlier_basis(store, rule_set, setting, registry))
     seen, rows = Seen(store.root), Rows(work)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import json
 import os
 import resource
+import signal
 import sys
 import tempfile
 from collections.abc import Callable
@@ -20,7 +22,7 @@ from ariac_score.batch.outcomes import outcome_document, outcome_of, told_within
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.engine import reprice, score_trial, topics_read
-from ariac_score.errors import ScoreError
+from ariac_score.errors import PluginError, ScoreError
 from ariac_score.logs.ranged import reading
 from ariac_score.registry import Registry
 from ariac_score.result import Result
@@ -38,6 +40,9 @@ __all__ = [
     "prepared",
     "report_of",
 ]
+
+_ORPHANED_S = 60.0
+"""How long beyond its time a process lives when nobody is left who would end it."""
 
 _BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -80,7 +85,12 @@ def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
 
 def _perform_here(task: Task, setting: Setting, out: Path | None, *, changing: bool) -> Done:
     """Score a run whose files are here; those with holes change while they are read."""
-    registry, rule_set, basis = prepared(setting)
+    try:
+        registry, rule_set, basis = prepared(setting)
+    except ScoreError as error:  # this machine has not what the one has where the batch began
+        return Done(
+            task, "", "", "", _because(task, "failed", told_within(error, Path(setting.rules_file).parent))
+        )
     before = signature_of(task)
     contents = contents_of(task)
     address = measuring_address(task, contents, basis)
@@ -186,6 +196,8 @@ def _scored(task: Task, rule_set: RuleSet, registry: Registry, known: Result | N
         )
         return as_json(result).encode("utf-8")
     except ScoreError as error:
+        if isinstance(error, PluginError) and isinstance(error.__cause__, MemoryError):
+            raise MemoryError from None  # not its fault: somebody had to ask for the last of it
         return _because(task, outcome_of(error), told_within(error, root))
     except MemoryError:
         raise
@@ -218,29 +230,43 @@ def prepared(setting: Setting) -> tuple[Registry, RuleSet, str]:
 def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
     """What the process of one run does: keep the limits, score, leave a report.
 
-    The report is a line of JSON, then the document; it appears whole or not at all.
+    The report is a line of JSON, then the document; it appears whole or not at all. Whoever began the
+    process ends it when it is late; should nobody be left to do so, as after `kill -9`, an alarm does.
     """
+    signal.setitimer(signal.ITIMER_REAL, setting.limits.wall_s + _ORPHANED_S)
     _keep(setting.limits, 0 if task.remote else setting.limits.output_bytes)
     _hush()
+    try:
+        _leave(_wherever(task, setting, out, report), report)
+    except MemoryError:
+        short = True  # what holds the memory is let go when this block is left
+    else:
+        short = False
+    if short:
+        gc.collect()
+        limit = setting.limits.memory_bytes >> 20
+        reason = f"it needed more than {limit} MiB; raise --memory-mb if the log is sound"
+        _leave(Done(task, "", "", "", _because(task, "out_of_memory", reason)), report)
+    os._exit(0)  # nothing is left to be tidied up, and taking modules apart takes as long as a small trial
+
+
+def _wherever(task: Task, setting: Setting, out: Path | None, report: Path) -> Done:
+    """Score a run that lies here, or fetch it first."""
 
     def brought(near: Near) -> None:
         kept_apart(report, ".contents").write_text(near.contents, encoding="ascii")
         largest = max((file.size for file in near.parts), default=0)
         _keep(setting.limits, max(largest, setting.limits.output_bytes))
 
-    try:
-        if task.remote:
-            done = _perform_elsewhere(task, setting, out, kept_apart(report, ".near"), brought)
-        else:
-            done = perform(task, setting, out)
-    except MemoryError:
-        limit = setting.limits.memory_bytes >> 20
-        reason = f"it needed more than {limit} MiB; raise --memory-mb if the log is sound"
-        done = Done(task, "", "", "", _because(task, "out_of_memory", reason))
+    if task.remote:
+        return _perform_elsewhere(task, setting, out, kept_apart(report, ".near"), brought)
+    return perform(task, setting, out)
+
+
+def _leave(done: Done, report: Path) -> None:
     part = report.with_suffix(".part")
     part.write_bytes(report_of(done))
     part.replace(report)
-    os._exit(0)  # nothing is left to be tidied up, and taking modules apart takes as long as a small trial
 
 
 def kept_apart(report: Path, what: str) -> Path:
