@@ -16,6 +16,7 @@ import argparse
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -100,13 +101,16 @@ def _twice(run: Path, number: int) -> None:
 
 
 def _beyond_numbers(run: Path, number: int) -> None:
-    (run / LOG).write_text(_text(number).replace('"t_s": 1', '"t_s": 9e999', 1), encoding="utf-8")
+    (run / LOG).write_text(
+        re.sub(r'"t_s": 1[0-9.]*', '"t_s": 9e999', _text(number), count=1), encoding="utf-8"
+    )
 
 
 def _aliases(run: Path, _number: int) -> None:
-    pairs = zip("abcdefgh", "bcdefghi", strict=True)
-    text = "a: &a [x, x]\n" + "".join(f"{b}: &{b} [*{a}, *{a}]\n" for a, b in pairs)
-    (run / "trial.yaml").write_text(text, encoding="utf-8")
+    pairs = zip("abcde", "bcdef", strict=True)
+    lines = ["a: &a [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]" for a, b in pairs]
+    (run / "trial.yaml").write_text("\n".join([*lines, "orders: *f\n"]), encoding="utf-8")
 
 
 def _ended(words: str) -> Callable[[Path, int], None]:
@@ -129,24 +133,23 @@ def _died(how: str, times: int = 2) -> tuple[str, str]:
 
 _MAY_READ_ALL = os.geteuid() == 0
 _LATE = ("timed_out", "raise --time-limit-s")
+_UNKNOWN = ("nothing_to_score", f"not recognised: {LOG}")
 _SHORT = ("out_of_memory", f"it needed more than {MEMORY_MB} MiB")
 
 BROKEN: Mapping[str, Way] = {
-    "cut off": Way(_cut, "unreadable", LOG),
-    "empty": Way(_replaced(b""), "?", ""),
-    "no log": Way(_replaced(b"hello\n"), "?", ""),
-    "bytes": Way(_replaced(bytes(range(256)) * 40), "?", ""),
-    "crashed": Way(_ended(CRASHED), "crashed", "the simulator crashed"),
-    "cancelled": Way(_ended(CANCELLED), "cancelled", "the run was cancelled by its user"),
-    "gone": Way(_without_log, "nothing_to_score", ""),
-    "a link to nothing": Way(_dangling, "?", ""),
+    "cut off": Way(_cut, "unreadable", "not a JSON record"),
+    "empty": Way(_replaced(b""), "nothing_to_score", "the file is empty"),
+    "no log": Way(_replaced(b"hello\n"), *_UNKNOWN),
+    "bytes": Way(_replaced(bytes(range(256)) * 40), *_UNKNOWN),
+    "crashed": Way(_ended(CRASHED), "crashed", "the simulator died during this run"),
+    "cancelled": Way(_ended(CANCELLED), "cancelled", "cancelled"),
+    "gone": Way(_without_log, "nothing_to_score", "it holds no files"),
+    "a link to nothing": Way(_dangling, "nothing_to_score", "a link to somewhere else"),
     "nobody may read it": Way(_locked, "scored" if _MAY_READ_ALL else "unreadable", ""),
-    "two trials in one file": Way(_twice, "unreadable", LOG),
-    "a time beyond numbers": Way(_beyond_numbers, "unreadable", LOG),
-    "a line without end": Way(
-        _replaced(b'{"record": "trial", "id": "' + b"x" * 11_000_000), "unreadable", LOG
-    ),
-    "aliases without end": Way(_aliases, "unreadable", "trial.yaml"),
+    "two trials in one file": Way(_twice, "unreadable", "one trial a file"),
+    "a time beyond numbers": Way(_beyond_numbers, "unreadable", "t_s is inf"),
+    "a line without end": Way(_replaced(b'{"record": "trial", "id": "' + b"x" * 11_000_000), *_UNKNOWN),
+    "aliases without end": Way(_aliases, "unreadable", "once aliases are expanded"),
     "hangs": Way(_asking_for("hangs"), *_LATE),
     "spins": Way(_asking_for("spins"), *_LATE),
     "stops itself": Way(_asking_for("stops"), *_LATE),
@@ -437,6 +440,8 @@ def _disturbed(season: Season, work: Path, told: argparse.Namespace, place: str)
     rows = _rows(out)
     once = len({row.key for row in rows}) == len(rows) == told.trials
     print(f"every run is there once: {'yes' if once else 'NO'}")
+    for line in misjudged(season, rows):
+        print(f"  {line}")
     differences = _differences(work / "undisturbed", out)
     print(f"diff -r: {differences[:2000] or 'no difference'}", flush=True)
     return 0 if once and not differences else 1
