@@ -277,20 +277,27 @@ def kept_apart(report: Path, what: str) -> Path:
 def report_of(done: Done) -> bytes:
     """What came of a task, for `parse_report`."""
     head = {"address": done.address, "contents": done.contents, "signature": done.signature}
+    head["of"] = _told(done.task)
     head["stored"] = "yes" if done.document is None else ""
     used = resource.getrusage(resource.RUSAGE_SELF)
     head["cpu_s"] = str(done.cpu_s or used.ru_utime + used.ru_stime)
     return json.dumps(head).encode("ascii") + b"\n" + (done.document or b"")
 
 
+def _told(task: Task) -> str:
+    return json.dumps([*task.key, task.path])
+
+
 def parse_report(task: Task, report: bytes) -> Done:
     """What a process left behind.
 
     Raises:
-        ValueError: It is not whole.
+        ValueError: It is not whole, or is about another run: nobody may get the score of a neighbour.
     """
     line, _, document = report.partition(b"\n")
     head = json.loads(line)
+    if head["of"] != _told(task):
+        raise ValueError(f"it is about {head['of']}")
     stored = None if head["stored"] else document
     return Done(task, head["address"], head["contents"], head["signature"], stored, float(head["cpu_s"]))
 
