@@ -391,12 +391,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"{told.trials} runs, {len(season.broken)} of them broken in {ways} ways", flush=True)
     try:
         with _surroundings(work, season.plugins):
-            return max(
-                [
-                    _undisturbed(season, work, told),
-                    *(_disturbed(season, work, told, place) for place in told.executor),
-                ]
-            )
+            failed = _undisturbed(season, work, told)
+            return failed or max(_disturbed(season, work, told, place) for place in told.executor)
     finally:
         shutil.rmtree(work, ignore_errors=True)
 

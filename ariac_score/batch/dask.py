@@ -23,6 +23,7 @@ _AHEAD = 4
 _ALONE = 2
 """How often a run that was there when worker after worker was lost is tried again, with nothing beside it."""
 _CONNECT_S = 20
+_AND_AGAIN = "and call again: what was scored is kept, and only the rest is done"
 
 
 @dataclass
@@ -45,7 +46,7 @@ class DaskExecutor:
         """Each task's outcome, in the order in which they finish.
 
         Raises:
-            BatchError: The scheduler is lost.
+            BatchError: The scheduler is lost, or no worker can work.
         """
         waiting, suspects = iter(tasks), list[Task]()
         with self.client:
@@ -85,8 +86,7 @@ class DaskExecutor:
         if future.cancelled():
             raise BatchError(
                 "the scheduler was lost",
-                hint="start it and its workers again and call again: what was scored is kept, "
-                "and only the rest is done",
+                hint="start it and its workers, " + _AND_AGAIN,
             )
         if error is None:
             done: Done = future.result()
@@ -94,6 +94,8 @@ class DaskExecutor:
         if isinstance(error, distributed.KilledWorker):
             return None
         what = f"{type(error).__name__}: {error}".split("\n", maxsplit=1)[0]
+        if isinstance(error, OSError):
+            raise BatchError(f"no worker could do its work: {what}", hint="see to the workers, " + _AND_AGAIN)
         return lost(task, "killed", f"every worker that scored it failed: {what}")
 
 

@@ -19,6 +19,7 @@ from ariac_score.batch.outcomes import Summary, summary_of
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import TaskKey
 from ariac_score.errors import BatchError
+from ariac_score.result_json import newer_schema
 
 __all__ = [
     "AGAIN",
@@ -46,6 +47,7 @@ CREATE TABLE checks (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NU
   not_applicable INTEGER NOT NULL, worst_robustness REAL,
   PRIMARY KEY (team, trial, run, name)) WITHOUT ROWID;
 """
+_OURS = b'"schema": "ariac-score/result/1"'
 _VERDICTS = ("satisfied", "violated", "inconclusive", "not_applicable")
 
 
@@ -204,6 +206,8 @@ def checked_rows(root: Path) -> Iterator[tuple[Row, bytes]]:
             except ValueError as cause:
                 raise BatchError("no row of a run", file=file, place=f"line {number}", hint=AGAIN) from cause
             document = _document(row, root) if row.object else b""
+            if newer := _newer(document):
+                raise BatchError(newer, file=root / row.object, hint="update ariac-score")
             if row.object and not _says(row, document, root / row.object, store):
                 raise BatchError(
                     f"it says of run {'/'.join(map(str, row.key)).lstrip('/')} what its document does not",
@@ -225,6 +229,16 @@ def _document(row: Row, root: Path) -> bytes:
     if hashlib.sha256(document).hexdigest() != row.sha256:
         raise BatchError("is not what was written: its hash is another one", file=source, hint=AGAIN)
     return document
+
+
+def _newer(document: bytes) -> str:
+    """What to tell of a document that a newer version wrote; empty for any other."""
+    if _OURS in document or not document:
+        return ""
+    try:
+        return newer_schema(json.loads(document))
+    except (ValueError, RecursionError):
+        return ""
 
 
 def _is_object(name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import multiprocessing
 import os
@@ -20,7 +21,14 @@ from typing import Any
 
 from ariac_score.batch.outcomes import outcome_document
 from ariac_score.batch.tasks import Setting, Task
-from ariac_score.batch.worker import Done, kept_apart, limit_threads, parse_report, perform_into
+from ariac_score.batch.worker import (
+    NO_ROOM,
+    Done,
+    kept_apart,
+    limit_threads,
+    parse_report,
+    perform_into,
+)
 
 __all__ = [
     "OWN_FAULT_ATTEMPTS",
@@ -97,7 +105,11 @@ class LocalExecutor:
     _looked_s: float = field(default=0.0, init=False)
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
-        """Each task's outcome, in the order in which they finish."""
+        """Each task's outcome, in the order in which they finish.
+
+        Raises:
+            OSError: The disk is too full for a report.
+        """
         context = fresh_processes(self.work, setting)
         waiting = iter(tasks)
         again: deque[tuple[Task, _Deaths]] = deque()
@@ -151,6 +163,8 @@ class LocalExecutor:
             done = parse_report(task, ended.report.read_bytes())
             ended.report.unlink()
             return done
+        if code == NO_ROOM:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         if late:
             return replace(too_late(task, setting), contents=contents, signature=task.signature)
         deaths = ended.deaths.and_one(code)

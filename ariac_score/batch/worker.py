@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import gc
 import hashlib
 import json
@@ -30,6 +31,7 @@ from ariac_score.result_json import as_json, load_result, read_result
 from ariac_score.ruleset import RuleSet, expanded_yaml
 
 __all__ = [
+    "NO_ROOM",
     "Done",
     "installed",
     "kept_apart",
@@ -43,6 +45,10 @@ __all__ = [
 
 _ORPHANED_S = 60.0
 """How long beyond its time a process lives when nobody is left who would end it."""
+
+NO_ROOM = 74
+"""With which the process of a run ends when the disk is too full for its report: no fault of the run."""
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 _BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -196,13 +202,21 @@ def _scored(task: Task, rule_set: RuleSet, registry: Registry, known: Result | N
         )
         return as_json(result).encode("utf-8")
     except ScoreError as error:
-        if isinstance(error, PluginError) and isinstance(error.__cause__, MemoryError):
-            raise MemoryError from None  # not its fault: somebody had to ask for the last of it
+        if isinstance(error, PluginError) and isinstance(error.__cause__, (MemoryError, OSError)):
+            _blame_the_machine(error.__cause__)
         return _because(task, outcome_of(error), told_within(error, root))
     except MemoryError:
         raise
     except Exception as error:  # noqa: BLE001  # a fault of ours may cost one run, never the others
         return _because(task, "failed", f"{type(error).__name__}: {error}".replace(f"{root}/", ""))
+
+
+def _blame_the_machine(cause: MemoryError | OSError) -> None:
+    """Raise what is no plugin's fault: somebody had to be the one that asked for the last of it."""
+    if isinstance(cause, MemoryError):
+        raise MemoryError from None
+    if cause.errno in _NO_ROOM:
+        raise OSError(cause.errno, os.strerror(cause.errno)) from None
 
 
 def _because(task: Task, outcome: str, reason: str) -> bytes:
@@ -240,6 +254,8 @@ def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -
         _leave(_wherever(task, setting, out, report), report)
     except MemoryError:
         short = True  # what holds the memory is let go when this block is left
+    except OSError as error:
+        os._exit(NO_ROOM if error.errno in _NO_ROOM else 1)
     else:
         short = False
     if short:

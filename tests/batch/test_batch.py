@@ -608,7 +608,7 @@ def test_a_process_that_somebody_kills_costs_its_run_nothing(trials: Path, tmp_p
     batch(trials, tmp_path / "out", executor=local(hands.dies_at_first))
 
     for marks in (tmp_path / "out").glob("marks-*"):
-        assert len(list(marks.iterdir())) == 3  # each was killed three times
+        assert len(list(marks.iterdir())) == 4  # each was killed three times
         shutil.rmtree(marks)
     assert same(tmp_path / "undisturbed", tmp_path / "out")
 
@@ -624,6 +624,12 @@ def test_a_process_that_somebody_kills_costs_its_run_nothing(trials: Path, tmp_p
         (hands.leaves, "killed", "the process that scored it ended with exit code 0, 2 times in 2 times"),
         (hands.never_ends, "timed_out", "it took longer than 10 s; raise --time-limit-s if the log is sound"),
         (hands.devours, "out_of_memory", "raise --memory-mb if the log is sound"),
+        (hands.has_a_devouring_plugin, "out_of_memory", "raise --memory-mb if the log is sound"),
+        (
+            hands.dies_of_both,
+            "killed",
+            "the process that scored it ended by signal 11 (SIGSEGV), 2 times in 2 times",
+        ),
         (hands.raises, "failed", "ZeroDivisionError: division by zero"),
     ],
 )
