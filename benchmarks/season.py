@@ -39,7 +39,7 @@ BASE = "paper2020"
 LOG = "log.jsonl"
 EVERY = 5  # samples of the made trial that are kept: it is still decided
 TROUBLE = Path(__file__).with_name("trouble.py")
-MEMORY_MB = 2048
+MEMORY_MB = 1024
 OUTPUT_MB = 1
 
 

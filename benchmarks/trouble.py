@@ -14,11 +14,14 @@ from dataclasses import dataclass
 from threading import Event
 from types import MappingProxyType
 
+import numpy as np
+
 from ariac_score import Finding, SignalNeed, Trial
 
 __all__ = ["WAYS", "Trouble"]
 
-_PIECE = 1 << 20
+_PIECE = 1 << 24
+"""Large, so that a limit of memory is met long before one of time, however busy the machine is."""
 
 
 def _hangs() -> str:
@@ -43,7 +46,7 @@ def _gorges() -> str:
 def _nibbles() -> str:
     held = []
     while True:
-        held.append(bytearray(_PIECE))
+        held.append(np.empty(_PIECE, np.uint8))  # asked for, and not written to: that takes long
 
 
 def _prints() -> str:
@@ -52,7 +55,7 @@ def _prints() -> str:
 
 
 def _rambles() -> str:
-    return "and so on " * (_PIECE // 4)
+    return "and so on " * (1 << 18)
 
 
 def _aborts() -> str:
