@@ -11,7 +11,7 @@ from typing import Any
 import distributed
 
 from ariac_score.batch.isolated import absolute, measure_apart
-from ariac_score.batch.local import STRANGE_HAND_ATTEMPTS, lost
+from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS, lost
 from ariac_score.batch.tasks import Setting, Task
 from ariac_score.batch.worker import Done
 from ariac_score.errors import BatchError, UsageError
@@ -23,7 +23,6 @@ _AHEAD = 4
 _ALONE = 2
 """How often a run that was there when worker after worker was lost is tried again, with nothing beside it."""
 _CONNECT_S = 20
-_AND_AGAIN = "and call again: what was scored is kept, and only the rest is done"
 
 
 @dataclass
@@ -86,7 +85,7 @@ class DaskExecutor:
         if future.cancelled():
             raise BatchError(
                 "the scheduler was lost",
-                hint="start it and its workers, " + _AND_AGAIN,
+                hint=f"start it and its workers, {AND_AGAIN}",
             )
         if error is None:
             done: Done = future.result()
@@ -95,7 +94,7 @@ class DaskExecutor:
             return None
         what = f"{type(error).__name__}: {error}".split("\n", maxsplit=1)[0]
         if isinstance(error, OSError):
-            raise BatchError(f"no worker could do its work: {what}", hint="see to the workers, " + _AND_AGAIN)
+            raise BatchError(f"no worker could do its work: {what}", hint=f"see to the workers, {AND_AGAIN}")
         return lost(task, "killed", f"every worker that scored it failed: {what}")
 
 

@@ -31,6 +31,7 @@ from ariac_score.batch.worker import (
 )
 
 __all__ = [
+    "AND_AGAIN",
     "OWN_FAULT_ATTEMPTS",
     "STRANGE_HAND_ATTEMPTS",
     "LocalExecutor",
@@ -45,6 +46,8 @@ OWN_FAULT_ATTEMPTS = 2
 """Attempts at a run whose process died of itself, as of a fault in a library: it dies again."""
 STRANGE_HAND_ATTEMPTS = 12
 """Attempts at a run whose process somebody killed: it does not deserve to lose its score for that."""
+AND_AGAIN = "and call again: what was scored is kept, and only the rest is done"
+"""What to do when it is the machines that failed, for a hint."""
 _ALARM = signal.SIGALRM
 """Ends a process that nobody ends in time, see `worker.perform_into`."""
 _SERVER_LOST = 255

@@ -720,7 +720,7 @@ def test_a_ray_cluster_gives_the_same_bytes(trials: Path, tmp_path: Path) -> Non
     with pytest.raises(UsageError, match="needs an address"):
         ray_executor(jobs=0, scheduler="", out=tmp_path, work=tmp_path)
     batch(trials, tmp_path / "here")
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+    ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False)
     batch(trials, tmp_path / "there", executor=lambda _out, _work: RayExecutor())
 
     assert same(tmp_path / "here", tmp_path / "there")
