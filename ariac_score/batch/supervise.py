@@ -120,7 +120,7 @@ def run_batch(
     journal: IO[str] | None = None
 
     def settle(row: Row, *, known: bool = False) -> None:
-        rows.add(row)
+        rows.add(row, trusted=known and trusted)
         if journal is not None and not known:
             journal.write(row.as_line())
             journal.flush()
@@ -288,7 +288,12 @@ def _row_at(key: TaskKey, place: Path, store: Store, rows: Rows, *, trusted: boo
 
 def _contradicted(earlier: Row | None, found: Row) -> bool:
     """Whether a table said of a document what it does not say."""
-    return earlier is not None and earlier.object == found.object and earlier.as_line() != found.as_line()
+    return (
+        earlier is not None
+        and earlier is not found
+        and earlier.object == found.object
+        and earlier.as_line() != found.as_line()
+    )
 
 
 def _addressed(done: Done, basis: str) -> Done:
