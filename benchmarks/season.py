@@ -145,7 +145,9 @@ BROKEN: Mapping[str, Way] = {
     "cancelled": Way(_ended(CANCELLED), "cancelled", "cancelled"),
     "gone": Way(_without_log, "nothing_to_score", "it holds no files"),
     "a link to nothing": Way(_dangling, "nothing_to_score", "a link to somewhere else"),
-    "nobody may read it": Way(_locked, "scored" if _MAY_READ_ALL else "unreadable", ""),
+    "nobody may read it": Way(
+        _locked, *(("scored", "") if _MAY_READ_ALL else ("unreadable", "cannot be read"))
+    ),
     "two trials in one file": Way(_twice, "unreadable", "one trial a file"),
     "a time beyond numbers": Way(_beyond_numbers, "unreadable", "t_s is inf"),
     "a line without end": Way(_replaced(b'{"record": "trial", "id": "' + b"x" * 11_000_000), *_UNKNOWN),

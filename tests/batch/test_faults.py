@@ -275,28 +275,36 @@ def test_a_small_disk_that_is_really_full(
     assert contents(kept) == contents(tmp_path / "undisturbed")
 
 
-def test_a_log_that_may_not_be_read_costs_that_run_alone(
+def test_a_file_that_may_not_be_read_costs_its_run_alone_and_is_not_passed_over(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copyfile(trials / "a.jsonl", trials / "secret.jsonl")
+    (trials / "run").mkdir()
+    shutil.copyfile(trials / "a.jsonl", trials / "run/log.jsonl")
+    (trials / "run/secret.yaml").write_text("orders: []\n", encoding="utf-8")
     setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
-    whole = io.open
+    opened = {"io.open": io.open, "os.open": os.open}
 
-    def refuses(file: Any, *arguments: Any, **options: Any) -> Any:
-        if str(file).endswith("secret.jsonl"):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(file))
-        return whole(file, *arguments, **options)
+    def refusing(name: str) -> Callable[..., Any]:
+        def opens(file: Any, *arguments: Any, **options: Any) -> Any:
+            if "secret" in str(file):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(file))
+            return opened[name](file, *arguments, **options)  # type: ignore[operator]
 
-    monkeypatch.setattr(io, "open", refuses)
-    monkeypatch.setattr("builtins.open", refuses)
+        return opens
+
+    for name in opened:
+        monkeypatch.setattr(name, refusing(name))
+    monkeypatch.setattr("builtins.open", refusing("io.open"))
     told = {}
-    for name in ("a.jsonl", "secret.jsonl"):
+    for name in ("a.jsonl", "secret.jsonl", "run"):
         done = hands.worker.perform(Task("", name, 1, str(trials / name)), setting)
         told[name] = summary_of(done.document or b"")
 
     assert told["a.jsonl"].outcome == "scored"
-    assert told["secret.jsonl"].outcome in ("unreadable", "nothing_to_score")
-    assert "secret.jsonl" in told["secret.jsonl"].reason
+    for name, file in (("secret.jsonl", "secret.jsonl"), ("run", "run/secret.yaml")):
+        assert told[name].outcome == "unreadable"
+        assert told[name].reason.startswith(f"{file}: cannot be read: {os.strerror(errno.EACCES)}")
 
 
 # Rules and folders of others -----------------------------------------------------------
