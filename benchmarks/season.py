@@ -334,9 +334,13 @@ def _cluster(jobs: int) -> Iterator[tuple[str, Hunt]]:
         host="127.0.0.1",
         silence_logs=50,
     ) as cluster:
+        # A nanny whose worker is killed before it is up gives up; who runs a cluster begins another.
+        cluster.adapt(minimum=jobs, maximum=jobs, interval="2s")
 
         def prey(_supervisor: int) -> _Prey:
-            workers = [nanny.pid for nanny in cluster.workers.values() if nanny.pid is not None]
+            up = set(cluster.scheduler.workers)
+            nannies = [nanny for nanny in cluster.workers.values() if nanny.worker_address in up]
+            workers = [nanny.pid for nanny in nannies if nanny.pid is not None]
             return _Prey.below(_children(set(workers)), keepers=True, workers=workers)
 
         yield cluster.scheduler_address, prey
