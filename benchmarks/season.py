@@ -330,7 +330,7 @@ def _cluster(jobs: int) -> Iterator[tuple[str, Hunt]]:
         n_workers=jobs,
         threads_per_worker=1,
         processes=True,
-        dashboard_address=None,
+        dashboard_address=":0",
         host="127.0.0.1",
         silence_logs=50,
     ) as cluster:

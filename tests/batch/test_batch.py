@@ -700,7 +700,7 @@ def test_a_cluster_gives_the_bytes_of_one_machine(trials: Path, tmp_path: Path) 
 
     batch(trials, tmp_path / "here")
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None, host="127.0.0.1"
+        n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0", host="127.0.0.1"
     ) as cluster:
         batch(
             trials,
