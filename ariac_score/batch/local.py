@@ -9,7 +9,7 @@ import os
 import shutil
 import signal
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -52,6 +52,8 @@ _ALARM = signal.SIGALRM
 """Ends a process that nobody ends in time, see `worker.perform_into`."""
 _SERVER_LOST = 255
 """The exit code of a process whose server died, and nobody knows how it ended."""
+_STRANGE_BESIDE_OTHERS = 3
+"""Attempts beside other runs; then it is tried alone at the end: together they may need too much memory."""
 _STRANGE_HANDS = frozenset(
     {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP, -_ALARM, _SERVER_LOST}
 )
@@ -62,19 +64,34 @@ _SETTING = "ARIAC_SCORE_BATCH_SETTING"
 
 @dataclass(frozen=True)
 class _Deaths:
-    """How often the process of a run died; counted apart, so that strange hands change no reason."""
+    """How the process of a run died, so far; kept apart, so that strange hands change no reason.
 
-    own: int = 0
-    strange: int = 0
+    Attributes:
+        own: Exit codes when it died of itself.
+        strange: Those when somebody killed it, or the server it came from.
+    """
+
+    own: tuple[int | None, ...] = ()
+    strange: tuple[int | None, ...] = ()
 
     def and_one(self, code: int | None) -> _Deaths:
         if code in _STRANGE_HANDS:
-            return replace(self, strange=self.strange + 1)
-        return replace(self, own=self.own + 1)
+            return replace(self, strange=(*self.strange, code))
+        return replace(self, own=(*self.own, code))
 
     @property
-    def enough(self) -> bool:
-        return self.own >= OWN_FAULT_ATTEMPTS or self.strange >= STRANGE_HAND_ATTEMPTS
+    def given_up(self) -> bool:
+        return len(self.own) >= OWN_FAULT_ATTEMPTS or len(self.strange) >= STRANGE_HAND_ATTEMPTS
+
+    @property
+    def put_off(self) -> bool:
+        return len(self.strange) >= _STRANGE_BESIDE_OTHERS
+
+    def told(self) -> tuple[int | None, int]:
+        """How it died mostly, and how often it was tried."""
+        alike = self.own if len(self.own) >= OWN_FAULT_ATTEMPTS else self.strange
+        seen = [code for code in alike if code != _SERVER_LOST] or list(alike)
+        return Counter(seen).most_common(1)[0][0], len(alike)
 
 
 @dataclass
@@ -116,6 +133,7 @@ class LocalExecutor:
         context = fresh_processes(self.work, setting)
         waiting = iter(tasks)
         again: deque[tuple[Task, _Deaths]] = deque()
+        at_last: deque[tuple[Task, _Deaths]] = deque()
         running: list[_Running] = []
         self._looked_s = time.monotonic()
         try:
@@ -125,13 +143,17 @@ class LocalExecutor:
                     if following is None:
                         break
                     running.append(self._start(context, *following, setting))
+                if not running and at_last:
+                    running.append(self._start(context, *at_last.popleft(), setting))
                 if not running:
                     return
                 for ended in self._ended(running):
                     running.remove(ended)
-                    done = self._settle(ended, setting, again)
-                    if done is not None:
-                        yield done
+                    came = self._settle(ended, setting)
+                    if isinstance(came, Done):
+                        yield came
+                    else:
+                        (at_last if came.put_off else again).append((ended.task, came))
         finally:
             for one in running:
                 _stop(one.process)
@@ -153,8 +175,8 @@ class LocalExecutor:
             one.deadline += max(0.0, unseen_s)
         return [one for one in running if one.process.sentinel in ready or one.deadline <= now]
 
-    def _settle(self, ended: _Running, setting: Setting, again: deque[tuple[Task, _Deaths]]) -> Done | None:
-        """What came of a process that has ended, or is beyond its time; `None` when it is tried again."""
+    def _settle(self, ended: _Running, setting: Setting) -> Done | _Deaths:
+        """What came of a process that has ended, or is beyond its time; its deaths when it is tried again."""
         process, task = ended.process, ended.task
         late = process.is_alive()
         if late:
@@ -171,11 +193,9 @@ class LocalExecutor:
         if late:
             return replace(too_late(task, setting), contents=contents, signature=task.signature)
         deaths = ended.deaths.and_one(code)
-        if not deaths.enough:
-            again.append((task, deaths))
-            return None
-        alike = deaths.own if deaths.own >= OWN_FAULT_ATTEMPTS else deaths.strange
-        return replace(died(task, code, alike), contents=contents, signature=task.signature)
+        if not deaths.given_up:
+            return deaths
+        return replace(died(task, *deaths.told()), contents=contents, signature=task.signature)
 
 
 def _cleared(ended: _Running) -> str:

@@ -81,6 +81,21 @@ def takes_its_server_along(task: Task, setting: Setting, out: Path | None, repor
     worker.perform_into(task, setting, out, report)
 
 
+def is_killed_often(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """Killed by strange hands five times, for one log only."""
+    if "bad" in task.trial and _tried(task, report) < 5:
+        os.kill(os.getpid(), signal.SIGKILL)
+    worker.perform_into(task, setting, out, report)
+
+
+def is_always_killed(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """Killed whenever it is tried, at the twelfth time with its server."""
+    if _tried(task, report) == 11:
+        os.kill(os.getppid(), signal.SIGKILL)
+    os.kill(os.getpid(), signal.SIGKILL)
+    worker.perform_into(task, setting, out, report)
+
+
 def finds_no_room(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
     """The disk is full when one log is scored."""
     if "bad" in task.trial:

@@ -126,6 +126,24 @@ def test_a_process_that_outlives_its_server_gives_nobody_else_its_result(
     assert kinds == ["scored", "scored", "nothing_to_score"]
 
 
+def test_a_run_whose_process_is_killed_again_and_again_is_tried_at_last_and_alone(
+    trials: Path, tmp_path: Path
+) -> None:
+    shutil.copyfile(trials / "a.jsonl", trials / "0_bad.jsonl")
+
+    found = run_here(hands.is_killed_often, ["0_bad.jsonl", "a.jsonl", "b.jsonl"], trials, tmp_path / "out")
+
+    assert list(found) == ["a.jsonl", "b.jsonl", "0_bad.jsonl"]
+    assert summary_of(found["0_bad.jsonl"].document or b"").outcome == "scored"
+
+
+def test_how_a_run_died_is_told_by_what_happened_mostly(trials: Path, tmp_path: Path) -> None:
+    found = run_here(hands.is_always_killed, ["a.jsonl"], trials, tmp_path / "out")
+
+    reason = summary_of(found["a.jsonl"].document or b"").reason
+    assert reason == "the process that scored it ended by signal 9 (SIGKILL), 12 times in 12 times"
+
+
 def test_a_report_about_another_run_is_none() -> None:
     one, other = Task("", "a", 1, "/x/a"), Task("", "b", 1, "/x/b")
     report = report_of(Done(one, "ab", "cd", "ef", b"document"))
