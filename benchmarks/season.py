@@ -1,10 +1,13 @@
 """A season that goes wrong in every way, and comes out as if nothing had happened.
 
-    python benchmarks/season.py [--trials 500] [--kills 200] [--supervisor-kills 3]
+    python benchmarks/season.py [--trials 500] [--kills 200] [--supervisor-kills 3] [--executor local dask]
 
-One run in ten is broken. The batch is scored once undisturbed. Then again, while processes of runs are
-killed at random and the supervisor itself is killed with -9; each time the same command is called again.
-In the end `diff -r` compares both folders: nothing may be lost, counted twice, or differ in a byte.
+One run in ten is broken: by its files, or by a plugin that hangs, devours memory, crashes or talks without
+end when it meets it (`trouble.py`, which is installed for this alone). The batch is scored once undisturbed.
+Then again, while whatever takes part is killed at random: processes of runs, the servers they come from,
+the workers of a cluster; and the supervisor itself with -9, each time followed by the same command. In the
+end every broken run must have the outcome and the reason of its kind, and `diff -r` compares both folders:
+nothing may be lost, counted twice, or differ in a byte.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import argparse
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -20,19 +24,23 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.index import Row
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
-from ariac_score.testing.competitions import CRASHED
+from ariac_score.testing.competitions import CANCELLED, CRASHED
 
-RULES = "paper2020"
+BASE = "paper2020"
 LOG = "log.jsonl"
 EVERY = 5  # samples of the made trial that are kept: it is still decided
+TROUBLE = Path(__file__).with_name("trouble.py")
+MEMORY_MB = 1024
+OUTPUT_MB = 1
 
 
 @cache
@@ -45,95 +53,184 @@ def _records() -> list[dict[str, Any]]:
     return [record for record in records if id(record) not in left_out]
 
 
-def _text(number: int) -> str:
+def _text(number: int, fault: str = "") -> str:
     head, *rest, end = _records()
-    records = [{**head, "id": f"t_{number}"}, *rest, {**end, "records": len(rest) + 2}]
+    records = [{**head, "id": f"t_{number}{fault}"}, *rest, {**end, "records": len(rest) + 2}]
     return "".join(json.dumps(record) + "\n" for record in records)
 
 
-def _replaced(content: bytes) -> Callable[[Path], None]:
-    return lambda run: (run / LOG).write_bytes(content) and None
+@dataclass(frozen=True)
+class Way:
+    """A way in which a run is broken.
+
+    Attributes:
+        breaks: What makes a whole run such a one; it is told its number.
+        outcome: What must be recorded.
+        reason: What its reason must say.
+    """
+
+    breaks: Callable[[Path, int], object]
+    outcome: str
+    reason: str
 
 
-def _cut(run: Path) -> None:
+def _replaced(content: bytes) -> Callable[[Path, int], object]:
+    return lambda run, _number: (run / LOG).write_bytes(content)
+
+
+def _cut(run: Path, _number: int) -> None:
     whole = (run / LOG).read_bytes()
     (run / LOG).write_bytes(whole[: len(whole) // 2])
 
 
-def _without_log(run: Path) -> None:
+def _without_log(run: Path, _number: int) -> None:
     (run / LOG).unlink()
 
 
-def _dangling(run: Path) -> None:
+def _dangling(run: Path, _number: int) -> None:
     (run / LOG).unlink()
     (run / LOG).symlink_to("/nowhere/at/all")
 
 
-def _locked(run: Path) -> None:
-    (run / LOG).chmod(0)  # root may read it all the same; it is then scored, in both batches
+def _locked(run: Path, _number: int) -> None:
+    (run / LOG).chmod(0)
 
 
-def _twice(run: Path) -> None:
-    (run / LOG).write_text(_text(1) + _text(2), encoding="utf-8")
+def _twice(run: Path, number: int) -> None:
+    (run / LOG).write_text(_text(number) + _text(number + 1), encoding="utf-8")
 
 
-BROKEN: dict[str, Callable[[Path], None]] = {
-    "cut off": _cut,
-    "empty": _replaced(b""),
-    "no log": _replaced(b"hello\n"),
-    "bytes": _replaced(bytes(range(256)) * 40),
-    "crashed": _replaced(CRASHED.encode()),
-    "gone": _without_log,
-    "a link to nothing": _dangling,
-    "nobody may read it": _locked,
-    "two trials in one file": _twice,
-    "a time beyond numbers": lambda run: (
-        (run / LOG).write_text(_text(1).replace('"t_s": 1', '"t_s": 9e999', 1), encoding="utf-8") and None
+def _beyond_numbers(run: Path, number: int) -> None:
+    (run / LOG).write_text(
+        re.sub(r'"t_s": 1[0-9.]*', '"t_s": 9e999', _text(number), count=1), encoding="utf-8"
+    )
+
+
+def _aliases(run: Path, _number: int) -> None:
+    pairs = zip("abcde", "bcdef", strict=True)
+    lines = ["a: &a [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]" for a, b in pairs]
+    (run / "trial.yaml").write_text("\n".join([*lines, "orders: *f\n"]), encoding="utf-8")
+
+
+def _ended(words: str) -> Callable[[Path, int], None]:
+    """As the evaluation script leaves a run that the simulator or its user ended."""
+
+    def breaks(run: Path, _number: int) -> None:
+        (run / LOG).unlink()
+        (run / "trial_log.txt").write_text(words, encoding="utf-8")
+
+    return breaks
+
+
+def _asking_for(fault: str) -> Callable[[Path, int], object]:
+    return lambda run, number: (run / LOG).write_text(_text(number, f".{fault}"), encoding="utf-8")
+
+
+def _died(how: str, times: int = 2) -> tuple[str, str]:
+    return "killed", f"the process that scored it ended {how}, {times} times in {times} times"
+
+
+_MAY_READ_ALL = os.geteuid() == 0
+_LATE = ("timed_out", "raise --time-limit-s")
+_UNKNOWN = ("nothing_to_score", f"not recognised: {LOG}")
+_SHORT = ("out_of_memory", f"it needed more than {MEMORY_MB} MiB")
+
+BROKEN: Mapping[str, Way] = {
+    "cut off": Way(_cut, "unreadable", "not a JSON record"),
+    "empty": Way(_replaced(b""), "nothing_to_score", "the file is empty"),
+    "no log": Way(_replaced(b"hello\n"), *_UNKNOWN),
+    "bytes": Way(_replaced(bytes(range(256)) * 40), *_UNKNOWN),
+    "crashed": Way(_ended(CRASHED), "crashed", "the simulator died during this run"),
+    "cancelled": Way(_ended(CANCELLED), "cancelled", "cancelled"),
+    "gone": Way(_without_log, "nothing_to_score", "it holds no files"),
+    "a link to nothing": Way(_dangling, "nothing_to_score", "a link to somewhere else"),
+    "nobody may read it": Way(
+        _locked, *(("scored", "") if _MAY_READ_ALL else ("unreadable", "cannot be read"))
     ),
-    "a line without end": _replaced(b'{"record": "trial", "id": "' + b"x" * 11_000_000),
-    "aliases without end": lambda run: (
-        (run / "trial.yaml").write_text(
-            "a: &a [x, x]\n"
-            + "".join(f"{b}: &{b} [*{a}, *{a}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
-        )
-        and None
-    ),
+    "two trials in one file": Way(_twice, "unreadable", "one trial a file"),
+    "a time beyond numbers": Way(_beyond_numbers, "unreadable", "t_s is inf"),
+    "a line without end": Way(_replaced(b'{"record": "trial", "id": "' + b"x" * 11_000_000), *_UNKNOWN),
+    "aliases without end": Way(_aliases, "unreadable", "once aliases are expanded"),
+    "hangs": Way(_asking_for("hangs"), *_LATE),
+    "spins": Way(_asking_for("spins"), *_LATE),
+    "stops itself": Way(_asking_for("stops"), *_LATE),
+    "asks for all memory at once": Way(_asking_for("gorges"), *_SHORT),
+    "takes more and more memory": Way(_asking_for("nibbles"), *_SHORT),
+    "prints without end": Way(_asking_for("prints"), *_SHORT),
+    "says more than is kept": Way(_asking_for("rambles"), "too_large", f"at most {OUTPUT_MB << 20} are kept"),
+    "aborts": Way(_asking_for("aborts"), *_died("by signal 6 (SIGABRT)")),
+    "segfaults": Way(_asking_for("segfaults"), *_died("by signal 11 (SIGSEGV)")),
+    "kills its own process": Way(_asking_for("kills"), *_died("by signal 9 (SIGKILL)", 12)),
+    "leaves without a word": Way(_asking_for("leaves"), *_died("with exit code 0")),
+    "raises": Way(_asking_for("raises"), "plugin_failed", "season.trouble"),
 }
 
 
-def make_season(folder: Path, count: int) -> Counter[str]:
-    """So many runs, of which every tenth is broken, in each way in turn."""
-    ways = list(BROKEN)
-    broken: Counter[str] = Counter()
+@dataclass(frozen=True)
+class Season:
+    """Runs on disk, and how they are scored.
+
+    Attributes:
+        runs: Their folder.
+        rules: By which they are scored.
+        plugins: Where the distribution that makes trouble lies.
+        broken: The way in which each broken run is broken.
+        time_limit_s: For a run.
+    """
+
+    runs: Path
+    rules: Path
+    plugins: Path
+    broken: Mapping[str, str]
+    time_limit_s: float
+
+    def command(self, out: Path, jobs: int, scheduler: str = "") -> list[str]:
+        """The call that an organiser makes, again and again."""
+        score = [sys.executable, "-m", "ariac_score.cli", "batch", str(self.runs), "--rules", str(self.rules)]
+        limits = ["--time-limit-s", str(self.time_limit_s)]
+        limits += ["--memory-mb", str(MEMORY_MB), "--output-mb", str(OUTPUT_MB)]
+        where = ["--executor", "dask", "--scheduler", scheduler] if scheduler else ["-j", str(jobs)]
+        return [*score, *limits, "-o", str(out), *where]
+
+
+def make_season(folder: Path, count: int, every: int, ways: Sequence[str], time_limit_s: float) -> Season:
+    """So many runs, of which every so-manieth is broken, in each way in turn."""
+    broken = {}
     for number in range(count):
-        run = folder / f"t_{number:05d}"
+        run = folder / "season" / f"t_{number:05d}"
         run.mkdir(parents=True)
         (run / LOG).write_text(_text(number), encoding="utf-8")
-        if number % 10 == 3:
-            way = ways[number // 10 % len(ways)]
-            BROKEN[way](run)
-            broken[way] += 1
-    return broken
+        if number % every == min(3, every - 1):
+            broken[run.name] = ways[number // every % len(ways)]
+            BROKEN[broken[run.name]].breaks(run, number)
+    plugins, rules = folder / "plugins", folder / "rules.yaml"
+    about = plugins / "season_trouble-1.0.dist-info"
+    about.mkdir(parents=True)
+    shutil.copyfile(TROUBLE, plugins / "season_trouble.py")
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: season-trouble\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "[ariac_score.monitors]\nseason.trouble = season_trouble:Trouble\n"
+    )
+    rules.write_text(
+        f"id: season\nextends: {BASE}\ntitle: A season that goes wrong\nsource: this benchmark\n"
+        "monitors:\n  trouble: {use: season.trouble}\n"
+    )
+    return Season(folder / "season", rules, plugins, broken, time_limit_s)
 
 
-def command(season: Path, out: Path, jobs: int, scheduler: str = "") -> list[str]:
-    """The call that an organiser makes, again and again."""
-    score = [sys.executable, "-m", "ariac_score.cli", "batch", str(season), "--rules", RULES]
-    where = ["--executor", "dask", "--scheduler", scheduler] if scheduler else ["-j", str(jobs)]
-    return [*score, "-o", str(out), *where]
-
-
-def on_a_cluster(season: Path, out: Path, jobs: int) -> tuple[int, int]:
-    """Score on a Dask cluster of this machine; returns the exit code, and how many workers there were."""
-    import distributed  # noqa: PLC0415  # an extra
-
-    with distributed.LocalCluster(
-        n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
-    ) as cluster:
-        ended = subprocess.run(
-            command(season, out, jobs, cluster.scheduler_address), capture_output=True, check=False
-        )
-    return ended.returncode, jobs
+@contextmanager
+def _surroundings(work: Path, plugins: Path) -> Iterator[None]:
+    """Every process finds the plugin; what killed ones leave behind lies where it is cleared away."""
+    before = dict(os.environ)
+    path = os.pathsep.join(filter(None, [str(plugins), before.get("PYTHONPATH", "")]))
+    os.environ.update(PYTHONPATH=path, TMPDIR=str(work / "tmp"), XDG_CACHE_HOME=str(work / "cache"))
+    (work / "tmp").mkdir()
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
 
 
 def _children(parents: set[int]) -> set[int]:
@@ -161,28 +258,123 @@ def _size(file: Path) -> int:
         return 0
 
 
+@dataclass(frozen=True)
+class _Prey:
+    """The processes that may be killed, by what they are.
+
+    Attributes:
+        runs: Each scores one run.
+        servers: Runs come out of them.
+        keepers: Each keeps such a server for a worker of a cluster.
+        workers: Of a cluster.
+    """
+
+    runs: Sequence[int] = ()
+    servers: Sequence[int] = ()
+    keepers: Sequence[int] = ()
+    workers: Sequence[int] = ()
+
+    @classmethod
+    def below(cls, supervisors: set[int], *, keepers: bool = False, workers: Sequence[int] = ()) -> _Prey:
+        """Those that belong to the supervisors, or to the keepers of a cluster."""
+        servers = {child for child in _children(supervisors) if _children({child})}
+        kept = sorted(supervisors) if keepers else ()
+        return cls(sorted(_children(servers)), sorted(servers), kept, workers)
+
+    def one(self, chance: random.Random) -> tuple[str, int] | None:
+        """One of them: mostly a run, of which there are many."""
+        kinds = [("runs", self.runs, 14), ("servers", self.servers, 2)]
+        kinds += [("keepers", self.keepers, 2), ("workers", self.workers, 2)]
+        there = [(name, found, weight) for name, found, weight in kinds if found]
+        if not self.runs:
+            return None
+        name, found, _ = chance.choices(there, [weight for *_, weight in there])[0]
+        return name, chance.choice(found)
+
+
+Hunt = Callable[[int], _Prey]
+"""Whom there is to kill, by the number of the supervisor's process."""
+
+
 def disturbed(
-    season: Path, out: Path, jobs: int, kills: int, supervisor_kills: int, seed: int
-) -> tuple[int, int]:
-    """Score while processes are killed; returns how many were, and how many calls it took."""
-    chance, killed, calls = random.Random(seed), 0, 0  # noqa: S311  # whom it hits need not be a secret
-    known, hurry = -1, min(1.0, len(list(season.iterdir())) / 50)
+    command: Sequence[str], out: Path, prey: Hunt, kills: int, supervisor_kills: int, seed: int, runs: int
+) -> tuple[Counter[str], int]:
+    """Score while processes are killed; returns how many of what were, and how many calls it took."""
+    chance, killed, calls = random.Random(seed), Counter[str](), 0  # noqa: S311  # no secret
+    known, hurry = -1, min(1.0, runs / 50)
     while True:
         calls += 1
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        with subprocess.Popen(command(season, out, jobs), **quiet) as supervisor:  # type: ignore[call-overload]
+        with subprocess.Popen(command, **quiet) as supervisor:  # type: ignore[call-overload]
             patience = time.monotonic() + chance.uniform(6.0, 12.0) * hurry
             while supervisor.poll() is None:
                 time.sleep(chance.uniform(0.02, 0.15))
-                workers = sorted(_children(_children({supervisor.pid})))
                 progress = _size(out / ".rows.jsonl")
-                if killed < kills and workers and progress != known:  # one finished: spread out
-                    killed += _kill(chance.choice(workers))
-                    known = progress
+                if killed.total() < kills and progress != known:  # one finished: spread out
+                    hit = prey(supervisor.pid).one(chance)
+                    if hit is not None and _kill(hit[1]):
+                        killed[hit[0]] += 1
+                        known = progress
                 if calls <= supervisor_kills and time.monotonic() > patience:
                     supervisor.kill()
             if supervisor.returncode != -signal.SIGKILL:
                 return killed, calls
+
+
+@contextmanager
+def _cluster(jobs: int) -> Iterator[tuple[str, Hunt]]:
+    """A Dask cluster of this machine: the address of its scheduler, and whom there is to kill."""
+    import distributed  # noqa: PLC0415  # an extra
+
+    with distributed.LocalCluster(
+        n_workers=jobs,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=":0",
+        host="127.0.0.1",
+        silence_logs=50,
+    ) as cluster:
+        # A nanny whose worker is killed before it is up gives up; who runs a cluster begins another.
+        cluster.adapt(minimum=jobs, maximum=jobs, interval="2s")
+
+        def prey(_supervisor: int) -> _Prey:
+            up = set(cluster.scheduler.workers)
+            nannies = [nanny for nanny in cluster.workers.values() if nanny.worker_address in up]
+            workers = [nanny.pid for nanny in nannies if nanny.pid is not None]
+            return _Prey.below(_children(set(workers)), keepers=True, workers=workers)
+
+        yield cluster.scheduler_address, prey
+
+
+@contextmanager
+def _here(_jobs: int) -> Iterator[tuple[str, Hunt]]:
+    yield "", lambda supervisor: _Prey.below({supervisor})
+
+
+PLACES = {"local": _here, "dask": _cluster}
+
+
+def _rows(out: Path) -> list[Row]:
+    lines = (out / "runs.jsonl").read_text(encoding="ascii").splitlines()
+    return [Row.from_line(line) for line in lines]
+
+
+def misjudged(season: Season, rows: Sequence[Row]) -> list[str]:
+    """Runs whose outcome or reason is not that of their kind."""
+    wrong = []
+    for row in rows:
+        way = season.broken.get(row.key[1])
+        expected = BROKEN[way] if way else Way(lambda *_: None, "scored", "")
+        found = row.summary
+        if found.outcome != expected.outcome or expected.reason not in found.reason:
+            wrong.append(f"{row.key[1]} ({way or 'whole'}): {found.outcome}: {found.reason}")
+    return wrong
+
+
+def _differences(first: Path, second: Path) -> str:
+    diff = shutil.which("diff") or "diff"
+    told = [diff, "-r", str(first), str(second)]
+    return subprocess.run(told, capture_output=True, text=True, check=False).stdout
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -190,54 +382,71 @@ def main(argv: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--trials", type=int, default=500)
-    parser.add_argument("--kills", type=int, default=200, help="processes of runs that are killed at random")
+    parser.add_argument("--kills", type=int, default=200, help="processes that are killed at random")
     parser.add_argument("--supervisor-kills", type=int, default=3)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("-j", "--jobs", type=int, default=2)
-    parser.add_argument(
-        "--executor",
-        choices=("local", "dask"),
-        default="local",
-        help="dask: score on a cluster of this machine instead of disturbing",
-    )
+    parser.add_argument("--executor", choices=PLACES, nargs="+", default=["local"])
+    parser.add_argument("--broken-every", type=int, default=10, metavar="N", help="one run in N is broken")
+    parser.add_argument("--ways", choices=BROKEN, nargs="+", default=list(BROKEN), metavar="WAY")
+    parser.add_argument("--time-limit-s", type=float, default=60.0, help="no whole run may ever need it")
     told = parser.parse_args(argv)
     work = Path(tempfile.mkdtemp(prefix="season-"))
+    season = make_season(work, told.trials, told.broken_every, told.ways, told.time_limit_s)
+    ways = len(set(season.broken.values()))
+    print(f"{told.trials} runs, {len(season.broken)} of them broken in {ways} ways", flush=True)
     try:
-        broken = make_season(work / "season", told.trials)
-        print(f"{told.trials} runs, {sum(broken.values())} of them broken in {len(broken)} ways", flush=True)
-        begun = time.perf_counter()
-        subprocess.run(
-            command(work / "season", work / "undisturbed", told.jobs), capture_output=True, check=False
-        )
-        print(f"undisturbed: {time.perf_counter() - begun:.0f} s", flush=True)
-        begun = time.perf_counter()
-        if told.executor == "dask":
-            code, workers = on_a_cluster(work / "season", work / "out", told.jobs)
-            taken_s = time.perf_counter() - begun
-            print(f"on a Dask cluster of {workers} workers: {taken_s:.0f} s, exit code {code}")
-        else:
-            killed, calls = disturbed(
-                work / "season", work / "out", told.jobs, told.kills, told.supervisor_kills, told.seed
-            )
-            taken_s = time.perf_counter() - begun
-            print(f"disturbed: {taken_s:.0f} s, {killed} processes of runs killed, {calls} calls")
-        lines = (work / "out/runs.jsonl").read_text(encoding="ascii").splitlines()
-        rows = [Row.from_line(line) for line in lines]
-        for outcome, count in sorted(Counter(row.summary.outcome for row in rows).items()):
-            print(f"  {outcome:20} {count}")
-        once = len({row.key for row in rows}) == len(rows) == told.trials
-        print(f"every run is there once: {'yes' if once else 'NO'}")
-        diff = shutil.which("diff") or "diff"
-        differs = subprocess.run(
-            [diff, "-r", str(work / "undisturbed"), str(work / "out")],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        print(f"diff -r: {'no difference' if not differs.returncode else differs.stdout[:2000]}")
-        return 0 if once and not differs.returncode else 1
+        with _surroundings(work, season.plugins):
+            failed = _undisturbed(season, work, told)
+            return failed or max(_disturbed(season, work, told, place) for place in told.executor)
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def _undisturbed(season: Season, work: Path, told: argparse.Namespace) -> int:
+    begun = time.perf_counter()
+    command = season.command(work / "undisturbed", told.jobs)
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    print(f"undisturbed: {time.perf_counter() - begun:.0f} s", flush=True)
+    if ended.returncode not in (0, 6):
+        print(ended.stderr)
+        return 1
+    rows = _rows(work / "undisturbed")
+    for outcome, count in sorted(Counter(row.summary.outcome for row in rows).items()):
+        print(f"  {outcome:20} {count}")
+    wrong = misjudged(season, rows)
+    print(
+        f"every run has the outcome and the reason of its kind: {'NO' if wrong else 'yes'}",
+        *wrong,
+        sep="\n  ",
+        flush=True,
+    )
+    return 1 if wrong else 0
+
+
+def _disturbed(season: Season, work: Path, told: argparse.Namespace, place: str) -> int:
+    begun, out = time.perf_counter(), work / f"disturbed_{place}"
+    with PLACES[place](told.jobs) as (scheduler, prey):
+        killed, calls = disturbed(
+            season.command(out, told.jobs, scheduler),
+            out,
+            prey,
+            told.kills,
+            told.supervisor_kills,
+            told.seed,
+            told.trials,
+        )
+    whom = ", ".join(f"{count} {kind}" for kind, count in sorted(killed.items()))
+    taken_s = time.perf_counter() - begun
+    print(f"{place}, disturbed: {taken_s:.0f} s, {killed.total()} killed ({whom}), {calls} calls")
+    rows = _rows(out)
+    once = len({row.key for row in rows}) == len(rows) == told.trials
+    print(f"every run is there once: {'yes' if once else 'NO'}")
+    for line in misjudged(season, rows):
+        print(f"  {line}")
+    differences = _differences(work / "undisturbed", out)
+    print(f"diff -r: {differences[:2000] or 'no difference'}", flush=True)
+    return 0 if once and not differences else 1
 
 
 if __name__ == "__main__":

@@ -11,15 +11,17 @@ from typing import Any
 import distributed
 
 from ariac_score.batch.isolated import absolute, measure_apart
-from ariac_score.batch.local import STRANGE_HAND_ATTEMPTS, lost
+from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS, lost
 from ariac_score.batch.tasks import Setting, Task
 from ariac_score.batch.worker import Done
-from ariac_score.errors import UsageError
+from ariac_score.errors import BatchError, UsageError
 
 __all__ = ["DaskExecutor", "dask_executor"]
 
 _AHEAD = 4
 """Tasks that wait at the scheduler for each thread of a worker."""
+_ALONE = 2
+"""How often a run that was there when worker after worker was lost is tried again, with nothing beside it."""
 _CONNECT_S = 20
 
 
@@ -27,8 +29,11 @@ _CONNECT_S = 20
 class DaskExecutor:
     """Runs tasks on a cluster.
 
-    A worker that is lost takes its run to another one; a run that takes worker after worker with
-    it is given up, by name.
+    A worker that is lost takes its run to another one. What was with several that were lost is put
+    off to the end and then tried alone, for most of it only stood beside the run that took them; one
+    that takes worker after worker with it even then is given up, by name.
+
+    The setting goes with every task: what is kept on the workers is lost with them.
 
     Attributes:
         client: Connected to the scheduler.
@@ -37,35 +42,60 @@ class DaskExecutor:
     client: Any
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
-        """Each task's outcome, in the order in which they finish."""
-        waiting = iter(tasks)
+        """Each task's outcome, in the order in which they finish.
+
+        Raises:
+            BatchError: The scheduler is lost, or no worker can work.
+        """
+        waiting, suspects = iter(tasks), list[Task]()
         with self.client:
-            shared = self.client.scatter(setting, broadcast=True, hash=False)
             threads = sum(self.client.nthreads().values()) or 1
-            under_way = {self._submit(task, shared): task for task in islice(waiting, threads * _AHEAD)}
+            under_way = {self._submit(task, setting): task for task in islice(waiting, threads * _AHEAD)}
             finished = distributed.as_completed(list(under_way), loop=self.client.loop, raise_errors=False)
             for future in finished:
                 task = under_way.pop(future)
-                yield _result(future, task)
+                done = self._result(future, task)
+                if done is None:
+                    suspects.append(task)
+                else:
+                    yield done
                 future.release()
                 for following in islice(waiting, 1):
-                    new = self._submit(following, shared)
+                    new = self._submit(following, setting)
                     under_way[new] = following
                     finished.add(new)
+            for task in suspects:
+                yield self._alone(task, setting)
 
-    def _submit(self, task: Task, setting: Any) -> Any:
+    def _alone(self, task: Task, setting: Setting) -> Done:
+        for _ in range(_ALONE):
+            done = self._result(self._submit(task, setting), task)
+            if done is not None:
+                return done
+        return lost(task, "killed", "worker after worker that scored it was lost")
+
+    def _submit(self, task: Task, setting: Setting) -> Any:
         return self.client.submit(
             measure_apart, absolute(task), setting, pure=False, retries=STRANGE_HAND_ATTEMPTS
         )
 
-
-def _result(future: Any, task: Task) -> Done:
-    error = future.exception()
-    if error is None:
-        done: Done = future.result()
-        return replace(done, task=task)
-    what = f"{type(error).__name__}: {error}".split("\n", maxsplit=1)[0]
-    return lost(task, "killed", f"every worker that scored it was lost: {what}")
+    def _result(self, future: Any, task: Task) -> Done | None:
+        """What came of a task; `None` when all workers that had it were lost."""
+        error = future.exception()
+        if future.cancelled():
+            raise BatchError(
+                "the scheduler was lost",
+                hint=f"start it and its workers, {AND_AGAIN}",
+            )
+        if error is None:
+            done: Done = future.result()
+            return replace(done, task=task)
+        if isinstance(error, distributed.KilledWorker):
+            return None
+        what = f"{type(error).__name__}: {error}".split("\n", maxsplit=1)[0]
+        if isinstance(error, OSError):
+            raise BatchError(f"no worker could do its work: {what}", hint=f"see to the workers, {AND_AGAIN}")
+        return lost(task, "killed", f"every worker that scored it failed: {what}")
 
 
 def dask_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> DaskExecutor:

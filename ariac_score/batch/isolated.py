@@ -101,11 +101,13 @@ def _serve(lines: IO[bytes], ready: IO[bytes]) -> None:
     """Do one task after the other until nobody asks any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with tempfile.TemporaryDirectory(prefix="ariac-score-") as work:
+        # One for all: a process that outlived its server may not write where a later one is looked for.
+        executor = LocalExecutor(1, None, Path(work))
         for line in lines:
             wire: dict[str, Any] = json.loads(line)
             task = Task(**{**wire["task"], "also": tuple(wire["task"]["also"])})
             setting = Setting(**{**wire["setting"], "limits": Limits(**wire["setting"]["limits"])})
-            (done,) = LocalExecutor(1, None, Path(work)).run([task], setting)
+            (done,) = executor.run([task], setting)
             Path(wire["report"]).write_bytes(report_of(done))
             ready.write(_READY)
             ready.flush()

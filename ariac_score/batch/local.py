@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import multiprocessing
 import os
 import shutil
 import signal
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -20,9 +21,17 @@ from typing import Any
 
 from ariac_score.batch.outcomes import outcome_document
 from ariac_score.batch.tasks import Setting, Task
-from ariac_score.batch.worker import Done, kept_apart, limit_threads, parse_report, perform_into
+from ariac_score.batch.worker import (
+    NO_ROOM,
+    Done,
+    kept_apart,
+    limit_threads,
+    parse_report,
+    perform_into,
+)
 
 __all__ = [
+    "AND_AGAIN",
     "OWN_FAULT_ATTEMPTS",
     "STRANGE_HAND_ATTEMPTS",
     "LocalExecutor",
@@ -37,15 +46,58 @@ OWN_FAULT_ATTEMPTS = 2
 """Attempts at a run whose process died of itself, as of a fault in a library: it dies again."""
 STRANGE_HAND_ATTEMPTS = 12
 """Attempts at a run whose process somebody killed: it does not deserve to lose its score for that."""
-_STRANGE_HANDS = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
+AND_AGAIN = "and call again: what was scored is kept, and only the rest is done"
+"""What to do when it is the machines that failed, for a hint."""
+_ALARM = signal.SIGALRM
+"""Ends a process that nobody ends in time, see `worker.perform_into`."""
+_SERVER_LOST = 255
+"""The exit code of a process whose server died, and nobody knows how it ended."""
+_STRANGE_BESIDE_OTHERS = 3
+"""Attempts beside other runs; then it is tried alone at the end: together they may need too much memory."""
+_STRANGE_HANDS = frozenset(
+    {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP, -_ALARM, _SERVER_LOST}
+)
+_START_ATTEMPTS = 5
 _LONGEST_WAIT_S = 1.0
 _SETTING = "ARIAC_SCORE_BATCH_SETTING"
+
+
+@dataclass(frozen=True)
+class _Deaths:
+    """How the process of a run died, so far; kept apart, so that strange hands change no reason.
+
+    Attributes:
+        own: Exit codes when it died of itself.
+        strange: Those when somebody killed it, or the server it came from.
+    """
+
+    own: tuple[int | None, ...] = ()
+    strange: tuple[int | None, ...] = ()
+
+    def and_one(self, code: int | None) -> _Deaths:
+        if code in _STRANGE_HANDS:
+            return replace(self, strange=(*self.strange, code))
+        return replace(self, own=(*self.own, code))
+
+    @property
+    def given_up(self) -> bool:
+        return len(self.own) >= OWN_FAULT_ATTEMPTS or len(self.strange) >= STRANGE_HAND_ATTEMPTS
+
+    @property
+    def put_off(self) -> bool:
+        return len(self.strange) >= _STRANGE_BESIDE_OTHERS
+
+    def told(self) -> tuple[int | None, int]:
+        """How it died mostly, and how often it was tried."""
+        alike = self.own if len(self.own) >= OWN_FAULT_ATTEMPTS else self.strange
+        seen = [code for code in alike if code != _SERVER_LOST] or list(alike)
+        return Counter(seen).most_common(1)[0][0], len(alike)
 
 
 @dataclass
 class _Running:
     task: Task
-    attempt: int
+    deaths: _Deaths
     process: BaseProcess
     report: Path
     deadline: float
@@ -54,6 +106,9 @@ class _Running:
 @dataclass
 class LocalExecutor:
     """Runs tasks on this machine.
+
+    Time in which nobody looked after them does not count against runs: when a machine sleeps, or
+    stops the batch, they did not go on either.
 
     Attributes:
         jobs: Processes at a time.
@@ -67,13 +122,20 @@ class LocalExecutor:
     work: Path
     target: Callable[[Task, Setting, Path | None, Path], None] = perform_into
     _serial: int = field(default=0, init=False)
+    _looked_s: float = field(default=0.0, init=False)
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
-        """Each task's outcome, in the order in which they finish."""
+        """Each task's outcome, in the order in which they finish.
+
+        Raises:
+            OSError: The disk is too full for a report.
+        """
         context = fresh_processes(self.work, setting)
         waiting = iter(tasks)
-        again: deque[tuple[Task, int]] = deque()
+        again: deque[tuple[Task, _Deaths]] = deque()
+        at_last: deque[tuple[Task, _Deaths]] = deque()
         running: list[_Running] = []
+        self._looked_s = time.monotonic()
         try:
             while True:
                 while len(running) < self.jobs:
@@ -81,26 +143,40 @@ class LocalExecutor:
                     if following is None:
                         break
                     running.append(self._start(context, *following, setting))
+                if not running and at_last:
+                    running.append(self._start(context, *at_last.popleft(), setting))
                 if not running:
                     return
-                for ended in _ended(running):
+                for ended in self._ended(running):
                     running.remove(ended)
-                    done = self._settle(ended, setting, again)
-                    if done is not None:
-                        yield done
+                    came = self._settle(ended, setting)
+                    if isinstance(came, Done):
+                        yield came
+                    else:
+                        (at_last if came.put_off else again).append((ended.task, came))
         finally:
             for one in running:
                 _stop(one.process)
 
-    def _start(self, context: Any, task: Task, attempt: int, setting: Setting) -> _Running:
+    def _start(self, context: Any, task: Task, deaths: _Deaths, setting: Setting) -> _Running:
         self._serial += 1
         report = self.work / f"{self._serial}.report"
-        process = context.Process(target=self.target, args=(task, setting, self.out, report), daemon=True)
-        process.start()
-        return _Running(task, attempt, process, report, time.monotonic() + setting.limits.wall_s)
+        process = _started(context, self.target, (task, setting, self.out, report))
+        return _Running(task, deaths, process, report, time.monotonic() + setting.limits.wall_s)
 
-    def _settle(self, ended: _Running, setting: Setting, again: deque[tuple[Task, int]]) -> Done | None:
-        """What came of a process that has ended, or is beyond its time; `None` when it is tried again."""
+    def _ended(self, running: list[_Running]) -> list[_Running]:
+        """Those that have ended, or must; waits for the first of them."""
+        patience = min(one.deadline for one in running) - time.monotonic()
+        sentinels = [one.process.sentinel for one in running]
+        ready = wait(sentinels, timeout=max(0.0, min(patience, _LONGEST_WAIT_S)))
+        now = time.monotonic()
+        unseen_s, self._looked_s = now - self._looked_s - 2 * _LONGEST_WAIT_S, now
+        for one in running:
+            one.deadline += max(0.0, unseen_s)
+        return [one for one in running if one.process.sentinel in ready or one.deadline <= now]
+
+    def _settle(self, ended: _Running, setting: Setting) -> Done | _Deaths:
+        """What came of a process that has ended, or is beyond its time; its deaths when it is tried again."""
         process, task = ended.process, ended.task
         late = process.is_alive()
         if late:
@@ -112,13 +188,14 @@ class LocalExecutor:
             done = parse_report(task, ended.report.read_bytes())
             ended.report.unlink()
             return done
+        if code == NO_ROOM:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         if late:
             return replace(too_late(task, setting), contents=contents, signature=task.signature)
-        strange = code is not None and -code in _STRANGE_HANDS
-        if ended.attempt < (STRANGE_HAND_ATTEMPTS if strange else OWN_FAULT_ATTEMPTS):
-            again.append((task, ended.attempt + 1))
-            return None
-        return replace(died(task, code, ended.attempt), contents=contents, signature=task.signature)
+        deaths = ended.deaths.and_one(code)
+        if not deaths.given_up:
+            return deaths
+        return replace(died(task, *deaths.told()), contents=contents, signature=task.signature)
 
 
 def _cleared(ended: _Running) -> str:
@@ -154,18 +231,24 @@ def lost(task: Task, outcome: str, reason: str) -> Done:
     return Done(task, "", "", "", document)
 
 
-def _first(tasks: Iterator[Task]) -> tuple[Task, int] | None:
+def _first(tasks: Iterator[Task]) -> tuple[Task, _Deaths] | None:
     task = next(tasks, None)
-    return None if task is None else (task, 1)
+    return None if task is None else (task, _Deaths())
 
 
-def _ended(running: list[_Running]) -> list[_Running]:
-    """Those that have ended, or must; waits for the first of them."""
-    now = time.monotonic()
-    patience = min(one.deadline for one in running) - now
-    ready = wait([one.process.sentinel for one in running], timeout=max(0.0, min(patience, _LONGEST_WAIT_S)))
-    now = time.monotonic()
-    return [one for one in running if one.process.sentinel in ready or one.deadline <= now]
+def _started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...]) -> BaseProcess:
+    """A new process; where the server it should come from is just being killed, from the next one."""
+    for attempt in range(1, _START_ATTEMPTS + 1):
+        process: BaseProcess = context.Process(target=target, args=arguments, daemon=True)
+        try:
+            process.start()
+        except (OSError, EOFError):
+            if attempt == _START_ATTEMPTS:
+                raise
+            time.sleep(0.1)
+        else:
+            return process
+    raise AssertionError("unreachable")
 
 
 def _stop(process: BaseProcess) -> None:

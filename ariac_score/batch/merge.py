@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 from ariac_score.batch.index import RUNS, Row, Rows, check_index, checked_rows, read_rows, write_tables
 from ariac_score.batch.store import Store
-from ariac_score.batch.supervise import DESCRIPTION, SCHEMA, Report, unwritable
+from ariac_score.batch.supervise import DESCRIPTION, Report, described, unwritable
 from ariac_score.errors import BatchError, UsageError
 
 __all__ = ["merge_batches"]
@@ -33,8 +34,10 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
     described = [(part, _description(part)) for part in parts]
     told = _told_alike(described, mixed_code=mixed_code)
     _refuse_gaps([description for _, description in described])
-    rows, outcomes = Rows(work), Counter[str]()
+    outcomes = Counter[str]()
+    rows = None
     try:
+        rows = Rows(work)
         for part in parts:
             for row, document in checked_rows(part):
                 _take(row, document, part, store, rows)
@@ -44,10 +47,11 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
         store.put(store.root / DESCRIPTION, (json.dumps(told, sort_keys=True, indent=1) + "\n").encode())
         store.put(store.root / "rules.yaml", (parts[0] / "rules.yaml").read_bytes())
         write_tables(store, rows, work)
-    except OSError as cause:
+    except (OSError, sqlite3.OperationalError) as cause:
         raise unwritable(cause, store) from cause
     finally:
-        rows.close()
+        if rows is not None:
+            rows.close()
     return Report(dict(outcomes), sum(outcomes.values()))
 
 
@@ -76,23 +80,16 @@ def _take(row: Row, document: bytes, part: Path, store: Store, rows: Rows) -> No
 
 
 def _description(part: Path) -> Mapping[str, Any]:
-    try:
-        told = json.loads((part / DESCRIPTION).read_text(encoding="utf-8"))
-        if told["schema"] != SCHEMA:
-            raise UsageError(
-                f"it was made as {told['schema']}, and this version reads {SCHEMA}",
-                file=part,
-                hint="merge with the version that made it",
-            )
-    except (OSError, ValueError, KeyError, TypeError) as cause:
+    told = described(part)
+    if not told:
         raise UsageError(
             "this is no folder of a batch", file=part, hint=f"it needs {DESCRIPTION}, which 'batch' writes"
-        ) from cause
+        )
     if not (part / RUNS).is_file():
         raise UsageError(
             "this batch has not finished", file=part, hint="call 'batch' again with this folder, then merge"
         )
-    return dict(told)
+    return told
 
 
 def _told_alike(

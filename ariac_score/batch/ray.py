@@ -11,10 +11,10 @@ from typing import Any
 import ray
 
 from ariac_score.batch.isolated import absolute, measure_apart
-from ariac_score.batch.local import STRANGE_HAND_ATTEMPTS, lost
+from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS, lost
 from ariac_score.batch.tasks import Setting, Task
 from ariac_score.batch.worker import Done
-from ariac_score.errors import UsageError
+from ariac_score.errors import BatchError, UsageError
 
 __all__ = ["RayExecutor", "ray_executor"]
 
@@ -31,8 +31,14 @@ class RayExecutor:
     """
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
-        """Each task's outcome, in the order in which they finish."""
-        measure = ray.remote(max_retries=STRANGE_HAND_ATTEMPTS, num_cpus=1)(measure_apart)
+        """Each task's outcome, in the order in which they finish.
+
+        Raises:
+            BatchError: No worker can work.
+        """
+        measure = ray.remote(max_retries=STRANGE_HAND_ATTEMPTS, retry_exceptions=[OSError], num_cpus=1)(
+            measure_apart
+        )
         shared = ray.put(setting)
         waiting = iter(tasks)
         try:
@@ -51,9 +57,16 @@ class RayExecutor:
 def _result(future: Any, task: Task) -> Done:
     try:
         done: Done = ray.get(future)
+    except ray.exceptions.WorkerCrashedError:  # its words name a process and a machine
+        return lost(task, "killed", "worker after worker that scored it was lost")
     except ray.exceptions.RayError as error:
-        what = f"{type(error).__name__}: {error}".split("\n", maxsplit=1)[0]
-        return lost(task, "killed", f"every worker that scored it was lost: {what}")
+        cause = getattr(error, "cause", error)  # what was raised there; the words of Ray name a process
+        what = f"{type(cause).__name__}: {cause}".split("\n", maxsplit=1)[0]
+        if isinstance(error, OSError):
+            raise BatchError(
+                f"no worker could do its work: {what}", hint=f"see to the workers, {AND_AGAIN}"
+            ) from error
+        return lost(task, "killed", f"every worker that scored it failed: {what}")
     return replace(done, task=task)
 
 

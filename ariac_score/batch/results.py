@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from ariac_score.batch.index import RUNS, Row, read_rows
-from ariac_score.batch.supervise import DESCRIPTION
+from ariac_score.batch.supervise import described
 from ariac_score.errors import FormulaError, LogError, RunEndedError, ScoreError, UsageError
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.runs import without_sketch
@@ -32,10 +31,10 @@ def results_of_batch(
         UsageError: The folder holds no finished batch of this competition under these rules.
     """
     again = f"ariac-score batch {competition.file} -o {folder}"
+    told = described(folder)
     try:
-        told = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
         made_under = told["rule_set"]["id"], told["rule_set"]["sha256"]
-    except (OSError, ValueError, KeyError, TypeError) as cause:
+    except (KeyError, TypeError) as cause:
         raise UsageError("this is no folder of a batch", file=folder, hint=again) from cause
     if made_under != (rule_set.id, rule_set.sha256):
         raise UsageError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO, Any, Protocol
 
 from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
 from ariac_score.batch.index import RUNS, Row, Rows, read_rows, tables_sha256, write_tables
@@ -22,12 +23,12 @@ from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Setting, Task, TaskKey
 from ariac_score.batch.worker import Done
 from ariac_score.engine import code_of, needs_alike
-from ariac_score.errors import BatchError, ResultError, ScoreError
+from ariac_score.errors import BatchError, ResultError, ScoreError, UsageError
 from ariac_score.registry import Registry
 from ariac_score.result_json import load_result
 from ariac_score.ruleset import RuleSet, rule_set_from_text
 
-__all__ = ["DESCRIPTION", "SCHEMA", "Executor", "Report", "run_batch", "unwritable"]
+__all__ = ["DESCRIPTION", "SCHEMA", "Executor", "Report", "described", "run_batch", "unwritable"]
 
 SCHEMA = "ariac-score/batch/1"
 DESCRIPTION = "batch.json"
@@ -105,18 +106,21 @@ def run_batch(
 
     Raises:
         BatchError: The folder cannot be written, as when the disk is full; what was found is kept.
+        UsageError: A newer version made the folder.
+        ScoreError: A check of the rules cannot be built.
     """
+    described(store.root)
     registry = Registry()
+    rule_set.build(registry)  # what is wrong with it is said once, not for every run
     basis = basis_of(rule_set, registry)
     setting = replace(setting, earlier_basis=_earlier_basis(store, rule_set, setting, registry))
-    seen, rows = Seen(store.root), Rows(work)
-    rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
+    seen, rows = Seen(store.root), _remembering(store, work)
     outcomes, measured = Counter[str](), list[Measurement]()
     now, cpu_s, contradictions, trusted = 0, 0.0, 0, _as_written(store, seen)
     journal: IO[str] | None = None
 
     def settle(row: Row, *, known: bool = False) -> None:
-        rows.add(row)
+        rows.add(row, trusted=known and trusted)
         if journal is not None and not known:
             journal.write(row.as_line())
             journal.flush()
@@ -154,11 +158,21 @@ def run_batch(
             look(list(_repriced(measured, setting, store, work, settle)))
         contradictions += write_tables(store, rows, work, trusted=trusted)
         _finished(store, seen)
-    except OSError as cause:
+    except (OSError, sqlite3.OperationalError) as cause:
         raise unwritable(cause, store) from cause
     finally:
         _let_go(journal, seen, rows)
     return Report(dict(outcomes), now, cpu_s, contradictions)
+
+
+def _remembering(store: Store, work: Path) -> Rows:
+    """Room for rows, with those of earlier calls."""
+    try:
+        rows = Rows(work)
+        rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
+    except sqlite3.OperationalError as cause:
+        raise unwritable(cause, store) from cause
+    return rows
 
 
 def _earlier_basis(store: Store, rule_set: RuleSet, setting: Setting, registry: Registry) -> str:
@@ -274,7 +288,12 @@ def _row_at(key: TaskKey, place: Path, store: Store, rows: Rows, *, trusted: boo
 
 def _contradicted(earlier: Row | None, found: Row) -> bool:
     """Whether a table said of a document what it does not say."""
-    return earlier is not None and earlier.object == found.object and earlier.as_line() != found.as_line()
+    return (
+        earlier is not None
+        and earlier is not found
+        and earlier.object == found.object
+        and earlier.as_line() != found.as_line()
+    )
 
 
 def _addressed(done: Done, basis: str) -> Done:
@@ -320,11 +339,33 @@ def _describe(
             store.put(place, content.encode("utf-8"))
 
 
-def unwritable(cause: OSError, store: Store) -> BatchError:
-    """What to tell when the folder of a batch cannot be written."""
-    full = cause.errno in (errno.ENOSPC, errno.EDQUOT)
+def described(folder: Path) -> Mapping[str, Any]:
+    """What a batch says of itself; nothing where nobody can tell.
+
+    Raises:
+        UsageError: Another version made it, which this one cannot read.
+    """
+    try:
+        told = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    if not isinstance(told, dict) or not isinstance(told.get("schema"), str):
+        return {}
+    if told["schema"] != SCHEMA:
+        raise UsageError(
+            f"it was made as {told['schema']}, and this version reads {SCHEMA}",
+            file=folder,
+            hint="use the version that made it, or a folder of its own",
+        )
+    return told
+
+
+def unwritable(cause: OSError | sqlite3.Error, store: Store) -> BatchError:
+    """What to tell when the folder of a batch, or a table in it, cannot be written."""
+    reason = getattr(cause, "strerror", None) or str(cause)
+    full = getattr(cause, "errno", 0) in (errno.ENOSPC, errno.EDQUOT) or "disk is full" in reason
     return BatchError(
-        "the disk is full" if full else f"cannot be written: {cause.strerror or cause}",
+        "the disk is full" if full else f"cannot be written: {reason}",
         file=store.root,
         hint=("make room" if full else "check the permissions")
         + " and call again: what was scored is kept, and only the rest is done",

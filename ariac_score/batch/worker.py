@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import gc
 import hashlib
 import json
 import os
 import resource
+import signal
 import sys
 import tempfile
 from collections.abc import Callable
@@ -20,7 +23,7 @@ from ariac_score.batch.outcomes import outcome_document, outcome_of, told_within
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.engine import reprice, score_trial, topics_read
-from ariac_score.errors import ScoreError
+from ariac_score.errors import PluginError, ScoreError
 from ariac_score.logs.ranged import reading
 from ariac_score.registry import Registry
 from ariac_score.result import Result
@@ -28,6 +31,7 @@ from ariac_score.result_json import as_json, load_result, read_result
 from ariac_score.ruleset import RuleSet, expanded_yaml
 
 __all__ = [
+    "NO_ROOM",
     "Done",
     "installed",
     "kept_apart",
@@ -38,6 +42,13 @@ __all__ = [
     "prepared",
     "report_of",
 ]
+
+_ORPHANED_S = 60.0
+"""How long beyond its time a process lives when nobody is left who would end it."""
+
+NO_ROOM = 74
+"""With which the process of a run ends when the disk is too full for its report: no fault of the run."""
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 _BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -80,7 +91,12 @@ def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
 
 def _perform_here(task: Task, setting: Setting, out: Path | None, *, changing: bool) -> Done:
     """Score a run whose files are here; those with holes change while they are read."""
-    registry, rule_set, basis = prepared(setting)
+    try:
+        registry, rule_set, basis = prepared(setting)
+    except ScoreError as error:  # this machine has not what the one has where the batch began
+        return Done(
+            task, "", "", "", _because(task, "failed", told_within(error, Path(setting.rules_file).parent))
+        )
     before = signature_of(task)
     contents = contents_of(task)
     address = measuring_address(task, contents, basis)
@@ -186,11 +202,21 @@ def _scored(task: Task, rule_set: RuleSet, registry: Registry, known: Result | N
         )
         return as_json(result).encode("utf-8")
     except ScoreError as error:
+        if isinstance(error, PluginError) and isinstance(error.__cause__, (MemoryError, OSError)):
+            _blame_the_machine(error.__cause__)
         return _because(task, outcome_of(error), told_within(error, root))
     except MemoryError:
         raise
     except Exception as error:  # noqa: BLE001  # a fault of ours may cost one run, never the others
         return _because(task, "failed", f"{type(error).__name__}: {error}".replace(f"{root}/", ""))
+
+
+def _blame_the_machine(cause: MemoryError | OSError) -> None:
+    """Raise what is no plugin's fault: somebody had to be the one that asked for the last of it."""
+    if isinstance(cause, MemoryError):
+        raise MemoryError from None
+    if cause.errno in _NO_ROOM:
+        raise OSError(cause.errno, os.strerror(cause.errno)) from None
 
 
 def _because(task: Task, outcome: str, reason: str) -> bytes:
@@ -218,29 +244,45 @@ def prepared(setting: Setting) -> tuple[Registry, RuleSet, str]:
 def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
     """What the process of one run does: keep the limits, score, leave a report.
 
-    The report is a line of JSON, then the document; it appears whole or not at all.
+    The report is a line of JSON, then the document; it appears whole or not at all. Whoever began the
+    process ends it when it is late; should nobody be left to do so, as after `kill -9`, an alarm does.
     """
+    signal.setitimer(signal.ITIMER_REAL, setting.limits.wall_s + _ORPHANED_S)
     _keep(setting.limits, 0 if task.remote else setting.limits.output_bytes)
     _hush()
+    try:
+        _leave(_wherever(task, setting, out, report), report)
+    except MemoryError:
+        short = True  # what holds the memory is let go when this block is left
+    except OSError as error:
+        os._exit(NO_ROOM if error.errno in _NO_ROOM else 1)
+    else:
+        short = False
+    if short:
+        gc.collect()
+        limit = setting.limits.memory_bytes >> 20
+        reason = f"it needed more than {limit} MiB; raise --memory-mb if the log is sound"
+        _leave(Done(task, "", "", "", _because(task, "out_of_memory", reason)), report)
+    os._exit(0)  # nothing is left to be tidied up, and taking modules apart takes as long as a small trial
+
+
+def _wherever(task: Task, setting: Setting, out: Path | None, report: Path) -> Done:
+    """Score a run that lies here, or fetch it first."""
 
     def brought(near: Near) -> None:
         kept_apart(report, ".contents").write_text(near.contents, encoding="ascii")
         largest = max((file.size for file in near.parts), default=0)
         _keep(setting.limits, max(largest, setting.limits.output_bytes))
 
-    try:
-        if task.remote:
-            done = _perform_elsewhere(task, setting, out, kept_apart(report, ".near"), brought)
-        else:
-            done = perform(task, setting, out)
-    except MemoryError:
-        limit = setting.limits.memory_bytes >> 20
-        reason = f"it needed more than {limit} MiB; raise --memory-mb if the log is sound"
-        done = Done(task, "", "", "", _because(task, "out_of_memory", reason))
+    if task.remote:
+        return _perform_elsewhere(task, setting, out, kept_apart(report, ".near"), brought)
+    return perform(task, setting, out)
+
+
+def _leave(done: Done, report: Path) -> None:
     part = report.with_suffix(".part")
     part.write_bytes(report_of(done))
     part.replace(report)
-    os._exit(0)  # nothing is left to be tidied up, and taking modules apart takes as long as a small trial
 
 
 def kept_apart(report: Path, what: str) -> Path:
@@ -251,20 +293,27 @@ def kept_apart(report: Path, what: str) -> Path:
 def report_of(done: Done) -> bytes:
     """What came of a task, for `parse_report`."""
     head = {"address": done.address, "contents": done.contents, "signature": done.signature}
+    head["of"] = _told(done.task)
     head["stored"] = "yes" if done.document is None else ""
     used = resource.getrusage(resource.RUSAGE_SELF)
     head["cpu_s"] = str(done.cpu_s or used.ru_utime + used.ru_stime)
     return json.dumps(head).encode("ascii") + b"\n" + (done.document or b"")
 
 
+def _told(task: Task) -> str:
+    return json.dumps([*task.key, task.path])
+
+
 def parse_report(task: Task, report: bytes) -> Done:
     """What a process left behind.
 
     Raises:
-        ValueError: It is not whole.
+        ValueError: It is not whole, or is about another run: nobody may get the score of a neighbour.
     """
     line, _, document = report.partition(b"\n")
     head = json.loads(line)
+    if head["of"] != _told(task):
+        raise ValueError(f"it is about {head['of']}")
     stored = None if head["stored"] else document
     return Done(task, head["address"], head["contents"], head["signature"], stored, float(head["cpu_s"]))
 

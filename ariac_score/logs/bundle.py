@@ -159,10 +159,21 @@ def _folder_name(folder: Path) -> str:
 
 
 def _as_part(path: Path, readers: Mapping[str, Reader]) -> Part | None:
-    """The part a file is, by the first reader that recognises it."""
+    """The part a file is, by the first reader that recognises it.
+
+    Raises:
+        LogError: It may not be read, so that nobody knows what it is: a trial is not scored without it.
+    """
     for name in sorted(readers):
         if readers[name].can_read(path):
             return Part(ROLES.get(name, "log"), path, name)
+    try:
+        if path.is_file():
+            path.open("rb").close()
+    except OSError as cause:
+        raise LogError(
+            f"cannot be read: {cause.strerror}", file=path, hint="check the permissions of the file"
+        ) from cause
     return None
 
 

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 from ariac_score.batch import worker
+from ariac_score.batch.isolated import measure_apart
 from ariac_score.batch.tasks import Setting, Task
+from ariac_score.batch.worker import Done
+from ariac_score.errors import PluginError
 
 
 def dies_at_first(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
     """Killed by a strange hand the first three times, half-way through; then it does its work."""
-    marks = report.parent.parent / f"marks-{task.trial}"
-    marks.mkdir(exist_ok=True)
-    tried = len(list(marks.iterdir()))
-    if tried < 3:
-        (marks / str(tried)).touch()
+    if _tried(task, report) < 3:
         report.with_suffix(".part").write_bytes(b'{"address": "half of')
         os.kill(os.getpid(), signal.SIGKILL)
     worker.perform_into(task, setting, out, report)
@@ -63,3 +65,96 @@ def dies_when_asked(task: Task, setting: Setting, out: Path | None, report: Path
     if "bad" in task.trial:
         worker.score_trial = lambda *_, **__: os.kill(os.getpid(), signal.SIGSEGV)  # type: ignore[assignment,return-value]
     worker.perform_into(task, setting, out, report)
+
+
+def dies_of_both(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """Killed by strange hands before and between faults of its own, for one log only."""
+    if "bad" not in task.trial:
+        worker.perform_into(task, setting, out, report)
+    os.kill(os.getpid(), signal.SIGSEGV if _tried(task, report) in (1, 4) else signal.SIGKILL)
+
+
+def takes_its_server_along(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """The server it came from is killed, once; the process itself lives on and leaves its report late."""
+    if "bad" in task.trial and _tried(task, report) == 0:
+        os.kill(os.getppid(), signal.SIGKILL)
+    worker.perform_into(task, setting, out, report)
+
+
+def is_killed_often(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """Killed by strange hands five times, for one log only."""
+    if "bad" in task.trial and _tried(task, report) < 5:
+        os.kill(os.getpid(), signal.SIGKILL)
+    worker.perform_into(task, setting, out, report)
+
+
+def is_always_killed(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """Killed whenever it is tried, at the twelfth time with its server."""
+    if _tried(task, report) == 11:
+        os.kill(os.getppid(), signal.SIGKILL)
+    os.kill(os.getpid(), signal.SIGKILL)
+    worker.perform_into(task, setting, out, report)
+
+
+def finds_no_room(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """The disk is full when one log is scored."""
+    if "bad" in task.trial:
+        worker.report_of = full  # type: ignore[assignment]
+    worker.perform_into(task, setting, out, report)
+
+
+def has_a_plugin_without_room(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """A plugin cannot write what it wants to."""
+    if "bad" in task.trial:
+        worker.score_trial = lambda *_, **__: broken_by(full)  # type: ignore[assignment]
+    worker.perform_into(task, setting, out, report)
+
+
+def has_a_devouring_plugin(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """A plugin asks for more memory than there may be, for one log only."""
+    if "bad" in task.trial:
+        held = setting.limits.memory_bytes
+        worker.score_trial = lambda *_, **__: broken_by(lambda: bytearray(held))  # type: ignore[assignment]
+    worker.perform_into(task, setting, out, report)
+
+
+def tells_its_alarm(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+    """Says in how many seconds it will be ended whoever is left to do so."""
+
+    def told(*_: object, **__: object) -> None:
+        raise RuntimeError(f"{signal.getitimer(signal.ITIMER_REAL)[0]:.0f}")
+
+    worker.score_trial = told  # type: ignore[assignment]
+    worker.perform_into(task, setting, out, report)
+
+
+def takes_its_worker_along(task: Task, setting: Setting) -> Done:
+    """One run kills the worker of the cluster that scores it."""
+    if "bad" in task.trial:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return measure_apart(task, setting)
+
+
+def cannot_work(_task: Task, _setting: Setting) -> Done:
+    """A worker whose disk is full."""
+    return full()
+
+
+def _tried(task: Task, report: Path) -> int:
+    """How often it was tried before."""
+    marks = report.parent.parent / f"marks-{task.trial}"
+    marks.mkdir(exist_ok=True)
+    tried = len(list(marks.iterdir()))
+    (marks / str(tried)).touch()
+    return tried
+
+
+def full(*_: object) -> NoReturn:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def broken_by(does: Callable[[], object]) -> None:
+    try:
+        does()
+    except (MemoryError, OSError) as cause:
+        raise PluginError("plugin x (y 1.0) raised something") from cause

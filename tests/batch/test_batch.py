@@ -608,7 +608,7 @@ def test_a_process_that_somebody_kills_costs_its_run_nothing(trials: Path, tmp_p
     batch(trials, tmp_path / "out", executor=local(hands.dies_at_first))
 
     for marks in (tmp_path / "out").glob("marks-*"):
-        assert len(list(marks.iterdir())) == 3  # each was killed three times
+        assert len(list(marks.iterdir())) == 4  # each was killed three times
         shutil.rmtree(marks)
     assert same(tmp_path / "undisturbed", tmp_path / "out")
 
@@ -624,6 +624,12 @@ def test_a_process_that_somebody_kills_costs_its_run_nothing(trials: Path, tmp_p
         (hands.leaves, "killed", "the process that scored it ended with exit code 0, 2 times in 2 times"),
         (hands.never_ends, "timed_out", "it took longer than 10 s; raise --time-limit-s if the log is sound"),
         (hands.devours, "out_of_memory", "raise --memory-mb if the log is sound"),
+        (hands.has_a_devouring_plugin, "out_of_memory", "raise --memory-mb if the log is sound"),
+        (
+            hands.dies_of_both,
+            "killed",
+            "the process that scored it ended by signal 11 (SIGSEGV), 2 times in 2 times",
+        ),
         (hands.raises, "failed", "ZeroDivisionError: division by zero"),
     ],
 )
@@ -694,7 +700,7 @@ def test_a_cluster_gives_the_bytes_of_one_machine(trials: Path, tmp_path: Path) 
 
     batch(trials, tmp_path / "here")
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None, host="127.0.0.1"
+        n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0", host="127.0.0.1"
     ) as cluster:
         batch(
             trials,
@@ -714,7 +720,7 @@ def test_a_ray_cluster_gives_the_same_bytes(trials: Path, tmp_path: Path) -> Non
     with pytest.raises(UsageError, match="needs an address"):
         ray_executor(jobs=0, scheduler="", out=tmp_path, work=tmp_path)
     batch(trials, tmp_path / "here")
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+    ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False)
     batch(trials, tmp_path / "there", executor=lambda _out, _work: RayExecutor())
 
     assert same(tmp_path / "here", tmp_path / "there")

@@ -1,19 +1,38 @@
-"""Faults of the machine: kills at random, a clock that is set back, folders that may not be written."""
+"""Faults of the machine: kills at random, a full disk, a clock that is set back, workers that are lost."""
 
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
 import runpy
+import shutil
+import subprocess
+import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from ariac_score.batch import store
+from ariac_score import load_rule_set
+from ariac_score.batch import local, store
+from ariac_score.batch.local import LocalExecutor
+from ariac_score.batch.outcomes import summary_of
+from ariac_score.batch.tasks import Limits, Setting, Task
+from ariac_score.batch.worker import Done, parse_report, report_of
 from ariac_score.cli import main
+from ariac_score.errors import BatchError, PluginError
+from ariac_score.ruleset import RuleSet
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+
+# What fresh processes do is named by a module that they can import, too.
+sys.path.insert(0, str(Path(__file__).parent))
+import batch_hands as hands
 
 RULES = "paper2020"
 SEASON = Path(__file__).parents[2] / "benchmarks/season.py"
@@ -42,18 +61,130 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-@pytest.mark.skipif(
+def season(*arguments: str) -> int:
+    code: int = runpy.run_path(str(SEASON))["main"](arguments)
+    return code
+
+
+# Kills ---------------------------------------------------------------------------------
+
+proc = pytest.mark.skipif(
     not Path("/proc/self/stat").is_file(), reason="who began which process is read from /proc"
 )
-def test_a_season_of_kills_is_as_if_nothing_had_happened(capsys: pytest.CaptureFixture[str]) -> None:
-    season = runpy.run_path(str(SEASON))["main"]
+WAYS = ("aborts", "takes more and more memory", "says more than is kept", "crashed", "cut off")
 
-    assert season(["--trials", "10", "--kills", "3", "--supervisor-kills", "1"]) == 0
+
+@proc
+def test_a_season_of_kills_is_as_if_nothing_had_happened(capsys: pytest.CaptureFixture[str]) -> None:
+    few = ("--trials", "10", "--broken-every", "2", "--kills", "5", "--supervisor-kills", "1")
+
+    assert season(*few, "--ways", *WAYS) == 0
+
+    said = capsys.readouterr().out
+    assert "10 runs, 5 of them broken in 5 ways" in said
+    assert "every run has the outcome and the reason of its kind: yes" in said
+    assert "every run is there once: yes" in said
+    assert "diff -r: no difference" in said
+
+
+@proc
+def test_a_season_of_kills_on_a_cluster_gives_the_bytes_of_one_machine(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    few = ("--trials", "8", "--broken-every", "4", "--kills", "4", "--supervisor-kills", "1")
+
+    assert season(*few, "--ways", "kills its own process", "gone", "--executor", "dask") == 0
 
     said = capsys.readouterr().out
     assert "every run is there once: yes" in said
     assert "diff -r: no difference" in said
-    assert "10 runs, 1 of them broken" in said
+
+
+def run_here(target: Callable[..., None], names: list[str], trials: Path, work: Path) -> dict[str, Done]:
+    """What comes of some logs when processes do what `target` says."""
+    work.mkdir()
+    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+    tasks = [Task("", name, 1, str(trials / name)) for name in names]
+    return {done.task.trial: done for done in LocalExecutor(1, None, work, target).run(tasks, setting)}
+
+
+def test_a_process_that_outlives_its_server_gives_nobody_else_its_result(
+    trials: Path, tmp_path: Path
+) -> None:
+    for name in ("1_bad.jsonl", "2.jsonl"):
+        shutil.copyfile(trials / "a.jsonl", trials / name)
+    names = ["1_bad.jsonl", "2.jsonl", "b.jsonl"]
+
+    found = run_here(hands.takes_its_server_along, names, trials, tmp_path / "out")
+
+    assert sorted(found) == names
+    for name, done in found.items():
+        told = json.loads(done.document or b"")
+        assert told.get("trial", name) == name
+    kinds = [summary_of(found[name].document or b"").outcome for name in names]
+    assert kinds == ["scored", "scored", "nothing_to_score"]
+
+
+def test_a_run_whose_process_is_killed_again_and_again_is_tried_at_last_and_alone(
+    trials: Path, tmp_path: Path
+) -> None:
+    shutil.copyfile(trials / "a.jsonl", trials / "0_bad.jsonl")
+
+    found = run_here(hands.is_killed_often, ["0_bad.jsonl", "a.jsonl", "b.jsonl"], trials, tmp_path / "out")
+
+    assert list(found) == ["a.jsonl", "b.jsonl", "0_bad.jsonl"]
+    assert summary_of(found["0_bad.jsonl"].document or b"").outcome == "scored"
+
+
+def test_how_a_run_died_is_told_by_what_happened_mostly(trials: Path, tmp_path: Path) -> None:
+    found = run_here(hands.is_always_killed, ["a.jsonl"], trials, tmp_path / "out")
+
+    reason = summary_of(found["a.jsonl"].document or b"").reason
+    assert reason == "the process that scored it ended by signal 9 (SIGKILL), 12 times in 12 times"
+
+
+def test_a_report_about_another_run_is_none() -> None:
+    one, other = Task("", "a", 1, "/x/a"), Task("", "b", 1, "/x/b")
+    report = report_of(Done(one, "ab", "cd", "ef", b"document"))
+
+    assert parse_report(one, report).document == b"document"
+    for task in (other, Task("", "a", 1, "/y/a"), Task("", "a", 2, "/x/a"), Task("team", "a", 1, "/x/a")):
+        with pytest.raises(ValueError, match="it is about"):
+            parse_report(task, report)
+
+
+def test_a_process_that_nobody_is_left_to_end_ends_by_itself(trials: Path, tmp_path: Path) -> None:
+    found = run_here(hands.tells_its_alarm, ["a.jsonl"], trials, tmp_path / "out")
+
+    reason = summary_of(found["a.jsonl"].document or b"").reason
+    assert 120.0 < float(reason.removeprefix("RuntimeError: ")) <= 180.0
+
+
+def test_time_in_which_the_batch_itself_was_stopped_does_not_count(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after SIGSTOP and SIGCONT, or when the lid of a laptop was closed."""
+    true, slept_s = time.monotonic, [0.0]
+    waited = local.wait
+
+    def wait(*arguments: Any, **options: Any) -> Any:
+        ready = waited(*arguments, **options)
+        if not slept_s[0]:
+            slept_s[0] = 100_000.0
+            return []  # it had no time to look
+        return ready
+
+    monkeypatch.setattr(local, "wait", wait)
+    monkeypatch.setattr(local.time, "monotonic", lambda: true() + slept_s[0])
+
+    found = run_here(hands.worker.perform_into, ["a.jsonl"], trials, tmp_path / "out")
+
+    assert slept_s[0]
+    assert summary_of(found["a.jsonl"].document or b"").outcome == "scored"
+
+
+# Clocks --------------------------------------------------------------------------------
 
 
 def test_a_log_that_changes_while_the_clock_is_set_back_is_scored_again(trials: Path, tmp_path: Path) -> None:
@@ -87,6 +218,9 @@ def test_a_clock_that_runs_backwards_changes_no_byte(
     assert contents(tmp_path / "back") == contents(tmp_path / "out")
 
 
+# Disks ---------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("fault", [errno.EACCES, errno.EROFS, errno.EIO])
 def test_a_folder_that_may_not_be_written_ends_the_batch_and_loses_nothing(
     fault: int,
@@ -112,3 +246,241 @@ def test_a_folder_that_may_not_be_written_ends_the_batch_and_loses_nothing(
     batch(trials, tmp_path / "out")
 
     assert contents(tmp_path / "out") == contents(tmp_path / "undisturbed")
+
+
+@pytest.mark.parametrize("target", [hands.finds_no_room, hands.has_a_plugin_without_room])
+def test_a_disk_that_is_too_full_for_a_report_is_no_fault_of_the_run(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: Callable[..., None]
+) -> None:
+    shutil.copyfile(trials / "a.jsonl", trials / "c_bad.jsonl")
+    batch(trials, tmp_path / "undisturbed")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            "ariac_score.batch.executors.LocalExecutor",
+            lambda jobs, out, work: LocalExecutor(jobs, out, work, target),
+        )
+        assert batch(trials, tmp_path / "out") == 7
+
+    assert batch(trials, tmp_path / "out") == 6  # of b.jsonl
+    assert contents(tmp_path / "out") == contents(tmp_path / "undisturbed")
+
+
+@pytest.mark.parametrize("size", ["8k", "16k", "64k", "120k"])
+def test_a_small_disk_that_is_really_full(
+    trials: Path, tmp_path: Path, size: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out, kept = tmp_path / "out", tmp_path / "kept"
+    out.mkdir()
+    own_disk = f'mount -t tmpfs -o size={size} tmpfs "{out}"'
+    unshare = [shutil.which("unshare") or "unshare", "--user", "--map-root-user", "--mount", "sh", "-c"]
+    try:
+        subprocess.run([*unshare, own_disk], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("this machine gives nobody a small disk of his own")
+    batch(trials, tmp_path / "undisturbed")
+    command = f'"{sys.executable}" -m ariac_score.cli batch "{trials}" --rules {RULES} -o "{out}" -j 1'
+    capfd.readouterr()
+
+    ended = subprocess.run(
+        [*unshare, f'{own_disk} && {{ {command}; code=$?; cp -R "{out}" "{kept}"; exit $code; }}'],
+        check=False,
+    )
+
+    assert ended.returncode == 7
+    assert "the disk is full" in capfd.readouterr().err
+    assert batch(trials, kept) == 6  # of b.jsonl
+    assert contents(kept) == contents(tmp_path / "undisturbed")
+
+
+def test_a_file_that_may_not_be_read_costs_its_run_alone_and_is_not_passed_over(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copyfile(trials / "a.jsonl", trials / "secret.jsonl")
+    (trials / "run").mkdir()
+    shutil.copyfile(trials / "a.jsonl", trials / "run/log.jsonl")
+    (trials / "run/secret.yaml").write_text("orders: []\n", encoding="utf-8")
+    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+    opened = {"io.open": io.open, "os.open": os.open}
+
+    def refusing(name: str) -> Callable[..., Any]:
+        def opens(file: Any, *arguments: Any, **options: Any) -> Any:
+            if "secret" in str(file):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(file))
+            return opened[name](file, *arguments, **options)  # type: ignore[operator]
+
+        return opens
+
+    for name in opened:
+        monkeypatch.setattr(name, refusing(name))
+    monkeypatch.setattr("builtins.open", refusing("io.open"))
+    told = {}
+    for name in ("a.jsonl", "secret.jsonl", "run"):
+        done = hands.worker.perform(Task("", name, 1, str(trials / name)), setting)
+        told[name] = summary_of(done.document or b"")
+
+    assert told["a.jsonl"].outcome == "scored"
+    for name, file in (("secret.jsonl", "secret.jsonl"), ("run", "run/secret.yaml")):
+        assert told[name].outcome == "unreadable"
+        assert told[name].reason.startswith(f"{file}: cannot be read: {os.strerror(errno.EACCES)}")
+
+
+# Rules and folders of others -----------------------------------------------------------
+
+
+def test_rules_whose_plugin_is_broken_are_said_once_and_not_for_every_run(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise PluginError("plugin x (y 1.0) does not keep the contract of a Rule")
+
+    monkeypatch.setattr(RuleSet, "build", broken)
+
+    assert batch(trials, tmp_path / "out") == 3
+    assert "does not keep the contract" in capsys.readouterr().err
+    assert not (tmp_path / "out/runs.jsonl").exists()
+
+
+def test_a_worker_without_the_plugin_of_a_rule_set_says_so(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+    monkeypatch.setattr(hands.worker, "prepared", lambda _setting: hands.broken_by(hands.full))
+
+    done = hands.worker.perform(Task("", "a.jsonl", 1, str(trials / "a.jsonl")), setting)
+
+    found = summary_of(done.document or b"")
+    assert (found.outcome, done.address) == ("failed", "")
+    assert "plugin x (y 1.0)" in found.reason
+
+
+def test_a_folder_that_a_newer_version_made_is_neither_written_nor_read(
+    trials: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    batch(trials, out)
+    file = out / "batch.json"
+    file.write_text(file.read_text(encoding="utf-8").replace("score/batch/1", "score/batch/2"), "utf-8")
+    before = contents(out)
+    capsys.readouterr()
+
+    for command in (
+        ["batch", str(trials), "--rules", RULES, "-o", str(out)],
+        ["merge", str(tmp_path / "whole"), str(out)],
+        ["export", str(out), "-o", str(tmp_path / "runs.csv")],
+    ):
+        assert main(command) == 4
+        assert "made as ariac-score/batch/2, and this version reads ariac-score/batch/1" in (
+            capsys.readouterr().err
+        )
+    assert contents(out) == before
+
+
+def test_a_result_that_a_newer_version_wrote_is_named_as_one_when_joining(
+    trials: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    batch(trials, out)
+    (line,) = [
+        row
+        for row in map(json.loads, (out / "runs.jsonl").read_text(encoding="ascii").splitlines())
+        if row["outcome"] == "scored"
+    ]
+    stored = out / line["object"]
+    newer = stored.read_bytes().replace(b'"ariac-score/result/1"', b'"ariac-score/result/2"')
+    stored.write_bytes(newer)
+    table = (out / "runs.jsonl").read_text(encoding="ascii")
+    table = table.replace(line["sha256"], sha256(newer).hexdigest())
+    (out / "runs.jsonl").write_text(table, encoding="ascii")
+    capsys.readouterr()
+
+    assert main(["merge", str(tmp_path / "whole"), str(out)]) == 7
+
+    said = capsys.readouterr().err
+    assert "a newer version wrote it, as ariac-score/result/2" in said
+    assert "update ariac-score" in said
+
+
+# Clusters ------------------------------------------------------------------------------
+
+
+@contextmanager
+def cluster(workers: int) -> Iterator[Any]:
+    """A Dask cluster that gives a run up after one lost worker, so that nothing takes long."""
+    distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    dask = pytest.importorskip("dask")
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=":0",
+            host="127.0.0.1",
+            silence_logs=50,
+        ) as made,
+    ):
+        yield made
+
+
+def on_a_cluster(scheduler: str, names: list[str], trials: Path, work: Path) -> Iterator[Done]:
+    from ariac_score.batch.dask import dask_executor  # noqa: PLC0415  # of an extra
+
+    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+    tasks = [Task("", name, 1, str(trials / name)) for name in names]
+    return dask_executor(jobs=0, scheduler=scheduler, out=work, work=work).run(tasks, setting)
+
+
+def test_a_run_that_takes_worker_after_worker_along_is_given_up_and_its_neighbours_are_not(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.takes_its_worker_along)
+    names = [f"{number}{'_bad' if number == 2 else ''}.jsonl" for number in range(5)]
+    for name in names:
+        shutil.copyfile(trials / "a.jsonl", trials / name)
+
+    with cluster(1) as made:
+        found = {
+            done.task.trial: summary_of(done.document or b"")
+            for done in on_a_cluster(made.scheduler_address, names, trials, tmp_path)
+        }
+
+    assert sorted(found) == names
+    assert {name for name, summary in found.items() if summary.outcome != "scored"} == {"2_bad.jsonl"}
+    bad = found["2_bad.jsonl"]
+    assert (bad.outcome, bad.reason) == ("killed", "worker after worker that scored it was lost")
+
+
+def test_workers_that_cannot_work_end_the_batch_and_not_the_runs(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.cannot_work)
+    monkeypatch.setattr("ariac_score.batch.dask.STRANGE_HAND_ATTEMPTS", 1)
+
+    with cluster(1) as made, pytest.raises(BatchError, match="No space left") as caught:
+        list(on_a_cluster(made.scheduler_address, ["a.jsonl"], trials, tmp_path))
+
+    assert caught.value.exit_code == 7
+    assert "call again" in caught.value.hint
+
+
+def test_a_scheduler_that_is_lost_in_the_middle_ends_the_batch_and_loses_nothing(
+    trials: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    names = [f"{number}.jsonl" for number in range(12)]
+    for name in names:
+        shutil.copyfile(trials / "a.jsonl", trials / name)
+
+    with cluster(1) as made:
+        results = on_a_cluster(made.scheduler_address, names, trials, tmp_path)
+        assert summary_of(next(results).document or b"").outcome == "scored"
+        made.close()
+        with pytest.raises(BatchError, match="the scheduler was lost") as caught:
+            list(results)
+
+    assert "only the rest is done" in caught.value.hint

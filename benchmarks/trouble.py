@@ -1,0 +1,119 @@
+"""A monitor that misbehaves when the id of a trial asks for it: `t_00013.hangs` hangs.
+
+`season.py` makes a distribution of this file for the time of a season, so that the processes of runs
+meet it as they would meet any plugin with a fault in it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from threading import Event
+from types import MappingProxyType
+
+import numpy as np
+
+from ariac_score import Finding, SignalNeed, Trial
+
+__all__ = ["WAYS", "Trouble"]
+
+_PIECE = 1 << 24
+"""Large, so that a limit of memory is met long before one of time, however busy the machine is."""
+
+
+def _hangs() -> str:
+    Event().wait()
+    return ""
+
+
+def _spins() -> str:
+    while True:
+        pass
+
+
+def _stops() -> str:
+    while True:
+        os.kill(os.getpid(), signal.SIGSTOP)
+
+
+def _gorges() -> str:
+    return str(len(bytearray(1 << 50)))
+
+
+def _nibbles() -> str:
+    held = []
+    while True:
+        held.append(np.empty(_PIECE, np.uint8))  # asked for, and not written to: that takes long
+
+
+def _prints() -> str:
+    while True:
+        print("x" * _PIECE)
+
+
+def _rambles() -> str:
+    return "and so on " * (1 << 18)
+
+
+def _aborts() -> str:
+    os.abort()
+
+
+def _segfaults() -> str:
+    return str(ctypes.string_at(0))
+
+
+def _kills() -> str:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return ""
+
+
+def _leaves() -> str:
+    os._exit(0)
+
+
+def _raises() -> str:
+    raise RuntimeError("no idea what to do")
+
+
+WAYS: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
+    {
+        "hangs": _hangs,
+        "spins": _spins,
+        "stops": _stops,
+        "gorges": _gorges,
+        "nibbles": _nibbles,
+        "prints": _prints,
+        "rambles": _rambles,
+        "aborts": _aborts,
+        "segfaults": _segfaults,
+        "kills": _kills,
+        "leaves": _leaves,
+        "raises": _raises,
+    }
+)
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """The trial does not ask for trouble.
+
+    Measures:
+        What its id says after the last dot.
+    Violated when:
+        Never: it has a fault, or none.
+    Source:
+        A season that goes wrong.
+    """
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """Nothing that a log could lack."""
+        yield from ()
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """The fault that the id names, or nothing of the kind."""
+        fault = WAYS.get(trial.id.rpartition(".")[2], lambda: "nothing of the kind")
+        yield Finding.satisfied("trial", fault())
