@@ -17,7 +17,7 @@ from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, distinct
 from ariac_score.trial.vocabulary import QUANTITIES
-from ariac_score.trial.windows import Common, Computed, Kept, cuts_of, same_times
+from ariac_score.trial.windows import Computed, Kept, TimeBase, cuts_of, same_times
 
 __all__ = [
     "SOURCES",
@@ -322,8 +322,8 @@ class _Deriver:
         )
         return self.signals[name]
 
-    def _common(self, signals: Sequence[Signal], max_gap_s: float) -> Common:
-        return Common(signals, max_gap_s=max_gap_s, cuts=self.cuts)
+    def _common(self, signals: Sequence[Signal], max_gap_s: float) -> TimeBase:
+        return TimeBase(signals, max_gap_s=max_gap_s, cuts=self.cuts)
 
     def _velocity(self, point: str, max_gap_s: float) -> _Made | None:
         position = self.signals.get(f"position/{point}")
@@ -369,7 +369,7 @@ class _Deriver:
         base = self._common([velocity], max_gap_s)
         return _Made.on(base, lambda k: _norm(base.values(0, k)))
 
-    def _points_of(self, subject: str, max_gap_s: float, quantity: str) -> tuple[Common, int] | None:
+    def _points_of(self, subject: str, max_gap_s: float, quantity: str) -> tuple[TimeBase, int] | None:
         """A quantity of every point of a pair, on one time base; how many of them are the robot's."""
         robot, _, human = subject.partition("/")
         if not {robot, human} <= self.bodies.keys():
@@ -395,7 +395,7 @@ class _Deriver:
                 self._nearest_of[other, max_gap_s, components] = nearest, number
         return self._nearest_of[key]
 
-    def _seen_together(self, robot: str, base: Common) -> dict[str, tuple[Signal, ...]]:
+    def _seen_together(self, robot: str, base: TimeBase) -> dict[str, tuple[Signal, ...]]:
         """The tracks of all humans that are sampled with a robot, by pair: they are measured at once."""
         leader = base.leader
         if leader is None:
@@ -474,12 +474,12 @@ class _Made:
         window: Times and values of one window.
     """
 
-    base: Common | None
+    base: TimeBase | None
     counts: Sequence[int]
     window: Callable[[int], tuple[FloatArray, FloatArray]]
 
     @classmethod
-    def on(cls, base: Common, values: Callable[[int], FloatArray]) -> _Made:
+    def on(cls, base: TimeBase, values: Callable[[int], FloatArray]) -> _Made:
         """A signal that has a value at every time of a base."""
         counts = [len(base.times(k)) for k in range(len(base))]
         return cls(base, counts, lambda k: (base.times(k), values(k)))
@@ -490,7 +490,7 @@ class _Nearest:
 
     def __init__(
         self,
-        base: Common,
+        base: TimeBase,
         of_robot: int,
         of_others: Sequence[Sequence[Signal]],
         components: slice,
@@ -524,7 +524,7 @@ _SQUARES = 1 << 17
 class _Closest:
     """Of a robot and a human the two points nearest to each other, and how they move, a window at a time."""
 
-    def __init__(self, positions: Common, velocities: Common, of_robot: int, kept: Kept) -> None:
+    def __init__(self, positions: TimeBase, velocities: TimeBase, of_robot: int, kept: Kept) -> None:
         self.positions, self.velocities, self.of_robot = positions, velocities, of_robot
         self.kept, self.numbers = kept, [kept.number() for _ in range(4)]
         self._counts: list[tuple[int, int]] | None = None
@@ -557,7 +557,7 @@ class _Closest:
             self._counts = [(len(t), int((found[0] > 0).sum())) for t, found in windows]
         return self._counts
 
-    def _base(self, which: int) -> Common | None:
+    def _base(self, which: int) -> TimeBase | None:
         """The time base, where no sample of it is left out."""
         base = self.velocities
         whole = base.leader is not None and sum(c[which] for c in self._counted()) == len(base.leader)

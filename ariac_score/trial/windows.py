@@ -1,7 +1,7 @@
 """Signals window by window: on a common time base, or computed where they are looked at.
 
 A trial is cut into windows of time in which no signal has more than some thousand samples.
-`Common` brings signals onto one time base as `align` does, to the bit, a window at a time;
+`TimeBase` brings signals onto one time base as `align` does, to the bit, a window at a time;
 a `Computed` signal keeps how its values are made instead of the values. What was computed
 last stays, up to a fixed number of bytes, whatever the length of the trial.
 """
@@ -20,7 +20,7 @@ import numpy as np
 from ariac_score.trial.signals import Signal, covered
 from ariac_score.trial.spans import FloatArray, Span, distinct
 
-__all__ = ["LARGEST_WINDOW_SAMPLES", "Common", "Computed", "Kept", "cuts_of", "same_times"]
+__all__ = ["LARGEST_WINDOW_SAMPLES", "Computed", "Kept", "TimeBase", "cuts_of", "same_times"]
 
 LARGEST_WINDOW_SAMPLES = 4096
 """No signal has more samples in a window: what is computed of one stays in the processor's cache."""
@@ -95,7 +95,7 @@ def _bytes(window: Window) -> int:
     return values.nbytes + (t.nbytes if t.base is None else 0)
 
 
-class Common:
+class TimeBase:
     """Signals on one time base, window by window: put together, the windows are what `align` gives.
 
     Args:
@@ -118,7 +118,7 @@ class Common:
         if self.leader is not None and self.leader.fixed_t is not None:
             t = self.leader.fixed_t
             self._rows = [0, *t.searchsorted(self.cuts).tolist(), len(t)]
-        self._last: tuple[int, FloatArray] = -1, np.zeros(0)
+        self._last: dict[int, FloatArray] = {}
 
     def __len__(self) -> int:
         return len(self.cuts) + 1
@@ -138,9 +138,9 @@ class Common:
 
     def times(self, k: int) -> FloatArray:
         """The times of window k, shape (m,)."""
-        if self._last[0] != k:
-            self._last = k, self._times(k)
-        return self._last[1]
+        if k not in self._last:
+            self._last = {**dict(list(self._last.items())[-1:]), k: self._times(k)}
+        return self._last[k]
 
     def _times(self, k: int) -> FloatArray:
         if self.leader is not None:
@@ -212,7 +212,7 @@ class Computed(Signal):
         cls,
         name: str,
         unit: str,
-        base: Common | None,
+        base: TimeBase | None,
         cuts: FloatArray,
         counts: Sequence[int],
         window: Callable[[int], Window],

@@ -29,7 +29,7 @@ from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
     Subject,
-    Watched,
+    Watching,
     pairs_of,
     watch_subjects,
 )
@@ -276,7 +276,8 @@ class SafeguardDistance(Sampled):
         past: BoolArray = beyond & entered[first]
         return past, when[first]
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
+    def _judge(self, subject: Subject, watching: Watching) -> Iterator[Said]:
+        watched = watching.whole()
         position, speed = watched["position/{human}"], watched["speed/{robot}"]
         past, since = self.past_line(watched.t, position)
         late = watched.t - since >= self.stopping_time_s - _TOLERANCE_S

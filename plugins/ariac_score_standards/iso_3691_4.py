@@ -15,6 +15,7 @@ from ariac_score_standards.iso_ts_15066 import approach_of, first_of_runs
 from ariac_score_standards.severity import (
     STANDSTILL_SPEED_M_S,
     Bound,
+    Constant,
     Episode,
     Meeting,
     Rules,
@@ -22,6 +23,7 @@ from ariac_score_standards.severity import (
     Sampled,
     Seen,
     Told,
+    findings_of,
     limit_findings,
 )
 from ariac_score_standards.watching import (
@@ -29,6 +31,7 @@ from ariac_score_standards.watching import (
     FloatArray,
     Subject,
     Watched,
+    Watching,
     bodies_of,
     pairs_of,
     state_over,
@@ -160,23 +163,34 @@ class AgvSpeedClearance(Sampled):
             return np.full(len(watched.t), self.assumed_clearance_m or 0.0)
         return None
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
-        clearance = self._clearance(trial, subject, watched)
-        if clearance is None or not np.isfinite(clearance).all():
+    def _active(self, trial: Trial, subject: Subject, t: FloatArray) -> BoolArray | None:
+        """Whether the detection is active; `None` where the log has no flag."""
+        flag = state_over(trial, "personnel_detection", subject.name, t, max_age_s=self.max_flag_age_s)
+        # Where a flag is recorded but not known, the detection is not taken for active.
+        return None if flag is None else flag.on
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
+        cleared = (self._clearance(trial, subject, window) for window in watched)
+        if not all(clearance is not None and np.isfinite(clearance).all() for clearance in cleared):
             message = "the clearance is not known: no signal, no obstacles, none assumed"
             yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
             return
-        flag = state_over(
-            trial, "personnel_detection", subject.name, watched.t, max_age_s=self.max_flag_age_s
-        )
-        # Where a flag is recorded but not known, the detection is not taken for active.
-        active = np.ones(len(watched.t), dtype=bool) if flag is None else flag.on
-        labels = {"personnel_detection": "assumed active" if flag is None else "recorded"}
-        speed = watched["speed/{agv}"]
-        limit = self.allowed_speed_m_s(clearance, active)
-        bound = Bound("speed", speed, limit, "m/s", True, None, "allowed_speed")
+        flagged = self._active(trial, subject, np.zeros(0)) is not None
+
+        def bound(window: Watched) -> Bound:
+            clearance, active = (
+                self._clearance(trial, subject, window),
+                self._active(trial, subject, window.t),
+            )
+            assert clearance is not None  # as above
+            limit = self.allowed_speed_m_s(clearance, True if active is None else active)
+            return Bound("speed", window["speed/{agv}"], limit, "m/s", True, None, "allowed_speed")
+
         rules = Rules(self._clause, self.t_on_s, self.t_off_s)
-        yield from limit_findings(subject.name, watched, bound, rules, lambda _episode: Told(labels=labels))
+        told = Told(labels={"personnel_detection": "recorded" if flagged else "assumed active"})
+        yield from findings_of(
+            subject.name, watched, lambda: bound, rules, gathered=lambda: Constant(told), idle=lambda: told
+        )
 
 
 # Stopping before a person ---------------------------------------------------------------------
@@ -265,7 +279,8 @@ class AgvProtectiveField(Sampled):
         swept = moving & (ahead > 0) & (aside <= self.width_m / 2 + self.margin_m + human_radius_m)
         return np.where(swept, np.maximum(ahead - self.length_m / 2 - human_radius_m, 0.0), np.inf)
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
+    def _judge(self, trial: Trial, subject: Subject, watching: Watching) -> Iterator[Said]:
+        watched = watching.whole()
         radii = {body.id: body.radius_m for body in trial.bodies}
         radius = radii[subject.bodies["human"]]
         velocity = watched["velocity/{agv}"]

@@ -14,7 +14,6 @@ from ariac_score import (
     Course,
     Finding,
     OnlineWatch,
-    Sample,
     SignalNeed,
     Span,
     Standing,
@@ -29,21 +28,37 @@ from ariac_score_standards.severity import (
     STANDSTILL_SPEED_M_S,
     TOWARDS_HUMAN,
     TOWARDS_ROBOT,
+    Blame,
     Bound,
+    Constant,
     Episode,
+    Gathered,
+    Judged,
     Meeting,
+    Moment,
     Rules,
     Said,
     Sampled,
     Seen,
+    Several,
     Told,
+    Violation,
     closing_energy_j,
-    episodes_of,
+    exposure_of,
+    findings_of,
     limit_findings,
     no_severities,
     travelled_m,
 )
-from ariac_score_standards.watching import BoolArray, FloatArray, Watched, pairs_of, seen, watch_pairs
+from ariac_score_standards.watching import (
+    BoolArray,
+    FloatArray,
+    Watched,
+    Watching,
+    pairs_of,
+    seen,
+    watch_pairs,
+)
 
 _CLAUSE = "derived from ISO/TS 15066:2016, 5.5.4"
 
@@ -472,12 +487,32 @@ class SsmFormula:
             within_m=self.exposure_distance_m,
         )
 
-    def _exposure(self, meeting: Meeting, watched: Watched) -> dict[str, float]:
-        return meeting.exposure(watched) if self._blames else {}
+    def _exposure(self, watched: Watching) -> dict[str, float]:
+        if not self._blames:
+            return {}
+        return exposure_of(
+            watched,
+            f"{self._distance}/{{robot}}/{{human}}",
+            standstill_m_s=self.standstill_speed_m_s,
+            within_m=self.exposure_distance_m,
+        )
 
-    def _labels(self, meeting: Meeting, episode: Episode) -> dict[str, str]:
-        labels = meeting.labels(episode.rows)
-        return labels if self._blames else {"robot_moving": labels["robot_moving"]}
+    def _gathered(self) -> Gathered:
+        """What is told of an episode besides its severities."""
+        return _Labels(self)
+
+
+class _Labels(Blame):
+    """Who is to blame, as far as a monitor tells it."""
+
+    def __init__(self, monitor: SsmFormula) -> None:
+        super().__init__(monitor._meeting)
+        self._all = monitor._blames
+
+    def told(self) -> Told:
+        """The labels."""
+        told = super().told()
+        return told if self._all else Told(labels={"robot_moving": told.labels["robot_moving"]})
 
 
 @dataclass(frozen=True)
@@ -557,12 +592,7 @@ class SsmSeparation(SsmFormula, Sampled):
         for pair, watched in seen(
             trial, pairs, self._wanted, max_gap_s=self.max_gap_s, optional=self._optional
         ):
-            now = self._moments(watched)
-            required_m = np.where(self._applies(now), now.required_m, np.nan)
-            words = self._distance.replace("_", " ")
-            yield Course(
-                pair.name, words, "m", watched.t, now.distance_m, required_m, max_gap_s=self.max_gap_s
-            )
+            yield Seen(pair.name, watched, lambda: self._bound).course
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the distance is enough there."""
@@ -589,31 +619,31 @@ class SsmSeparation(SsmFormula, Sampled):
 
         return stand
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
+    def _bound(self, watched: Watched) -> Bound:
         now = self._moments(watched)
-        margin_m = now.distance_m - now.required_m
-        applies = self._applies(now)
         words = self._distance.replace("_", " ")
-        yield Seen(subject, watched, Bound(words, now.distance_m, now.required_m, "m", applies=applies))
-        episodes = episodes_of(
-            watched,
-            applies & (margin_m < 0),
-            margin_m,
+        return Bound(
+            words,
+            now.distance_m,
             now.required_m,
-            unit="m",
-            t_on_s=self._value("t_on_s"),
-            t_off_s=self.t_off_s,
+            "m",
+            applies=self._applies(now),
+            evidence="required_distance",
         )
-        meeting = self._meeting(watched)
-        exposure = self._exposure(meeting, watched)
-        for episode in episodes:
-            quantities = {**episode.quantities, **exposure, **self._energy(now, episode.rows)}
-            yield self._violation(subject, watched, episode, now, quantities, self._labels(meeting, episode))
-        if not episodes and not watched.gaps:
-            # Without exposure and energy a clean pair measures nothing, as published.
-            more = {**exposure, **self._energy(now)}
-            quantities = {**no_severities("m"), **more} if more else {}
-            yield self._closest(subject, watched, now, np.flatnonzero(applies), quantities)
+
+    def _judge(self, subject: str, watched: Watching) -> Iterator[Said]:
+        seen = Seen(subject, watched, lambda: self._bound)
+        yield seen
+        rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s)
+        exposure = self._exposure(watched)
+        judged = Judged(seen, rules, gathered=self._gathered)
+        for one in judged.violations():
+            yield self._violation(subject, one, exposure)
+        if not judged.violated and not watched.gaps:
+            yield self._closest(subject, judged.closest, exposure)
+
+    def _gathered(self) -> Gathered:
+        return Several(super()._gathered(), _Energy(self))
 
     def _applies(self, now: _Moments) -> BoolArray:
         if not self._must_move:
@@ -621,58 +651,61 @@ class SsmSeparation(SsmFormula, Sampled):
         moves: BoolArray = now.robot_scalar_m_s > self.standstill_speed_m_s
         return moves
 
-    def _closest(
-        self, subject: str, watched: Watched, now: _Moments, rows: Any, quantities: Mapping[str, float]
-    ) -> Finding:
-        if not len(rows):
+    def _closest(self, subject: str, closest: Moment | None, exposure: Mapping[str, float]) -> Finding:
+        if closest is None:
             return Finding.not_applicable(subject, "the robot never moved", clause=_CLAUSE)
-        margin_m = now.distance_m - now.required_m
-        closest = int(rows[np.argmin(margin_m[rows])])
+        # Without exposure and energy a clean pair measures nothing, as published.
+        more = {**exposure, **_Energy(self).told().quantities}
         return Finding(
             subject,
             Verdict.SATISFIED,
-            f"at its closest {margin_m[closest]:.3f} m more than required, at {watched.t[closest]:.3f} s",
-            robustness=float(margin_m[closest]),
+            f"at its closest {closest.margin:.3f} m more than required, at {closest.t_s:.3f} s",
+            robustness=closest.margin,
             unit="m",
-            quantities=quantities,
-            evidence=_evidence(subject, watched, closest, now.required_m),
+            quantities={**no_severities("m"), **more} if more else {},
+            evidence=closest.evidence,
             clause=_CLAUSE,
         )
 
-    def _violation(
-        self,
-        subject: str,
-        watched: Watched,
-        episode: Episode,
-        now: _Moments,
-        quantities: Mapping[str, float],
-        labels: Mapping[str, str],
-    ) -> Finding:
-        worst = episode.worst
-        shortfall_m = now.required_m[worst] - now.distance_m[worst]
+    def _violation(self, subject: str, one: Violation, exposure: Mapping[str, float]) -> Finding:
+        worst = one.worst
         return Finding(
             subject,
             Verdict.VIOLATED,
-            f"too close for {episode.quantities['time_in_violation_s']:.2f} s; at worst "
-            f"{shortfall_m:.3f} m nearer than the required {now.required_m[worst]:.3f} m, "
-            f"at {watched.t[worst]:.3f} s",
-            span=episode.span,
-            robustness=float(now.distance_m[worst] - now.required_m[worst]),
+            f"too close for {one.quantities['time_in_violation_s']:.2f} s; at worst "
+            f"{worst.limit - worst.actual:.3f} m nearer than the required {worst.limit:.3f} m, "
+            f"at {worst.t_s:.3f} s",
+            span=one.span,
+            robustness=worst.margin,
             unit="m",
-            quantities=quantities,
-            labels=labels,
-            evidence=_evidence(subject, watched, worst, now.required_m),
+            quantities={**one.quantities, **exposure, **one.told.quantities},
+            labels=one.told.labels,
+            evidence=worst.evidence,
             clause=_CLAUSE,
         )
 
-    def _energy(self, now: _Moments, rows: Any = ()) -> dict[str, float]:
-        """The largest energy of closing in, in the rows of a violation; 0 without any."""
-        if self.reduced_mass_kg is None:
-            return {}
-        if not len(rows):
-            return {"closing_energy_max_J": 0.0}
+
+class _Energy(Gathered):
+    """The largest energy of closing in, in the rows of a violation; 0 without any."""
+
+    def __init__(self, monitor: SsmSeparation) -> None:
+        self._monitor, self._largest_j = monitor, 0.0
+
+    def take(self, watched: Watched, bound: Bound, rows: Any) -> None:
+        """Compare with those before."""
+        del bound
+        if self._monitor.reduced_mass_kg is None:
+            return
+        now = self._monitor._moments(watched)
         closing = now.human_m_s[rows] + now.robot_m_s[rows]
-        return {"closing_energy_max_J": float(closing_energy_j(self.reduced_mass_kg, closing).max())}
+        energy_j = float(closing_energy_j(self._monitor.reduced_mass_kg, closing).max())
+        self._largest_j = max(self._largest_j, energy_j)
+
+    def told(self) -> Told:
+        """The largest, where masses are known."""
+        if self._monitor.reduced_mass_kg is None:
+            return Told()
+        return Told({"closing_energy_max_J": self._largest_j})
 
 
 @dataclass(frozen=True)
@@ -720,27 +753,30 @@ class SsmSpeedCap(SsmFormula, Sampled):
 
         return PairsOnline(self._wanted, bodies, max_gap_s=self.max_gap_s, judge=stand, watch=self.watch)
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
+    def _bound(self, watched: Watched) -> Bound:
         now = self._moments(watched)
-        cap = self.speed_cap_m_s(now.distance_m, now.human_m_s)
         moves = now.robot_scalar_m_s > self.standstill_speed_m_s
-        bound = Bound(
+        return Bound(
             "robot speed",
             now.robot_m_s,
-            cap,
+            self.speed_cap_m_s(now.distance_m, now.human_m_s),
             "m/s",
             at_most=True,
             applies=moves if self._must_move else None,
             evidence="permitted_speed",
         )
+
+    def _judge(self, subject: str, watched: Watching) -> Iterator[Said]:
         rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the robot never moved near the human")
-        meeting = self._meeting(watched)
-        exposure = self._exposure(meeting, watched)
-
-        def told(episode: Episode | None) -> Told:
-            return Told(exposure, {} if episode is None else self._labels(meeting, episode))
-
-        yield from limit_findings(subject, watched, bound, rules, told)
+        exposure = Told(self._exposure(watched))
+        yield from findings_of(
+            subject,
+            watched,
+            lambda: self._bound,
+            rules,
+            gathered=lambda: Several(Constant(exposure), self._gathered()),
+            idle=lambda: exposure,
+        )
 
 
 @dataclass(frozen=True)
@@ -783,7 +819,8 @@ class SsmResponse(SsmFormula, Sampled):
             optional=self._optional,
         )
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
+    def _judge(self, subject: str, watching: Watching) -> Iterator[Said]:
+        watched = watching.whole()
         now = self._moments(watched)
         breach = now.distance_m < now.required_m
         first = first_of_runs(watched.t, breach, watched.max_gap_s)
@@ -795,7 +832,7 @@ class SsmResponse(SsmFormula, Sampled):
         excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)
         bound = Bound("robot speed after a breach", speed, limit, "m/s", True, breach, "allowed_speed")
         meeting = self._meeting(watched)
-        exposure = self._exposure(meeting, watched)
+        exposure = self._exposure(watching)
         rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the distance was always enough")
 
         def told(episode: Episode | None) -> Told:
@@ -806,7 +843,9 @@ class SsmResponse(SsmFormula, Sampled):
                 ]
             if not len(rows):
                 return Told()
-            labels = {} if episode is None else self._labels(meeting, episode)
+            labels = {} if episode is None else meeting.labels(episode.rows)
+            if labels and not self._blames:
+                del labels["closing_by"]
             return Told({**_ways(watched, rows, speed, excess), **exposure}, labels)
 
         yield from limit_findings(subject, watched, bound, rules, told)
@@ -838,6 +877,32 @@ def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> Any:
     return np.maximum.accumulate(np.where(goes_on, 0, index))
 
 
-def _evidence(subject: str, watched: Watched, row: int, required_m: FloatArray) -> tuple[Sample, ...]:
-    required = Sample(f"required_distance/{subject}", float(watched.t[row]), float(required_m[row]), "m")
-    return (*watched.samples(row), required)
+class RunStarts:
+    """`first_of_runs` window by window: what was in the first row of the run that each row belongs to.
+
+    Args:
+        longest_s: A hole in the samples longer than this ends a run.
+
+    >>> starts = RunStarts(1.0)
+    >>> starts.take(np.array([0.0, 1.0]), np.array([False, True]), np.array([5.0, 6.0]))[0].tolist()
+    [5.0, 6.0]
+    >>> starts.take(np.array([2.0, 3.0]), np.array([True, False]), np.array([7.0, 8.0]))[0].tolist()
+    [6.0, 8.0]
+    """
+
+    def __init__(self, longest_s: float) -> None:
+        self._longest_s = longest_s
+        self._last_s = -math.inf
+        self._going: list[Any] | None = None
+
+    def take(self, t: FloatArray, holds: BoolArray, *columns: Any) -> list[Any]:
+        """Of each column its values in the first rows of the runs, shape (n,); n is at least 1."""
+        first = first_of_runs(t, holds, self._longest_s)
+        found = [column[first] for column in columns]
+        if self._going is not None and holds[0] and t[0] - self._last_s <= self._longest_s + 1e-9:
+            leading = first == 0
+            for column, started in zip(found, self._going, strict=True):
+                column[leading] = started
+        self._last_s = float(t[-1])
+        self._going = [column[-1] for column in found] if holds[-1] else None
+        return found
