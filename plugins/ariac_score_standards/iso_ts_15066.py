@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -31,9 +32,9 @@ from ariac_score_standards.severity import (
     Blame,
     Bound,
     Constant,
-    Episode,
     Gathered,
     Judged,
+    Judging,
     Meeting,
     Moment,
     Rules,
@@ -42,11 +43,13 @@ from ariac_score_standards.severity import (
     Seen,
     Several,
     Told,
+    Total,
     Violation,
+    broken,
     closing_energy_j,
     exposure_of,
     findings_of,
-    limit_findings,
+    kept,
     no_severities,
     travelled_m,
 )
@@ -592,7 +595,9 @@ class SsmSeparation(SsmFormula, Sampled):
         for pair, watched in seen(
             trial, pairs, self._wanted, max_gap_s=self.max_gap_s, optional=self._optional
         ):
-            yield Seen(pair.name, watched, lambda: self._bound).course
+            shown = Seen(pair.name, watched, lambda: self._bound)
+            words = self._distance.replace("_", " ")
+            yield Course.late(pair.name, words, "m", partial(_course, shown), max_gap_s=self.max_gap_s)
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the distance is enough there."""
@@ -683,6 +688,10 @@ class SsmSeparation(SsmFormula, Sampled):
             evidence=worst.evidence,
             clause=_CLAUSE,
         )
+
+
+def _course(shown: Seen) -> Course:
+    return shown.course
 
 
 class _Energy(Gathered):
@@ -819,47 +828,161 @@ class SsmResponse(SsmFormula, Sampled):
             optional=self._optional,
         )
 
-    def _judge(self, subject: str, watching: Watching) -> Iterator[Said]:
-        watched = watching.whole()
-        now = self._moments(watched)
-        breach = now.distance_m < now.required_m
-        first = first_of_runs(watched.t, breach, watched.max_gap_s)
-        speed = now.robot_scalar_m_s
-        # To the nanosecond, so that nothing hangs on the last bits of when the clock began.
-        since_s = np.round(watched.t - watched.t[first], 9)
-        allowed = self.allowed_speed_m_s(since_s, speed[first])
-        limit = allowed + self.tolerance_m_s
-        excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)
-        bound = Bound("robot speed after a breach", speed, limit, "m/s", True, breach, "allowed_speed")
-        meeting = self._meeting(watched)
-        exposure = self._exposure(watching)
+    def _begin(self) -> Judging:
+        """Each window by the breach that each sample belongs to, which may have begun in a window before."""
+        starts = RunStarts(self.max_gap_s)
+
+        def judge(window: Watched) -> _Stopping:
+            now = self._moments(window)
+            breach, speed = now.distance_m < now.required_m, now.robot_scalar_m_s
+            began_s, speed_then = starts.take(window.t, breach, window.t, speed)
+            # To the nanosecond, so that nothing hangs on the last bits of when the clock began.
+            since_s = np.round(window.t - began_s, 9)
+            allowed = self.allowed_speed_m_s(since_s, speed_then)
+            limit = allowed + self.tolerance_m_s
+            excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)
+            what, evidence = "robot speed after a breach", "allowed_speed"
+            return _Stopping(
+                what, speed, limit, "m/s", True, breach, evidence, began_s=began_s, excess_m_s=excess
+            )
+
+        return judge
+
+    def _judge(self, subject: str, watched: Watching) -> Iterator[Said]:
+        seen = Seen(subject, watched, self._begin, apart=False)
+        yield seen
         rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the distance was always enough")
-
-        def told(episode: Episode | None) -> Told:
-            rows = np.flatnonzero(breach)
-            if episode is not None:
-                rows = rows[
-                    (first[rows] >= first[episode.rows[0]]) & (first[rows] <= first[episode.rows[-1]])
-                ]
-            if not len(rows):
-                return Told()
-            labels = {} if episode is None else meeting.labels(episode.rows)
-            if labels and not self._blames:
-                del labels["closing_by"]
-            return Told({**_ways(watched, rows, speed, excess), **exposure}, labels)
-
-        yield from limit_findings(subject, watched, bound, rules, told)
+        exposure = self._exposure(watched)
+        judged = Judged(seen, rules, gathered=lambda: Several(self._gathered(), _Breaches()))
+        violations = list(judged.violations())
+        stretches = [(one.told.quantities["began_s"], one.told.quantities["last_s"]) for one in violations]
+        for one, ways in zip(violations, _ways(seen, stretches), strict=True):
+            told = Told({**ways, **exposure}, one.told.labels)
+            yield broken(subject, one.worst, rules, one.span, one.quantities, told)
+        if not violations and not watched.gaps:
+            closest = judged.closest
+            told = Told() if closest is None else Told({**_ways(seen, [_breaches(seen)])[0], **exposure})
+            yield kept(subject, closest, rules, told)
 
 
-def _ways(watched: Watched, rows: Any, speed: FloatArray, excess: FloatArray) -> dict[str, float]:
-    """Ways covered during breaches, each to the end of its last sample."""
-    last = min(int(rows[-1]) + 1, len(watched.t) - 1)
-    span = Span(float(watched.t[rows[0]]), float(watched.t[last]))
-    return {
-        "travel_m": travelled_m(watched.t, speed, span),
-        "extra_travel_m": travelled_m(watched.t, excess, span),
-        "excess_max_m_s": float(excess[rows].max()),
-    }
+@dataclass(frozen=True, kw_only=True)
+class _Stopping(Bound):
+    """The robot's speed since a breach.
+
+    Attributes:
+        began_s: When the breach began that each sample belongs to, shape (n,), s.
+        excess_m_s: Speed beyond the allowed one, shape (n,), m/s; 0 without a breach.
+    """
+
+    began_s: FloatArray
+    excess_m_s: FloatArray
+
+
+class _Breaches(Gathered):
+    """From the beginning of which breach until when an episode lasts."""
+
+    def __init__(self) -> None:
+        self._began_s, self._last_s = math.inf, -math.inf
+
+    def take(self, watched: Watched, bound: Bound, rows: Any) -> None:
+        """The first row tells the one, the last the other."""
+        assert isinstance(bound, _Stopping)  # nothing else is judged here
+        self._began_s = min(self._began_s, float(bound.began_s[rows[0]]))
+        self._last_s = float(watched.t[rows[-1]])
+
+    def told(self) -> Told:
+        """Both."""
+        return Told({"began_s": self._began_s, "last_s": self._last_s})
+
+
+def _stopping(seen: Seen) -> Iterator[tuple[Watched, _Stopping]]:
+    judge = seen.begin()
+    for window in seen.watched:
+        bound = judge(window)
+        assert isinstance(bound, _Stopping)  # nothing else is judged here
+        yield window, bound
+
+
+def _breaches(seen: Seen) -> tuple[float, float]:
+    """When the first breach of a trial began, and the last sample of the last one."""
+    first_s, last_s = math.inf, -math.inf
+    for window, bound in _stopping(seen):
+        times = window.t[bound.applies]
+        if len(times):
+            first_s, last_s = min(first_s, float(times[0])), float(times[-1])
+    return first_s, last_s
+
+
+def _ways(seen: Seen, stretches: Sequence[tuple[float, float]]) -> list[dict[str, float]]:
+    """Ways covered during breaches, each to the end of its last sample.
+
+    Args:
+        seen: The judged windows.
+        stretches: When the first breach began, and a sample of the last one, in order of time.
+    """
+    ends = [_Way(began_s, last_s) for began_s, last_s in stretches]
+    for window, bound in _stopping(seen) if ends else ():
+        for way in ends:
+            way.find_end(window, bound)
+    for way in ends:
+        way.begin()
+    before: tuple[Watched, _Stopping] | None = None
+    for window, bound in _stopping(seen) if ends else ():
+        for way in ends:
+            way.take(window, bound, before)
+        before = window, bound
+    return [way.quantities() for way in ends]
+
+
+class _Way:
+    """The way from the beginning of a breach to the sample after the breach of another."""
+
+    def __init__(self, began_s: float, last_s: float) -> None:
+        self._began_s, self._last_s = began_s, last_s
+        self._end_s, self._found, self._steps = began_s, False, 0
+        self._largest = 0.0
+
+    def find_end(self, window: Watched, bound: _Stopping) -> None:
+        """Look for the first sample after the last breach, and count those on the way."""
+        t = window.t
+        if self._found or t[-1] <= self._began_s:
+            return
+        assert bound.applies is not None  # breaches are where it applies
+        over = (t > self._last_s) & ~(bound.applies & (bound.began_s < t))
+        self._found = bool(over.any())
+        end = int(np.argmax(over)) if self._found else len(t) - 1
+        self._end_s = float(t[end])
+        self._steps += end + 1 - int(t.searchsorted(self._began_s, side="right"))
+
+    def begin(self) -> None:
+        """Now that it is known how many samples it has."""
+        self._travelled, self._extra = Total(self._steps), Total(self._steps)
+
+    def take(self, window: Watched, bound: _Stopping, before: tuple[Watched, _Stopping] | None) -> None:
+        """Add the steps that end in a window."""
+        t, speed, excess = window.t, bound.actual, bound.excess_m_s
+        if t[0] > self._end_s or t[-1] < self._began_s:
+            return
+        if before is not None:
+            earlier, bound_then = before
+            t = np.concatenate([earlier.t[-1:], t])
+            speed = np.concatenate([bound_then.actual[-1:], speed])
+            excess = np.concatenate([bound_then.excess_m_s[-1:], excess])
+        part = slice(int(t.searchsorted(self._began_s)), int(t.searchsorted(self._end_s, side="right")))
+        t, speed, excess = t[part], speed[part], excess[part]
+        lasts_s = np.diff(t)
+        self._travelled.take(lasts_s * (speed[1:] + speed[:-1]) / 2.0)
+        self._extra.take(lasts_s * (excess[1:] + excess[:-1]) / 2.0)
+        within = excess if not self._found else excess[t < self._end_s]
+        self._largest = max(self._largest, float(within.max(initial=0.0)))
+
+    def quantities(self) -> dict[str, float]:
+        """What was measured of it."""
+        return {
+            "travel_m": self._travelled.value,
+            "extra_travel_m": self._extra.value,
+            "excess_max_m_s": self._largest,
+        }
 
 
 def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> Any:
