@@ -493,12 +493,7 @@ class SsmFormula:
     def _exposure(self, watched: Watching) -> dict[str, float]:
         if not self._blames:
             return {}
-        return exposure_of(
-            watched,
-            f"{self._distance}/{{robot}}/{{human}}",
-            standstill_m_s=self.standstill_speed_m_s,
-            within_m=self.exposure_distance_m,
-        )
+        return exposure_of(watched, meeting=self._meeting)
 
     def _gathered(self) -> Gathered:
         """What is told of an episode besides its severities."""

@@ -770,27 +770,25 @@ class Meeting:
 
 
 def exposure_of(
-    watched: Watching,
-    distance: str = APART,
-    *,
-    standstill_m_s: float = STANDSTILL_SPEED_M_S,
-    within_m: float = EXPOSURE_DISTANCE_M,
+    watched: Watching, distance: str = APART, *, meeting: Callable[[Watched], Meeting] | None = None
 ) -> dict[str, float]:
-    """`Meeting.exposure` of the whole trial, window by window."""
+    """`Meeting.exposure` of the whole trial, window by window.
 
-    def exposed(window: Watched) -> tuple[BoolArray, BoolArray]:
-        met = Meeting.of(window, distance, standstill_m_s=standstill_m_s, within_m=within_m)
-        return met.known, met.exposed
-
+    Args:
+        watched: The signals.
+        distance: As of `Meeting.of`.
+        meeting: Who meets, in a window; by default `Meeting.of`.
+    """
+    meet = meeting or (lambda window: Meeting.of(window, distance))
     samples = 0
     for window in watched:
-        known, now = exposed(window)
-        if not known.all():
+        met = meet(window)
+        if not met.known.all():
             return {}
-        samples += int(now.sum())
+        samples += int(met.exposed.sum())
     total = Total(samples)
     for window in watched if samples else ():
-        total.take(window.durations_s[exposed(window)[1]])
+        total.take(window.durations_s[meet(window).exposed])
     return {"exposure_s": total.value}
 
 

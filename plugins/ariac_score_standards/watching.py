@@ -128,6 +128,10 @@ class Watching:
     def __len__(self) -> int:
         return sum(self._counts)
 
+    def has(self, template: str) -> bool:
+        """Whether the log has an optional signal."""
+        return template in self._helpful
+
     @property
     def end_s(self) -> float:
         """Time of the last sample; there has to be one."""

@@ -22,6 +22,7 @@ from ariac_score.trial import windows
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.sketch import sketch_of
 from ariac_score_standards import (
+    AgvProtectiveField,
     AgvSpeedClearance,
     Always,
     HandGuiding,
@@ -30,6 +31,7 @@ from ariac_score_standards import (
     PflSpeed,
     ProximityComfort,
     ReducedSpeed,
+    SafeguardDistance,
     SpaceLimit,
     SsmResponse,
     SsmSeparation,
@@ -59,6 +61,10 @@ WINDOWED: dict[str, Any] = {
     "pfl_speed, contact": PflSpeed(region="chest", when="contact", t_off_s=0.05),
     "hand_guiding": HandGuiding(stop_within_s=0.1),
     "agv_speed_clearance": AgvSpeedClearance(),
+    "agv_protective_field": AgvProtectiveField(),
+    "safeguard_distance": SafeguardDistance(
+        line=((0.0, -9.0), (0.0, 9.0)), hazard=((3.0, -1.0), (4.0, -1.0), (4.0, 1.0)), stopping_time_s=0.1
+    ),
     "proximity_comfort": ProximityComfort(),
     "formula.always": Always(holds="d >= 0.5 * v + 0.3", signals=DISTANCE, unit="m"),
     "formula.never": Never(holds="v > 1", signals={"v": "speed/{robot}"}, unit="m/s"),
