@@ -71,8 +71,16 @@ if TYPE_CHECKING:
     )
     from ariac_score.trial.signals import Sample, Signal, align
     from ariac_score.trial.sketch import Course
-    from ariac_score.trial.spans import Span, episodes_where, sample_durations, uncovered_spans
+    from ariac_score.trial.spans import (
+        Episodes,
+        Span,
+        episodes_where,
+        gaps_between,
+        sample_durations,
+        uncovered_spans,
+    )
     from ariac_score.trial.vocabulary import QUANTITIES, Quantity
+    from ariac_score.trial.windows import TimeBase
 
 _HOME = {
     "ariac_score.contracts": (
@@ -102,8 +110,9 @@ _HOME = {
     ),
     "ariac_score.trial.signals": "Sample Signal align",
     "ariac_score.trial.sketch": "Course",
-    "ariac_score.trial.spans": "Span episodes_where sample_durations uncovered_spans",
+    "ariac_score.trial.spans": ("Episodes Span episodes_where gaps_between sample_durations uncovered_spans"),
     "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
+    "ariac_score.trial.windows": "TimeBase",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
@@ -118,6 +127,7 @@ __all__ = [
     "Cohort",
     "Course",
     "Decoder",
+    "Episodes",
     "Event",
     "EventMonitor",
     "EventWatch",
@@ -160,6 +170,7 @@ __all__ = [
     "Submission",
     "Task",
     "TeamSetup",
+    "TimeBase",
     "TopicDescription",
     "Tray",
     "Trial",
@@ -173,6 +184,7 @@ __all__ = [
     "check_parameters",
     "did_you_mean",
     "episodes_where",
+    "gaps_between",
     "load_cohort",
     "load_log_map",
     "load_result",

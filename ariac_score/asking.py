@@ -139,7 +139,7 @@ def _marks(trial: Trial) -> tuple[object, ...]:
     """What tells that a trial is still the same; its arrays cannot be written to at all."""
     small = (trial.orders, trial.submissions, trial.events, trial.bodies, trial.witnessed, trial.recorded)
     same = (trial.signals, trial.facts, trial.team, trial.official, trial.kits)
-    arrays = [(name, id(s), id(s.t), id(s.values), s.unit) for name, s in trial.signals.items()]
+    arrays = [(name, id(s), s.identity, s.unit) for name, s in trial.signals.items()]
     try:
         small_mark = hash(small)
     except TypeError:  # a reader put a list where a tuple belongs

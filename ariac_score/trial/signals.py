@@ -76,6 +76,32 @@ class Signal:
         """From the first to the last sample; `None` when there is no sample."""
         return Span(float(self.t[0]), float(self.t[-1])) if len(self.t) else None
 
+    @property
+    def identity(self) -> tuple[int, int]:
+        """Tells apart the times and the values of signals that exist together."""
+        return id(self.t), id(self.values)
+
+    @property
+    def fixed_t(self) -> FloatArray | None:
+        """The times, where they need not be computed."""
+        return self.t
+
+    def cuts(self, samples: int) -> FloatArray:
+        """Times that cut the signal into windows of so many samples, without its first."""
+        return self.t[samples::samples]
+
+    def row(self, t_s: float) -> int:
+        """The first row at or after a time."""
+        return int(self.t.searchsorted(t_s))
+
+    def times(self, first: int, last: int) -> FloatArray:
+        """The times of some rows."""
+        return self.t[first:last]
+
+    def stretch(self, first: int, last: int) -> tuple[FloatArray, FloatArray]:
+        """Times and values of some rows, from the first to before the last."""
+        return self.t[first:last], self.values[first:last]
+
     def at(self, t: FloatArray) -> FloatArray:
         """Values at other times, by straight lines between neighbours.
 

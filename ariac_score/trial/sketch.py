@@ -8,7 +8,7 @@ was violated or nearly so, the stretches are finer. Nothing is decided by a sket
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -86,6 +86,17 @@ class Course:
         """Signed distance to the limit, shape (n,), negative where it is broken; NaN where there is none."""
         return self.limit - self.actual if self.at_most else self.actual - self.limit
 
+    @classmethod
+    def late(
+        cls, subject: str, what: str, unit: str, made: Callable[[], Course], *, max_gap_s: float
+    ) -> Course:
+        """A course that is made whenever it is looked at, so that not all of a trial are held at once."""
+        return _Late(subject, what, unit, made, max_gap_s)
+
+    def whole(self) -> Course:
+        """The course with all its samples."""
+        return self
+
     def __post_init__(self) -> None:
         if not self.t.shape == self.actual.shape == self.limit.shape == (len(self.t),):
             raise ValueError(f"the course of {self.what} has columns of different length")
@@ -93,6 +104,38 @@ class Course:
             raise ValueError(f"the course of {self.what} holds what is no number")
         if (np.diff(self.t) <= 0).any():
             raise ValueError(f"the times of the course of {self.what} do not increase")
+
+
+class _Late(Course):
+    """A course of which only how it is made is kept."""
+
+    _made: Callable[[], Course]
+
+    def __init__(
+        self, subject: str, what: str, unit: str, made: Callable[[], Course], max_gap_s: float
+    ) -> None:
+        known = {"subject": subject, "what": what, "unit": unit, "_made": made, "max_gap_s": max_gap_s}
+        for name, value in known.items():
+            object.__setattr__(self, name, value)
+
+    def whole(self) -> Course:
+        """The course with all its samples."""
+        return self._made()
+
+    @property
+    def t(self) -> FloatArray:
+        """All times."""
+        return self._made().t
+
+    @property
+    def actual(self) -> FloatArray:
+        """All that was."""
+        return self._made().actual
+
+    @property
+    def limit(self) -> FloatArray:
+        """All that may be."""
+        return self._made().limit
 
 
 @dataclass(frozen=True)
@@ -213,12 +256,12 @@ def sketch_of(
     many = max(len(told), 1)
     stretches = _share(STRETCHES // many, FEWEST_STRETCHES, MOST_STRETCHES)
     finer = _share(DETAIL_STRETCHES // (many * DETAILS), FEWEST_DETAIL_STRETCHES, MOST_DETAIL_STRETCHES)
+    curves = (
+        _curve(check, told[check, subject].whole(), moments.get((check, subject), ()), stretches, finer)
+        for check, subject in sorted(told)
+    )
     return Sketch(
-        curves=tuple(
-            _curve(check, told[check, subject], moments.get((check, subject), ()), stretches, finer)
-            for check, subject in sorted(told)
-            if len(told[check, subject].t)
-        ),
+        curves=tuple(curve for curve in curves if curve is not None),
         routes=tuple(_routes(trial)),
         asked=tuple(
             AskedTask(
@@ -274,7 +317,10 @@ def _share(room: int, fewest: int, most: int) -> int:
     return min(max(room, fewest), most)
 
 
-def _curve(check: str, course: Course, moments: Sequence[Span], stretches: int, finer: int) -> Curve:
+def _curve(check: str, course: Course, moments: Sequence[Span], stretches: int, finer: int) -> Curve | None:
+    """A course, reduced; `None` where it has no sample."""
+    if not len(course.t):
+        return None
     actual, limit = np.round(course.actual, DECIMALS) + 0.0, np.round(course.limit, DECIMALS) + 0.0
     known = np.isfinite(limit)
     margin = np.where(known, actual - limit, 0.0)

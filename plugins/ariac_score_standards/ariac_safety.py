@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import floor, inf
 from typing import Literal
@@ -31,16 +31,27 @@ from ariac_score import (
 from ariac_score_standards.online import PairsOnline
 from ariac_score_standards.severity import (
     SPEED,
+    Blame,
     Bound,
+    Judged,
     Meeting,
+    Rules,
     Said,
     Sampled,
     Seen,
-    episodes_below,
+    exposure_of,
     no_severities,
-    robot_moving,
 )
-from ariac_score_standards.watching import ENVIRONMENT, OFF, ON, FloatArray, Watched, looked_for, watch_pairs
+from ariac_score_standards.watching import (
+    ENVIRONMENT,
+    OFF,
+    ON,
+    FloatArray,
+    Watched,
+    Watching,
+    looked_for,
+    watch_pairs,
+)
 
 _CONTACT_CLAUSE = "ARIAC 2022 scoring, robot-human collision"
 
@@ -107,42 +118,49 @@ class HumanContact(Sampled):
             return Standing(subject, t_s, Verdict.SATISFIED, f"{values[0]:.3f} m apart", margin_m, "m")
         return Standing(subject, t_s, Verdict.VIOLATED, f"contact: {values[0]:.3f} m", margin_m, "m")
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
-        (distance_m,) = watched.columns.values()
-        contact_m = np.full_like(distance_m, self.contact_distance_m)
-        yield Seen(subject, watched, Bound(self.distance.replace("_", " "), distance_m, contact_m, "m"))
+    def _judge(self, subject: str, watched: Watching) -> Iterator[Said]:
+        words = self.distance.replace("_", " ")
+
+        def bound(least_m: float) -> Callable[[Watched], Bound]:
+            def judge(window: Watched) -> Bound:
+                (distance_m,) = window.columns.values()
+                return Bound(words, distance_m, np.full_like(distance_m, least_m), "m")
+
+            return judge
+
+        yield Seen(subject, watched, lambda: bound(self.contact_distance_m))
         # Contact is at the limit too, so the limit itself must count as below it.
-        beyond = np.nextafter(self.contact_distance_m, np.inf)
-        margin_m = distance_m - beyond
-        required_m = np.full_like(distance_m, beyond)
-        meeting = Meeting.of(watched, self._template)
-        exposure = meeting.exposure(watched)
-        episodes = episodes_below(watched, margin_m, required_m, t_on_s=0.0, t_off_s=self.t_off_s)
-        for episode in episodes:
-            worst = episode.worst
+        beyond = float(np.nextafter(self.contact_distance_m, np.inf))
+        exposure = exposure_of(watched, self._template)
+        judged = Judged(
+            Seen(subject, watched, lambda: bound(beyond)),
+            Rules(_CONTACT_CLAUSE, 0.0, self.t_off_s),
+            gathered=lambda: Blame(lambda window: Meeting.of(window, self._template)),
+        )
+        for one in judged.violations():
             yield Finding(
                 subject,
                 Verdict.VIOLATED,
-                f"contact: {distance_m[worst]:.3f} m at {watched.t[worst]:.3f} s",
-                span=episode.span,
-                robustness=float(distance_m[worst] - self.contact_distance_m),
+                f"contact: {one.worst.actual:.3f} m at {one.worst.t_s:.3f} s",
+                span=one.span,
+                robustness=one.worst.actual - self.contact_distance_m,
                 unit="m",
-                quantities={**episode.quantities, **exposure},
-                labels={"robot_moving": robot_moving(meeting.robot_speed_m_s[episode.rows])},
-                evidence=watched.samples(worst),
+                quantities={**one.quantities, **exposure},
+                labels={"robot_moving": one.told.labels["robot_moving"]},
+                evidence=one.worst.evidence,
                 clause=_CONTACT_CLAUSE,
                 critical=True,
             )
-        if not episodes and not watched.gaps:
-            closest = int(np.argmin(distance_m))
+        closest = judged.closest
+        if closest is not None and not judged.violated and not watched.gaps:
             yield Finding(
                 subject,
                 Verdict.SATISFIED,
-                f"never nearer than {distance_m[closest]:.3f} m, at {watched.t[closest]:.3f} s",
-                robustness=float(distance_m[closest] - self.contact_distance_m),
+                f"never nearer than {closest.actual:.3f} m, at {closest.t_s:.3f} s",
+                robustness=closest.actual - self.contact_distance_m,
                 unit="m",
                 quantities={**no_severities("m"), **exposure},
-                evidence=watched.samples(closest),
+                evidence=closest.evidence,
                 clause=_CONTACT_CLAUSE,
             )
 

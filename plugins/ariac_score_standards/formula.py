@@ -33,23 +33,23 @@ import numpy as np
 from ariac_score import (
     QUANTITIES,
     Body,
+    Episodes,
     Expression,
     Finding,
     FormulaError,
     OnlineWatch,
-    Sample,
     SignalNeed,
     Span,
     Standing,
     Trial,
     Verdict,
     check_parameters,
-    episodes_where,
     parameter,
 )
 from ariac_score_standards.online import Judge, SubjectsOnline
-from ariac_score_standards.severity import Bound, Episode, Said, Sampled, Seen, episodes_of
-from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, watch_subjects
+from ariac_score_standards.severity import Bound, Moment, Rules, Said, Sampled, Seen, Violation
+from ariac_score_standards.severity import Judged as AllJudged
+from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, Watching, watch_subjects
 
 _KINDS = ("robot", "agv", "human")
 _AXES = {".x": 0, ".y": 1, ".z": 2}
@@ -276,15 +276,27 @@ class Formula:
             kinds=kinds,
         )
 
-    def _guarded(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
+    def _guarded(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
         """What the formula says; where it has no value, that."""
         try:
             yield from self._judge(subject, watched)
-        except FormulaError as wrong:
+        except FormulaError as first:
+            wrong = self._of_all(watched) or first
             message = f"the formula has no value: {wrong.cause}"
             yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
+    def _of_all(self, watched: Watching) -> FormulaError | None:
+        """What is wrong with all samples at once: which it is must not hang on where windows begin."""
+        whole = watched.whole()
+        try:
+            for text in reversed(self._texts):
+                self._of(text, whole)
+        except FormulaError as wrong:
+            return wrong
+        return None
+
+    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
+        """Everything about a subject; nothing is said before all samples were judged once."""
         raise NotImplementedError
 
     def _of(self, text: str, watched: Watched) -> Judged:
@@ -354,57 +366,67 @@ class Always(Formula, Sampled):
 
         return stand
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
-        yield from self._findings(subject, watched, self._sided(self._of(self.holds, watched)))
-
     def _sided(self, found: Judged) -> Judged:
         """What the formula says, as what has to hold."""
         return found
 
-    def _findings(self, subject: Subject, watched: Watched, found: Judged) -> Iterator[Said]:
-        nothing = np.zeros(len(watched.t))
-        yield Seen(subject.name, watched, Bound("margin of the formula", found.margin, nothing, self.unit))
-        limit = nothing if found.limit is None else found.limit
-        episodes = episodes_of(
-            watched,
-            ~found.true,
-            found.margin,
-            limit,
-            unit=self.unit,
-            t_on_s=self.t_on_s,
-            t_off_s=self.t_off_s,
-        )
-        for episode in episodes:
-            yield self._finding(subject, watched, found, episode.worst, episode)
-        if not episodes and not watched.gaps:
-            yield self._finding(subject, watched, found, int(np.argmin(found.margin)), None)
+    def _bound(self, window: Watched) -> _Margin:
+        found = self._sided(self._of(self.holds, window))
+        what, nothing = "margin of the formula", np.zeros(len(window.t))
+        if found.limit is None:
+            return _Margin(what, found.margin, nothing, self.unit, given=found)
+        return _Margin(what, found.margin, found.limit, self.unit, evidence="limit", given=found)
 
-    def _finding(
-        self, subject: Subject, watched: Watched, found: Judged, row: int, episode: Episode | None
-    ) -> Finding:
-        at, unit = f"at {watched.t[row]:.3f} s", "" if self.unit == "1" else f" {self.unit}"
-        kept = f"holds; closest by {found.margin[row]:.3f}{unit}, {at}"
-        broken = f"does not hold; at worst by {-found.margin[row]:.3f}{unit}, {at}"
-        evidence = watched.samples(row)
-        if found.limit is not None:
-            limit = float(found.limit[row])
-            evidence += (Sample(f"limit/{subject.name}", float(watched.t[row]), limit, self.unit),)
+    def _shown(self, window: Watched) -> Bound:
+        margin = self._bound(window).margin
+        return Bound("margin of the formula", margin, np.zeros(len(margin)), self.unit)
+
+    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
+        seen = Seen(subject.name, watched, lambda: self._bound)
+        judged = AllJudged(seen, Rules(self._clause, self.t_on_s, self.t_off_s), broken=_untrue)
+        yield Seen(subject.name, watched, lambda: self._shown)
+        for one in judged.violations():
+            yield self._finding(subject, one.worst, one)
+        if judged.closest is not None and not judged.violated and not watched.gaps:
+            yield self._finding(subject, judged.closest, None)
+
+    def _finding(self, subject: Subject, moment: Moment, violation: Violation | None) -> Finding:
+        at, unit = f"at {moment.t_s:.3f} s", "" if self.unit == "1" else f" {self.unit}"
+        kept = f"holds; closest by {moment.margin:.3f}{unit}, {at}"
+        broken = f"does not hold; at worst by {-moment.margin:.3f}{unit}, {at}"
         return Finding(
             subject.name,
-            Verdict.SATISFIED if episode is None else Verdict.VIOLATED,
-            f"{self._says} {kept if episode is None else broken}",
-            span=None if episode is None else episode.span,
-            robustness=float(found.margin[row]),
+            Verdict.SATISFIED if violation is None else Verdict.VIOLATED,
+            f"{self._says} {kept if violation is None else broken}",
+            span=None if violation is None else violation.span,
+            robustness=moment.margin,
             unit=self.unit,
-            quantities={} if episode is None else episode.quantities,
-            evidence=evidence,
+            quantities={} if violation is None else violation.quantities,
+            evidence=moment.evidence,
             clause=self._clause,
-            critical=self.critical and episode is not None,
+            critical=self.critical and violation is not None,
         )
 
     @property
     def _says(self) -> str:
         return f"'{self.holds}'"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Margin(Bound):
+    """What a formula says, as a limit; its margin is that of the formula."""
+
+    given: Judged
+
+    @property
+    def margin(self) -> FloatArray:
+        """As the formula has it."""
+        return self.given.margin
+
+
+def _untrue(bound: Bound) -> BoolArray:
+    assert isinstance(bound, _Margin)  # nothing else is judged here
+    return ~bound.given.true
 
 
 def _nobody_asked(subject: str, t_s: float, _values: tuple[Any, ...]) -> Standing:
@@ -473,21 +495,10 @@ class Within(Formula):
         """For every subject each late response, or the latest that was in time."""
         return (said for said in self._say(trial) if isinstance(said, Finding))
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
-        t, answered = watched.t, self._of(self.response, watched).true
-        times = t[answered]
+    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Finding]:
         said = False
         in_time: list[tuple[float, float]] = []
-        for span in episodes_where(
-            t,
-            self._of(self.trigger, watched).true,
-            t_on_s=self.t_on_s,
-            t_off_s=self.t_off_s,
-            longest_s=watched.max_gap_s,
-        ):
-            began = span.start_s
-            after = int(np.searchsorted(times, began))
-            takes = float(times[after]) - began if after < len(times) else np.inf
+        for began, takes in self._answers(watched):
             if takes <= self.within_s + 1e-9:
                 in_time.append((takes, began))
                 continue
@@ -512,8 +523,25 @@ class Within(Formula):
             message = f"'{self.trigger}' never began to hold"
             yield Finding.not_applicable(subject.name, message, clause=self._clause)
 
-    def _late(self, subject: Subject, watched: Watched, began: float, takes: float) -> Finding:
-        deadline, last = began + self.within_s, float(watched.t[-1])
+    def _answers(self, watched: Watching) -> list[tuple[float, float]]:
+        """When the trigger began to hold, and how long the response then took; infinite: it never came."""
+        triggered = Episodes(t_on_s=self.t_on_s, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
+        for window in watched:
+            triggered.take(window.t, self._of(self.trigger, window).true)
+        starts = [episode.span.start_s for episode in triggered.end()]
+        times, open_from = dict.fromkeys(starts, np.inf), 0
+        for window in watched:
+            answered = window.t[self._of(self.response, window).true]
+            while open_from < len(starts) and starts[open_from] <= window.t[-1]:
+                after = int(answered.searchsorted(starts[open_from]))
+                if after == len(answered):
+                    break
+                times[starts[open_from]] = float(answered[after]) - starts[open_from]
+                open_from += 1
+        return list(times.items())
+
+    def _late(self, subject: Subject, watched: Watching, began: float, takes: float) -> Finding:
+        deadline, last = began + self.within_s, watched.end_s
         unseen = [gap for gap in watched.gaps if gap.start_s < deadline and gap.end_s > began]
         if unseen or last < deadline - 1e-9:
             message = f"the response to {began:.3f} s is not in the log until {deadline:.3f} s"

@@ -30,6 +30,7 @@ from ariac_score_standards.watching import (
     FloatArray,
     Subject,
     Watched,
+    Watching,
     bodies_of,
     looked_for,
     state_over,
@@ -144,7 +145,8 @@ class StopPerformance:
             kinds=(self.kind,),
         )
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watching: Watching) -> Iterator[Finding]:
+        watched = watching.whole()
         requests = events_about(trial, subject.name, (EMERGENCY_STOP, PROTECTIVE_STOP))
         for request in requests:
             yield self._stop(trial, subject, watched, request)
@@ -321,7 +323,8 @@ class EstopRestart(Sampled):
             kinds=(self.kind,),
         )
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
+    def _judge(self, trial: Trial, subject: Subject, watching: Watching) -> Iterator[Said]:
+        watched = watching.whole()
         stops = events_about(trial, subject.name, self.after)
         if not stops:
             yield nothing_happened(trial, subject, self.after, self._clause)
@@ -333,7 +336,9 @@ class EstopRestart(Sampled):
         speed = watched[f"speed/{{{self.kind}}}"]
         limit = np.full_like(speed, self.standstill_speed_m_s)
         rests = np.logical_or.reduce([latch.rests for latch in latches])
-        yield Seen(subject.name, watched, Bound("speed after a stop", speed, limit, "m/s", True, rests))
+        yield Seen.at_once(
+            subject.name, watched, Bound("speed after a stop", speed, limit, "m/s", True, rests)
+        )
         for latch in latches:
             yield from self._after(trial, subject, watched, latch)
 

@@ -10,16 +10,16 @@ import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, inside
-from ariac_score_standards.iso_10218_2 import unknown_flag
-from ariac_score_standards.severity import Bound, Rules, Said, Sampled, limit_findings
+from ariac_score_standards.iso_10218_2 import flag_over, flag_unknown
+from ariac_score_standards.severity import Bound, Rules, Said, Sampled, findings_of
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
     Subject,
     Watched,
+    Watching,
     bodies_of,
     nobody,
-    state_over,
     watch_subjects,
 )
 
@@ -87,24 +87,37 @@ class ReducedSpeed(Sampled):
             judge=lambda subject, watched: self._judge(trial, subject, watched, humans),
         )
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched, humans: list[str]) -> Iterator[Said]:
-        applies: BoolArray | None = None
+    def _judge(self, trial: Trial, subject: Subject, watched: Watching, humans: list[str]) -> Iterator[Said]:
         idle = "the limit never applied"
         if self.applies == "manual_mode":
-            state = state_over(trial, "manual_mode", subject.name, watched.t, max_age_s=self.max_flag_age_s)
-            if state is None or not state.known.all():
-                yield unknown_flag(trial, subject, "manual_mode", state, watched, self._clause)
+            unknown = flag_unknown(trial, subject, "manual_mode", self.max_flag_age_s, watched, self._clause)
+            if unknown is not None:
+                yield unknown
                 return
-            applies, idle = state.on, "the robot was never in manual mode"
+            idle = "the robot was never in manual mode"
         elif self.applies == "human_in_zone":
-            applies, idle = np.zeros(len(watched.t), dtype=bool), "nobody was in the slow zone"
-            for human in humans:
-                applies |= inside(watched[f"position/{human}"], self.zone)
-        speed = watched[f"{self.speed}/{{robot}}"]
-        limit = np.full_like(speed, self.max_speed_m_s)
-        bound = Bound("speed", speed, limit, "m/s", True, applies)
+            idle = "nobody was in the slow zone"
+
+        def bound(window: Watched) -> Bound:
+            speed = window[f"{self.speed}/{{robot}}"]
+            limit = np.full_like(speed, self.max_speed_m_s)
+            return Bound("speed", speed, limit, "m/s", True, self._applies(trial, subject, window, humans))
+
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, idle)
-        yield from limit_findings(subject.name, watched, bound, rules)
+        yield from findings_of(subject.name, watched, lambda: bound, rules)
+
+    def _applies(
+        self, trial: Trial, subject: Subject, window: Watched, humans: list[str]
+    ) -> BoolArray | None:
+        """Where the limit applies; `None`: everywhere."""
+        if self.applies == "manual_mode":
+            return flag_over(trial, subject, "manual_mode", self.max_flag_age_s, window)
+        if self.applies == "always":
+            return None
+        applies: BoolArray = np.zeros(len(window.t), dtype=bool)
+        for human in humans:
+            applies |= inside(window[f"position/{human}"], self.zone)
+        return applies
 
 
 @dataclass(frozen=True)
@@ -231,13 +244,15 @@ class SpaceLimit(Sampled):
     def _watch(self, trial: Trial, points: list[Subject], quantity: str, unit: str) -> Iterator[Said]:
         template = f"{quantity}/{{point}}"
 
-        def judge(subject: Subject, watched: Watched) -> Iterator[Said]:
-            values = watched[template]
+        def bound(window: Watched) -> Bound:
+            values = window[template]
             left = self.inside_by_m(values) if unit == "m" else self.joint_left_rad(values)
             what = "way left to the border" if unit == "m" else "angle left to the limit"
-            bound = Bound(what, left, np.zeros_like(left), unit)
+            return Bound(what, left, np.zeros_like(left), unit)
+
+        def judge(subject: Subject, watched: Watching) -> Iterator[Said]:
             rules = Rules(self._clause, self.t_on_s, self.t_off_s)
-            return limit_findings(subject.name, watched, bound, rules)
+            return findings_of(subject.name, watched, lambda: bound, rules)
 
         return watch_subjects(
             trial,

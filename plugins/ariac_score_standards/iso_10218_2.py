@@ -27,18 +27,25 @@ from ariac_score import (
 from ariac_score_standards.body_regions import UNKNOWN_REGION, BodyLimits, body_limits, limits_at
 from ariac_score_standards.geometry import check_polygon, inside
 from ariac_score_standards.iso_13854 import PART_OF_REGION, clamps, closes
-from ariac_score_standards.iso_ts_15066 import first_of_runs
+from ariac_score_standards.iso_ts_15066 import RunStarts, first_of_runs
 from ariac_score_standards.severity import (
     MEETING,
     STANDSTILL_SPEED_M_S,
+    Blame,
     Bound,
     Episode,
+    Judged,
+    Judging,
     Meeting,
     Rules,
     Said,
     Sampled,
     Seen,
     Told,
+    broken,
+    exposure_of,
+    findings_of,
+    kept,
     limit_findings,
     meeting_needs,
     no_severities,
@@ -50,6 +57,7 @@ from ariac_score_standards.watching import (
     State,
     Subject,
     Watched,
+    Watching,
     bodies_of,
     looked_for,
     pairs_of,
@@ -262,7 +270,8 @@ class PflContact(Sampled):
         message = f"signal {name!r} is not in the log{looked_for(trial)}"
         return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
+    def _judge(self, trial: Trial, subject: Subject, watching: Watching) -> Iterator[Said]:
+        watched = watching.whole()
         force = watched[_FORCE]
         touching = force > self.contact_on_n
         spans = episodes_where(watched.t, touching, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
@@ -289,7 +298,7 @@ class PflContact(Sampled):
             bound = Bound("part of the limit of contact", ratio, whole, "1", True, ratio > 0)
         else:
             bound = Bound("contact force", force, whole * self.contact_on_n, "N", True)
-        yield Seen(subject.name, watched, bound)
+        yield Seen.at_once(subject.name, watched, bound)
         yield from found
         if not spans and not watched.gaps:
             strongest = int(np.argmax(force))
@@ -509,37 +518,41 @@ class PflSpeed(Sampled):
             kinds=("robot", "human"),
         )
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
-        distance = watched["separation/{robot}/{human}"]
-        if self.when == "contact":
-            speed = watched["relative_speed/{robot}/{human}"]
-            touching = distance <= 0
-            first = first_of_runs(watched.t, touching, watched.max_gap_s)
-            applies = touching & (first == np.arange(len(first)))
-        else:
-            speed = watched["approach_speed_robot/{robot}/{human}"]
-            speed = speed + watched["approach_speed_human/{robot}/{human}"]
-            applies = distance < self.near_m
-        may = self.permitted()
-        limit = np.full_like(speed, may.speed_m_s)
-        bound = Bound("relative speed", speed, limit, "m/s", True, applies, "permitted_speed")
+    def _begin(self) -> Judging:
+        starts, may = RunStarts(self.max_gap_s), self.permitted()
+
+        def judge(window: Watched) -> Bound:
+            distance = window["separation/{robot}/{human}"]
+            if self.when == "contact":
+                speed = window["relative_speed/{robot}/{human}"]
+                touching = distance <= 0
+                (started_s,) = starts.take(window.t, touching, window.t)
+                applies = touching & (started_s == window.t)
+            else:
+                speed = window["approach_speed_robot/{robot}/{human}"]
+                speed = speed + window["approach_speed_human/{robot}/{human}"]
+                applies = distance < self.near_m
+            limit = np.full_like(speed, may.speed_m_s)
+            return Bound("relative speed", speed, limit, "m/s", True, applies, "permitted_speed")
+
+        return judge
+
+    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
+        seen = Seen(subject.name, watched, self._begin, apart=self.when != "contact")
+        yield seen
         idle = "no contact" if self.when == "contact" else f"never nearer than {self.near_m:g} m"
         rules = Rules(self._clause, 0.0, self.t_off_s, idle, critical=self.when == "contact")
-
-        meeting = Meeting.of(watched)
-        exposure = meeting.exposure(watched)
-
-        def told(episode: Episode | None) -> Told:
-            if episode is None:
-                return Told({"speed_ratio": 0.0, "energy_ratio": 0.0, **exposure})
-            v = float(speed[episode.worst])
+        may, exposure = self.permitted(), exposure_of(watched)
+        judged = Judged(seen, rules, gathered=lambda: Blame(Meeting.of, before=self.when == "contact"))
+        for one in judged.violations():
+            v = one.worst.actual
             energy = contact_energy_j(may.reduced_kg, v)
-            return Told(
-                {"speed_ratio": v / may.speed_m_s, "energy_ratio": energy / may.energy_j, **exposure},
-                meeting.labels(episode.rows, before=self.when == "contact"),
-            )
-
-        yield from limit_findings(subject.name, watched, bound, rules, told)
+            ratios = {"speed_ratio": v / may.speed_m_s, "energy_ratio": energy / may.energy_j}
+            told = Told({**ratios, **exposure}, one.told.labels)
+            yield broken(subject.name, one.worst, rules, one.span, one.quantities, told)
+        if not judged.violated and not watched.gaps:
+            told = Told({"speed_ratio": 0.0, "energy_ratio": 0.0, **exposure})
+            yield kept(subject.name, judged.closest, rules, told)
 
 
 # Monitored standstill -------------------------------------------------------------------------
@@ -610,7 +623,8 @@ class MonitoredStandstill(Sampled):
         over: BoolArray = within & (t - t[first] >= self.grace_s - _TOLERANCE_S)
         return over
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
+    def _judge(self, subject: Subject, watching: Watching) -> Iterator[Said]:
+        watched = watching.whole()
         within = inside(watched["position/{human}"], self.workspace)
         held = self.held(watched.t, within)
         speed = watched["speed/{robot}"]
@@ -730,12 +744,25 @@ class HandGuiding(Sampled):
 
     def allowed_speed_m_s(self, t: FloatArray, pressed: BoolArray) -> FloatArray:
         """The limit of each moment, shape (n,), m/s."""
-        released = first_of_runs(t, ~pressed, np.inf)
-        since_s = np.where(pressed, 0.0, t - t[released])
-        # Before the first sample the device was as it is there: released means at rest.
-        never = ~pressed & (released == 0)
-        stopping = (since_s < self.stop_within_s - _TOLERANCE_S) & ~never
-        return np.where(pressed | stopping, self.max_speed_m_s, self.standstill_speed_m_s)
+        return self._allowing()(t, pressed)
+
+    def _allowing(self) -> Callable[[FloatArray, BoolArray], FloatArray]:
+        """The limit of each moment, of samples that come in parts."""
+        starts, began_s = RunStarts(np.inf), np.nan
+
+        def allowed(t: FloatArray, pressed: BoolArray) -> FloatArray:
+            nonlocal began_s
+            if not len(t):
+                return np.zeros(0)
+            began_s = float(t[0]) if np.isnan(began_s) else began_s
+            (released_s,) = starts.take(t, ~pressed, t)
+            since_s = np.where(pressed, 0.0, t - released_s)
+            # Before the first sample the device was as it is there: released means at rest.
+            never = ~pressed & (released_s == began_s)
+            stopping = (since_s < self.stop_within_s - _TOLERANCE_S) & ~never
+            return np.where(pressed | stopping, self.max_speed_m_s, self.standstill_speed_m_s)
+
+        return allowed
 
     def _say(self, trial: Trial) -> Iterator[Said]:
         """For every robot where it was too fast, or its closest moment."""
@@ -748,22 +775,48 @@ class HandGuiding(Sampled):
             judge=lambda subject, watched: self._judge(trial, subject, watched),
         )
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
-        applies = np.ones(len(watched.t), dtype=bool)
-        for flag in ("enabling_device", *(("manual_mode",) if self.applies == "manual_mode" else ())):
-            state = state_over(trial, flag, subject.name, watched.t, max_age_s=self.max_flag_age_s)
-            if state is None or not state.known.all():
-                yield unknown_flag(trial, subject, flag, state, watched, self._clause)
+    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
+        manual = self.applies == "manual_mode"
+        for flag in ("enabling_device", *(("manual_mode",) if manual else ())):
+            unknown = flag_unknown(trial, subject, flag, self.max_flag_age_s, watched, self._clause)
+            if unknown is not None:
+                yield unknown
                 return
-            if flag == "manual_mode":
-                applies = state.on
-            else:
-                pressed = state.on
-        speed = watched["speed/{robot}"]
-        limit = self.allowed_speed_m_s(watched.t, pressed)
-        bound = Bound("speed of the guided robot", speed, limit, "m/s", True, applies, "allowed_speed")
+
+        def begin() -> Judging:
+            allowed = self._allowing()
+
+            def judge(window: Watched) -> Bound:
+                pressed = flag_over(trial, subject, "enabling_device", self.max_flag_age_s, window)
+                applies = (
+                    flag_over(trial, subject, "manual_mode", self.max_flag_age_s, window) if manual else None
+                )
+                limit = allowed(window.t, pressed)
+                speed = window["speed/{robot}"]
+                return Bound("speed of the guided robot", speed, limit, "m/s", True, applies, "allowed_speed")
+
+            return judge
+
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "the robot was never guided by hand")
-        yield from limit_findings(subject.name, watched, bound, rules)
+        yield from findings_of(subject.name, watched, begin, rules, apart=False)
+
+
+def flag_over(trial: Trial, subject: Subject, flag: str, max_age_s: float, window: Watched) -> BoolArray:
+    """A flag that is known, in a window."""
+    state = state_over(trial, flag, subject.name, window.t, max_age_s=max_age_s)
+    assert state is not None  # `flag_unknown` was asked before
+    return state.on
+
+
+def flag_unknown(
+    trial: Trial, subject: Subject, flag: str, max_age_s: float, watched: Watching, clause: str
+) -> Finding | None:
+    """The finding when a flag that decides is not known all the time; `None` when it is."""
+    for window in watched:
+        state = state_over(trial, flag, subject.name, window.t, max_age_s=max_age_s)
+        if state is None or not state.known.all():
+            return unknown_flag(trial, subject, flag, state, window, clause)
+    return None
 
 
 def unknown_flag(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ariac_score import ParameterFacts, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.severity import Bound, Rules, Said, Sampled, Told, limit_findings
-from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, pairs_of, watch_subjects
+from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watching, pairs_of, watch_subjects
 
 _SEEN = ParameterFacts("m", "verified", "sample of ISO 13854 quoted in a public research note")
 _MEMORY = ParameterFacts("m", "from memory", "ISO 13854")
@@ -121,7 +121,8 @@ class CrushGap(Sampled):
             kinds=("robot", "human"),
         )
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
+    def _judge(self, subject: Subject, watching: Watching) -> Iterator[Said]:
+        watched = watching.whole()
         gap = watched["crush_gap/{robot}/{human}"]
         closing = closes(gap)
         limit = np.full_like(gap, minimum_gap_m(self.part))

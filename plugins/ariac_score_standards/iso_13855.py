@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -10,18 +10,22 @@ import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, Verdict, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
-from ariac_score_standards.iso_ts_15066 import first_of_runs
+from ariac_score_standards.iso_ts_15066 import RunStarts
 from ariac_score_standards.severity import (
     MEETING,
     STANDSTILL_SPEED_M_S,
+    Blame,
     Bound,
-    Episode,
+    Constant,
+    Judging,
     Meeting,
     Rules,
     Said,
     Sampled,
+    Several,
     Told,
-    limit_findings,
+    exposure_of,
+    findings_of,
     meeting_needs,
     no_severities,
 )
@@ -30,6 +34,7 @@ from ariac_score_standards.watching import (
     FloatArray,
     Subject,
     Watched,
+    Watching,
     pairs_of,
     watch_subjects,
 )
@@ -254,40 +259,69 @@ class SafeguardDistance(Sampled):
 
     def past_line(self, t: FloatArray, position_m: FloatArray) -> tuple[BoolArray, FloatArray]:
         """Whether a human is past the line, and since when; positions of shape (n, 2 or 3)."""
+        if not len(t):
+            return np.zeros(0, dtype=bool), np.zeros(0)
+        return self._crossing()(t, position_m)
+
+    def _crossing(self) -> Callable[[FloatArray, FloatArray], tuple[BoolArray, FloatArray]]:
+        """`past_line` of samples that come in parts."""
         a, b = (np.asarray(end, dtype=np.float64) for end in self.line)
-        along, offset = b - a, position_m[:, :2] - a
-        side = along[0] * offset[:, 1] - along[1] * offset[:, 0]
+        along = b - a
         middle = np.array([corner[:2] for corner in self.hazard]).mean(axis=0) - a
-        if along[0] * middle[1] - along[1] * middle[0] < 0:
-            side = -side
-        beyond = side >= 0
-        share = (offset[:, 0] * along[0] + offset[:, 1] * along[1]) / float(along @ along)
-        entered = np.zeros(len(t), dtype=bool)
-        when = np.array(t, dtype=np.float64)
-        cross = np.flatnonzero(beyond[1:] & ~beyond[:-1])
-        part = -side[cross] / (side[cross + 1] - side[cross])
-        where = share[cross] + part * (share[cross + 1] - share[cross])
-        through = (where >= 0) & (where <= 1)
-        entered[cross[through] + 1] = True
-        when[cross + 1] = t[cross] + part * (t[cross + 1] - t[cross])
-        if len(t) and beyond[0]:
-            entered[0] = 0 <= share[0] <= 1
-        first = first_of_runs(t, beyond, self.max_gap_s)
-        past: BoolArray = beyond & entered[first]
-        return past, when[first]
+        other_side = along[0] * middle[1] - along[1] * middle[0] < 0
+        starts = RunStarts(self.max_gap_s)
+        before: tuple[FloatArray, FloatArray] | None = None
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Said]:
-        position, speed = watched["position/{human}"], watched["speed/{robot}"]
-        past, since = self.past_line(watched.t, position)
-        late = watched.t - since >= self.stopping_time_s - _TOLERANCE_S
-        near = -depth_inside_m(position, self.hazard) < self.minimum().intrusion_m
-        limit = np.full_like(speed, self.standstill_speed_m_s)
-        bound = Bound("speed behind the line", speed, limit, "m/s", True, past & (late | near))
+        def past(t: FloatArray, position_m: FloatArray) -> tuple[BoolArray, FloatArray]:
+            nonlocal before
+            first = 0 if before is None else 1  # the last sample of the part before comes along
+            if before is not None:
+                t, position_m = np.concatenate([before[0], t]), np.concatenate([before[1], position_m])
+            before = t[-1:], position_m[-1:]
+            offset = position_m[:, :2] - a
+            side = along[0] * offset[:, 1] - along[1] * offset[:, 0]
+            if other_side:
+                side = -side
+            beyond = side >= 0
+            share = (offset[:, 0] * along[0] + offset[:, 1] * along[1]) / float(along @ along)
+            entered = np.zeros(len(t), dtype=bool)
+            when = np.array(t, dtype=np.float64)
+            cross = np.flatnonzero(beyond[1:] & ~beyond[:-1])
+            part = -side[cross] / (side[cross + 1] - side[cross])
+            where = share[cross] + part * (share[cross + 1] - share[cross])
+            through = (where >= 0) & (where <= 1)
+            entered[cross[through] + 1] = True
+            when[cross + 1] = t[cross] + part * (t[cross + 1] - t[cross])
+            if not first and beyond[0]:
+                entered[0] = 0 <= share[0] <= 1
+            rows = slice(first, None)
+            came_in, since = starts.take(t[rows], beyond[rows], entered[rows], when[rows])
+            return beyond[rows] & came_in, since
+
+        return past
+
+    def _begin(self) -> Judging:
+        past_line, intrusion_m = self._crossing(), self.minimum().intrusion_m
+
+        def judge(window: Watched) -> Bound:
+            position, speed = window["position/{human}"], window["speed/{robot}"]
+            past, since = past_line(window.t, position)
+            late = window.t - since >= self.stopping_time_s - _TOLERANCE_S
+            near = -depth_inside_m(position, self.hazard) < intrusion_m
+            limit = np.full_like(speed, self.standstill_speed_m_s)
+            return Bound("speed behind the line", speed, limit, "m/s", True, past & (late | near))
+
+        return judge
+
+    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was past the line for long enough")
-        meeting = Meeting.of(watched)
-        exposure = meeting.exposure(watched)
-
-        def told(episode: Episode | None) -> Told:
-            return Told(exposure, {} if episode is None else meeting.labels(episode.rows))
-
-        yield from limit_findings(subject.name, watched, bound, rules, told)
+        exposure = Told(exposure_of(watched))
+        yield from findings_of(
+            subject.name,
+            watched,
+            self._begin,
+            rules,
+            gathered=lambda: Several(Constant(exposure), Blame(Meeting.of)),
+            idle=lambda: exposure,
+            apart=False,
+        )

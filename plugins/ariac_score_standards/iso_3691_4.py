@@ -11,24 +11,30 @@ import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m
-from ariac_score_standards.iso_ts_15066 import approach_of, first_of_runs
+from ariac_score_standards.iso_ts_15066 import RunStarts, approach_of
 from ariac_score_standards.severity import (
     STANDSTILL_SPEED_M_S,
+    Blame,
     Bound,
-    Episode,
+    Constant,
+    Gathered,
+    Judging,
     Meeting,
     Rules,
     Said,
     Sampled,
     Seen,
+    Several,
     Told,
-    limit_findings,
+    exposure_of,
+    findings_of,
 )
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
     Subject,
     Watched,
+    Watching,
     bodies_of,
     pairs_of,
     state_over,
@@ -160,23 +166,34 @@ class AgvSpeedClearance(Sampled):
             return np.full(len(watched.t), self.assumed_clearance_m or 0.0)
         return None
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
-        clearance = self._clearance(trial, subject, watched)
-        if clearance is None or not np.isfinite(clearance).all():
+    def _active(self, trial: Trial, subject: Subject, t: FloatArray) -> BoolArray | None:
+        """Whether the detection is active; `None` where the log has no flag."""
+        flag = state_over(trial, "personnel_detection", subject.name, t, max_age_s=self.max_flag_age_s)
+        # Where a flag is recorded but not known, the detection is not taken for active.
+        return None if flag is None else flag.on
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
+        cleared = (self._clearance(trial, subject, window) for window in watched)
+        if not all(clearance is not None and np.isfinite(clearance).all() for clearance in cleared):
             message = "the clearance is not known: no signal, no obstacles, none assumed"
             yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
             return
-        flag = state_over(
-            trial, "personnel_detection", subject.name, watched.t, max_age_s=self.max_flag_age_s
-        )
-        # Where a flag is recorded but not known, the detection is not taken for active.
-        active = np.ones(len(watched.t), dtype=bool) if flag is None else flag.on
-        labels = {"personnel_detection": "assumed active" if flag is None else "recorded"}
-        speed = watched["speed/{agv}"]
-        limit = self.allowed_speed_m_s(clearance, active)
-        bound = Bound("speed", speed, limit, "m/s", True, None, "allowed_speed")
+        flagged = self._active(trial, subject, np.zeros(0)) is not None
+
+        def bound(window: Watched) -> Bound:
+            clearance, active = (
+                self._clearance(trial, subject, window),
+                self._active(trial, subject, window.t),
+            )
+            assert clearance is not None  # as above
+            limit = self.allowed_speed_m_s(clearance, True if active is None else active)
+            return Bound("speed", window["speed/{agv}"], limit, "m/s", True, None, "allowed_speed")
+
         rules = Rules(self._clause, self.t_on_s, self.t_off_s)
-        yield from limit_findings(subject.name, watched, bound, rules, lambda _episode: Told(labels=labels))
+        told = Told(labels={"personnel_detection": "recorded" if flagged else "assumed active"})
+        yield from findings_of(
+            subject.name, watched, lambda: bound, rules, gathered=lambda: Constant(told), idle=lambda: told
+        )
 
 
 # Stopping before a person ---------------------------------------------------------------------
@@ -265,35 +282,48 @@ class AgvProtectiveField(Sampled):
         swept = moving & (ahead > 0) & (aside <= self.width_m / 2 + self.margin_m + human_radius_m)
         return np.where(swept, np.maximum(ahead - self.length_m / 2 - human_radius_m, 0.0), np.inf)
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Said]:
+    def _ahead(self, human_radius_m: float) -> Judging:
+        """The way left to a person, window by window."""
+        starts = RunStarts(self.max_gap_s)
+
+        def judge(window: Watched) -> Bound:
+            velocity = window["velocity/{agv}"]
+            speed = _plane_speed(velocity)
+            places = window["position/{agv}"], window["position/{human}"]
+            way = self.way_left_m(places[0], velocity, places[1], human_radius_m)
+            needed = self.stopping_distance_m(speed)
+            entered = (way < needed) & (speed > self.standstill_speed_m_s)
+            entered_s, speed_then = starts.take(window.t, entered, window.t, speed)
+            braking = speed < speed_then - self.slowing_m_s
+            ignored = entered & (window.t - entered_s >= self.reaction_s - _TOLERANCE_S) & ~braking
+            shown = np.where(np.isfinite(way), way, needed)  # outside the corridor nothing is asked for
+            in_corridor = np.isfinite(way) & (ignored | (way >= needed))
+            return Bound("way left to a person", shown, needed, "m", False, in_corridor, "stopping_distance")
+
+        return judge
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
         radii = {body.id: body.radius_m for body in trial.bodies}
         radius = radii[subject.bodies["human"]]
-        velocity = watched["velocity/{agv}"]
-        speed = np.sqrt(velocity[:, 0] ** 2 + velocity[:, 1] ** 2)
-        way = self.way_left_m(watched["position/{agv}"], velocity, watched["position/{human}"], radius)
-        needed = self.stopping_distance_m(speed)
-        entered = (way < needed) & (speed > self.standstill_speed_m_s)
-        first = first_of_runs(watched.t, entered, self.max_gap_s)
-        since = watched.t - watched.t[first]
-        braking = speed < speed[first] - self.slowing_m_s
-        ignored = entered & (since >= self.reaction_s - _TOLERANCE_S) & ~braking
-        shown = np.where(np.isfinite(way), way, needed)  # outside the corridor nothing is asked for
-        in_corridor = np.isfinite(way) & (ignored | (way >= needed))
-        bound = Bound("way left to a person", shown, needed, "m", False, in_corridor, "stopping_distance")
+        meeting = partial(self._meeting, radii_m=radius + radii[subject.bodies["agv"]])
+        exposure = exposure_of(watched, meeting=meeting)
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the way of the truck")
-        meeting = self._meeting(watched, radius + radii[subject.bodies["agv"]])
-        exposure = meeting.exposure(watched)
+        told = Told(exposure)
 
-        def told(episode: Episode | None, *, contact: bool = False) -> Told:
-            if episode is None:
-                return Told({"speed_max_m_s": 0.0, **exposure})
-            numbers = {"speed_max_m_s": float(speed[episode.rows].max()), **exposure}
-            return Told(numbers, meeting.labels(episode.rows, before=contact))
+        def gathered(*, contact: bool) -> Gathered:
+            return Several(_Fastest(), Constant(told), Blame(meeting, before=contact))
 
-        yield from limit_findings(subject.name, watched, bound, rules, told)
-        apart = watched.extra.get(_APART)
-        if apart is not None:
-            yield from self._touches(subject, watched, apart, speed, partial(told, contact=True))
+        yield from findings_of(
+            subject.name,
+            watched,
+            lambda: self._ahead(radius),
+            rules,
+            gathered=lambda: gathered(contact=False),
+            idle=lambda: Told({"speed_max_m_s": 0.0}) + told,
+            apart=False,
+        )
+        if watched.has(_APART):
+            yield from self._touches(subject, watched, lambda: gathered(contact=True))
 
     def _meeting(self, watched: Watched, radii_m: float) -> Meeting:
         """Truck and person: both are one point, with their radii around it."""
@@ -302,25 +332,45 @@ class AgvProtectiveField(Sampled):
         approach = approach_of(watched["position/{agv}"], watched["position/{human}"], velocity, of_human)
         return Meeting(
             np.maximum(approach.distance_m - radii_m, 0.0),
-            np.sqrt(velocity[:, 0] ** 2 + velocity[:, 1] ** 2),
+            _plane_speed(velocity),
             approach.robot_m_s,
             approach.human_m_s,
             self.standstill_speed_m_s,
         )
 
     def _touches(
-        self,
-        subject: Subject,
-        watched: Watched,
-        apart: FloatArray,
-        speed: FloatArray,
-        told: Callable[[Episode | None], Told],
+        self, subject: Subject, watched: Watching, gathered: Callable[[], Gathered]
     ) -> Iterator[Said]:
         contact = np.nextafter(0.0, 1.0)  # contact is at 0 too, so 0 itself must count as below it
-        applies = np.isfinite(apart) & (speed > self.standstill_speed_m_s)
-        limit = np.full_like(apart, contact)
-        bound = Bound("distance of the moving truck", np.nan_to_num(apart), limit, "m", False, applies)
+
+        def bound(window: Watched) -> Bound:
+            apart = window.extra[_APART]
+            moving = _plane_speed(window["velocity/{agv}"]) > self.standstill_speed_m_s
+            limit, applies = np.full_like(apart, contact), np.isfinite(apart) & moving
+            return Bound("distance of the moving truck", np.nan_to_num(apart), limit, "m", False, applies)
+
         rules = Rules(self._clause, 0.0, self.t_off_s, "the truck never moved", critical=True)
-        for said in limit_findings(subject.name, watched, bound, rules, told):
+        for said in findings_of(subject.name, watched, lambda: bound, rules, gathered=gathered):
             if isinstance(said, Seen) or said.critical:
                 yield said
+
+
+def _plane_speed(velocity_m_s: FloatArray) -> FloatArray:
+    speed: FloatArray = np.sqrt(velocity_m_s[:, 0] ** 2 + velocity_m_s[:, 1] ** 2)
+    return speed
+
+
+class _Fastest(Gathered):
+    """The largest speed of a truck in an episode."""
+
+    def __init__(self) -> None:
+        self._fastest = 0.0
+
+    def take(self, watched: Watched, bound: Bound, rows: Any) -> None:
+        """Compare with those before."""
+        del bound
+        self._fastest = max(self._fastest, float(_plane_speed(watched["velocity/{agv}"])[rows].max()))
+
+    def told(self) -> Told:
+        """The largest."""
+        return Told({"speed_max_m_s": self._fastest})

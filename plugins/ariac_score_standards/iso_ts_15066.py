@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +15,6 @@ from ariac_score import (
     Course,
     Finding,
     OnlineWatch,
-    Sample,
     SignalNeed,
     Span,
     Standing,
@@ -29,21 +29,39 @@ from ariac_score_standards.severity import (
     STANDSTILL_SPEED_M_S,
     TOWARDS_HUMAN,
     TOWARDS_ROBOT,
+    Blame,
     Bound,
-    Episode,
+    Constant,
+    Gathered,
+    Judged,
+    Judging,
     Meeting,
+    Moment,
     Rules,
     Said,
     Sampled,
     Seen,
+    Several,
     Told,
+    Total,
+    Violation,
+    broken,
     closing_energy_j,
-    episodes_of,
-    limit_findings,
+    exposure_of,
+    findings_of,
+    kept,
     no_severities,
     travelled_m,
 )
-from ariac_score_standards.watching import BoolArray, FloatArray, Watched, pairs_of, seen, watch_pairs
+from ariac_score_standards.watching import (
+    BoolArray,
+    FloatArray,
+    Watched,
+    Watching,
+    pairs_of,
+    seen,
+    watch_pairs,
+)
 
 _CLAUSE = "derived from ISO/TS 15066:2016, 5.5.4"
 
@@ -472,12 +490,27 @@ class SsmFormula:
             within_m=self.exposure_distance_m,
         )
 
-    def _exposure(self, meeting: Meeting, watched: Watched) -> dict[str, float]:
-        return meeting.exposure(watched) if self._blames else {}
+    def _exposure(self, watched: Watching) -> dict[str, float]:
+        if not self._blames:
+            return {}
+        return exposure_of(watched, meeting=self._meeting)
 
-    def _labels(self, meeting: Meeting, episode: Episode) -> dict[str, str]:
-        labels = meeting.labels(episode.rows)
-        return labels if self._blames else {"robot_moving": labels["robot_moving"]}
+    def _gathered(self) -> Gathered:
+        """What is told of an episode besides its severities."""
+        return _Labels(self)
+
+
+class _Labels(Blame):
+    """Who is to blame, as far as a monitor tells it."""
+
+    def __init__(self, monitor: SsmFormula) -> None:
+        super().__init__(monitor._meeting)
+        self._all = monitor._blames
+
+    def told(self) -> Told:
+        """The labels."""
+        told = super().told()
+        return told if self._all else Told(labels={"robot_moving": told.labels["robot_moving"]})
 
 
 @dataclass(frozen=True)
@@ -557,12 +590,9 @@ class SsmSeparation(SsmFormula, Sampled):
         for pair, watched in seen(
             trial, pairs, self._wanted, max_gap_s=self.max_gap_s, optional=self._optional
         ):
-            now = self._moments(watched)
-            required_m = np.where(self._applies(now), now.required_m, np.nan)
+            shown = Seen(pair.name, watched, lambda: self._bound)
             words = self._distance.replace("_", " ")
-            yield Course(
-                pair.name, words, "m", watched.t, now.distance_m, required_m, max_gap_s=self.max_gap_s
-            )
+            yield Course.late(pair.name, words, "m", partial(_course, shown), max_gap_s=self.max_gap_s)
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the distance is enough there."""
@@ -589,31 +619,31 @@ class SsmSeparation(SsmFormula, Sampled):
 
         return stand
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
+    def _bound(self, watched: Watched) -> Bound:
         now = self._moments(watched)
-        margin_m = now.distance_m - now.required_m
-        applies = self._applies(now)
         words = self._distance.replace("_", " ")
-        yield Seen(subject, watched, Bound(words, now.distance_m, now.required_m, "m", applies=applies))
-        episodes = episodes_of(
-            watched,
-            applies & (margin_m < 0),
-            margin_m,
+        return Bound(
+            words,
+            now.distance_m,
             now.required_m,
-            unit="m",
-            t_on_s=self._value("t_on_s"),
-            t_off_s=self.t_off_s,
+            "m",
+            applies=self._applies(now),
+            evidence="required_distance",
         )
-        meeting = self._meeting(watched)
-        exposure = self._exposure(meeting, watched)
-        for episode in episodes:
-            quantities = {**episode.quantities, **exposure, **self._energy(now, episode.rows)}
-            yield self._violation(subject, watched, episode, now, quantities, self._labels(meeting, episode))
-        if not episodes and not watched.gaps:
-            # Without exposure and energy a clean pair measures nothing, as published.
-            more = {**exposure, **self._energy(now)}
-            quantities = {**no_severities("m"), **more} if more else {}
-            yield self._closest(subject, watched, now, np.flatnonzero(applies), quantities)
+
+    def _judge(self, subject: str, watched: Watching) -> Iterator[Said]:
+        seen = Seen(subject, watched, lambda: self._bound)
+        yield seen
+        rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s)
+        exposure = self._exposure(watched)
+        judged = Judged(seen, rules, gathered=self._gathered)
+        for one in judged.violations():
+            yield self._violation(subject, one, exposure)
+        if not judged.violated and not watched.gaps:
+            yield self._closest(subject, judged.closest, exposure)
+
+    def _gathered(self) -> Gathered:
+        return Several(super()._gathered(), _Energy(self))
 
     def _applies(self, now: _Moments) -> BoolArray:
         if not self._must_move:
@@ -621,58 +651,65 @@ class SsmSeparation(SsmFormula, Sampled):
         moves: BoolArray = now.robot_scalar_m_s > self.standstill_speed_m_s
         return moves
 
-    def _closest(
-        self, subject: str, watched: Watched, now: _Moments, rows: Any, quantities: Mapping[str, float]
-    ) -> Finding:
-        if not len(rows):
+    def _closest(self, subject: str, closest: Moment | None, exposure: Mapping[str, float]) -> Finding:
+        if closest is None:
             return Finding.not_applicable(subject, "the robot never moved", clause=_CLAUSE)
-        margin_m = now.distance_m - now.required_m
-        closest = int(rows[np.argmin(margin_m[rows])])
+        # Without exposure and energy a clean pair measures nothing, as published.
+        more = {**exposure, **_Energy(self).told().quantities}
         return Finding(
             subject,
             Verdict.SATISFIED,
-            f"at its closest {margin_m[closest]:.3f} m more than required, at {watched.t[closest]:.3f} s",
-            robustness=float(margin_m[closest]),
+            f"at its closest {closest.margin:.3f} m more than required, at {closest.t_s:.3f} s",
+            robustness=closest.margin,
             unit="m",
-            quantities=quantities,
-            evidence=_evidence(subject, watched, closest, now.required_m),
+            quantities={**no_severities("m"), **more} if more else {},
+            evidence=closest.evidence,
             clause=_CLAUSE,
         )
 
-    def _violation(
-        self,
-        subject: str,
-        watched: Watched,
-        episode: Episode,
-        now: _Moments,
-        quantities: Mapping[str, float],
-        labels: Mapping[str, str],
-    ) -> Finding:
-        worst = episode.worst
-        shortfall_m = now.required_m[worst] - now.distance_m[worst]
+    def _violation(self, subject: str, one: Violation, exposure: Mapping[str, float]) -> Finding:
+        worst = one.worst
         return Finding(
             subject,
             Verdict.VIOLATED,
-            f"too close for {episode.quantities['time_in_violation_s']:.2f} s; at worst "
-            f"{shortfall_m:.3f} m nearer than the required {now.required_m[worst]:.3f} m, "
-            f"at {watched.t[worst]:.3f} s",
-            span=episode.span,
-            robustness=float(now.distance_m[worst] - now.required_m[worst]),
+            f"too close for {one.quantities['time_in_violation_s']:.2f} s; at worst "
+            f"{worst.limit - worst.actual:.3f} m nearer than the required {worst.limit:.3f} m, "
+            f"at {worst.t_s:.3f} s",
+            span=one.span,
+            robustness=worst.margin,
             unit="m",
-            quantities=quantities,
-            labels=labels,
-            evidence=_evidence(subject, watched, worst, now.required_m),
+            quantities={**one.quantities, **exposure, **one.told.quantities},
+            labels=one.told.labels,
+            evidence=worst.evidence,
             clause=_CLAUSE,
         )
 
-    def _energy(self, now: _Moments, rows: Any = ()) -> dict[str, float]:
-        """The largest energy of closing in, in the rows of a violation; 0 without any."""
-        if self.reduced_mass_kg is None:
-            return {}
-        if not len(rows):
-            return {"closing_energy_max_J": 0.0}
+
+def _course(shown: Seen) -> Course:
+    return shown.course
+
+
+class _Energy(Gathered):
+    """The largest energy of closing in, in the rows of a violation; 0 without any."""
+
+    def __init__(self, monitor: SsmSeparation) -> None:
+        self._monitor, self._largest_j = monitor, 0.0
+
+    def take(self, watched: Watched, bound: Bound, rows: Any) -> None:
+        """Compare with those before."""
+        del bound
+        if self._monitor.reduced_mass_kg is None:
+            return
+        now = self._monitor._moments(watched)
         closing = now.human_m_s[rows] + now.robot_m_s[rows]
-        return {"closing_energy_max_J": float(closing_energy_j(self.reduced_mass_kg, closing).max())}
+        energy_j = float(closing_energy_j(self._monitor.reduced_mass_kg, closing).max())
+        self._largest_j = max(self._largest_j, energy_j)
+
+    def told(self) -> Told:
+        """The largest, where masses are known."""
+        if self._monitor.reduced_mass_kg is None:
+            return Told()
+        return Told({"closing_energy_max_J": self._largest_j})
 
 
 @dataclass(frozen=True)
@@ -720,27 +757,30 @@ class SsmSpeedCap(SsmFormula, Sampled):
 
         return PairsOnline(self._wanted, bodies, max_gap_s=self.max_gap_s, judge=stand, watch=self.watch)
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
+    def _bound(self, watched: Watched) -> Bound:
         now = self._moments(watched)
-        cap = self.speed_cap_m_s(now.distance_m, now.human_m_s)
         moves = now.robot_scalar_m_s > self.standstill_speed_m_s
-        bound = Bound(
+        return Bound(
             "robot speed",
             now.robot_m_s,
-            cap,
+            self.speed_cap_m_s(now.distance_m, now.human_m_s),
             "m/s",
             at_most=True,
             applies=moves if self._must_move else None,
             evidence="permitted_speed",
         )
+
+    def _judge(self, subject: str, watched: Watching) -> Iterator[Said]:
         rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the robot never moved near the human")
-        meeting = self._meeting(watched)
-        exposure = self._exposure(meeting, watched)
-
-        def told(episode: Episode | None) -> Told:
-            return Told(exposure, {} if episode is None else self._labels(meeting, episode))
-
-        yield from limit_findings(subject, watched, bound, rules, told)
+        exposure = Told(self._exposure(watched))
+        yield from findings_of(
+            subject,
+            watched,
+            lambda: self._bound,
+            rules,
+            gathered=lambda: Several(Constant(exposure), self._gathered()),
+            idle=lambda: exposure,
+        )
 
 
 @dataclass(frozen=True)
@@ -783,44 +823,161 @@ class SsmResponse(SsmFormula, Sampled):
             optional=self._optional,
         )
 
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Said]:
-        now = self._moments(watched)
-        breach = now.distance_m < now.required_m
-        first = first_of_runs(watched.t, breach, watched.max_gap_s)
-        speed = now.robot_scalar_m_s
-        # To the nanosecond, so that nothing hangs on the last bits of when the clock began.
-        since_s = np.round(watched.t - watched.t[first], 9)
-        allowed = self.allowed_speed_m_s(since_s, speed[first])
-        limit = allowed + self.tolerance_m_s
-        excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)
-        bound = Bound("robot speed after a breach", speed, limit, "m/s", True, breach, "allowed_speed")
-        meeting = self._meeting(watched)
-        exposure = self._exposure(meeting, watched)
+    def _begin(self) -> Judging:
+        """Each window by the breach that each sample belongs to, which may have begun in a window before."""
+        starts = RunStarts(self.max_gap_s)
+
+        def judge(window: Watched) -> _Stopping:
+            now = self._moments(window)
+            breach, speed = now.distance_m < now.required_m, now.robot_scalar_m_s
+            began_s, speed_then = starts.take(window.t, breach, window.t, speed)
+            # To the nanosecond, so that nothing hangs on the last bits of when the clock began.
+            since_s = np.round(window.t - began_s, 9)
+            allowed = self.allowed_speed_m_s(since_s, speed_then)
+            limit = allowed + self.tolerance_m_s
+            excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)
+            what, evidence = "robot speed after a breach", "allowed_speed"
+            return _Stopping(
+                what, speed, limit, "m/s", True, breach, evidence, began_s=began_s, excess_m_s=excess
+            )
+
+        return judge
+
+    def _judge(self, subject: str, watched: Watching) -> Iterator[Said]:
+        seen = Seen(subject, watched, self._begin, apart=False)
+        yield seen
         rules = Rules(_CLAUSE, self._value("t_on_s"), self.t_off_s, "the distance was always enough")
-
-        def told(episode: Episode | None) -> Told:
-            rows = np.flatnonzero(breach)
-            if episode is not None:
-                rows = rows[
-                    (first[rows] >= first[episode.rows[0]]) & (first[rows] <= first[episode.rows[-1]])
-                ]
-            if not len(rows):
-                return Told()
-            labels = {} if episode is None else self._labels(meeting, episode)
-            return Told({**_ways(watched, rows, speed, excess), **exposure}, labels)
-
-        yield from limit_findings(subject, watched, bound, rules, told)
+        exposure = self._exposure(watched)
+        judged = Judged(seen, rules, gathered=lambda: Several(self._gathered(), _Breaches()))
+        violations = list(judged.violations())
+        stretches = [(one.told.quantities["began_s"], one.told.quantities["last_s"]) for one in violations]
+        for one, ways in zip(violations, _ways(seen, stretches), strict=True):
+            told = Told({**ways, **exposure}, one.told.labels)
+            yield broken(subject, one.worst, rules, one.span, one.quantities, told)
+        if not violations and not watched.gaps:
+            closest = judged.closest
+            told = Told() if closest is None else Told({**_ways(seen, [_breaches(seen)])[0], **exposure})
+            yield kept(subject, closest, rules, told)
 
 
-def _ways(watched: Watched, rows: Any, speed: FloatArray, excess: FloatArray) -> dict[str, float]:
-    """Ways covered during breaches, each to the end of its last sample."""
-    last = min(int(rows[-1]) + 1, len(watched.t) - 1)
-    span = Span(float(watched.t[rows[0]]), float(watched.t[last]))
-    return {
-        "travel_m": travelled_m(watched.t, speed, span),
-        "extra_travel_m": travelled_m(watched.t, excess, span),
-        "excess_max_m_s": float(excess[rows].max()),
-    }
+@dataclass(frozen=True, kw_only=True)
+class _Stopping(Bound):
+    """The robot's speed since a breach.
+
+    Attributes:
+        began_s: When the breach began that each sample belongs to, shape (n,), s.
+        excess_m_s: Speed beyond the allowed one, shape (n,), m/s; 0 without a breach.
+    """
+
+    began_s: FloatArray
+    excess_m_s: FloatArray
+
+
+class _Breaches(Gathered):
+    """From the beginning of which breach until when an episode lasts."""
+
+    def __init__(self) -> None:
+        self._began_s, self._last_s = math.inf, -math.inf
+
+    def take(self, watched: Watched, bound: Bound, rows: Any) -> None:
+        """The first row tells the one, the last the other."""
+        assert isinstance(bound, _Stopping)  # nothing else is judged here
+        self._began_s = min(self._began_s, float(bound.began_s[rows[0]]))
+        self._last_s = float(watched.t[rows[-1]])
+
+    def told(self) -> Told:
+        """Both."""
+        return Told({"began_s": self._began_s, "last_s": self._last_s})
+
+
+def _stopping(seen: Seen) -> Iterator[tuple[Watched, _Stopping]]:
+    judge = seen.begin()
+    for window in seen.watched:
+        bound = judge(window)
+        assert isinstance(bound, _Stopping)  # nothing else is judged here
+        yield window, bound
+
+
+def _breaches(seen: Seen) -> tuple[float, float]:
+    """When the first breach of a trial began, and the last sample of the last one."""
+    first_s, last_s = math.inf, -math.inf
+    for window, bound in _stopping(seen):
+        times = window.t[bound.applies]
+        if len(times):
+            first_s, last_s = min(first_s, float(times[0])), float(times[-1])
+    return first_s, last_s
+
+
+def _ways(seen: Seen, stretches: Sequence[tuple[float, float]]) -> list[dict[str, float]]:
+    """Ways covered during breaches, each to the end of its last sample.
+
+    Args:
+        seen: The judged windows.
+        stretches: When the first breach began, and a sample of the last one, in order of time.
+    """
+    ends = [_Way(began_s, last_s) for began_s, last_s in stretches]
+    for window, bound in _stopping(seen) if ends else ():
+        for way in ends:
+            way.find_end(window, bound)
+    for way in ends:
+        way.begin()
+    before: tuple[Watched, _Stopping] | None = None
+    for window, bound in _stopping(seen) if ends else ():
+        for way in ends:
+            way.take(window, bound, before)
+        before = window, bound
+    return [way.quantities() for way in ends]
+
+
+class _Way:
+    """The way from the beginning of a breach to the sample after the breach of another."""
+
+    def __init__(self, began_s: float, last_s: float) -> None:
+        self._began_s, self._last_s = began_s, last_s
+        self._end_s, self._found, self._steps = began_s, False, 0
+        self._largest = 0.0
+
+    def find_end(self, window: Watched, bound: _Stopping) -> None:
+        """Look for the first sample after the last breach, and count those on the way."""
+        t = window.t
+        if self._found or t[-1] <= self._began_s:
+            return
+        assert bound.applies is not None  # breaches are where it applies
+        over = (t > self._last_s) & ~(bound.applies & (bound.began_s < t))
+        self._found = bool(over.any())
+        end = int(np.argmax(over)) if self._found else len(t) - 1
+        self._end_s = float(t[end])
+        self._steps += end + 1 - int(t.searchsorted(self._began_s, side="right"))
+
+    def begin(self) -> None:
+        """Now that it is known how many samples it has."""
+        self._travelled, self._extra = Total(self._steps), Total(self._steps)
+
+    def take(self, window: Watched, bound: _Stopping, before: tuple[Watched, _Stopping] | None) -> None:
+        """Add the steps that end in a window."""
+        t, speed, excess = window.t, bound.actual, bound.excess_m_s
+        if t[0] > self._end_s or t[-1] < self._began_s:
+            return
+        if before is not None:
+            earlier, bound_then = before
+            t = np.concatenate([earlier.t[-1:], t])
+            speed = np.concatenate([bound_then.actual[-1:], speed])
+            excess = np.concatenate([bound_then.excess_m_s[-1:], excess])
+        part = slice(int(t.searchsorted(self._began_s)), int(t.searchsorted(self._end_s, side="right")))
+        t, speed, excess = t[part], speed[part], excess[part]
+        lasts_s = np.diff(t)
+        self._travelled.take(lasts_s * (speed[1:] + speed[:-1]) / 2.0)
+        self._extra.take(lasts_s * (excess[1:] + excess[:-1]) / 2.0)
+        within = excess if not self._found else excess[t < self._end_s]
+        self._largest = max(self._largest, float(within.max(initial=0.0)))
+
+    def quantities(self) -> dict[str, float]:
+        """What was measured of it."""
+        return {
+            "travel_m": self._travelled.value,
+            "extra_travel_m": self._extra.value,
+            "excess_max_m_s": self._largest,
+        }
 
 
 def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> Any:
@@ -838,6 +995,32 @@ def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> Any:
     return np.maximum.accumulate(np.where(goes_on, 0, index))
 
 
-def _evidence(subject: str, watched: Watched, row: int, required_m: FloatArray) -> tuple[Sample, ...]:
-    required = Sample(f"required_distance/{subject}", float(watched.t[row]), float(required_m[row]), "m")
-    return (*watched.samples(row), required)
+class RunStarts:
+    """`first_of_runs` window by window: what was in the first row of the run that each row belongs to.
+
+    Args:
+        longest_s: A hole in the samples longer than this ends a run.
+
+    >>> starts = RunStarts(1.0)
+    >>> starts.take(np.array([0.0, 1.0]), np.array([False, True]), np.array([5.0, 6.0]))[0].tolist()
+    [5.0, 6.0]
+    >>> starts.take(np.array([2.0, 3.0]), np.array([True, False]), np.array([7.0, 8.0]))[0].tolist()
+    [6.0, 8.0]
+    """
+
+    def __init__(self, longest_s: float) -> None:
+        self._longest_s = longest_s
+        self._last_s = -math.inf
+        self._going: list[Any] | None = None
+
+    def take(self, t: FloatArray, holds: BoolArray, *columns: Any) -> list[Any]:
+        """Of each column its values in the first rows of the runs, shape (n,); n is at least 1."""
+        first = first_of_runs(t, holds, self._longest_s)
+        found = [column[first] for column in columns]
+        if self._going is not None and holds[0] and t[0] - self._last_s <= self._longest_s + 1e-9:
+            leading = first == 0
+            for column, started in zip(found, self._going, strict=True):
+                column[leading] = started
+        self._last_s = float(t[-1])
+        self._going = [column[-1] for column in found] if holds[-1] else None
+        return found

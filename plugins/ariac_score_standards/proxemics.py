@@ -4,25 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from ariac_score import SignalNeed, Trial, check_parameters, parameter, sample_durations
+from ariac_score import SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.severity import (
     APART,
     MEETING,
+    Blame,
     Bound,
-    Episode,
+    Constant,
     Meeting,
     Rules,
     Said,
     Sampled,
+    Several,
     Told,
-    limit_findings,
+    Total,
+    exposure_of,
+    findings_of,
     meeting_needs,
 )
-from ariac_score_standards.watching import FloatArray, Subject, Watched, pairs_of, watch_subjects
+from ariac_score_standards.watching import (
+    BoolArray,
+    FloatArray,
+    Subject,
+    Watched,
+    Watching,
+    pairs_of,
+    watch_subjects,
+)
 
 ZONES_M: Mapping[str, float] = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
 """Upper border of each zone, m (verified: hunav_sim metrics); beyond the last it is public."""
@@ -138,23 +151,55 @@ class ProximityComfort(Sampled):
             kinds=("robot", "human"),
         )
 
-    def _judge(self, subject: Subject, watched: Watched, radii: Mapping[str, float]) -> Iterator[Said]:
+    def _time_s(self, window: Watched, contact_m: float) -> FloatArray:
+        """Time to collision at each sample, at most the horizon, s."""
+        apart = (window["position/{human}"] - window["position/{robot}"])[:, :2]
+        relative = (window["velocity/{human}"] - window["velocity/{robot}"])[:, :2]
+        return np.minimum(time_to_collision_s(apart, relative, contact_m), self.horizon_s)
+
+    def _judge(self, subject: Subject, watched: Watching, radii: Mapping[str, float]) -> Iterator[Said]:
         contact = radii[subject.bodies["robot"]] + radii[subject.bodies["human"]]
-        apart = (watched["position/{human}"] - watched["position/{robot}"])[:, :2]
-        relative = (watched["velocity/{human}"] - watched["velocity/{robot}"])[:, :2]
-        time = np.minimum(time_to_collision_s(apart, relative, contact), self.horizon_s)
-        distance = watched["separation/{robot}/{human}"]
-        shares = zone_shares(distance, sample_durations(watched.t, longest_s=watched.max_gap_s))
-        quantities = {f"share_{zone}": share for zone, share in shares.items()}
-        quantities["time_to_collision_min_s"] = float(time.min())
-        quantities["distance_min_m"] = float(distance.min())
-        meeting = Meeting.of(watched)
-        quantities |= meeting.exposure(watched)
 
-        def told(episode: Episode | None) -> Told:
-            return Told(quantities, {} if episode is None else meeting.labels(episode.rows))
+        def bound(window: Watched) -> Bound:
+            time = self._time_s(window, contact)
+            return Bound("time to collision", time, np.full_like(time, self.min_time_to_collision_s), "s")
 
-        limit = np.full_like(time, self.min_time_to_collision_s)
-        bound = Bound("time to collision", time, limit, "s")
+        quantities = {f"share_{zone}": share for zone, share in _shares(watched).items()}
+        quantities["time_to_collision_min_s"] = min(
+            float(self._time_s(window, contact).min()) for window in watched
+        )
+        quantities["distance_min_m"] = min(float(window[APART].min()) for window in watched)
+        quantities |= exposure_of(watched)
+        told = Told(quantities)
         rules = Rules(self._clause, self.t_on_s, self.t_off_s)
-        yield from limit_findings(subject.name, watched, bound, rules, told)
+        yield from findings_of(
+            subject.name,
+            watched,
+            lambda: bound,
+            rules,
+            gathered=lambda: Several(Constant(told), Blame(Meeting.of)),
+            idle=lambda: told,
+        )
+
+
+def _shares(watched: Watching) -> dict[str, float]:
+    """`zone_shares` window by window."""
+    borders = [-np.inf, *ZONES_M.values(), np.inf]
+    zones = dict(zip((*ZONES_M, "public"), pairwise(borders), strict=True))
+
+    def within(window: Watched, zone: str) -> BoolArray:
+        low, high = zones[zone]
+        inside: BoolArray = (window[APART] >= low) & (window[APART] < high)
+        return inside
+
+    samples = dict.fromkeys(zones, 0)
+    for window in watched:
+        for zone in zones:
+            samples[zone] += int(within(window, zone).sum())
+    whole, totals = Total(len(watched)), {zone: Total(count) for zone, count in samples.items()}
+    for window in watched:
+        weights_s = window.durations_s
+        whole.take(weights_s)
+        for zone, total in totals.items():
+            total.take(weights_s[within(window, zone)])
+    return {zone: total.value / whole.value if whole.value > 0 else 0.0 for zone, total in totals.items()}

@@ -21,7 +21,7 @@ source, and checked by `check_parameters`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from ariac_score import (
     Course,
+    Episodes,
     Finding,
     Sample,
     SignalNeed,
@@ -38,7 +39,7 @@ from ariac_score import (
     episodes_where,
     sample_durations,
 )
-from ariac_score_standards.watching import BoolArray, FloatArray, Watched
+from ariac_score_standards.watching import BoolArray, FloatArray, Watched, Watching
 
 STANDSTILL_SPEED_M_S = 0.01
 """Above this a robot moves (monitor catalogue, M7; ARIAC 2023 uses the same for AGVs)."""
@@ -170,40 +171,63 @@ class Bound:
         return self.limit - self.actual if self.at_most else self.actual - self.limit
 
 
+Judging = Callable[[Watched], Bound]
+"""What was, and what may be, in one window; windows come one after the other."""
+
+
 @dataclass(frozen=True, eq=False)
 class Seen:
     """One limit of one subject, as it was judged: its findings and its margins come from the same numbers.
 
     Attributes:
         subject: Whom it is about.
-        watched: The signals.
-        bound: What was, and what may be.
+        watched: The signals, window by window.
+        begin: How each window is judged, once through the trial.
+        apart: Whether a window can be judged without those before it.
     """
 
     subject: str
-    watched: Watched
-    bound: Bound
+    watched: Iterable[Watched]
+    begin: Callable[[], Judging]
+    apart: bool = True
+
+    @classmethod
+    def at_once(cls, subject: str, watched: Watched, bound: Bound) -> Seen:
+        """Of something that was judged as a whole."""
+        return cls(subject, [watched], lambda: lambda _watched: bound)
 
     @property
     def course(self) -> Course:
         """The same over time; without a limit where it does not apply."""
-        limit = np.where(self.limited, self.bound.limit, np.nan)
-        return Course(
-            self.subject,
-            self.bound.what,
-            self.bound.unit,
-            self.watched.t,
-            self.bound.actual,
-            limit,
-            self.bound.at_most,
-            self.watched.max_gap_s,
-        )
+        judge = self.begin()
+        windows = [(watched, judge(watched)) for watched in self.watched]
+        return course_of(self.subject, windows)
 
-    @property
-    def limited(self) -> BoolArray:
-        """Where there is a limit, shape (n,)."""
-        limited: BoolArray = np.isfinite(self.bound.limit)
-        return limited if self.bound.applies is None else limited & self.bound.applies
+
+def limited_by(bound: Bound) -> BoolArray:
+    """Where there is a limit, shape (n,)."""
+    limited: BoolArray = np.isfinite(bound.limit)
+    return limited if bound.applies is None else limited & bound.applies
+
+
+def course_of(subject: str, windows: Sequence[tuple[Watched, Bound]]) -> Course:
+    """What was beside what may be, of judged windows."""
+    limits = [np.where(limited_by(bound), bound.limit, np.nan) for _, bound in windows]
+    first = windows[0][1]
+    return Course(
+        subject,
+        first.what,
+        first.unit,
+        _joined([watched.t for watched, _ in windows]),
+        _joined([bound.actual for _, bound in windows]),
+        _joined(limits),
+        first.at_most,
+        windows[0][0].max_gap_s,
+    )
+
+
+def _joined(parts: Sequence[FloatArray]) -> FloatArray:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 Said = Finding | Seen
@@ -285,7 +309,7 @@ def limit_findings(
 ) -> Iterator[Said]:
     """One finding for each episode beyond a limit; else the closest moment, if no gap hides one.
 
-    What they rest on comes first.
+    What they rest on comes first. All samples are judged at once; see `findings_of` for windows.
 
     Args:
         subject: Whom it is about.
@@ -294,9 +318,8 @@ def limit_findings(
         rules: How samples become findings.
         more: What else to tell about an episode, or (given `None`) about a subject without any.
     """
-    seen = Seen(subject, watched, bound)
-    yield seen
-    margin, limited = bound.margin, seen.limited
+    yield Seen.at_once(subject, watched, bound)
+    margin, limited = bound.margin, limited_by(bound)
     episodes = episodes_of(
         watched,
         limited & (margin < 0),
@@ -307,51 +330,93 @@ def limit_findings(
         t_off_s=rules.t_off_s,
     )
     for episode in episodes:
-        yield _broken(subject, watched, bound, rules, episode, more(episode))
+        moment = Moment.of(watched, bound, episode.worst, subject)
+        yield broken(subject, moment, rules, episode.span, episode.quantities, more(episode))
     if not episodes and not watched.gaps:
-        yield _kept(subject, watched, bound, rules, limited, more(None))
+        rows = np.flatnonzero(limited)
+        closest = int(rows[np.argmin(margin[rows])]) if len(rows) else None
+        at_best = None if closest is None else Moment.of(watched, bound, closest, subject)
+        yield kept(subject, at_best, rules, more(None) if at_best else Told())
 
 
-def _broken(
-    subject: str, watched: Watched, bound: Bound, rules: Rules, episode: Episode, told: Told
+@dataclass(frozen=True)
+class Moment:
+    """One sample beside its limit: the worst of an episode, or the closest of all.
+
+    Attributes:
+        what: Name of what is measured.
+        t_s: When, s.
+        actual: What was.
+        limit: What may be.
+        margin: Signed distance to the limit.
+        unit: Of these.
+        at_most: Whether the limit is an upper one.
+        evidence: What was measured then.
+    """
+
+    what: str
+    t_s: float
+    actual: float
+    limit: float
+    margin: float
+    unit: str
+    at_most: bool
+    evidence: tuple[Sample, ...]
+
+    @classmethod
+    def of(cls, watched: Watched, bound: Bound, row: int, subject: str) -> Moment:
+        """That of one row."""
+        return cls(
+            bound.what,
+            float(watched.t[row]),
+            float(bound.actual[row]),
+            float(bound.limit[row]),
+            float(bound.margin[row]),
+            bound.unit,
+            bound.at_most,
+            _evidence(watched, bound, row, subject),
+        )
+
+    @property
+    def relation(self) -> str:
+        """The limit in words."""
+        return f"{'at most' if self.at_most else 'at least'} {self.limit:.3f}"
+
+
+def broken(
+    subject: str, worst: Moment, rules: Rules, span: Span, quantities: Mapping[str, float], told: Told
 ) -> Finding:
-    worst = episode.worst
-    relation = "at most" if bound.at_most else "at least"
+    """The finding about an episode."""
     return Finding(
         subject,
         Verdict.VIOLATED,
-        f"{bound.what} beyond its limit for {episode.quantities['time_in_violation_s']:.2f} s; at worst "
-        f"{bound.actual[worst]:.3f} {bound.unit} ({relation} {bound.limit[worst]:.3f}), "
-        f"at {watched.t[worst]:.3f} s",
-        span=episode.span,
-        robustness=float(bound.margin[worst]),
-        unit=bound.unit,
-        quantities={**episode.quantities, **told.quantities},
+        f"{worst.what} beyond its limit for {quantities['time_in_violation_s']:.2f} s; at worst "
+        f"{worst.actual:.3f} {worst.unit} ({worst.relation}), at {worst.t_s:.3f} s",
+        span=span,
+        robustness=worst.margin,
+        unit=worst.unit,
+        quantities={**quantities, **told.quantities},
         labels=told.labels,
-        evidence=_evidence(watched, bound, worst, subject),
+        evidence=worst.evidence,
         clause=rules.clause,
         critical=rules.critical,
     )
 
 
-def _kept(
-    subject: str, watched: Watched, bound: Bound, rules: Rules, limited: BoolArray, told: Told
-) -> Finding:
-    rows = np.flatnonzero(limited)
-    if not len(rows):
+def kept(subject: str, closest: Moment | None, rules: Rules, told: Told) -> Finding:
+    """The finding where there was no episode."""
+    if closest is None:
         return Finding.not_applicable(subject, rules.idle, clause=rules.clause)
-    closest = int(rows[np.argmin(bound.margin[rows])])
-    relation = "at most" if bound.at_most else "at least"
     return Finding(
         subject,
         Verdict.SATISFIED,
-        f"{bound.what} keeps its limit; closest {bound.actual[closest]:.3f} {bound.unit} "
-        f"({relation} {bound.limit[closest]:.3f}), at {watched.t[closest]:.3f} s",
-        robustness=float(bound.margin[closest]),
-        unit=bound.unit,
-        quantities={**no_severities(bound.unit), **told.quantities},
+        f"{closest.what} keeps its limit; closest {closest.actual:.3f} {closest.unit} "
+        f"({closest.relation}), at {closest.t_s:.3f} s",
+        robustness=closest.margin,
+        unit=closest.unit,
+        quantities={**no_severities(closest.unit), **told.quantities},
         labels=told.labels,
-        evidence=_evidence(watched, bound, closest, subject),
+        evidence=closest.evidence,
         clause=rules.clause,
     )
 
@@ -361,6 +426,228 @@ def _evidence(watched: Watched, bound: Bound, row: int, subject: str) -> tuple[S
         return watched.samples(row)
     limit = Sample(f"{bound.evidence}/{subject}", float(watched.t[row]), float(bound.limit[row]), bound.unit)
     return (*watched.samples(row), limit)
+
+
+# The same window by window ---------------------------------------------------------------------
+
+
+class Gathered:
+    """What is gathered over the windows of an episode, to be told in its finding; as it is, nothing."""
+
+    def take(self, watched: Watched, bound: Bound, rows: NDArray[np.intp]) -> None:
+        """Rows of the episode, in order; at least one."""
+
+    def told(self) -> Told:
+        """What there is to tell."""
+        return Told()
+
+
+@dataclass(frozen=True)
+class Violation:
+    """An episode of a limit that was judged window by window.
+
+    Attributes:
+        span: From its first to the end of its last violating sample.
+        worst: Its sample with the least margin.
+        quantities: As of `Episode`.
+        told: What was gathered besides.
+    """
+
+    span: Span
+    worst: Moment
+    quantities: Mapping[str, float]
+    told: Told
+
+
+class Judged:
+    """A limit over all windows: its episodes, and the moment closest to it.
+
+    The windows are gone through once, and those with violations once more: what is held
+    does not grow with the trial, for sums are told how many numbers they will get.
+
+    Args:
+        seen: Whose limit, and how it is judged.
+        rules: How samples become findings.
+        broken: Where the limit is broken; by default where the margin is negative.
+        gathered: For each episode what gathers what else is told about it.
+    """
+
+    def __init__(
+        self,
+        seen: Seen,
+        rules: Rules,
+        *,
+        broken: Callable[[Bound], BoolArray] | None = None,
+        gathered: Callable[[], Gathered] = Gathered,
+    ) -> None:
+        self._seen, self._gathered = seen, gathered
+        self._broken = broken or (lambda bound: limited_by(bound) & (bound.margin < 0))
+        self.closest: Moment | None = None
+        episodes, longest_s = None, 0.0
+        judge = seen.begin()
+        for watched in seen.watched:
+            bound = judge(watched)
+            if episodes is None:
+                longest_s = watched.max_gap_s
+                episodes = Episodes(t_on_s=rules.t_on_s, t_off_s=rules.t_off_s, longest_s=longest_s)
+            episodes.take(watched.t, self._broken(bound))
+            self._approach(watched, bound)
+        self._stretches = episodes.end() if episodes is not None else []
+        self.violated = bool(self._stretches)
+
+    def _approach(self, watched: Watched, bound: Bound) -> None:
+        """Note the closest moment so far; of equal ones the first."""
+        margin = bound.margin
+        rows = np.flatnonzero(limited_by(bound))
+        if len(rows) < len(margin):
+            margin = margin[rows]
+        if not len(rows):
+            return
+        least = int(np.argmin(margin))
+        if self.closest is None or margin[least] < self.closest.margin:
+            self.closest = Moment.of(watched, bound, int(rows[least]), self._seen.subject)
+
+    def violations(self) -> Iterator[Violation]:
+        """The episodes in time order."""
+        waiting = [_Severities(one.span, one.samples, self._gathered()) for one in self._stretches]
+        judge = self._seen.begin()
+        first = 0
+        for watched in self._seen.watched if waiting else ():
+            end_s = float(watched.t[-1])
+            beside = waiting[first].span.start_s > end_s
+            if beside and self._seen.apart:
+                continue
+            bound = judge(watched)
+            if beside:
+                continue
+            rows = np.flatnonzero(self._broken(bound))
+            times = watched.t[rows]
+            for number in range(first, len(waiting)):
+                span = waiting[number].span
+                if span.start_s > end_s:
+                    break
+                own = rows[times.searchsorted(span.start_s) : times.searchsorted(span.end_s, side="right")]
+                if len(own):
+                    waiting[number].take(watched, bound, own, self._seen.subject)
+            while waiting[first].complete:
+                yield waiting[first].violation()
+                first += 1
+                if first == len(waiting):
+                    return
+
+
+class _Severities:
+    """The severities of one episode, as its samples come."""
+
+    def __init__(self, span: Span, samples: int, gathered: Gathered) -> None:
+        self.span, self._left, self._gathered = span, samples, gathered
+        self._weight_s, self._integral, self._relative_s = Total(samples), Total(samples), Total(samples)
+        self._deepest, self._relative = -np.inf, -np.inf
+        self._worst: Moment | None = None
+
+    @property
+    def complete(self) -> bool:
+        return self._left <= 0
+
+    def take(self, watched: Watched, bound: Bound, rows: NDArray[np.intp], subject: str) -> None:
+        self._left -= len(rows)
+        margin, limit, weight_s = bound.margin[rows], bound.limit[rows], watched.durations_s[rows]
+        depth = np.maximum(-margin, 0.0)
+        relative = np.clip(np.divide(depth, limit, out=np.ones_like(depth), where=limit > 0), 0.0, 1.0)
+        self._weight_s.take(weight_s)
+        self._integral.take(depth * weight_s)
+        self._relative_s.take(relative * weight_s)
+        self._deepest = max(self._deepest, float(depth.max()))
+        self._relative = max(self._relative, float(relative.max()))
+        least = int(np.argmin(margin))
+        if self._worst is None or margin[least] < self._worst.margin:
+            self._worst = Moment.of(watched, bound, int(rows[least]), subject)
+        self._gathered.take(watched, bound, rows)
+
+    def violation(self) -> Violation:
+        assert self._worst is not None  # an episode has a sample
+        depth_name, integral_name = _DEPTH_NAMES.get(self._worst.unit, ("depth_max", "depth_integral"))
+        quantities = {
+            "time_in_violation_s": self._weight_s.value,
+            depth_name: self._deepest,
+            integral_name: self._integral.value,
+            "relative_depth_max": self._relative,
+            "relative_depth_integral_s": self._relative_s.value,
+        }
+        return Violation(self.span, self._worst, quantities, self._gathered.told())
+
+
+class Total:
+    """The sum of numbers that come in parts, to the bit that of all of them at once.
+
+    `numpy` halves a long row of numbers again and again and adds the sums of the halves. So
+    does this, which therefore has to know how many will come.
+
+    >>> total = Total(3)
+    >>> total.take(np.array([1.0])), total.take(np.array([2.0, 3.0])), total.value
+    (None, None, 6.0)
+    """
+
+    def __init__(self, count: int) -> None:
+        self._adding = _adding(count)
+        self._wanted = next(self._adding)
+        self._waiting = np.zeros(0)
+        self.value = 0.0
+
+    def take(self, numbers: FloatArray) -> None:
+        """The next numbers."""
+        waiting = np.concatenate([self._waiting, numbers])
+        while self._wanted and len(waiting) >= self._wanted:
+            part, waiting = waiting[: self._wanted], waiting[self._wanted :]
+            try:
+                self._wanted = self._adding.send(part)
+            except StopIteration as done:
+                self._wanted, self.value = 0, done.value
+        self._waiting = waiting.copy()
+
+
+_ADDED_AT_ONCE = 4096
+
+
+def _adding(count: int) -> Generator[int, FloatArray, float]:
+    """Says how many numbers it wants next; at the end their sum."""
+    if count <= _ADDED_AT_ONCE:
+        numbers = yield count
+        return float(numbers.sum())
+    half = count // 2
+    half -= half % 8
+    first = yield from _adding(half)
+    return first + (yield from _adding(count - half))
+
+
+def findings_of(
+    subject: str,
+    watched: Watching,
+    begin: Callable[[], Judging],
+    rules: Rules,
+    *,
+    gathered: Callable[[], Gathered] = Gathered,
+    idle: Callable[[], Told] = Told,
+    apart: bool = True,
+) -> Iterator[Said]:
+    """As `limit_findings`, window by window.
+
+    Args:
+        subject: Whom it is about.
+        watched: The signals.
+        begin: How each window is judged, once through the trial.
+        rules: How samples become findings.
+        gathered: For each episode what gathers what else is told about it.
+        idle: What else to tell about a subject without any.
+        apart: Whether a window can be judged without those before it.
+    """
+    seen = Seen(subject, watched, begin, apart)
+    yield seen
+    judged = Judged(seen, rules, gathered=gathered)
+    for one in judged.violations():
+        yield broken(subject, one.worst, rules, one.span, one.quantities, one.told)
+    if not judged.violated and not watched.gaps:
+        yield kept(subject, judged.closest, rules, idle() if judged.closest else Told())
 
 
 # Blame, exposure, ways ------------------------------------------------------------------------
@@ -465,11 +752,106 @@ class Meeting:
 
     def exposure(self, watched: Watched) -> dict[str, float]:
         """`exposure_s` of the whole trial, where the log tells it of every sample; else nothing."""
-        if not (np.isfinite(self.distance_m) & np.isfinite(self.robot_speed_m_s)).all():
+        if not self.known.all():
             return {}
-        exposed = (self.distance_m <= self.within_m) & (self.robot_speed_m_s > self.standstill_m_s)
-        weights_s = sample_durations(watched.t, longest_s=watched.max_gap_s)
-        return {"exposure_s": float(weights_s[exposed].sum())}
+        return {"exposure_s": float(watched.durations_s[self.exposed].sum())}
+
+    @property
+    def known(self) -> BoolArray:
+        """Where the log tells whether the human is exposed, shape (n,)."""
+        known: BoolArray = np.isfinite(self.distance_m) & np.isfinite(self.robot_speed_m_s)
+        return known
+
+    @property
+    def exposed(self) -> BoolArray:
+        """Where the human is, shape (n,)."""
+        exposed: BoolArray = (self.distance_m <= self.within_m) & (self.robot_speed_m_s > self.standstill_m_s)
+        return exposed
+
+
+def exposure_of(
+    watched: Watching, distance: str = APART, *, meeting: Callable[[Watched], Meeting] | None = None
+) -> dict[str, float]:
+    """`Meeting.exposure` of the whole trial, window by window.
+
+    Args:
+        watched: The signals.
+        distance: As of `Meeting.of`.
+        meeting: Who meets, in a window; by default `Meeting.of`.
+    """
+    meet = meeting or (lambda window: Meeting.of(window, distance))
+    samples = 0
+    for window in watched:
+        met = meet(window)
+        if not met.known.all():
+            return {}
+        samples += int(met.exposed.sum())
+    total = Total(samples)
+    for window in watched if samples else ():
+        total.take(window.durations_s[meet(window).exposed])
+    return {"exposure_s": total.value}
+
+
+class Constant(Gathered):
+    """Tells the same of every episode."""
+
+    def __init__(self, told: Told) -> None:
+        self._told = told
+
+    def told(self) -> Told:
+        """What it was given."""
+        return self._told
+
+
+class Several(Gathered):
+    """Tells what each of several gathers."""
+
+    def __init__(self, *those: Gathered) -> None:
+        self._those = those
+
+    def take(self, watched: Watched, bound: Bound, rows: NDArray[np.intp]) -> None:
+        """Hand the rows to each."""
+        for one in self._those:
+            one.take(watched, bound, rows)
+
+    def told(self) -> Told:
+        """All of it."""
+        told = Told()
+        for one in self._those:
+            told = told + one.told()
+        return told
+
+
+class Blame(Gathered):
+    """The labels of `Meeting`, gathered window by window.
+
+    Args:
+        meeting: Who meets, in a window.
+        before: As of `Meeting.labels`.
+    """
+
+    def __init__(self, meeting: Callable[[Watched], Meeting], *, before: bool = False) -> None:
+        self._meeting, self._before = meeting, before
+        self._closing = ""
+        self._moved, self._unknown = False, False
+
+    def take(self, watched: Watched, bound: Bound, rows: NDArray[np.intp]) -> None:
+        """Who closes in at the first row, and whether the robot moves in any."""
+        del bound
+        meeting = self._meeting(watched)
+        labels = meeting.labels(rows, before=self._before)
+        if not self._closing and self._before and rows[0] == 0 and watched.previous is not None:
+            earlier = self._meeting(watched.previous)
+            last = np.array([len(watched.previous.t) - 1])
+            self._closing = earlier.labels(last)["closing_by"]
+        self._closing = self._closing or labels["closing_by"]
+        self._moved = self._moved or labels["robot_moving"] == "yes"
+        self._unknown = self._unknown or labels["robot_moving"] == "unknown"
+
+    def told(self) -> Told:
+        """Both labels."""
+        moving = "yes" if self._moved else "unknown" if self._unknown else "no"
+        return Told(labels={"robot_moving": moving, "closing_by": self._closing})
 
 
 def travelled_m(t: FloatArray, speed_m_s: FloatArray, span: Span) -> float:

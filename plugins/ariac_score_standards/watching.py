@@ -3,15 +3,17 @@
 A monitor names the signals it wants as templates (`speed/{robot}`) and hands over a
 function that judges one subject. `watch_pairs` asks it about every robot and human,
 `watch_bodies` about every body of a kind, `watch_subjects` about any list. Signals
-come on one time base, cut to the competition; what is missing, and every gap longer
-than the monitor accepts, is said before the judging starts and is never satisfied.
+come on one time base, cut to the competition, window by window (`Watching`); what is
+missing, and every gap longer than the monitor accepts, is said before the judging starts
+and is never satisfied. A judge that needs all samples at once asks for `whole`.
 Flags and modes, which stay as they are until they change, come from `state_over`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from typing import TypeVar
 
 import numpy as np
@@ -23,9 +25,10 @@ from ariac_score import (
     Sample,
     Signal,
     Span,
+    TimeBase,
     Trial,
-    align,
-    uncovered_spans,
+    gaps_between,
+    sample_durations,
 )
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +40,7 @@ ENVIRONMENT = "environment"
 
 @dataclass(frozen=True)
 class Watched:
-    """Signals of one subject on one time base, cut to the competition.
+    """Signals of one subject on one time base, cut to the competition: all of it, or a window of time.
 
     Attributes:
         t: Sample times, shape (n,), s.
@@ -47,6 +50,8 @@ class Watched:
         units: Unit by signal name.
         names: Signal name by template.
         extra: Values of the optional signals the log has, by template; NaN where it has none.
+        until_s: Time of the sample after the last one of these; `None`: there is none.
+        previous: The window before this one; `None`: there is none.
     """
 
     t: FloatArray
@@ -56,9 +61,18 @@ class Watched:
     units: Mapping[str, str]
     names: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, FloatArray] = field(default_factory=dict)
+    until_s: float | None = None
+    previous: Watched | None = None
 
     def __getitem__(self, template: str) -> FloatArray:
         return self.columns[self.names[template]]
+
+    @property
+    def durations_s(self) -> FloatArray:
+        """How long each sample stands for, shape (n,), s."""
+        if self.until_s is None:
+            return sample_durations(self.t, longest_s=self.max_gap_s)
+        return sample_durations(np.append(self.t, self.until_s), longest_s=self.max_gap_s)[:-1]
 
     def samples(self, row: int) -> tuple[Sample, ...]:
         """What was measured in one row, as evidence."""
@@ -66,6 +80,138 @@ class Watched:
             Sample(name, float(self.t[row]), _plain(column[row]), self.units[name])
             for name, column in self.columns.items()
         )
+
+
+class Watching:
+    """Signals of one subject, watched window by window, as often as they are gone through.
+
+    Args:
+        signals: What is watched.
+        max_gap_s: A sample stands for no longer than this, s.
+        window: The competition; `None`: all samples count.
+        names: Signal name by template.
+        helpful: Optional signals by template.
+
+    Attributes:
+        gaps: Stretches of the competition without samples.
+        max_gap_s: As given.
+        names: As given.
+    """
+
+    def __init__(
+        self,
+        signals: Sequence[Signal],
+        max_gap_s: float,
+        window: Span | None,
+        names: Mapping[str, str],
+        helpful: Mapping[str, Signal],
+    ) -> None:
+        self.max_gap_s, self.names = max_gap_s, names
+        self._base = TimeBase(signals, max_gap_s=max_gap_s)
+        self._window, self._helpful = window, helpful
+        self._units = {signal.name: signal.unit for signal in signals}
+        self._numbers = {signal.name: number for number, signal in enumerate(signals)}
+        self._counts: list[int] = []
+        times = self._counted()
+        self.gaps: Sequence[Span] = []
+        if window is not None:
+            self.gaps = gaps_between(times, window, max_gap_s=max_gap_s)
+        for _ in times:  # so that all are counted
+            pass
+
+    def _counted(self) -> Iterator[FloatArray]:
+        for k in range(len(self._base)):
+            t = self._times(k)
+            self._counts.append(len(t))
+            yield t
+
+    def __len__(self) -> int:
+        return sum(self._counts)
+
+    def has(self, template: str) -> bool:
+        """Whether the log has an optional signal."""
+        return template in self._helpful
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample; there has to be one."""
+        last = max(k for k, count in enumerate(self._counts) if count)
+        return float(self._times(last)[-1])
+
+    def __iter__(self) -> Iterator[Watched]:
+        known = [k for k in range(len(self._base)) if self._counts[k]]
+        previous: Watched | None = None
+        for k, following in zip_longest(known, known[1:]):
+            until_s = None if following is None else float(self._times(following)[0])
+            window = self._watched(k, self._times(k), until_s)
+            yield replace(window, previous=previous)
+            previous = window
+
+    def whole(self) -> Watched:
+        """All windows in one."""
+        leader, window = self._base.leader, self._window
+        if leader is not None and not self._helpful:
+            first = 0 if window is None else leader.row(window.start_s)
+            last = len(leader) if window is None else leader.row(float(np.nextafter(window.end_s, np.inf)))
+            columns = {signal.name: signal.stretch(first, last)[1] for signal in self._base.signals}
+            t = leader.times(first, last)
+            return Watched(t, columns, self.gaps, self.max_gap_s, self._units, self.names)
+        windows = list(self)
+        if len(windows) == 1:
+            return windows[0]
+
+        def joined(of: Callable[[Watched], Mapping[str, FloatArray]], name: str) -> FloatArray:
+            return np.concatenate([of(window)[name] for window in windows])
+
+        return Watched(
+            np.concatenate([window.t for window in windows]),
+            {name: joined(lambda w: w.columns, name) for name in self._numbers},
+            self.gaps,
+            self.max_gap_s,
+            self._units,
+            self.names,
+            {template: joined(lambda w: w.extra, template) for template in self._helpful},
+        )
+
+    def _inside(self, t: FloatArray) -> slice:
+        if self._window is None:
+            return slice(0, len(t))
+        return slice(
+            int(t.searchsorted(self._window.start_s)), int(t.searchsorted(self._window.end_s, side="right"))
+        )
+
+    def _times(self, k: int) -> FloatArray:
+        t = self._base.times(k)
+        return t[self._inside(t)]
+
+    def _watched(self, k: int, t: FloatArray, until_s: float | None) -> Watched:
+        base = self._base
+        inside = self._inside(base.times(k))
+        numbers, helpful = self._numbers, self._helpful
+        columns = _Columns(numbers, lambda name: base.values(numbers[name], k)[inside])
+        extra = _Columns(helpful, lambda template: base.beyond(k, helpful[template])[inside])
+        return Watched(t, columns, self.gaps, self.max_gap_s, self._units, self.names, extra, until_s)
+
+
+class _Columns(Mapping[str, FloatArray]):
+    """Columns that are had when they are looked at."""
+
+    def __init__(self, names: Iterable[str], column: Callable[[str], FloatArray]) -> None:
+        self._names, self._column = dict.fromkeys(names), column
+        self._known: dict[str, FloatArray] = {}
+
+    def __getitem__(self, name: str) -> FloatArray:
+        if name not in self._names:
+            raise KeyError(name)
+        if name not in self._known:
+            self._known[name] = self._column(name)
+        return self._known[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 def _plain(value: FloatArray) -> float | tuple[float, ...]:
@@ -99,7 +245,7 @@ def watch_pairs(
     *,
     max_gap_s: float,
     clause: str,
-    judge: Callable[[str, Watched], Iterator[Yielded]],
+    judge: Callable[[str, Watching], Iterator[Yielded]],
     optional: Mapping[str, str] | None = None,
 ) -> Iterator[Finding | Yielded]:
     """Judge every (robot, human) pair; what cannot be judged is said for each pair.
@@ -145,7 +291,7 @@ def watch_subjects(
     *,
     max_gap_s: float,
     clause: str,
-    judge: Callable[[Subject, Watched], Iterator[Yielded]],
+    judge: Callable[[Subject, Watching], Iterator[Yielded]],
     optional: Mapping[str, str] | None = None,
     kinds: tuple[str, ...] = ("robot",),
 ) -> Iterator[Finding | Yielded]:
@@ -174,7 +320,7 @@ def watch_subjects(
             )
             continue
         helpful = _present(trial, subject, optional or {})
-        watched = _watched(trial, signals, max_gap_s, names, helpful)
+        watched = Watching(signals, max_gap_s, trial.window, names, helpful)
         if (trial.started_s is None) != (trial.ended_s is None):
             missing_end = "end" if trial.ended_s is None else "start"
             message = (
@@ -184,7 +330,7 @@ def watch_subjects(
         for gap in watched.gaps:
             message = f"no samples for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
             yield Finding.inconclusive(subject.name, message, span=gap, clause=clause)
-        if len(watched.t):
+        if len(watched):
             yield from judge(subject, watched)
 
 
@@ -195,15 +341,16 @@ def seen(
     *,
     max_gap_s: float,
     optional: Mapping[str, str] | None = None,
-) -> Iterator[tuple[Subject, Watched]]:
+) -> Iterator[tuple[Subject, Watching]]:
     """Every subject whose signals the log has, with what can be judged of it, to be drawn."""
     for subject in subjects:
         names = {template: subject.fill(template) for template in wanted}
         if not trial.signals.keys() >= set(names.values()):
             continue
         signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
-        watched = _watched(trial, signals, max_gap_s, names, _present(trial, subject, optional or {}))
-        if len(watched.t):
+        helpful = _present(trial, subject, optional or {})
+        watched = Watching(signals, max_gap_s, trial.window, names, helpful)
+        if len(watched):
             yield subject, watched
 
 
@@ -231,32 +378,6 @@ def _present(trial: Trial, subject: Subject, optional: Mapping[str, str]) -> dic
         if name in trial.signals:
             found[template] = trial.signal(name, unit=unit)
     return found
-
-
-def _watched(
-    trial: Trial,
-    signals: Sequence[Signal],
-    max_gap_s: float,
-    names: Mapping[str, str],
-    helpful: Mapping[str, Signal],
-) -> Watched:
-    t, columns = align(signals, max_gap_s=max_gap_s)
-    window = trial.window
-    gaps: list[Span] = []
-    if window is not None:
-        inside = slice(t.searchsorted(window.start_s), t.searchsorted(window.end_s, side="right"))
-        t, columns = t[inside], [column[inside] for column in columns]
-        gaps = uncovered_spans(t, window, max_gap_s=max_gap_s)
-    units = {signal.name: signal.unit for signal in signals}
-    by_name = dict(zip([signal.name for signal in signals], columns, strict=True))
-    extra = {template: _where_covered(signal, t, max_gap_s) for template, signal in helpful.items()}
-    return Watched(t, by_name, gaps, max_gap_s, units, names, extra)
-
-
-def _where_covered(signal: Signal, t: FloatArray, max_gap_s: float) -> FloatArray:
-    values = np.array(signal.at(t), dtype=np.float64)
-    values[~signal.covers(t, max_gap_s=max_gap_s)] = np.nan
-    return values
 
 
 # What stays as it is until it changes -------------------------------------------------------

@@ -1,0 +1,288 @@
+"""Monitors go through a trial window by window: what they hold does not grow, what they say stays."""
+
+from __future__ import annotations
+
+import gc
+import runpy
+import tracemalloc
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ariac_score import Body, Signal, Span, Trial, Verdict
+from ariac_score.trial import windows
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.sketch import sketch_of
+from ariac_score_standards import (
+    AgvProtectiveField,
+    AgvSpeedClearance,
+    Always,
+    HandGuiding,
+    HumanContact,
+    Never,
+    PflSpeed,
+    ProximityComfort,
+    ReducedSpeed,
+    SafeguardDistance,
+    SpaceLimit,
+    SsmResponse,
+    SsmSeparation,
+    SsmSpeedCap,
+    Within,
+)
+from ariac_score_standards.iso_ts_15066 import RunStarts, first_of_runs
+from ariac_score_standards.severity import Total
+
+MADE = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "test_margins.py")))
+SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
+DISTANCE = {"v": "speed/{robot}", "d": "separation/{robot}/{human}"}
+
+WINDOWED: dict[str, Any] = {
+    "ssm_separation, seed": SsmSeparation(),
+    "ssm_separation, standard": SsmSeparation(profile="standard", reduced_mass_kg=20.0),
+    "ssm_separation, deceleration": SsmSeparation(
+        profile="standard", stop_model="deceleration", human_speed="measured", t_on_s=0.0, t_off_s=0.03
+    ),
+    "ssm_speed_cap": SsmSpeedCap(profile="standard"),
+    "ssm_response": SsmResponse(profile="standard"),
+    "human_contact": HumanContact(contact_distance_m=0.3),
+    "reduced_speed": ReducedSpeed(t_on_s=0.0),
+    "reduced_speed, zone": ReducedSpeed(applies="human_in_zone", zone=SQUARE),
+    "space_limit": SpaceLimit(area=SQUARE),
+    "pfl_speed, near": PflSpeed(region="chest", when="near", near_m=1.0),
+    "pfl_speed, contact": PflSpeed(region="chest", when="contact", t_off_s=0.05),
+    "hand_guiding": HandGuiding(stop_within_s=0.1),
+    "agv_speed_clearance": AgvSpeedClearance(),
+    "agv_protective_field": AgvProtectiveField(),
+    "safeguard_distance": SafeguardDistance(
+        line=((0.0, -9.0), (0.0, 9.0)), hazard=((3.0, -1.0), (4.0, -1.0), (4.0, 1.0)), stopping_time_s=0.1
+    ),
+    "proximity_comfort": ProximityComfort(),
+    "formula.always": Always(holds="d >= 0.5 * v + 0.3", signals=DISTANCE, unit="m"),
+    "formula.never": Never(holds="v > 1", signals={"v": "speed/{robot}"}, unit="m/s"),
+    "formula.within": Within(trigger="d < 0.5", response="v < 0.1", signals=DISTANCE, within_s=0.2),
+}
+each_windowed = pytest.mark.parametrize("name", WINDOWED)
+
+
+def window_size(samples: int) -> Any:
+    return patch.object(windows, "LARGEST_WINDOW_SAMPLES", samples)
+
+
+def derived(monitor: Any, trial: Trial) -> Trial:
+    return derive_signals(trial, [Derivation(need.quantity, need.max_gap_s) for need in monitor.needs()])
+
+
+# What is said --------------------------------------------------------------------------
+
+
+def said(monitor: Any, trial: Trial) -> list[Any]:
+    """All findings, and all margins, to the bit."""
+    told: list[Any] = [repr(finding) for finding in monitor.watch(trial)]
+    for course in monitor.margins(trial) if hasattr(monitor, "margins") else ():
+        told.append((course.subject, course.what, course.t.tobytes(), course.actual.tobytes()))
+        told.append(course.limit.tobytes())
+    return told
+
+
+@each_windowed
+@settings(max_examples=6, derandomize=True, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([0.05, 0.3]), st.sampled_from([1, 7, 32]))
+def test_findings_and_margins_do_not_depend_on_windows(
+    name: str, seed: int, hole: bool, step: float, samples: int
+) -> None:
+    monitor, trial = WINDOWED[name], MADE.wild_trial(seed, hole=hole, step=step)
+    whole = said(monitor, derived(monitor, trial))  # which has fewer samples than one window
+
+    with window_size(samples):
+        assert said(monitor, derived(monitor, trial)) == whole
+
+
+def two(t: Any, distance_m: Any, speed_m_s: Any = 1.0) -> Trial:
+    """A robot and a human this far apart, the robot this fast."""
+    t = np.array(t, dtype=float)
+    signals = {
+        "separation/r/h": Signal("separation/r/h", "m", t, np.broadcast_to(distance_m, t.shape)),
+        "speed/r": Signal("speed/r", "m/s", t, np.broadcast_to(speed_m_s, t.shape)),
+    }
+    bodies = Body("r", "robot"), Body("h", "human")
+    return Trial("t", bodies=bodies, signals=signals, recorded=Span(float(t[0]), float(t[-1])))
+
+
+CONTACT = HumanContact(max_gap_s=0.15, t_off_s=0.0)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4, 5, 4096])
+def test_an_episode_across_windows_is_one_with_all_its_samples(samples: int) -> None:
+    # Every 0.1 s; 0 m from 0.2 s to before 0.6 s. Contact at 0 m is below the next larger number by it.
+    distance_m = [1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0]
+
+    with window_size(samples):
+        (contact,) = CONTACT.watch(two(np.arange(8) / 10, distance_m))
+
+    assert (contact.verdict, contact.critical) == (Verdict.VIOLATED, True)
+    assert contact.span == Span(0.2, 0.6)
+    assert contact.quantities["time_in_violation_s"] == pytest.approx(0.4)
+    assert contact.labels == {"robot_moving": "yes"}
+    assert contact.quantities["exposure_s"] == pytest.approx(0.7)  # within 5 m of the moving robot
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
+def test_a_gap_between_two_windows_is_said_and_ends_an_episode(samples: int) -> None:
+    t = [0.0, 0.1, 0.2, 0.9, 1.0, 1.1]
+
+    with window_size(samples):
+        gap, first, second = CONTACT.watch(two(t, 0.0))
+
+    assert (gap.verdict, gap.span) == (Verdict.INCONCLUSIVE, Span(0.2, 0.9))
+    assert [first.span, second.span] == [Span(0.0, 0.35), Span(0.9, 1.1)]
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4096])
+def test_a_response_in_a_later_window_is_found_and_one_that_never_comes_is_late(samples: int) -> None:
+    t = np.arange(8) / 10
+    asks = Within(
+        trigger="d < 0.5", response="v < 0.1", signals=DISTANCE, within_s=0.35, max_gap_s=0.15, t_off_s=0.0
+    )
+    distance_m = [1, 0, 1, 1, 1, 1, 1, 1]
+
+    with window_size(samples):
+        (kept,) = asks.watch(two(t, distance_m, [1, 1, 1, 1, 0, 0, 0, 0]))
+        (late,) = asks.watch(two(t, distance_m, 1.0))
+
+    assert kept.quantities["response_s"] == pytest.approx(0.3)
+    assert (late.verdict, late.span) == (Verdict.VIOLATED, Span(0.1, 0.7))
+
+
+@pytest.mark.parametrize("samples", [1, 3, 4096])
+def test_a_formula_without_value_says_of_which_sample_of_all(samples: int) -> None:
+    formula = Always(holds="1 / d > 0", signals=DISTANCE, max_gap_s=0.15)
+    with window_size(samples):
+        (finding,) = formula.watch(two(np.arange(8) / 10, [1, 1, 1, 1, 1, 0, 1, 0]))
+
+    assert finding.verdict is Verdict.INCONCLUSIVE
+    assert "5" in finding.message
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4096])
+def test_a_breach_that_goes_on_is_timed_from_the_window_it_began_in(samples: int) -> None:
+    # Allowed 1 m/s for 0.1 s, then down to 0 within 0.3 s: at rest 0.4 s after the breach at 0.1 s.
+    monitor = SsmResponse(profile="standard", max_gap_s=0.15, t_on_s=0.0, speeds="scalar", delta_m=0.1)
+    with window_size(samples):
+        (late,) = monitor.watch(two(np.arange(10) / 10, [9.0] + [0.0] * 9))
+
+    assert late.verdict is Verdict.VIOLATED
+    assert late.span is not None
+    assert (late.span.start_s, late.span.end_s) == pytest.approx((0.3, 0.9))
+    assert late.quantities["travel_m"] == pytest.approx(0.8)  # 1 m/s from 0.1 s to the last sample
+    # Allowed are 1, 1, 2/3, 1/3, 0 ... m/s; beyond are 0, 0, 1/3, 2/3, 1, 1, 1, 1, 1 m/s, joined by lines.
+    assert late.quantities["extra_travel_m"] == pytest.approx(0.1 * (1 / 3 + 2 / 3 + 4 + 0.5))
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([0.1, 0.5]), st.booleans()), min_size=1, max_size=30),
+    st.lists(st.integers(0, 30), max_size=5),
+)
+@settings(max_examples=60, derandomize=True, deadline=None)
+def test_beginnings_of_runs_do_not_depend_on_windows(rows: list[tuple[float, bool]], cuts: list[int]) -> None:
+    t, holds = np.cumsum([step for step, _ in rows]), np.array([held for _, held in rows])
+    starts, borders = RunStarts(0.2), sorted({0, *(min(cut, len(t)) for cut in cuts), len(t)})
+
+    found = [starts.take(t[a:b], holds[a:b], t[a:b])[0] for a, b in pairwise(borders)]
+
+    assert np.concatenate(found).tolist() == t[first_of_runs(t, holds, 0.2)].tolist()
+
+
+@given(st.integers(0, 40_000), st.integers(0, 2**32 - 1), st.lists(st.integers(0, 40_000), max_size=8))
+@settings(max_examples=40, derandomize=True, deadline=None)
+def test_a_total_of_parts_is_the_sum_of_all_to_the_bit(count: int, seed: int, cuts: list[int]) -> None:
+    numbers = np.random.default_rng(seed).uniform(0.0, 1.0, count) * 10.0 ** np.arange(count).clip(0, 9)
+    total = Total(count)
+    for part in np.split(numbers, sorted(min(cut, count) for cut in cuts)):
+        total.take(part)
+
+    assert total.value == float(numbers.sum())
+
+
+# What is held --------------------------------------------------------------------------
+
+
+def long_trial(samples: int) -> Trial:
+    """As many findings however long it is: everything takes as much longer."""
+    t, part = np.arange(samples) / 100, np.linspace(0.0, 1.0, samples)
+    turn = np.stack([np.cos(6 * part), np.sin(6 * part), 0 * part], axis=1)
+    bodies = (Body("r", "robot", 0.1, ("elbow", "tcp")), Body("h", "human", 0.3), Body("a", "agv", 0.4))
+    positions = {"r": 0 * turn, "r::elbow": turn, "r::tcp": 2 * turn, "h": 3 * turn[::-1], "a": 4 * turn}
+    signals = {f"position/{n}": Signal(f"position/{n}", "m", t, xyz) for n, xyz in positions.items()}
+    shared = signals["position/r"].t
+    for name, unit in (("clearance/a", "m"), ("enabling_device/r", "1")):
+        signals[name] = Signal(name, unit, shared, (part < 0.5) * 1.0)
+    return Trial("t", bodies=bodies, signals=signals, recorded=Span(0.0, float(t[-1])))
+
+
+@pytest.fixture
+def small_windows(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(windows, "LARGEST_WINDOW_SAMPLES", 1000)
+    monkeypatch.setattr(windows, "KEPT_BYTES", 80_000)
+    monkeypatch.setattr(windows, "KEPT_VECTOR_BYTES", 80_000)
+    return iter([None])
+
+
+def held_bytes(of: Callable[[Trial], object], samples: int) -> int:
+    """The most that is held beyond a trial."""
+    trial = long_trial(samples)
+    gc.collect()
+    tracemalloc.start()
+    try:
+        of(trial)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+SAMPLES, GROWTH_BYTES = 10_000, 120_000
+"""30 000 samples more; half of one column of them is 120 000 bytes."""
+
+
+@each_windowed
+@pytest.mark.usefixtures("small_windows")
+def test_what_a_monitor_holds_does_not_grow_with_the_trial(name: str) -> None:
+    monitor = WINDOWED[name]
+
+    def watch(trial: Trial) -> object:
+        return list(monitor.watch(derived(monitor, trial)))
+
+    watch(long_trial(1000))  # what is loaded once is no matter
+    short, long = held_bytes(watch, SAMPLES), held_bytes(watch, 4 * SAMPLES)
+
+    assert long - short < GROWTH_BYTES
+
+
+@pytest.mark.usefixtures("small_windows")
+def test_a_monitor_that_holds_one_column_is_found_out() -> None:
+    def watch(trial: Trial) -> object:
+        return derived(WINDOWED["reduced_speed"], trial).signals["speed/r"].values
+
+    assert held_bytes(watch, 4 * SAMPLES) - held_bytes(watch, SAMPLES) > GROWTH_BYTES
+
+
+@pytest.mark.usefixtures("small_windows")
+def test_courses_are_held_one_at_a_time() -> None:
+    monitor = SsmSeparation()
+
+    def courses(trial: Trial) -> object:
+        return list(monitor.courses(derived(monitor, trial)))
+
+    assert held_bytes(courses, 4 * SAMPLES) - held_bytes(courses, SAMPLES) < GROWTH_BYTES
+    trial = derived(monitor, long_trial(1000))
+    (course,) = monitor.courses(trial)
+    (curve,) = sketch_of(trial, {"separation": [course]}, {}).curves
+    assert curve.samples == len(course.t) == len(course.actual) == len(course.limit) == 1000
