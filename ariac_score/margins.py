@@ -11,8 +11,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from ariac_score.asking import margins_of
 from ariac_score.contracts import OnlineMonitor
@@ -32,6 +31,11 @@ from ariac_score.trial.signals import Sample, Signal
 from ariac_score.trial.sketch import Course
 from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import quantity_of
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from ariac_score.later import numpy as np
 
 __all__ = ["Moment", "Track", "read_again", "tracks"]
 

@@ -92,9 +92,23 @@ def _patterns(data: Any, wanted: Mapping[str, Any], _: Any, definitions: Mapping
     )
 
 
-def _either(data: Any, _: Any, schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> bool:
-    # Whatever the condition says, what keeps both branches keeps the schema.
-    return all(surely_keeps(data, schema.get(branch, True), definitions) for branch in ("then", "else"))
+def _either(data: Any, condition: Any, schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> bool:
+    kept = _decided(data, condition)
+    # Where nothing is known of the condition, what keeps both branches keeps the schema.
+    branches = ("then", "else") if kept is None else ("then" if kept else "else",)
+    return all(surely_keeps(data, schema.get(branch, True), definitions) for branch in branches)
+
+
+def _decided(data: Any, condition: Any) -> bool | None:
+    """Whether data keep a condition about which fields there are; `None` for any other condition."""
+    if isinstance(condition, dict) and len(condition) == 1:
+        ((keyword, inner),) = condition.items()
+        if keyword == "required":
+            return _required(data, inner)
+        if keyword == "not":
+            kept = _decided(data, inner)
+            return None if kept is None else not kept
+    return None
 
 
 def _reference(data: Any, wanted: str, _: Any, definitions: Mapping[str, Any]) -> bool:

@@ -151,11 +151,13 @@ def test_what_is_not_installed_has_no_version() -> None:
         version_of("nobody-has-this")
 
 
-def test_checking_a_rule_set_of_rules_alone_loads_neither_numpy_nor_jsonschema() -> None:
+def test_checking_any_rule_set_loads_neither_numpy_nor_jsonschema() -> None:
     script = (
-        "import sys; from ariac_score.cli import main; main(['rules', 'validate', 'ariac2020.official']); "
+        "import sys; from ariac_score.cli import main; from ariac_score.ruleset import rule_set_names\n"
+        "for name in rule_set_names(): assert main(['rules', 'validate', name]) == 0\n"
         "print(*({'numpy', 'jsonschema', 'importlib.metadata', 'rosbags'} & {*sys.modules}))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
 
-    assert done.stdout == "ariac2020.official: sound, 4 checks\n\n"
+    assert "ariac2020.official: sound, 4 checks\n" in done.stdout
+    assert done.stdout.endswith("\n\n")

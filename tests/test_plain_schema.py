@@ -90,6 +90,34 @@ def test_what_surely_keeps_a_schema_keeps_it(data: Any, wanted: Any) -> None:
         assert Draft202012Validator(whole).is_valid(data)
 
 
+FIELDS = st.lists(st.sampled_from("abc"), max_size=2, unique=True)
+CONDITIONS = st.recursive(
+    st.one_of(FIELDS.map(lambda names: {"required": names}), KEYWORDS.map(lambda pair: dict([pair]))),
+    lambda inner: inner.map(lambda condition: {"not": condition}),
+    max_leaves=3,
+)
+
+
+@given(DATA, CONDITIONS, SCHEMAS, SCHEMAS)
+@settings(max_examples=400, deadline=None)
+def test_a_condition_never_lets_the_wrong_branch_count(
+    data: Any, condition: Any, then: Any, other: Any
+) -> None:
+    wanted = {"if": condition, "then": then, "else": other}
+    if surely_keeps(data, wanted, {"one": {"type": "string"}}):
+        assert Draft202012Validator({**wanted, "$defs": {"one": {"type": "string"}}}).is_valid(data)
+
+
+def test_of_a_condition_about_fields_only_one_branch_counts() -> None:
+    wanted = {"if": {"not": {"required": ["a"]}}, "then": {"required": ["b"]}, "else": {"required": ["c"]}}
+
+    assert surely_keeps({"b": 1}, wanted, {})
+    assert surely_keeps({"a": 1, "c": 1}, wanted, {})
+    assert not surely_keeps({"c": 1}, wanted, {})
+    assert not surely_keeps({"a": 1, "b": 1}, wanted, {})
+    assert surely_keeps("a text has no fields that it could lack", wanted, {})
+
+
 RULES = sorted(shipped_rules().items())
 WHOLE = [path for _, path in RULES if "rules" in (yaml.safe_load(path.read_text(encoding="utf-8")) or {})]
 

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import floor, inf
-from typing import Literal
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Literal
 
 from ariac_score import (
     Arrivals,
@@ -52,6 +49,12 @@ from ariac_score_standards.watching import (
     looked_for,
     watch_pairs,
 )
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from ariac_score.later import numpy as np
 
 _CONTACT_CLAUSE = "ARIAC 2022 scoring, robot-human collision"
 

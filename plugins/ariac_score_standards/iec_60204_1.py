@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Literal
 
 from ariac_score import (
     Event,
@@ -36,6 +34,11 @@ from ariac_score_standards.watching import (
     state_over,
     watch_subjects,
 )
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from ariac_score.later import numpy as np
 
 EMERGENCY_STOP = "emergency_stop"
 PROTECTIVE_STOP = "protective_stop"

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ariac_score import (
     Event,
@@ -64,6 +62,11 @@ from ariac_score_standards.watching import (
     state_over,
     watch_subjects,
 )
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from ariac_score.later import numpy as np
 
 CONTACT = "contact"
 """Event kind: robot and human (subject `robot/human`) touch; the detail names the body region."""

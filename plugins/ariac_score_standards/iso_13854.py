@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from ariac_score import ParameterFacts, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.severity import Bound, Rules, Said, Sampled, Told, limit_findings
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watching, pairs_of, watch_subjects
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from ariac_score.later import numpy as np
 
 _SEEN = ParameterFacts("m", "verified", "sample of ISO 13854 quoted in a public research note")
 _MEMORY = ParameterFacts("m", "from memory", "ISO 13854")

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ariac_score import Finding, SignalNeed, Trial, Verdict, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
@@ -38,6 +36,11 @@ from ariac_score_standards.watching import (
     pairs_of,
     watch_subjects,
 )
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from ariac_score.later import numpy as np
 
 Edition = Literal["2010", "2024"]
 Arrangement = Literal["orthogonal", "whole_body", "parallel", "two_hand", "interlocked_guard"]

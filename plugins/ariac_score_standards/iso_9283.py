@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ariac_score import Finding, Limit, Signal, SignalNeed, Trial, Verdict, check_parameters, parameter
 from ariac_score_standards.watching import FloatArray, Subject, bodies_of, looked_for, nobody
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from ariac_score.later import numpy as np
 
 ATTAINED = "pose_attained"
 """Event kind: a body or link (its subject) has attained a commanded pose; the detail may name the pose."""

@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Literal
 
 from ariac_score import (
     Body,
@@ -62,6 +60,11 @@ from ariac_score_standards.watching import (
     seen,
     watch_pairs,
 )
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from ariac_score.later import numpy as np
 
 _CLAUSE = "derived from ISO/TS 15066:2016, 5.5.4"
 

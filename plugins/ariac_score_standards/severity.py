@@ -23,9 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from ariac_score import (
     Course,
@@ -40,6 +38,12 @@ from ariac_score import (
     sample_durations,
 )
 from ariac_score_standards.watching import BoolArray, FloatArray, Watched, Watching
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from ariac_score.later import numpy as np
 
 STANDSTILL_SPEED_M_S = 0.01
 """Above this a robot moves (monitor catalogue, M7; ARIAC 2023 uses the same for AGVs)."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Literal
 
 from ariac_score import (
     QUANTITIES,
@@ -24,6 +22,11 @@ from ariac_score import (
 )
 from ariac_score_standards.severity import EXPOSURE_DISTANCE_M, STANDSTILL_SPEED_M_S, covered_share
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject, looked_for, nobody, pairs_of
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from ariac_score.later import numpy as np
 
 _BACKWARDS = "disordered_stamps"
 _CLAUSE = "signal coverage (monitor catalogue, 1.4 and M19)"
