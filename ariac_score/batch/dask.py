@@ -29,9 +29,10 @@ _CONNECT_S = 20
 class DaskExecutor:
     """Runs tasks on a cluster.
 
-    A worker that is lost takes its run to another one. What was with several that were lost is put
-    off to the end and then tried alone, for most of it only stood beside the run that took them; one
-    that takes worker after worker with it even then is given up, by name.
+    A worker that is lost takes its run to another one. What was with several that were lost, or whose own
+    process was killed again and again, is put off to the end and then tried alone, for most of it only
+    stood beside the run that took them; one that takes worker after worker with it even then is given
+    up, by name.
 
     The setting goes with every task: what is kept on the workers is lost with them.
 
@@ -55,7 +56,7 @@ class DaskExecutor:
             for future in finished:
                 task = under_way.pop(future)
                 done = self._result(future, task)
-                if done is None:
+                if done is None or done.put_off:
                     suspects.append(task)
                 else:
                     yield done
@@ -68,11 +69,12 @@ class DaskExecutor:
                 yield self._alone(task, setting)
 
     def _alone(self, task: Task, setting: Setting) -> Done:
+        done = None
         for _ in range(_ALONE):
             done = self._result(self._submit(task, setting), task)
-            if done is not None:
-                return done
-        return lost(task, "killed", "worker after worker that scored it was lost")
+            if done is not None and not done.put_off:
+                break
+        return done or lost(task, "killed", "worker after worker that scored it was lost")
 
     def _submit(self, task: Task, setting: Setting) -> Any:
         return self.client.submit(

@@ -195,7 +195,8 @@ class LocalExecutor:
         deaths = ended.deaths.and_one(code)
         if not deaths.given_up:
             return deaths
-        return replace(died(task, *deaths.told()), contents=contents, signature=task.signature)
+        done = died(task, *deaths.told())
+        return replace(done, contents=contents, signature=task.signature, put_off=deaths.put_off)
 
 
 def _cleared(ended: _Running) -> str:

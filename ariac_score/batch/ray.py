@@ -40,16 +40,22 @@ class RayExecutor:
             measure_apart
         )
         shared = ray.put(setting)
-        waiting = iter(tasks)
+        waiting, suspects = iter(tasks), list[Task]()
         try:
             room = max(1, int(ray.cluster_resources().get("CPU", 1))) * _AHEAD
             under_way = {measure.remote(absolute(task), shared): task for task in islice(waiting, room)}
             while under_way:
                 (future, *_), _ = ray.wait(list(under_way), num_returns=1)
                 task = under_way.pop(future)
-                yield _result(future, task)
+                done = _result(future, task)
+                if done.put_off:
+                    suspects.append(task)
+                else:
+                    yield done
                 for following in islice(waiting, 1):
                     under_way[measure.remote(absolute(following), shared)] = following
+            for task in suspects:  # alone
+                yield _result(measure.remote(absolute(task), shared), task)
         finally:
             ray.shutdown()
 

@@ -64,6 +64,8 @@ class Done:
         signature: What the file system said of them at that time.
         document: The result or outcome; `None` when it is stored already.
         cpu_s: What its process took of the processor, s; 0 when nobody knows.
+        put_off: Its process was killed by others, as often as it was tried; where many machines are at
+            work, it is worth another try when nothing else is under way.
     """
 
     task: Task
@@ -72,6 +74,7 @@ class Done:
     signature: str
     document: bytes | None
     cpu_s: float = 0.0
+    put_off: bool = False
 
 
 def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
@@ -295,6 +298,7 @@ def report_of(done: Done) -> bytes:
     head = {"address": done.address, "contents": done.contents, "signature": done.signature}
     head["of"] = _told(done.task)
     head["stored"] = "yes" if done.document is None else ""
+    head["put_off"] = "yes" if done.put_off else ""
     used = resource.getrusage(resource.RUSAGE_SELF)
     head["cpu_s"] = str(done.cpu_s or used.ru_utime + used.ru_stime)
     return json.dumps(head).encode("ascii") + b"\n" + (done.document or b"")
@@ -314,8 +318,15 @@ def parse_report(task: Task, report: bytes) -> Done:
     head = json.loads(line)
     if head["of"] != _told(task):
         raise ValueError(f"it is about {head['of']}")
-    stored = None if head["stored"] else document
-    return Done(task, head["address"], head["contents"], head["signature"], stored, float(head["cpu_s"]))
+    return Done(
+        task,
+        head["address"],
+        head["contents"],
+        head["signature"],
+        None if head["stored"] else document,
+        float(head["cpu_s"]),
+        bool(head["put_off"]),
+    )
 
 
 def _keep(limits: Limits, largest_bytes: int) -> None:

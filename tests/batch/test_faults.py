@@ -453,6 +453,23 @@ def test_a_run_that_takes_worker_after_worker_along_is_given_up_and_its_neighbou
     assert (bad.outcome, bad.reason) == ("killed", "worker after worker that scored it was lost")
 
 
+def test_a_run_that_is_killed_again_and_again_on_a_cluster_is_tried_at_last(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.is_killed_beside_others)
+    shutil.copyfile(trials / "a.jsonl", trials / "0_bad.jsonl")
+
+    with cluster(1) as made:
+        found = {
+            done.task.trial: summary_of(done.document or b"").outcome
+            for done in on_a_cluster(made.scheduler_address, ["0_bad.jsonl", "a.jsonl"], trials, tmp_path)
+        }
+
+    assert list(found.items()) == [("a.jsonl", "scored"), ("0_bad.jsonl", "scored")]
+
+
 def test_workers_that_cannot_work_end_the_batch_and_not_the_runs(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
