@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import os
+import socket
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import ray
 
@@ -20,6 +25,11 @@ __all__ = ["RayExecutor", "ray_executor"]
 
 _AHEAD = 4
 """Tasks that wait for each processor of the cluster."""
+_CONNECT_S = 20
+_HINT = (
+    "start one with 'ray start --head', and check address and firewall; "
+    "where it wants a token, set RAY_AUTH_MODE=token"
+)
 
 
 @dataclass
@@ -28,11 +38,16 @@ class RayExecutor:
 
     A worker that is lost takes its run to another one; a run that takes worker after worker with
     it is given up, by name.
+
+    Attributes:
+        measure: What a worker does with a task.
     """
+
+    measure: Callable[[Task, Setting], Done] = measure_apart
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish."""
-        measure = ray.remote(max_retries=STRANGE_HAND_ATTEMPTS, num_cpus=1)(measure_apart)
+        measure = ray.remote(max_retries=STRANGE_HAND_ATTEMPTS, num_cpus=1)(self.measure)
         shared = ray.put(setting)
         waiting = iter(tasks)
         try:
@@ -71,10 +86,37 @@ def ray_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> RayExec
             "how many runs go on at a time is for the cluster to say", hint="drop --jobs; add machines"
         )
     try:
+        _knock(scheduler)
         ray.init(address=scheduler, log_to_driver=False, logging_level="ERROR")
     except (ConnectionError, OSError, ValueError, RuntimeError) as cause:
         raise UsageError(
-            f"the cluster at {scheduler} cannot be reached: {cause}".split("\n", maxsplit=1)[0],
-            hint="start one with 'ray start --head', and check address and firewall",
+            f"the cluster at {scheduler} cannot be reached: {cause}".split("\n", maxsplit=1)[0], hint=_HINT
         ) from cause
     return RayExecutor()
+
+
+def _knock(scheduler: str) -> None:
+    """See that somebody listens at an address: Ray itself takes ten minutes to say that nobody does.
+
+    Raises:
+        OSError: Nobody does.
+        ValueError: It is no address.
+    """
+    address = _current() if scheduler == "auto" else scheduler
+    parts = urlsplit(address if "://" in address else f"//{address}")
+    host, port = parts.hostname, parts.port
+    if not host or not port:
+        return  # Ray says what is wrong with it
+    if not parts.scheme and host in ("localhost", "127.0.0.1", "::1"):
+        host = ray.util.get_node_ip_address()  # where Ray would look for it
+    socket.create_connection((host, port), timeout=_CONNECT_S).close()
+
+
+def _current() -> str:
+    """The cluster that this machine is part of, as far as that is known."""
+    if told := os.environ.get("RAY_ADDRESS"):
+        return told
+    with suppress(OSError):
+        folder = Path(os.environ.get("RAY_TMPDIR") or tempfile.gettempdir())
+        return (folder / "ray" / "ray_current_cluster").read_text(encoding="utf-8").strip()
+    return ""

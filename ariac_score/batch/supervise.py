@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -32,7 +33,8 @@ __all__ = ["DESCRIPTION", "SCHEMA", "Executor", "Report", "run_batch", "unwritab
 SCHEMA = "ariac-score/batch/1"
 DESCRIPTION = "batch.json"
 RULES = "rules.yaml"
-_KEEP_EVERY = 64
+_KEEP_EVERY, _KEEP_AFTER_S = 64, 1.0
+"""So many runs, or those of so long, a cluster may have to score again when the supervisor is killed."""
 
 
 class Executor(Protocol):
@@ -111,7 +113,7 @@ def run_batch(
     setting = replace(setting, earlier_basis=_earlier_basis(store, rule_set, setting, registry))
     seen, rows = Seen(store.root), Rows(work)
     rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
-    outcomes, measured = Counter[str](), list[Measurement]()
+    outcomes, measured, kept_s = Counter[str](), list[Measurement](), time.monotonic()
     now, cpu_s, contradictions, trusted = 0, 0.0, 0, _as_written(store, seen)
     journal: IO[str] | None = None
 
@@ -136,15 +138,16 @@ def run_batch(
                 yield _with_earlier(task, rows)
 
     def look(still: Iterable[Task]) -> None:
-        nonlocal now, cpu_s
+        nonlocal now, cpu_s, kept_s
         for done in executor.run(_told_apart(still, settle), setting):
             known = _addressed(done, basis)
             settle(_kept(known, setting, store))
             seen.note(known.signature, known.contents)
             now += 1
             cpu_s += done.cpu_s
-            if now % _KEEP_EVERY == 0:
+            if now % _KEEP_EVERY == 0 or time.monotonic() - kept_s > _KEEP_AFTER_S:
                 seen.keep()
+                kept_s = time.monotonic()
 
     try:
         journal = store.journal.open("a", encoding="ascii", newline="\n")

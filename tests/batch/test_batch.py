@@ -707,19 +707,6 @@ def test_a_cluster_gives_the_bytes_of_one_machine(trials: Path, tmp_path: Path) 
     assert same(tmp_path / "here", tmp_path / "there")
 
 
-def test_a_ray_cluster_gives_the_same_bytes(trials: Path, tmp_path: Path) -> None:
-    ray = pytest.importorskip("ray", reason="the extra 'ray' is not installed")
-    from ariac_score.batch.ray import RayExecutor, ray_executor  # noqa: PLC0415  # of that extra
-
-    with pytest.raises(UsageError, match="needs an address"):
-        ray_executor(jobs=0, scheduler="", out=tmp_path, work=tmp_path)
-    batch(trials, tmp_path / "here")
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
-    batch(trials, tmp_path / "there", executor=lambda _out, _work: RayExecutor())
-
-    assert same(tmp_path / "here", tmp_path / "there")
-
-
 def test_a_scheduler_that_is_not_there_is_named(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
