@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import ray
 
-from ariac_score.batch.isolated import absolute, measure_apart
+from ariac_score.batch.isolated import absolute, earlier_document, measure_apart
 from ariac_score.batch.local import STRANGE_HAND_ATTEMPTS, lost
 from ariac_score.batch.tasks import Setting, Task
 from ariac_score.batch.worker import Done
@@ -40,25 +40,31 @@ class RayExecutor:
     it is given up, by name.
 
     Attributes:
+        out: Folder of the batch, for what is stored of the runs.
         measure: What a worker does with a task.
     """
 
-    measure: Callable[[Task, Setting], Done] = measure_apart
+    out: Path | None = None
+    measure: Callable[[Task, Setting, bytes], Done] = measure_apart
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish."""
         measure = ray.remote(max_retries=STRANGE_HAND_ATTEMPTS, num_cpus=1)(self.measure)
         shared = ray.put(setting)
+
+        def submitted(task: Task) -> Any:
+            return measure.remote(absolute(task), shared, earlier_document(task, self.out))
+
         waiting = iter(tasks)
         try:
             room = max(1, int(ray.cluster_resources().get("CPU", 1))) * _AHEAD
-            under_way = {measure.remote(absolute(task), shared): task for task in islice(waiting, room)}
+            under_way = {submitted(task): task for task in islice(waiting, room)}
             while under_way:
                 (future, *_), _ = ray.wait(list(under_way), num_returns=1)
                 task = under_way.pop(future)
                 yield _result(future, task)
                 for following in islice(waiting, 1):
-                    under_way[measure.remote(absolute(following), shared)] = following
+                    under_way[submitted(following)] = following
         finally:
             ray.shutdown()
 
@@ -78,7 +84,7 @@ def ray_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> RayExec
     Raises:
         UsageError: No address is given, or nothing answers there.
     """
-    del out, work  # workers may be elsewhere, and see neither
+    del work  # workers may be elsewhere, and do not see it
     if not scheduler:
         raise UsageError("the Ray executor needs an address", hint="--scheduler ray://HOST:10001, or auto")
     if jobs:
@@ -92,7 +98,7 @@ def ray_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> RayExec
         raise UsageError(
             f"the cluster at {scheduler} cannot be reached: {cause}".split("\n", maxsplit=1)[0], hint=_HINT
         ) from cause
-    return RayExecutor()
+    return RayExecutor(out)
 
 
 def _knock(scheduler: str) -> None:

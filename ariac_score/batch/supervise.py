@@ -33,6 +33,8 @@ __all__ = ["DESCRIPTION", "SCHEMA", "Executor", "Report", "run_batch", "unwritab
 SCHEMA = "ariac-score/batch/1"
 DESCRIPTION = "batch.json"
 RULES = "rules.yaml"
+_BEFORE = ".rules-before.yaml"
+"""The rules of the last batch that ended, until this one does: its measurements are still of use."""
 _KEEP_EVERY, _KEEP_AFTER_S = 64, 1.0
 """So many runs, or those of so long, a cluster may have to score again when the supervisor is killed."""
 
@@ -167,13 +169,24 @@ def run_batch(
 def _earlier_basis(store: Store, rule_set: RuleSet, setting: Setting, registry: Registry) -> str:
     """The basis of the rules that scored here before, by the code of now; empty where it is of no use."""
     try:
-        text = (store.root / RULES).read_text(encoding="utf-8")
-        if text == setting.rules:
+        text = _earlier_rules(store, setting)
+        if not text:
             return ""
         earlier = replace(rule_set_from_text(text, file=setting.rules_file), file=setting.rules_file)
         return basis_of(earlier, registry) if needs_alike(earlier, rule_set, registry) else ""
     except (OSError, ValueError, ScoreError):
         return ""  # the first call, or rules that cannot be read any more
+
+
+def _earlier_rules(store: Store, setting: Setting) -> str:
+    """The rules by which most of what is stored was measured, where they are not those of now."""
+    for name in (_BEFORE, RULES):
+        place = store.root / name
+        if place.is_file():
+            text = place.read_text(encoding="utf-8")
+            if text != setting.rules:
+                return text
+    return ""
 
 
 def _with_earlier(task: Task, rows: Rows) -> Task:
@@ -258,6 +271,7 @@ def _as_written(store: Store, seen: Seen) -> bool:
 
 def _finished(store: Store, seen: Seen) -> None:
     seen.note(_TABLES, tables_sha256(store.root))
+    (store.root / _BEFORE).unlink(missing_ok=True)
     store.journal.unlink()
 
 
@@ -317,6 +331,9 @@ def _describe(
         **about,
     }
     text = json.dumps(told, sort_keys=True, indent=1, ensure_ascii=True) + "\n"
+    rules, before = store.root / RULES, store.root / _BEFORE
+    if rules.is_file() and not before.exists() and rules.read_bytes() != setting.rules.encode("utf-8"):
+        store.put(before, rules.read_bytes())
     for name, content in ((DESCRIPTION, text), (RULES, setting.rules)):
         place = store.root / name
         if not place.is_file() or place.read_text(encoding="utf-8") != content:

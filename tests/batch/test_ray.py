@@ -99,15 +99,15 @@ def same(first: Path, second: Path) -> bool:
     return not differing and not errors
 
 
-def dying(marks: Path, which: str, times: int) -> Callable[[Task, Setting], Done]:
+def dying(marks: Path, which: str, times: int) -> Callable[[Task, Setting, bytes], Done]:
     """What a worker does whose machine is lost with some runs, so many times each."""
 
-    def measure(task: Task, setting: Setting) -> Done:
+    def measure(task: Task, setting: Setting, earlier: bytes) -> Done:
         tried = len(list(marks.glob(f"{task.trial}-*")))
         if which in task.trial and tried < times:
             (marks / f"{task.trial}-{tried}").touch()
             os.kill(os.getpid(), signal.SIGKILL)
-        return measure_apart(task, setting)
+        return measure_apart(task, setting, earlier)
 
     return measure
 
@@ -118,7 +118,7 @@ def test_workers_that_are_lost_cost_their_runs_nothing(trials: Path, tmp_path: P
     marks.mkdir()
     score(trials, tmp_path / "here", Inline())
 
-    score(trials, tmp_path / "there", Staying(dying(marks, ".jsonl", times=1)))
+    score(trials, tmp_path / "there", Staying(measure=dying(marks, ".jsonl", times=1)))
 
     assert len(list(marks.iterdir())) == len(NAMES) + 1
     assert same(tmp_path / "here", tmp_path / "there")
@@ -132,7 +132,7 @@ def test_a_run_that_takes_worker_after_worker_with_it_is_given_up_by_name(
     marks = tmp_path / "marks"
     marks.mkdir()
 
-    score(trials, tmp_path / "out", Staying(dying(marks, "bad", times=100)))
+    score(trials, tmp_path / "out", Staying(measure=dying(marks, "bad", times=100)))
 
     found = {name: row.summary.outcome for name, row in rows(tmp_path / "out").items()}
     assert found.pop("d_bad.jsonl") == "killed"
