@@ -29,6 +29,7 @@ __all__ = [
     "Storage",
     "Stored",
     "UnreachableError",
+    "check_inside",
     "is_uri",
     "load_library",
     "name_of",
@@ -172,7 +173,7 @@ class Storage:
             )
         stored = sorted((_stored(info, info["name"], name) for name, info in found), key=lambda s: s.name)
         for file in stored:
-            _check_inside(file.name, self.uri)
+            check_inside(file.name, self.uri)
         if self._web:
             return self.looked_up(stored)
         return stored
@@ -348,8 +349,12 @@ def _stored(info: Mapping[str, Any], path: str, name: str) -> Stored:
     return Stored(path, name, size if isinstance(size, int) and size >= 0 else -1, identity)
 
 
-def _check_inside(name: str, uri: str) -> None:
-    """Refuse names that would lead out of the folder they are put in."""
+def check_inside(name: str, uri: str) -> None:
+    """Refuse names that would lead out of the folder they are put in.
+
+    Raises:
+        UsageError: One does.
+    """
     parts = name.split("/")
     if any(part in ("", ".", "..") for part in parts) or "\0" in name or "\\" in name:
         raise UsageError(
@@ -376,8 +381,9 @@ def _status(cause: BaseException) -> int:
             return 403  # so gcsfs says it
         response = getattr(error, "response", None)
         answer = response.get("ResponseMetadata", {}) if isinstance(response, Mapping) else {}
-        codes = (getattr(error, name, 0) for name in ("status", "code"))
-        for told in (*codes, answer.get("HTTPStatusCode", 0)):
+        # Of its own a `code` is gcsfs's; asked for that of its class, the library of the web complains.
+        codes = (getattr(error, "status", 0), vars(error).get("code", 0), answer.get("HTTPStatusCode", 0))
+        for told in codes:
             code = int(told) if isinstance(told, str) and told.isdecimal() else told
             if isinstance(code, int) and 400 <= code < 600:
                 return code

@@ -215,6 +215,48 @@ def test_a_list_names_runs_wherever_they_lie(trials: Path, web: Web, tmp_path: P
     assert rows(tmp_path / "out")["gone.mcap"].object == ""  # so that the next call asks again
 
 
+LISTED = "# of this folder, unless an address is given\na.mcap\nb c.mcap\nbundle #1/\ncut.mcap\nnote.txt\n"
+
+
+def test_shards_of_a_list_that_lies_elsewhere_join_to_the_bytes_of_the_whole(
+    trials: Path, web: Web, tmp_path: Path
+) -> None:
+    (trials / "list.txt").write_text(f"{LISTED}again {web.url}/trials/a.mcap?x=1\n", encoding="utf-8")
+    here = tmp_path / "here.txt"
+    shutil.copyfile(trials / "a.mcap", trials / "again")
+    here.write_text("".join(f"www/trials/{n}\n" for n in [*LISTED.splitlines()[1:], "again"]), "utf-8")
+    uri, parts = f"{web.url}/trials/list.txt?signature=secret", []
+    for number in (1, 2, 3):
+        web.requests.clear()
+        parts.append(str(tmp_path / f"part_{number}"))
+        code = command(uri, "-o", parts[-1], "--shard", f"{number}/3", "-j", "1")
+        found = set(outcomes(Path(parts[-1])).values())
+        assert code == (0 if found == {"scored"} else 6)
+        asked = {name.rpartition("/")[2] for _, name in web.requests if name.endswith(".mcap")}
+        assert len(asked) < 3  # of the runs of other shards nothing is asked
+
+    assert main(["merge", str(tmp_path / "joined"), *parts]) in (0, 6)
+
+    plan = replace(plan_list(here, RULES), id="list")
+    score(plan, tmp_path / "local")
+    assert {name: row.summary for name, row in rows(tmp_path / "local").items()} == {
+        name: row.summary for name, row in rows(tmp_path / "joined").items()
+    }
+    assert command(uri, "-o", str(tmp_path / "whole"), "-j", "2") == 6
+    assert same(tmp_path / "whole", tmp_path / "joined")
+    texts = b"".join(f.read_bytes() for f in (tmp_path / "joined").rglob("*") if f.is_file())
+    assert b"secret" not in texts
+
+
+@pytest.mark.parametrize("line", ["../a.mcap", "a/../../x", "/etc/passwd", "a\\b"])
+def test_a_list_that_lies_elsewhere_names_nothing_outside_its_folder(
+    trials: Path, web: Web, tmp_path: Path, line: str
+) -> None:
+    (trials / "list.txt").write_text(f"{line}\n", encoding="utf-8")
+    with pytest.raises(UsageError, match="which is no name of a file"):
+        elsewhere(f"{web.url}/trials/list.txt", tmp_path)
+
+
 @pytest.mark.parametrize(
     ("text", "cause"),
     [
@@ -649,7 +691,7 @@ def test_an_empty_folder_and_an_output_elsewhere_are_refused(
 @pytest.mark.parametrize("name", ["../x", "a/../../x", "/etc/passwd", "a//b", "a\\b", "a\0b", "."])
 def test_a_listing_that_leads_out_of_its_folder_is_refused(name: str) -> None:
     with pytest.raises(UsageError, match="which is no name of a file"):
-        remote._check_inside(name, "s3://bucket/x")
+        remote.check_inside(name, "s3://bucket/x")
 
 
 def test_a_name_that_is_a_file_and_a_folder_is_refused(
