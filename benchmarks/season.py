@@ -1,6 +1,6 @@
 """A season that goes wrong in every way, and comes out as if nothing had happened.
 
-    python benchmarks/season.py [--trials 500] [--kills 200] [--supervisor-kills 3] [--executor local dask]
+    python benchmarks/season.py [--trials 500] [--kills 200] [--supervisor-kills 3] [--executor local dask ray]
 
 One run in ten is broken: by its files, or by a plugin that hangs, devours memory, crashes or talks without
 end when it meets it (`trouble.py`, which is installed for this alone). The batch is scored once undisturbed.
@@ -185,12 +185,12 @@ class Season:
     broken: Mapping[str, str]
     time_limit_s: float
 
-    def command(self, out: Path, jobs: int, scheduler: str = "") -> list[str]:
+    def command(self, out: Path, jobs: int, executor: str = "local", scheduler: str = "") -> list[str]:
         """The call that an organiser makes, again and again."""
         score = [sys.executable, "-m", "ariac_score.cli", "batch", str(self.runs), "--rules", str(self.rules)]
         limits = ["--time-limit-s", str(self.time_limit_s)]
         limits += ["--memory-mb", str(MEMORY_MB), "--output-mb", str(OUTPUT_MB)]
-        where = ["--executor", "dask", "--scheduler", scheduler] if scheduler else ["-j", str(jobs)]
+        where = ["--executor", executor, "--scheduler", scheduler] if scheduler else ["-j", str(jobs)]
         return [*score, *limits, "-o", str(out), *where]
 
 
@@ -347,11 +347,36 @@ def _cluster(jobs: int) -> Iterator[tuple[str, Hunt]]:
 
 
 @contextmanager
+def _ray_cluster(jobs: int) -> Iterator[tuple[str, Hunt]]:
+    """A Ray cluster of this machine, likewise."""
+    os.environ["RAY_AUTH_MODE"] = "disabled"  # nobody else is let in
+    import ray  # noqa: PLC0415  # an extra
+
+    ray.init("local", num_cpus=jobs, include_dashboard=False, log_to_driver=False)
+
+    def prey(_supervisor: int) -> _Prey:
+        below = _children(_children({os.getpid()}))
+        workers = [process for process in below if _called(process).startswith(b"ray::")]
+        return _Prey.below(_children(set(workers)), keepers=True, workers=workers)
+
+    try:
+        yield ray.get_runtime_context().gcs_address, prey
+    finally:
+        ray.shutdown()
+
+
+def _called(process: int) -> bytes:
+    with suppress(OSError):
+        return Path(f"/proc/{process}/cmdline").read_bytes()
+    return b""
+
+
+@contextmanager
 def _here(_jobs: int) -> Iterator[tuple[str, Hunt]]:
     yield "", lambda supervisor: _Prey.below({supervisor})
 
 
-PLACES = {"local": _here, "dask": _cluster}
+PLACES = {"local": _here, "dask": _cluster, "ray": _ray_cluster}
 
 
 def _rows(out: Path) -> list[Row]:
@@ -428,7 +453,7 @@ def _disturbed(season: Season, work: Path, told: argparse.Namespace, place: str)
     begun, out = time.perf_counter(), work / f"disturbed_{place}"
     with PLACES[place](told.jobs) as (scheduler, prey):
         killed, calls = disturbed(
-            season.command(out, told.jobs, scheduler),
+            season.command(out, told.jobs, place, scheduler),
             out,
             prey,
             told.kills,

@@ -10,7 +10,7 @@ from typing import Any
 
 import distributed
 
-from ariac_score.batch.isolated import absolute, measure_apart
+from ariac_score.batch.isolated import absolute, earlier_document, measure_apart
 from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS, lost
 from ariac_score.batch.tasks import Setting, Task
 from ariac_score.batch.worker import Done
@@ -38,9 +38,11 @@ class DaskExecutor:
 
     Attributes:
         client: Connected to the scheduler.
+        out: Folder of the batch, for what is stored of the runs.
     """
 
     client: Any
+    out: Path | None = None
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish.
@@ -77,8 +79,9 @@ class DaskExecutor:
         return done or lost(task, "killed", "worker after worker that scored it was lost")
 
     def _submit(self, task: Task, setting: Setting) -> Any:
+        earlier = earlier_document(task, self.out)
         return self.client.submit(
-            measure_apart, absolute(task), setting, pure=False, retries=STRANGE_HAND_ATTEMPTS
+            measure_apart, absolute(task), setting, earlier, pure=False, retries=STRANGE_HAND_ATTEMPTS
         )
 
     def _result(self, future: Any, task: Task) -> Done | None:
@@ -106,7 +109,7 @@ def dask_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> DaskEx
     Raises:
         UsageError: No address is given, or nothing answers there.
     """
-    del out, work  # workers may be elsewhere, and see neither
+    del work  # workers may be elsewhere, and do not see it
     if not scheduler:
         raise UsageError("the Dask executor needs a scheduler", hint="--scheduler tcp://HOST:8786")
     if jobs:
@@ -114,7 +117,7 @@ def dask_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> DaskEx
             "how many runs go on at a time is for the workers to say", hint="drop --jobs; start more workers"
         )
     try:
-        return DaskExecutor(distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False))
+        return DaskExecutor(distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False), out)
     except (OSError, ValueError, TimeoutError) as cause:
         raise UsageError(
             f"the scheduler at {scheduler} cannot be reached: {cause}",

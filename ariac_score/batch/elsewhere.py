@@ -7,6 +7,7 @@ this machine, with `competition.yaml` and what that names, and the rules of a lo
 from __future__ import annotations
 
 import errno
+import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,8 +16,16 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ariac_score.batch.near import mode_of
-from ariac_score.batch.remote import Storage, Stored, is_uri, name_of, shown, signature_of_stored
-from ariac_score.batch.tasks import Plan, Task, plan_batch
+from ariac_score.batch.remote import (
+    Storage,
+    Stored,
+    check_inside,
+    is_uri,
+    name_of,
+    shown,
+    signature_of_stored,
+)
+from ariac_score.batch.tasks import Plan, Task, of_shard, plan_batch
 from ariac_score.datafiles import load_yaml
 from ariac_score.errors import DataFileError, NothingToScoreError, ScoreError, UsageError
 from ariac_score.ranking.competition import FILE
@@ -31,7 +40,9 @@ _MOST_LINES = 100_000
 _AT_A_TIME = 16
 
 
-def plan_elsewhere(uri: str, rules: str, work: Path, *, ranges: bool = False) -> Plan:
+def plan_elsewhere(
+    uri: str, rules: str, work: Path, *, ranges: bool = False, part: tuple[int, int] = (1, 1)
+) -> Plan:
     """Find the runs below a URI, as `plan_batch` finds those of a local folder.
 
     Args:
@@ -39,6 +50,7 @@ def plan_elsewhere(uri: str, rules: str, work: Path, *, ranges: bool = False) ->
         rules: Rule set to use instead of the one a competition names.
         work: An empty folder; the plan may name rules in it, so it has to stay until they are loaded.
         ranges: Whether only parts of recordings are to be fetched.
+        part: Number and count of the shards; of a list, the storage is asked about the runs of this one.
 
     Raises:
         ScoreError: As `plan_batch`; or the storage does not answer, or wants other credentials.
@@ -46,7 +58,7 @@ def plan_elsewhere(uri: str, rules: str, work: Path, *, ranges: bool = False) ->
     if name_of(uri).endswith(LIST_ENDING):
         file = work / name_of(uri)
         _fetch_small(Storage(uri), Storage(uri).file(), file, _LARGEST_TEXT_BYTES)
-        return plan_list(file, rules, ranges=ranges)
+        return plan_list(file, rules, ranges=ranges, part=part, beside=_folder_of(uri))
     if name_of(uri) == FILE:
         uri = uri[: uri.rindex(FILE)]
     storage = Storage(uri)
@@ -55,6 +67,12 @@ def plan_elsewhere(uri: str, rules: str, work: Path, *, ranges: bool = False) ->
     _lay_out(storage, files, here)
     plan = plan_batch(here, rules)
     return replace(plan, tasks=_elsewhere(plan.tasks, files, storage, here, ranges=ranges))
+
+
+def _folder_of(uri: str) -> str:
+    """The folder of a file, without what signs the address of that file alone."""
+    web = uri.startswith(("http://", "https://"))
+    return (re.split(r"[?#]", uri, maxsplit=1)[0] if web else uri).rpartition("/")[0]
 
 
 def _listed(storage: Storage) -> list[Stored]:
@@ -167,11 +185,20 @@ def _elsewhere(
     return tuple(found)
 
 
-def plan_list(file: Path, rules: str, *, ranges: bool = False) -> Plan:
+def plan_list(
+    file: Path, rules: str, *, ranges: bool = False, part: tuple[int, int] = (1, 1), beside: str = ""
+) -> Plan:
     """The runs that a text file lists, one a line: a URI, or a path from the folder of the list.
 
     Before it may stand a name; otherwise the run is called as its file. Empty lines, and what follows
     `#` at the start of a line, are passed over.
+
+    Args:
+        file: The list.
+        rules: Rule set.
+        ranges: Whether only parts of recordings are to be fetched.
+        part: Number and count of the shards; storages are asked about the runs of this one.
+        beside: The URI of the folder of the list, where it was fetched from elsewhere.
 
     Raises:
         DataFileError: Two runs have one name, or a line is none.
@@ -188,7 +215,7 @@ def plan_list(file: Path, rules: str, *, ranges: bool = False) -> Plan:
     tasks: dict[str, Task] = {}
     places: dict[str, int] = {}
     for number, line in lines:
-        name, path = _entry(file, number, line)
+        name, path = _entry(file, number, line, beside)
         if name in tasks:
             raise DataFileError(
                 f"two runs are called {name!r}: here and in line {places[name]}",
@@ -199,9 +226,11 @@ def plan_list(file: Path, rules: str, *, ranges: bool = False) -> Plan:
         tasks[name], places[name] = Task("", name, 1, path), number
     if not tasks:
         raise NothingToScoreError("it lists no run", file=file, hint="write one URI or path a line")
+    ordered = sorted(tasks.values(), key=lambda task: task.key)
     with ThreadPoolExecutor(_AT_A_TIME) as pool:
-        signed = list(pool.map(lambda task: _signed(task, ranges=ranges), tasks.values()))
-    return Plan(file.stem, rules, tuple(sorted(signed, key=lambda task: task.key)))
+        mine = list(of_shard(ordered, *part))
+        signed = dict(zip(mine, pool.map(lambda task: _signed(task, ranges=ranges), mine), strict=True))
+    return Plan(file.stem, rules, tuple(signed.get(task, task) for task in ordered))
 
 
 def _lines(file: Path) -> list[tuple[int, str]]:
@@ -220,7 +249,7 @@ def _lines(file: Path) -> list[tuple[int, str]]:
     return found
 
 
-def _entry(file: Path, number: int, line: str) -> tuple[str, str]:
+def _entry(file: Path, number: int, line: str, beside: str) -> tuple[str, str]:
     """Name and address of a line."""
     words = line.split()
     if not is_uri(line) and len(words) == 2 and is_uri(words[1]):
@@ -234,6 +263,10 @@ def _entry(file: Path, number: int, line: str) -> tuple[str, str]:
                 hint="write %20 for a space; a name stands before the address",
             )
         return name_of(line), line
+    if beside:
+        check_inside(line.rstrip("/"), f"{beside}/{file.name}")
+        uri = Storage(beside).child(line.rstrip("/"), folder=line.endswith("/"))
+        return name_of(uri), uri
     path = file.parent / line
     return path.name, str(path)
 

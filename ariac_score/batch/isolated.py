@@ -18,25 +18,54 @@ from threading import Lock
 from typing import IO, Any
 
 from ariac_score.batch.local import LocalExecutor
+from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.batch.worker import Done, parse_report, report_of
 
-__all__ = ["absolute", "measure_apart"]
+__all__ = ["absolute", "earlier_document", "measure_apart"]
 
 _READY = b"ready\n"
+_LARGEST_SENT_BYTES = 4 << 20
+"""What is sent along with a task; schedulers are not made for more."""
 
 
-def measure_apart(task: Task, setting: Setting) -> Done:
+def measure_apart(task: Task, setting: Setting, earlier: bytes = b"") -> Done:
     """Score one run in a fresh process on this machine.
+
+    Args:
+        task: The run.
+        setting: Rules and limits.
+        earlier: The document of the run that the task names, for this machine may not see the folder
+            of the batch.
 
     Raises:
         OSError: The keeper died, twice; another machine may do better.
     """
     with tempfile.TemporaryDirectory(prefix="ariac-score-") as folder:
         report = Path(folder) / "report"
-        wire = {"task": asdict(task), "setting": asdict(setting), "report": str(report)}
+        out = _laid_out(task, earlier, Path(folder) / "out") if earlier else ""
+        wire = {"task": asdict(task), "setting": asdict(setting), "report": str(report), "out": out}
         _KEEPER.ask(json.dumps(wire).encode("ascii") + b"\n")
         return parse_report(task, report.read_bytes())
+
+
+def earlier_document(task: Task, out: Path | None) -> bytes:
+    """What is stored of a run, to be sent along with its task; empty when that is nothing of use."""
+    if out is None or not task.earlier:
+        return b""
+    try:
+        place = out / task.earlier
+        return place.read_bytes() if place.stat().st_size <= _LARGEST_SENT_BYTES else b""
+    except OSError:
+        return b""
+
+
+def _laid_out(task: Task, earlier: bytes, out: Path) -> str:
+    """The folder of a batch that has this one document."""
+    place = Path(task.earlier)
+    store = Store(out)
+    store.put(store.measured(place.parent.name) / place.name, earlier)
+    return str(out)
 
 
 def absolute(task: Task) -> Task:
@@ -107,6 +136,7 @@ def _serve(lines: IO[bytes], ready: IO[bytes]) -> None:
             wire: dict[str, Any] = json.loads(line)
             task = Task(**{**wire["task"], "also": tuple(wire["task"]["also"])})
             setting = Setting(**{**wire["setting"], "limits": Limits(**wire["setting"]["limits"])})
+            executor.out = Path(wire["out"]) if wire["out"] else None
             (done,) = executor.run([task], setting)
             Path(wire["report"]).write_bytes(report_of(done))
             ready.write(_READY)

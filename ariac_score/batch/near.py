@@ -11,12 +11,14 @@ from ariac_score.batch.address import contents_of
 from ariac_score.batch.remote import Storage, Stored, name_of, shown, signature_of_stored
 from ariac_score.batch.tasks import Task
 from ariac_score.errors import ScoreError
-from ariac_score.logs.mcap_ranges import foresee
+from ariac_score.logs import mcap_ranges, ros1_ranges
 from ariac_score.logs.ranged import RangedFile, reading
 
 __all__ = ["Near", "bring", "mode_of", "name_below", "still_the_same"]
 
 _WORTH_PARTS_BYTES = 1 << 20
+_FORESEEN = {".mcap": mcap_ranges.foresee, ".bag": ros1_ranges.foresee}
+"""Of the formats with an index: fetches what will be read, and says whether that is much less than all."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ def _bring(
     storage: Storage, file: Stored, into: Path, topics: Container[str] | None, parts: list[RangedFile]
 ) -> None:
     """Fetch one file, in parts where that is wanted, can be done, and pays."""
-    if topics is not None and into.suffix == ".mcap" and file.size >= _WORTH_PARTS_BYTES:
+    foresee = _FORESEEN.get(into.suffix)
+    if topics is not None and foresee is not None and file.size >= _WORTH_PARTS_BYTES:
         try:
             found = storage.ranges(file, into)
             if found is not None and foresee(found, topics):

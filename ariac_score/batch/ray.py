@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import os
+import socket
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import ray
 
-from ariac_score.batch.isolated import absolute, measure_apart
+from ariac_score.batch.isolated import absolute, earlier_document, measure_apart
 from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS, lost
 from ariac_score.batch.tasks import Setting, Task
 from ariac_score.batch.worker import Done
@@ -20,6 +25,11 @@ __all__ = ["RayExecutor", "ray_executor"]
 
 _AHEAD = 4
 """Tasks that wait for each processor of the cluster."""
+_CONNECT_S = 20
+_HINT = (
+    "start one with 'ray start --head', and check address and firewall; "
+    "where it wants a token, set RAY_AUTH_MODE=token"
+)
 
 
 @dataclass
@@ -28,7 +38,14 @@ class RayExecutor:
 
     A worker that is lost takes its run to another one; a run that takes worker after worker with
     it is given up, by name.
+
+    Attributes:
+        out: Folder of the batch, for what is stored of the runs.
+        measure: What a worker does with a task.
     """
+
+    out: Path | None = None
+    measure: Callable[[Task, Setting, bytes], Done] = measure_apart
 
     def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish.
@@ -37,13 +54,17 @@ class RayExecutor:
             BatchError: No worker can work.
         """
         measure = ray.remote(max_retries=STRANGE_HAND_ATTEMPTS, retry_exceptions=[OSError], num_cpus=1)(
-            measure_apart
+            self.measure
         )
         shared = ray.put(setting)
+
+        def submitted(task: Task) -> Any:
+            return measure.remote(absolute(task), shared, earlier_document(task, self.out))
+
         waiting, suspects = iter(tasks), list[Task]()
         try:
             room = max(1, int(ray.cluster_resources().get("CPU", 1))) * _AHEAD
-            under_way = {measure.remote(absolute(task), shared): task for task in islice(waiting, room)}
+            under_way = {submitted(task): task for task in islice(waiting, room)}
             while under_way:
                 (future, *_), _ = ray.wait(list(under_way), num_returns=1)
                 task = under_way.pop(future)
@@ -53,9 +74,9 @@ class RayExecutor:
                 else:
                     yield done
                 for following in islice(waiting, 1):
-                    under_way[measure.remote(absolute(following), shared)] = following
+                    under_way[submitted(following)] = following
             for task in suspects:  # alone
-                yield _result(measure.remote(absolute(task), shared), task)
+                yield _result(submitted(task), task)
         finally:
             ray.shutdown()
 
@@ -82,7 +103,7 @@ def ray_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> RayExec
     Raises:
         UsageError: No address is given, or nothing answers there.
     """
-    del out, work  # workers may be elsewhere, and see neither
+    del work  # workers may be elsewhere, and do not see it
     if not scheduler:
         raise UsageError("the Ray executor needs an address", hint="--scheduler ray://HOST:10001, or auto")
     if jobs:
@@ -90,10 +111,37 @@ def ray_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> RayExec
             "how many runs go on at a time is for the cluster to say", hint="drop --jobs; add machines"
         )
     try:
+        _knock(scheduler)
         ray.init(address=scheduler, log_to_driver=False, logging_level="ERROR")
     except (ConnectionError, OSError, ValueError, RuntimeError) as cause:
         raise UsageError(
-            f"the cluster at {scheduler} cannot be reached: {cause}".split("\n", maxsplit=1)[0],
-            hint="start one with 'ray start --head', and check address and firewall",
+            f"the cluster at {scheduler} cannot be reached: {cause}".split("\n", maxsplit=1)[0], hint=_HINT
         ) from cause
-    return RayExecutor()
+    return RayExecutor(out)
+
+
+def _knock(scheduler: str) -> None:
+    """See that somebody listens at an address: Ray itself takes ten minutes to say that nobody does.
+
+    Raises:
+        OSError: Nobody does.
+        ValueError: It is no address.
+    """
+    address = _current() if scheduler == "auto" else scheduler
+    parts = urlsplit(address if "://" in address else f"//{address}")
+    host, port = parts.hostname, parts.port
+    if not host or not port:
+        return  # Ray says what is wrong with it
+    if not parts.scheme and host in ("localhost", "127.0.0.1", "::1"):
+        host = ray.util.get_node_ip_address()  # where Ray would look for it
+    socket.create_connection((host, port), timeout=_CONNECT_S).close()
+
+
+def _current() -> str:
+    """The cluster that this machine is part of, as far as that is known."""
+    if told := os.environ.get("RAY_ADDRESS"):
+        return told
+    with suppress(OSError):
+        folder = Path(os.environ.get("RAY_TMPDIR") or tempfile.gettempdir())
+        return (folder / "ray" / "ray_current_cluster").read_text(encoding="utf-8").strip()
+    return ""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -28,6 +29,7 @@ __all__ = [
     "Storage",
     "Stored",
     "UnreachableError",
+    "check_inside",
     "is_uri",
     "load_library",
     "name_of",
@@ -46,6 +48,7 @@ _AT_A_TIME = 16
 _CONTENT = ("ETag", "etag", "md5Hash", "crc32c", "Content-MD5", "content_md5", "Digest", "generation")
 _TIMES = ("mtime", "created", "ino", "LastModified", "Last-Modified", "last_modified", "updated")
 _SECRET = re.compile(r"[?#].*\Z", re.DOTALL)
+_QUERY = re.compile(r"\?[^\s'\")]+")
 _OWNER = re.compile(r"(\w+://)[^/@\s]*@")
 _URI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z][A-Za-z0-9+.-]*)*://.*", re.DOTALL)
 _LATER = frozenset({408, 425, 429, 500, 502, 503, 504})
@@ -170,7 +173,7 @@ class Storage:
             )
         stored = sorted((_stored(info, info["name"], name) for name, info in found), key=lambda s: s.name)
         for file in stored:
-            _check_inside(file.name, self.uri)
+            check_inside(file.name, self.uri)
         if self._web:
             return self.looked_up(stored)
         return stored
@@ -296,14 +299,24 @@ _AGAIN = "it changed while it was read, or the connection broke: call again"
 def load_library(scheme: str) -> None:
     """Import what reads such URIs, where it is installed; nothing is connected."""
     with suppress(ImportError, ValueError):
-        import fsspec  # noqa: PLC0415  # an extra
+        _fsspec().get_filesystem_class(scheme.rpartition("::")[2])
 
-        fsspec.get_filesystem_class(scheme.rpartition("::")[2])
+
+def _fsspec() -> Any:
+    """The library of storages, with that of gs:// told to ask over HTTP alone.
+
+    Of each bucket gcsfs would first ask its kind, over gRPC. Only zonal buckets need that, and where
+    nobody answers it takes a minute, in the process of every run.
+    """
+    import fsspec  # noqa: PLC0415  # an extra
+
+    os.environ.setdefault("GCSFS_EXPERIMENTAL_ZB_HNS_SUPPORT", "false")
+    return fsspec
 
 
 def _opened(uri: str) -> tuple[Any, str]:
     try:
-        import fsspec  # noqa: PLC0415  # an extra
+        fsspec = _fsspec()
     except ImportError as cause:
         raise UsageError(
             "reading a URI needs fsspec", file=shown(uri), hint="pip install 'ariac-score[remote]'"
@@ -317,6 +330,9 @@ def _opened(uri: str) -> tuple[Any, str]:
             hint="pip install 'ariac-score[remote]' brings those of s3://, gs:// and https://",
         ) from cause
     except Exception as cause:  # noqa: BLE001  # every protocol has errors of its own
+        error = _worded(cause, shown(uri))
+        if isinstance(error, UsageError) or isinstance(cause, OSError):
+            raise error from None  # credentials, or whoever says what they are worth
         raise UsageError(
             f"no storage can be reached by such a URI: {_plain(cause)}",
             file=shown(uri),
@@ -333,8 +349,12 @@ def _stored(info: Mapping[str, Any], path: str, name: str) -> Stored:
     return Stored(path, name, size if isinstance(size, int) and size >= 0 else -1, identity)
 
 
-def _check_inside(name: str, uri: str) -> None:
-    """Refuse names that would lead out of the folder they are put in."""
+def check_inside(name: str, uri: str) -> None:
+    """Refuse names that would lead out of the folder they are put in.
+
+    Raises:
+        UsageError: One does.
+    """
     parts = name.split("/")
     if any(part in ("", ".", "..") for part in parts) or "\0" in name or "\\" in name:
         raise UsageError(
@@ -357,11 +377,16 @@ def _bounded(most: int) -> Any:
 def _status(cause: BaseException) -> int:
     """The status of HTTP that an error, or one it comes from, is about; 0 without one."""
     for error in _chain(cause):
+        if isinstance(error, OSError) and str(error).startswith("Forbidden"):
+            return 403  # so gcsfs says it
         response = getattr(error, "response", None)
         answer = response.get("ResponseMetadata", {}) if isinstance(response, Mapping) else {}
-        for told in (getattr(error, "status", 0), answer.get("HTTPStatusCode", 0)):
-            if isinstance(told, int) and 400 <= told < 600:
-                return told
+        # Of its own a `code` is gcsfs's; asked for that of its class, the library of the web complains.
+        codes = (getattr(error, "status", 0), vars(error).get("code", 0), answer.get("HTTPStatusCode", 0))
+        for told in codes:
+            code = int(told) if isinstance(told, str) and told.isdecimal() else told
+            if isinstance(code, int) and 400 <= code < 600:
+                return code
     return 0
 
 
@@ -383,7 +408,7 @@ def _worded(cause: BaseException, about: str) -> ScoreError:
     """What went wrong, in words that hold nothing secret."""
     status = _status(cause)
     denied = isinstance(cause, PermissionError) or status in (401, 403, 407)
-    if denied or "Credential" in type(cause).__name__:
+    if denied or "Credential" in type(cause).__name__ or type(cause).__name__ == "RefreshError":
         what = f"HTTP {status}" if status else type(cause).__name__
         return UsageError(
             f"it may not be read: {what}",
@@ -409,4 +434,5 @@ def _plain(cause: BaseException) -> str:
     """The words of an error without addresses, which may be secret."""
     below = cause.__cause__ if isinstance(cause, FileNotFoundError) and cause.__cause__ else cause
     words = re.sub(r"\w+://\S+", lambda found: shown(found[0].rstrip("')\"")), str(below)).strip()
+    words = _QUERY.sub("", words)  # of addresses that are told without their host
     return f"{type(below).__name__}: {words}"[:300] if words else type(below).__name__

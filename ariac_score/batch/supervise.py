@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import sqlite3
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -33,7 +34,10 @@ __all__ = ["DESCRIPTION", "SCHEMA", "Executor", "Report", "described", "run_batc
 SCHEMA = "ariac-score/batch/1"
 DESCRIPTION = "batch.json"
 RULES = "rules.yaml"
-_KEEP_EVERY = 64
+_BEFORE = ".rules-before.yaml"
+"""The rules of the last batch that ended, until this one does: its measurements are still of use."""
+_KEEP_EVERY, _KEEP_AFTER_S = 64, 1.0
+"""So many runs, or those of so long, a cluster may have to score again when the supervisor is killed."""
 
 
 class Executor(Protocol):
@@ -115,7 +119,7 @@ def run_batch(
     basis = basis_of(rule_set, registry)
     setting = replace(setting, earlier_basis=_earlier_basis(store, rule_set, setting, registry))
     seen, rows = Seen(store.root), _remembering(store, work)
-    outcomes, measured = Counter[str](), list[Measurement]()
+    outcomes, measured, kept_s = Counter[str](), list[Measurement](), time.monotonic()
     now, cpu_s, contradictions, trusted = 0, 0.0, 0, _as_written(store, seen)
     journal: IO[str] | None = None
 
@@ -140,15 +144,16 @@ def run_batch(
                 yield _with_earlier(task, rows)
 
     def look(still: Iterable[Task]) -> None:
-        nonlocal now, cpu_s
+        nonlocal now, cpu_s, kept_s
         for done in executor.run(_told_apart(still, settle), setting):
             known = _addressed(done, basis)
             settle(_kept(known, setting, store))
             seen.note(known.signature, known.contents)
             now += 1
             cpu_s += done.cpu_s
-            if now % _KEEP_EVERY == 0:
+            if now % _KEEP_EVERY == 0 or time.monotonic() - kept_s > _KEEP_AFTER_S:
                 seen.keep()
+                kept_s = time.monotonic()
 
     try:
         journal = store.journal.open("a", encoding="ascii", newline="\n")
@@ -178,13 +183,24 @@ def _remembering(store: Store, work: Path) -> Rows:
 def _earlier_basis(store: Store, rule_set: RuleSet, setting: Setting, registry: Registry) -> str:
     """The basis of the rules that scored here before, by the code of now; empty where it is of no use."""
     try:
-        text = (store.root / RULES).read_text(encoding="utf-8")
-        if text == setting.rules:
+        text = _earlier_rules(store, setting)
+        if not text:
             return ""
         earlier = replace(rule_set_from_text(text, file=setting.rules_file), file=setting.rules_file)
         return basis_of(earlier, registry) if needs_alike(earlier, rule_set, registry) else ""
     except (OSError, ValueError, ScoreError):
         return ""  # the first call, or rules that cannot be read any more
+
+
+def _earlier_rules(store: Store, setting: Setting) -> str:
+    """The rules by which most of what is stored was measured, where they are not those of now."""
+    for name in (_BEFORE, RULES):
+        place = store.root / name
+        if place.is_file():
+            text = place.read_text(encoding="utf-8")
+            if text != setting.rules:
+                return text
+    return ""
 
 
 def _with_earlier(task: Task, rows: Rows) -> Task:
@@ -269,6 +285,7 @@ def _as_written(store: Store, seen: Seen) -> bool:
 
 def _finished(store: Store, seen: Seen) -> None:
     seen.note(_TABLES, tables_sha256(store.root))
+    (store.root / _BEFORE).unlink(missing_ok=True)
     store.journal.unlink()
 
 
@@ -333,6 +350,9 @@ def _describe(
         **about,
     }
     text = json.dumps(told, sort_keys=True, indent=1, ensure_ascii=True) + "\n"
+    rules, before = store.root / RULES, store.root / _BEFORE
+    if rules.is_file() and not before.exists() and rules.read_bytes() != setting.rules.encode("utf-8"):
+        store.put(before, rules.read_bytes())
     for name, content in ((DESCRIPTION, text), (RULES, setting.rules)):
         place = store.root / name
         if not place.is_file() or place.read_text(encoding="utf-8") != content:

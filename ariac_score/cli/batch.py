@@ -82,24 +82,24 @@ def run(arguments: argparse.Namespace) -> int:
     _refuse_elsewhere(arguments.output)
     limits = Limits(arguments.time_limit_s, arguments.memory_mb << 20, arguments.output_mb << 20)
     with TemporaryDirectory(prefix="ariac-score-") as laid_out:
-        plan = _planned(arguments, Path(laid_out))
+        plan = _planned(arguments, Path(laid_out), part)
         rule_set = load_rule_set(plan.rules)
         setting = Setting.of(rule_set, limits, ranges=arguments.ranges)
         schemes = {task.path.partition("://")[0] for task in plan.tasks if task.remote}
         return _run(arguments, plan, rule_set, replace(setting, storages=",".join(sorted(schemes))), part)
 
 
-def _planned(arguments: argparse.Namespace, work: Path) -> Plan:
+def _planned(arguments: argparse.Namespace, work: Path, part: tuple[int, int]) -> Plan:
     """The runs of a path or URI."""
     from ariac_score.batch.elsewhere import LIST_ENDING, plan_elsewhere, plan_list  # noqa: PLC0415  # as above
     from ariac_score.batch.remote import is_uri  # noqa: PLC0415
     from ariac_score.batch.tasks import plan_batch  # noqa: PLC0415
 
     if is_uri(arguments.path):
-        return plan_elsewhere(arguments.path, arguments.rules, work, ranges=arguments.ranges)
+        return plan_elsewhere(arguments.path, arguments.rules, work, ranges=arguments.ranges, part=part)
     path = Path(arguments.path)
     if path.suffix == LIST_ENDING and path.is_file():
-        return plan_list(path, arguments.rules, ranges=arguments.ranges)
+        return plan_list(path, arguments.rules, ranges=arguments.ranges, part=part)
     plan = plan_batch(path, arguments.rules)
     _refuse_inside(arguments.output, path)
     return plan

@@ -90,7 +90,7 @@ def _evalai(parser: argparse.ArgumentParser) -> None:
         "worker",
         help="score the submissions of a challenge",
         description="Takes AUTH_TOKEN, API_SERVER, QUEUE_NAME and CHALLENGE_PK from the environment, and "
-        "AUTH_SCHEME (Bearer; Token for the platform's older interface).",
+        "AUTH_SCHEME (Bearer or Token; without it the one is tried that the other is refused for).",
     )
     one.add_argument(
         "phase", type=Path, metavar="DIR", help="reference data: phase.json, ruleset.yaml, trials/"
@@ -202,7 +202,7 @@ def _worker(arguments: argparse.Namespace) -> int:
             hint="the platform shows them to the host of a challenge; set them in the environment",
         )
     server, token, queue, challenge = (os.environ[name] for name in names)
-    api = Api(server, token, queue, int(challenge), os.environ.get("AUTH_SCHEME", "Bearer"))
+    api = Api(server, token, queue, int(challenge), os.environ.get("AUTH_SCHEME", ""))
     phase, codename = load_phase(arguments.phase), arguments.phase_codename
     worker = Worker(api, phase, arguments.store, time.sleep, _say, codename)
     while True:

@@ -24,13 +24,11 @@ _CHANNEL, _MESSAGE_INDEX, _CHUNK_INDEX = 0x04, 0x07, 0x08
 _RECORD, _FOOTER = struct.Struct("<BQ"), struct.Struct("<BQQQI")
 _CHUNK = struct.Struct("<QQQQ")
 _FIRST_BYTES = 1 << 16
-_LARGEST_SUMMARY_BYTES = 1 << 26
 _CHUNK_HEAD_BYTES = 256
 _USUAL_INDEX_BYTES = 1 << 13
 _MESSAGE_HEAD_BYTES = 31
 _SMALL_CHUNK_BYTES = 1 << 17
 _LARGE_MESSAGE_BYTES = 1 << 16
-_WORTH_IT = 0.75
 
 
 @dataclass(frozen=True)
@@ -66,37 +64,30 @@ def foresee(file: RangedFile, topics: Container[str]) -> bool:
         deaf = {key for key, topic in names.items() if topic not in topics}
         ranges = list(_outside(chunks, file.size))
         bodies, mixed = _bodies(chunks, set(names), deaf)
-        if not _pays(file, ranges + bodies):
+        if not file.pays(ranges + bodies):
             return False
         file.have(ranges)
         for chunk in mixed:
             bodies += _but_large(file, chunk, deaf)
     except (struct.error, ValueError, IndexError):
         return False  # the scan says what is wrong with it
-    if not _pays(file, bodies):
+    if not file.pays(bodies):
         return False
     file.have(bodies)
     return True
 
 
-def _pays(file: RangedFile, ranges: Sequence[Range]) -> bool:
-    missing = 0
-    for start, end in file.missing(ranges):
-        missing += end - start
-    return file.read_bytes + missing < _WORTH_IT * file.size
-
-
 def _summary(file: RangedFile) -> tuple[dict[int, str], list[_Chunk]] | None:
     """Topics by channel, and the chunks; `None` without a summary, or where everything must be read."""
     end = file.size - len(MAGIC) - _FOOTER.size
-    _, _, start, _, _ = _FOOTER.unpack(_bytes(file, end, end + _FOOTER.size))
-    if not 0 < start < end or end - start > _LARGEST_SUMMARY_BYTES:
+    _, _, start, _, _ = _FOOTER.unpack(file.bytes_at(end, end + _FOOTER.size))
+    if not 0 < start < end:
         return None
-    file.have([(start - 4, end)])
-    if _bytes(file, start - 4, start) != bytes(4):
+    summary = file.bytes_at(start - 4, end)
+    if summary[:4] != bytes(4):
         return None  # the data have a checksum, for which all are read
-    summary, names, chunks = _bytes(file, start, end), {}, []
-    for op, body in _records(summary):
+    names, chunks = {}, []
+    for op, body in _records(memoryview(summary)[4:]):
         if op == _CHANNEL:
             key, _, length = struct.unpack_from("<HHI", body)
             names[key] = bytes(body[8 : 8 + length]).decode("utf-8", errors="replace")
@@ -169,30 +160,19 @@ def _but_large(file: RangedFile, chunk: _Chunk, deaf: set[int]) -> Iterator[Rang
 def _indexes(file: RangedFile, at: int) -> Iterator[tuple[int, IntArray]]:
     """The message indexes behind a chunk: channel, and the times and offsets of its messages."""
     while at + _RECORD.size <= file.size:
-        op, length = _RECORD.unpack(_bytes(file, at, at + _RECORD.size))
+        op, length = _RECORD.unpack(file.bytes_at(at, at + _RECORD.size))
         if op != _MESSAGE_INDEX:
             return
-        body = _bytes(file, at + _RECORD.size, at + _RECORD.size + length)
+        body = file.bytes_at(at + _RECORD.size, at + _RECORD.size + length)
         (key,) = struct.unpack_from("<H", body)
         yield key, np.frombuffer(body, dtype="<u8", offset=6).reshape(-1, 2).astype(np.int64)
         at += _RECORD.size + length
 
 
-def _records(summary: bytes) -> Iterator[tuple[int, memoryview]]:
-    view, at = memoryview(summary), 0
+def _records(view: memoryview) -> Iterator[tuple[int, memoryview]]:
+    at = 0
     while at < len(view):
         op, length = _RECORD.unpack_from(view, at)
         at += _RECORD.size
         yield op, view[at : at + length]
         at += length
-
-
-def _bytes(file: RangedFile, start: int, end: int) -> bytes:
-    """Some bytes; those that nobody fetched yet are fetched."""
-    if not 0 <= start <= end <= file.size or end - start > _LARGEST_SUMMARY_BYTES:
-        raise ValueError("a place outside the file")
-    if file.missing([(start, end)]):
-        file.have([(start, end)])
-    with file.path.open("rb") as source:
-        source.seek(start)
-        return source.read(end - start)

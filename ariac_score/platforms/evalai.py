@@ -303,6 +303,10 @@ class ApiError(Exception):
         return self.status == 0 or self.status >= 500
 
 
+_SCHEMES = ("Bearer", "Token")
+_UNAUTHORIZED = 401
+
+
 @dataclass(frozen=True)
 class Api:
     """The part of the platform's interface that a worker needs.
@@ -312,14 +316,16 @@ class Api:
         token: Of the organiser; it goes into a header and nowhere else.
         queue: Name of the challenge's queue.
         challenge: Number of the challenge.
-        scheme: Word before the token; `Bearer`, or `Token` for the platform's own worker.
+        scheme: Word before the token; empty to try those that the starter and the platform's own worker
+            send, `Bearer` and `Token`, until one is not refused.
     """
 
     server: str
     token: str = field(repr=False)
     queue: str
     challenge: int
-    scheme: str = "Bearer"
+    scheme: str = ""
+    _taken: list[str] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def request(self, method: str, path: str, body: Mapping[str, Any] | None = None) -> Any:
         """One request; what it answers.
@@ -327,8 +333,23 @@ class Api:
         Raises:
             ApiError: It failed.
         """
+        schemes = (self.scheme,) if self.scheme else tuple(self._taken) or _SCHEMES
+        for scheme in schemes:
+            try:
+                answer = self._asked(scheme, method, path, body)
+            except ApiError as error:
+                if error.status == _UNAUTHORIZED and scheme != schemes[-1]:
+                    continue
+                if error.status not in (0, _UNAUTHORIZED):
+                    self._taken[:] = [scheme]
+                raise
+            self._taken[:] = [scheme]
+            return answer
+        raise AssertionError("the last attempt returns or raises")
+
+    def _asked(self, scheme: str, method: str, path: str, body: Mapping[str, Any] | None) -> Any:
         data = None if body is None else json.dumps(body, allow_nan=False).encode()
-        headers = {"Authorization": f"{self.scheme} {self.token}", "Content-Type": "application/json"}
+        headers = {"Authorization": f"{scheme} {self.token}", "Content-Type": "application/json"}
         url = urllib.parse.urljoin(self.server, path)
         request = urllib.request.Request(_web(url), data=data, headers=headers, method=method)  # noqa: S310
         try:

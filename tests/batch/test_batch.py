@@ -14,6 +14,8 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ import yaml
 from ariac_score import engine, load_rule_set, score_trial
 from ariac_score.batch import address, supervise, worker
 from ariac_score.batch.index import Row
-from ariac_score.batch.isolated import measure_apart
+from ariac_score.batch.isolated import earlier_document, measure_apart
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.merge import merge_batches
 from ariac_score.batch.outcomes import OUTCOMES, summary_of
@@ -570,6 +572,56 @@ def _other_log_map(trials: Path, _out: Path, _patch: pytest.MonkeyPatch) -> None
     assert load_rule_set(str(file)).log_map == "own_map.yaml"
 
 
+class Interrupted(Inline):
+    """Somebody presses Ctrl-C after two runs."""
+
+    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+        """One after the other, and no more than two."""
+        yield from islice(super().run(tasks, setting), 2)
+        raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("calls", [1, 3])
+def test_a_call_that_is_interrupted_while_it_measures_again_goes_on_with_what_it_knew(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
+) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", price=2, tolerance=0.5)
+    batch(trials, tmp_path / "whole", first)
+    batch(trials, tmp_path / "whole", second)
+    batch(trials, tmp_path / "out", first)
+    asked = _asked(monkeypatch)
+
+    for _ in range(calls):
+        with pytest.raises(KeyboardInterrupt):
+            batch(trials, tmp_path / "out", second, executor=lambda out, _work: Interrupted(out))
+    batch(trials, tmp_path / "out", second)
+
+    assert {name for name, _ in asked} == {"part_pose"}
+    assert len(asked) == 4
+    assert same(tmp_path / "whole", tmp_path / "out")
+
+
+def test_rules_of_before_an_interruption_are_of_use_to_others_still(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", tolerance=0.5)
+    third = _own(tmp_path, "third", tolerance=0.25)
+    batch(trials, tmp_path / "fresh", third)
+    batch(trials, tmp_path / "out", first)
+    with pytest.raises(KeyboardInterrupt):
+        batch(trials, tmp_path / "out", second, executor=lambda out, _work: Interrupted(out))
+    asked = _asked(monkeypatch)
+
+    batch(trials, tmp_path / "out", third)
+
+    # Of the two runs that the interrupted call measured, the tables know what these measured.
+    checks = len(load_rule_set(third).checks)
+    assert len(asked) <= 2 + 2 * checks
+    assert not (tmp_path / "out" / ".rules-before.yaml").exists()
+    for name, row in rows(tmp_path / "fresh").items():
+        assert row == rows(tmp_path / "out")[name]
+
+
 @pytest.mark.parametrize("change", [_another_log, _other_code, _forged, _other_log_map])
 def test_what_was_measured_of_something_else_or_by_other_code_is_not_used(
     trials: Path,
@@ -713,16 +765,64 @@ def test_a_cluster_gives_the_bytes_of_one_machine(trials: Path, tmp_path: Path) 
     assert same(tmp_path / "here", tmp_path / "there")
 
 
-def test_a_ray_cluster_gives_the_same_bytes(trials: Path, tmp_path: Path) -> None:
-    ray = pytest.importorskip("ray", reason="the extra 'ray' is not installed")
-    from ariac_score.batch.ray import RayExecutor, ray_executor  # noqa: PLC0415  # of that extra
+def test_a_worker_that_sees_no_folder_asks_only_the_checks_that_changed(trials: Path, tmp_path: Path) -> None:
+    first, second = (
+        load_rule_set(_own(tmp_path, n, tolerance=t)) for n, t in (("first", None), ("second", 0.5))
+    )
+    batch(trials, tmp_path / "out", first.file)
+    row = rows(tmp_path / "out")["/a.jsonl/1"]
+    said, ours = b"the log records no arm collision", b"as it was sent along"
+    document = (tmp_path / "out" / row.object).read_bytes()
+    assert said in document
+    document = document.replace(said, ours)
+    task = Task("", "a.jsonl", 1, str(trials / "a.jsonl"), earlier=row.object)
+    task = replace(task, earlier_sha256=sha256(document).hexdigest())
+    setting = replace(Setting.of(second, LIMITS), earlier_basis=address.basis_of(first, Registry()))
 
-    with pytest.raises(UsageError, match="needs an address"):
-        ray_executor(jobs=0, scheduler="", out=tmp_path, work=tmp_path)
-    batch(trials, tmp_path / "here")
-    ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False)
-    batch(trials, tmp_path / "there", executor=lambda _out, _work: RayExecutor())
+    with_it, without = (measure_apart(task, setting, earlier).document for earlier in (document, b""))
+    other = measure_apart(replace(task, earlier_sha256="0" * 64), setting, document).document
 
+    assert with_it is not None
+    assert ours in with_it
+    assert without == other == with_it.replace(ours, said)
+
+
+def test_what_is_stored_already_is_not_made_by_a_worker_that_is_sent_it(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "out")
+    row = rows(tmp_path / "out")["/a.jsonl/1"]
+    task = Task("", "a.jsonl", 1, str(trials / "a.jsonl"), earlier=row.object, earlier_sha256=row.sha256)
+    setting = Setting.of(load_rule_set(RULES), LIMITS)
+
+    done = measure_apart(task, setting, earlier_document(task, tmp_path / "out"))
+
+    assert done.document is None
+    assert Path(row.object).parent.name == done.address
+    assert earlier_document(task, None) == earlier_document(replace(task, earlier=""), tmp_path) == b""
+    assert earlier_document(task, tmp_path / "elsewhere") == b""
+
+
+def test_a_cluster_measures_again_to_the_bytes_of_one_machine(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    from ariac_score.batch import dask  # noqa: PLC0415  # of that extra
+
+    sent: list[int] = []
+    whole = dask.earlier_document
+    monkeypatch.setattr(dask, "earlier_document", lambda *a: (found := whole(*a), sent.append(len(found)))[0])
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", tolerance=0.5)
+    for folder in ("here", "there"):
+        batch(trials, tmp_path / folder, first)
+    batch(trials, tmp_path / "here", second)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        address_ = cluster.scheduler_address
+        make = lambda out, work: dask.dask_executor(jobs=0, scheduler=address_, out=out, work=work)  # noqa: E731
+        batch(trials, tmp_path / "there", second, executor=make)
+
+    assert len(sent) == 6
+    assert all(sent)
     assert same(tmp_path / "here", tmp_path / "there")
 
 

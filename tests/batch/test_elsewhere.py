@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from ariac_score import load_rule_set, score_trial
-from ariac_score.batch import remote
+from ariac_score.batch import near, remote
 from ariac_score.batch.elsewhere import plan_elsewhere, plan_list
 from ariac_score.batch.index import Row
 from ariac_score.batch.isolated import measure_apart
@@ -34,6 +34,7 @@ from ariac_score.logs.ranged import RangedFile, reading
 from ariac_score.logs.salvage import Source
 from ariac_score.report.text import score_text
 from ariac_score.result_json import as_json, load_result
+from ariac_score.testing import Recorded, kitting_trial, recorded_messages, write_bag
 from ariac_score.verify import verify_result
 
 # What fresh processes do is named by a module that they can import, too.
@@ -214,6 +215,48 @@ def test_a_list_names_runs_wherever_they_lie(trials: Path, web: Web, tmp_path: P
     assert rows(tmp_path / "out")["gone.mcap"].object == ""  # so that the next call asks again
 
 
+LISTED = "# of this folder, unless an address is given\na.mcap\nb c.mcap\nbundle #1/\ncut.mcap\nnote.txt\n"
+
+
+def test_shards_of_a_list_that_lies_elsewhere_join_to_the_bytes_of_the_whole(
+    trials: Path, web: Web, tmp_path: Path
+) -> None:
+    (trials / "list.txt").write_text(f"{LISTED}again {web.url}/trials/a.mcap?x=1\n", encoding="utf-8")
+    here = tmp_path / "here.txt"
+    shutil.copyfile(trials / "a.mcap", trials / "again")
+    here.write_text("".join(f"www/trials/{n}\n" for n in [*LISTED.splitlines()[1:], "again"]), "utf-8")
+    uri, parts = f"{web.url}/trials/list.txt?signature=secret", []
+    for number in (1, 2, 3):
+        web.requests.clear()
+        parts.append(str(tmp_path / f"part_{number}"))
+        code = command(uri, "-o", parts[-1], "--shard", f"{number}/3", "-j", "1")
+        found = set(outcomes(Path(parts[-1])).values())
+        assert code == (0 if found == {"scored"} else 6)
+        asked = {name.rpartition("/")[2] for _, name in web.requests if name.endswith(".mcap")}
+        assert len(asked) < 3  # of the runs of other shards nothing is asked
+
+    assert main(["merge", str(tmp_path / "joined"), *parts]) in (0, 6)
+
+    plan = replace(plan_list(here, RULES), id="list")
+    score(plan, tmp_path / "local")
+    assert {name: row.summary for name, row in rows(tmp_path / "local").items()} == {
+        name: row.summary for name, row in rows(tmp_path / "joined").items()
+    }
+    assert command(uri, "-o", str(tmp_path / "whole"), "-j", "2") == 6
+    assert same(tmp_path / "whole", tmp_path / "joined")
+    texts = b"".join(f.read_bytes() for f in (tmp_path / "joined").rglob("*") if f.is_file())
+    assert b"secret" not in texts
+
+
+@pytest.mark.parametrize("line", ["../a.mcap", "a/../../x", "/etc/passwd", "a\\b"])
+def test_a_list_that_lies_elsewhere_names_nothing_outside_its_folder(
+    trials: Path, web: Web, tmp_path: Path, line: str
+) -> None:
+    (trials / "list.txt").write_text(f"{line}\n", encoding="utf-8")
+    with pytest.raises(UsageError, match="which is no name of a file"):
+        elsewhere(f"{web.url}/trials/list.txt", tmp_path)
+
+
 @pytest.mark.parametrize(
     ("text", "cause"),
     [
@@ -265,16 +308,37 @@ def with_camera(into: Path, compression: str) -> Path:
     return into
 
 
-@pytest.mark.parametrize(("compression", "share"), [("", 0.2), ("ZSTD", 0.2)])
+def bag_with_camera(into: Path, compression: Any) -> Path:
+    """The same trial as a ROS 1 bag, with pictures of which most have a chunk of their own."""
+    dice = random.Random(1)  # noqa: S311  # pictures need not be secret
+    messages = recorded_messages(kitting_trial(duration_s=40.0))
+    for place in (3000, 1600):  # when every topic has been heard of
+        pictures = [{"data": dice.randbytes(550_000).hex()} for _ in range(4)]
+        t_ns = messages[place].t_ns
+        messages[place:place] = [Recorded("/camera", "std_msgs/msg/String", t_ns, data) for data in pictures]
+    write_bag(into, messages, storage="ros1", compression=compression)
+    return into
+
+
+def recording(into: Path, compression: str = "") -> Path:
+    """A recording with a camera, in the format of its name."""
+    write = bag_with_camera if into.suffix == ".bag" else with_camera
+    return write(into, compression)
+
+
+@pytest.mark.parametrize(
+    ("name", "compression"),
+    [("run.mcap", ""), ("run.mcap", "ZSTD"), ("run.bag", ""), ("run.bag", "lz4")],
+)
 def test_of_a_recording_with_a_camera_only_what_is_wanted_is_fetched(
-    web: Web, compression: str, share: float
+    web: Web, name: str, compression: str
 ) -> None:
-    log = with_camera(web.root / "run.mcap", compression)
+    log = recording(web.root / name, compression)
     here = json.loads(as_json(score_trial(log, RULES)))
 
-    there = document(one(f"{web.url}/run.mcap", ranges=True))
+    there = document(one(f"{web.url}/{name}", ranges=True))
 
-    assert web.sent_bytes < share * log.stat().st_size
+    assert web.sent_bytes < (0.2 if name == "run.mcap" else 0.35) * log.stat().st_size  # 41 and 9 chunks
     assert len([1 for how, _ in web.requests if how == "GET"]) < 60  # one for each of 41 chunks, many at once
     (told,), (whole,) = there["provenance"]["inputs"], here["provenance"]["inputs"]
     assert told["bytes"] == whole["bytes"] == log.stat().st_size
@@ -329,14 +393,71 @@ def _scored(web: Web, out: Path, tmp_path: Path, *, ranges: bool) -> Path:
     return out
 
 
-def test_a_server_that_gives_no_parts_gives_the_whole_and_the_result_of_it(web: Web) -> None:
-    log = with_camera(web.root / "run.mcap", "")
+@pytest.mark.parametrize("name", ["run.mcap", "run.bag"])
+def test_a_server_that_gives_no_parts_gives_the_whole_and_the_result_of_it(web: Web, name: str) -> None:
+    log = recording(web.root / name)
     web.ranges = False
 
-    done = one(f"{web.url}/run.mcap", ranges=True)
+    done = one(f"{web.url}/{name}", ranges=True)
 
     assert done.document == as_json(score_trial(log, RULES)).encode()
     assert "read_bytes" not in document(done)["provenance"]["inputs"][0]
+
+
+def damaged_bag(content: bytearray, damage: str) -> None:
+    """Make one thing wrong with a bag, by the places of its records."""
+    (index_pos,) = struct.unpack_from("<Q", content, content.index(b"index_pos=") + 10)
+    chunk_pos = content.rindex(b"chunk_pos=") + 10
+    last_index = content.rindex(b"conn=", 0, index_pos)
+    if damage == "no index":
+        struct.pack_into("<Q", content, content.index(b"index_pos=") + 10, 0)
+    elif damage == "index leads out":
+        struct.pack_into("<Q", content, chunk_pos, 1 << 62)
+    elif damage == "index leads astray":
+        struct.pack_into("<Q", content, chunk_pos, 5000)
+    elif damage == "end of the index":
+        struct.pack_into("<I", content, index_pos, 1 << 31)
+    elif damage == "another connection":
+        content[last_index + 5] ^= 1
+    elif damage == "another number of messages":
+        content[-4] += 1
+    elif damage == "no magic":
+        content[:8] = b"no magic"
+    else:
+        del content[-100_000:]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "no index",
+        "index leads out",
+        "index leads astray",
+        "end of the index",
+        "another connection",
+        "another number of messages",
+        "no magic",
+        "cut off",
+    ],
+)
+def test_a_bag_whose_index_is_wrong_ends_as_it_does_here(bag: bytes, web: Web, damage: str) -> None:
+    content = bytearray(bag)
+    damaged_bag(content, damage)
+    (web.root / "run.bag").write_bytes(content)
+    setting = Setting.of(load_rule_set(RULES), LIMITS)
+
+    expected = document(perform(Task("", "run.bag", 1, str(web.root / "run.bag")), setting))
+    told = document(one(f"{web.url}/run.bag", ranges=True))
+
+    for result in (told, expected):
+        result.get("provenance", {}).pop("inputs", None)
+    assert told == expected
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A bag with a camera."""
+    return bag_with_camera(tmp_path_factory.mktemp("bag") / "run.bag", "").read_bytes()
 
 
 @pytest.mark.parametrize("damage", ["no index", "index leads out", "not an MCAP file", "cut off"])
@@ -458,7 +579,7 @@ def test_a_connection_that_breaks_in_the_middle_of_parts_is_no_damaged_log(web: 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Storage, "_parts", breaks)
         patch.setattr(remote.Storage, "fetch", lambda *_: pytest.fail("it is not fetched whole"))
-        patch.setattr("ariac_score.batch.near.foresee", lambda file, _topics: file.have([(0, 64)]) is None)
+        patch.setitem(near._FORESEEN, ".mcap", lambda file, _topics: file.have([(0, 64)]) is None)
         done = one(f"{web.url}/run.mcap", ranges=True)
 
     assert document(done)["outcome"] == "unreachable"
@@ -570,7 +691,7 @@ def test_an_empty_folder_and_an_output_elsewhere_are_refused(
 @pytest.mark.parametrize("name", ["../x", "a/../../x", "/etc/passwd", "a//b", "a\\b", "a\0b", "."])
 def test_a_listing_that_leads_out_of_its_folder_is_refused(name: str) -> None:
     with pytest.raises(UsageError, match="which is no name of a file"):
-        remote._check_inside(name, "s3://bucket/x")
+        remote.check_inside(name, "s3://bucket/x")
 
 
 def test_a_name_that_is_a_file_and_a_folder_is_refused(

@@ -14,6 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ariac_score.errors import LogError
+from ariac_score.logs.ranged import RangedFile, reading
+from ariac_score.logs.ros1_ranges import foresee
 from ariac_score.logs.ros1bag import Ros1Scan
 from ariac_score.logs.salvage import Batch, Message, Source
 from ariac_score.logs.tables import read_tables
@@ -246,6 +248,70 @@ def test_whatever_is_wanted_the_numbers_are_those_of_the_whole_bag(
 
     assert without(some, wanted) == without(everything, wanted)
     assert scan.index_contradictions == 0
+    path.unlink()
+
+
+# Fetched in parts ------------------------------------------------------------------------
+
+
+def in_parts(path: Path, into: Path, topics: set[str]) -> tuple[RangedFile, bool]:
+    """A bag of which only what was foreseen is here."""
+    content = path.read_bytes()
+    into.unlink(missing_ok=True)
+    file = RangedFile(into, len(content), lambda ranges: [content[a:b] for a, b in ranges])
+    return file, foresee(file, topics)
+
+
+def what_comes(path: Path, topics: set[str]) -> tuple[Told, str]:
+    """What a scan gives before it ends, and why it ends where it does."""
+    found = Told()
+    try:
+        for item in Ros1Scan(path, topics=topics):
+            many = item.messages() if isinstance(item, Batch) else [item] if isinstance(item, Message) else []
+            found += [(m.connection.topic, m.stamp_ns, bytes(m.payload)) for m in many]
+    except LogError as error:
+        return found, f"{error.cause} {error.place}"
+    return found, ""
+
+
+@pytest.mark.parametrize("compression", ["", "lz4", "bz2"])
+def test_what_a_scan_reads_is_foreseen(tmp_path: Path, compression: Any) -> None:
+    messages = [*MESSAGES[:2], Recorded("/late", STRING, 10**18 + 10**8, {"data": ""}), *picture_alone(9)]
+    path = write_bag(tmp_path / "t.bag", messages, storage="ros1", compression=compression)
+
+    file, pays = in_parts(path, tmp_path / "holes.bag", {"/speed"})
+    fetched = file.read_bytes
+    with reading([file]):
+        found = what_comes(file.path, {"/speed"})
+
+    assert pays
+    assert file.read_bytes == fetched < path.stat().st_size / 2
+    assert found == what_comes(path, {"/speed"})
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from(["", "lz4"]), st.integers(0, 3))
+def test_a_bag_with_holes_reads_as_the_whole_whatever_is_wrong_with_it(
+    tmp_path: Path, seed: int, compression: Any, faults: int
+) -> None:
+    dice = random.Random(seed)  # noqa: S311  # dice, not secrets
+    messages = [*MESSAGES[:30], *picture_alone(dice.randint(0, 3))]
+    path = write_bag(tmp_path / "r.bag", messages, storage="ros1", compression=compression)
+    content = bytearray(path.read_bytes())
+    (index_pos,) = struct.unpack_from("<Q", content, content.index(b"index_pos=") + 10)
+    for _ in range(faults):
+        first = dice.choice([0, index_pos, max(0, index_pos - 200)])
+        content[dice.randrange(first, min(len(content), first + 400))] = dice.choice([0, 1, 127, 128, 255])
+    if dice.random() < 0.1:
+        del content[-dice.randrange(1, len(content)) :]
+    path.write_bytes(content)
+
+    file, _ = in_parts(path, tmp_path / "holes.bag", {"/speed"})
+    with reading([file]):
+        found = what_comes(file.path, {"/speed"})
+
+    assert found == what_comes(path, {"/speed"})
+    assert file.failure is None
     path.unlink()
 
 

@@ -8,6 +8,7 @@ import math
 import threading
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,8 @@ class Platform(ThreadingHTTPServer):
         self.faults: list[int] = []
         self.cut = False
         self.codename = "finals"
+        self.schemes = ("Bearer",)
+        self.refused: list[str] = []
 
     def accepts(self, body: dict[str, Any]) -> tuple[int, str]:
         """The checks on the body that ends an evaluation."""
@@ -95,7 +98,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._reply(404, {})
         elif self.path.startswith("/media/"):
             self._reply(200, None, raw=server.files[self.path])
-        elif self.headers.get("Authorization") != "Bearer secret":
+        elif self.headers.get("Authorization") not in [f"{scheme} secret" for scheme in server.schemes]:
+            server.refused.append(self.headers.get("Authorization", "").partition(" ")[0])
             self._reply(401, {"detail": "Invalid token."})
         elif method == "GET" and "/queues/" in self.path:
             self._reply(200, server.queue[0] if server.queue else {})
@@ -277,6 +281,53 @@ def test_a_wrong_token_is_told_and_never_shown(platform: Platform, phase: Phase,
         one.once()
     assert "wrong-token" not in f"{caught.value}{one.api!r}"
     assert not caught.value.passes
+
+
+@pytest.mark.parametrize(
+    ("takes", "scheme", "refused"),
+    [("Bearer", "", []), ("Token", "", ["Bearer"]), ("Token", "Token", []), ("Bearer", "Bearer", [])],
+)
+def test_the_word_before_the_token_that_is_taken_is_found_once(
+    platform: Platform,
+    phase: Phase,
+    tmp_path: Path,
+    log_text: str,
+    takes: str,
+    scheme: str,
+    refused: list[str],
+) -> None:
+    platform.schemes = (takes,)
+    message(platform, log_text.encode())
+    one, _ = worker(platform, phase, tmp_path)
+    one.api = replace(one.api, scheme=scheme)
+
+    one.once()
+
+    assert platform.taken[0]["submission_status"] == "FINISHED"
+    assert platform.refused == refused
+
+
+@pytest.mark.parametrize(("scheme", "tried"), [("", ["Bearer", "Token"]), ("Bearer", ["Bearer"])])
+def test_a_token_that_is_refused_is_not_tried_for_ever(
+    platform: Platform, phase: Phase, tmp_path: Path, scheme: str, tried: list[str]
+) -> None:
+    platform.schemes = ()
+    one, _ = worker(platform, phase, tmp_path)
+    one.api = replace(one.api, scheme=scheme)
+    with pytest.raises(ApiError, match="HTTP 401"):
+        one.once()
+    assert platform.refused == tried
+
+
+def test_once_taken_the_other_word_is_not_tried_when_the_token_ends(
+    platform: Platform, phase: Phase, tmp_path: Path
+) -> None:
+    one, _ = worker(platform, phase, tmp_path)
+    one.once()
+    platform.schemes = ()
+    with pytest.raises(ApiError, match="HTTP 401"):
+        one.once()
+    assert platform.refused == ["Bearer"]
 
 
 def test_a_download_that_is_cut_off_is_tried_again_later(

@@ -1,0 +1,206 @@
+"""Runs scored on a Ray cluster of this machine, whose workers and whose supervisor die."""
+
+from __future__ import annotations
+
+import filecmp
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ariac_score import load_rule_set
+from ariac_score.batch.index import Row
+from ariac_score.batch.isolated import measure_apart
+from ariac_score.batch.store import Store
+from ariac_score.batch.supervise import Executor, Report, run_batch
+from ariac_score.batch.tasks import Limits, Setting, Task, plan_batch
+from ariac_score.batch.worker import Done, perform
+from ariac_score.cli import main
+from ariac_score.errors import UsageError
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+
+ray = pytest.importorskip("ray", reason="the extra 'ray' is not installed")
+executors = pytest.importorskip("ariac_score.batch.ray")
+
+RULES = "ariac2020.as_coded"
+NAMES = ("a", "b", "c", "d_bad", "e", "f")
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[str]:
+    """The address of a cluster of two processors, on this machine alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RAY_AUTH_MODE", "disabled")  # a token of this machine's user is of other clusters
+        patch.delenv("RAY_ADDRESS", raising=False)
+        ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+        yield ray.get_runtime_context().gcs_address
+        ray.shutdown()
+
+
+@pytest.fixture(scope="module")
+def trials(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Whole trials, one cut off, one that is no log at all."""
+    folder = tmp_path_factory.mktemp("made") / "trials"
+    folder.mkdir()
+    write_trial_log(folder / "a.jsonl", kitting_trial(duration_s=40.0), signals=SNAPSHOT_SIGNALS)
+    text = (folder / "a.jsonl").read_text(encoding="utf-8")
+    for name in NAMES:
+        (folder / f"{name}.jsonl").write_text(text, encoding="utf-8")
+    (folder / "cut.jsonl").write_text(text[:2000], encoding="utf-8")
+    (folder / "note.txt").write_text("hello\n", encoding="utf-8")
+    return folder
+
+
+class Inline:
+    """Scores in this process, one run after the other."""
+
+    def run(self, tasks: Any, setting: Setting) -> Iterator[Done]:
+        for task in tasks:
+            yield perform(task, setting)
+
+
+class Staying(executors.RayExecutor):
+    """As it is, but the cluster stays for the next test."""
+
+    def run(self, tasks: Any, setting: Setting) -> Iterator[Done]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(ray, "shutdown", lambda: None)
+            yield from super().run(tasks, setting)
+
+
+def score(trials: Path, out: Path, executor: Executor) -> Report:
+    plan, rule_set, store = plan_batch(trials, RULES), load_rule_set(RULES), Store(out)
+    setting = Setting.of(rule_set, Limits(wall_s=120.0))
+    with store.working() as work:
+        return run_batch(plan.tasks, rule_set, setting, store, work, executor, about={"batch": plan.id})
+
+
+def rows(out: Path) -> dict[str, Row]:
+    lines = (out / "runs.jsonl").read_text(encoding="ascii").splitlines()
+    return {row.key[1]: row for row in map(Row.from_line, lines)}
+
+
+def same(first: Path, second: Path) -> bool:
+    names = [
+        sorted(p.relative_to(f).as_posix() for p in f.rglob("*") if p.is_file()) for f in (first, second)
+    ]
+    assert names[0] == names[1]
+    _, differing, errors = filecmp.cmpfiles(first, second, names[0], shallow=False)
+    return not differing and not errors
+
+
+def dying(marks: Path, which: str, times: int) -> Callable[[Task, Setting, bytes], Done]:
+    """What a worker does whose machine is lost with some runs, so many times each."""
+
+    def measure(task: Task, setting: Setting, earlier: bytes) -> Done:
+        tried = len(list(marks.glob(f"{task.trial}-*")))
+        if which in task.trial and tried < times:
+            (marks / f"{task.trial}-{tried}").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return measure_apart(task, setting, earlier)
+
+    return measure
+
+
+@pytest.mark.usefixtures("cluster")
+def test_workers_that_are_lost_cost_their_runs_nothing(trials: Path, tmp_path: Path) -> None:
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    score(trials, tmp_path / "here", Inline())
+
+    score(trials, tmp_path / "there", Staying(measure=dying(marks, ".jsonl", times=1)))
+
+    assert len(list(marks.iterdir())) == len(NAMES) + 1
+    assert same(tmp_path / "here", tmp_path / "there")
+
+
+@pytest.mark.usefixtures("cluster")
+def test_a_run_that_takes_worker_after_worker_with_it_is_given_up_by_name(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors, "STRANGE_HAND_ATTEMPTS", 2)
+    marks = tmp_path / "marks"
+    marks.mkdir()
+
+    score(trials, tmp_path / "out", Staying(measure=dying(marks, "bad", times=100)))
+
+    found = {name: row.summary.outcome for name, row in rows(tmp_path / "out").items()}
+    assert found.pop("d_bad.jsonl") == "killed"
+    reason = rows(tmp_path / "out")["d_bad.jsonl"].summary.reason
+    assert reason.startswith("every worker that scored it was lost")
+    assert found.pop("cut.jsonl") == "unreadable"
+    assert found.pop("note.txt") == "nothing_to_score"
+    assert set(found.values()) == {"scored"}
+    assert len(list(marks.iterdir())) == 3  # not for ever
+
+
+def test_a_supervisor_that_is_killed_goes_on_with_the_same_bytes(
+    cluster: str, trials: Path, tmp_path: Path
+) -> None:
+    score(trials, tmp_path / "here", Inline())
+    out = tmp_path / "out"
+    command = [
+        sys.executable,
+        "-m",
+        "ariac_score.cli",
+        "batch",
+        str(trials),
+        "--rules",
+        RULES,
+        "-o",
+        str(out),
+    ]
+    command += ["--executor", "ray", "--scheduler", cluster]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as first:
+        assert first.stderr is not None
+        said = [next(line for line in first.stderr if ": scored" in line)]  # one is kept
+        first.kill()
+    assert first.returncode == -signal.SIGKILL
+    assert not (out / "runs.jsonl").exists()
+
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+
+    assert again.returncode == 6, [*said, again.stderr]  # one is cut off
+    assert same(tmp_path / "here", out)
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "cause"),
+    [
+        ("", "needs an address"),
+        ("127.0.0.1:9", "cannot be reached"),
+        ("ray://127.0.0.1:9", "cannot be reached"),
+        ("ray://127.0.0.1:x", "cannot be reached"),
+        ("nonsense", "cannot be reached: Invalid address"),
+    ],
+)
+def test_a_cluster_that_is_not_there_is_named_at_once(tmp_path: Path, scheduler: str, cause: str) -> None:
+    with pytest.raises(UsageError, match=cause):
+        executors.ray_executor(jobs=0, scheduler=scheduler, out=tmp_path, work=tmp_path)
+
+
+def test_the_cluster_of_before_the_last_start_of_the_machine_is_named_at_once(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    monkeypatch.setenv("RAY_TMPDIR", str(tmp_path))
+    (tmp_path / "ray").mkdir()
+    (tmp_path / "ray" / "ray_current_cluster").write_text("127.0.0.1:9", encoding="utf-8")
+    command = ["batch", str(trials), "--rules", RULES, "-o", str(tmp_path / "out")]
+
+    assert main([*command, "--executor", "ray", "--scheduler", "auto"]) == 4
+    told = capsys.readouterr().err
+    assert "the cluster at auto cannot be reached" in told
+    assert "ray start --head" in told
+    assert main([*command, "--executor", "ray", "--scheduler", "auto", "-j", "2"]) == 4
+    assert "for the cluster to say" in capsys.readouterr().err
