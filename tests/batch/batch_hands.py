@@ -130,23 +130,23 @@ def tells_its_alarm(task: Task, setting: Setting, out: Path | None, report: Path
     worker.perform_into(task, setting, out, report)
 
 
-def takes_its_worker_along(task: Task, setting: Setting) -> Done:
+def takes_its_worker_along(task: Task, setting: Setting, earlier: bytes) -> Done:
     """One run kills the worker of the cluster that scores it."""
     if "bad" in task.trial:
         os.kill(os.getpid(), signal.SIGKILL)
-    return measure_apart(task, setting)
+    return measure_apart(task, setting, earlier)
 
 
-def is_killed_beside_others(task: Task, setting: Setting) -> Done:
+def is_killed_beside_others(task: Task, setting: Setting, earlier: bytes) -> Done:
     """The process of one run is killed as often as it is tried, until it is tried once more."""
     mark = Path(task.path).with_suffix(".tried")
     if "bad" in task.trial and not mark.exists():
         mark.touch()
         return replace(lost(task, "killed", "by strange hands"), put_off=True)
-    return measure_apart(task, setting)
+    return measure_apart(task, setting, earlier)
 
 
-def cannot_work(_task: Task, _setting: Setting) -> Done:
+def cannot_work(_task: Task, _setting: Setting, _earlier: bytes) -> Done:
     """A worker whose disk is full."""
     return full()
 

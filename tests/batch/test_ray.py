@@ -137,7 +137,7 @@ def test_a_run_that_takes_worker_after_worker_with_it_is_given_up_by_name(
     found = {name: row.summary.outcome for name, row in rows(tmp_path / "out").items()}
     assert found.pop("d_bad.jsonl") == "killed"
     reason = rows(tmp_path / "out")["d_bad.jsonl"].summary.reason
-    assert reason.startswith("every worker that scored it was lost")
+    assert reason.startswith("worker after worker that scored it was lost")
     assert found.pop("cut.jsonl") == "unreadable"
     assert found.pop("note.txt") == "nothing_to_score"
     assert set(found.values()) == {"scored"}
