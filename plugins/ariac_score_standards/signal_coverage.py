@@ -90,21 +90,26 @@ class SignalCoverage:
         if self.share_of == "exposure" and not pairs_of(trial):
             yield nobody(trial, _CLAUSE)
             return
+        seen = [self._seen(trial, subject) for subject in pairs_of(trial)] if self._of_exposure else []
         for quantity in self.quantities:
             signals = [s for name, s in sorted(trial.signals.items()) if name.startswith(f"{quantity}/")]
             for signal in signals:
-                yield self._judge(trial, signal)
+                yield self._judge(trial, signal, seen)
             if not signals:
                 message = f"there is no signal of {quantity!r}{looked_for(trial)}"
                 yield Finding.inconclusive(quantity, message, span=trial.window, clause=_CLAUSE)
         if not self.quantities:
             yield Finding.not_applicable("trial", "no quantity is asked for", clause=_CLAUSE)
 
-    def _judge(self, trial: Trial, signal: Signal) -> Finding:
+    @property
+    def _of_exposure(self) -> bool:
+        return self.share_of == "exposure"
+
+    def _judge(self, trial: Trial, signal: Signal, seen: Sequence[tuple[FloatArray, BoolArray]]) -> Finding:
         window = trial.window or signal.span or Span(0.0, 0.0)
         gaps = uncovered_spans(signal.t, window, max_gap_s=self.max_gap_s)
         if self.share_of == "exposure":
-            whole_s, missing_s = self._exposed_s(trial, window, gaps)
+            whole_s, missing_s = self._exposed_s(seen, window, gaps)
         else:
             whole_s = window.duration_s
             missing_s = float(np.array([gap.duration_s for gap in gaps]).sum())
@@ -131,9 +136,10 @@ class SignalCoverage:
             clause=_CLAUSE,
         )
 
-    def _exposed_s(self, trial: Trial, window: Span, gaps: Sequence[Span]) -> tuple[float, float]:
+    def _exposed_s(
+        self, seen: Sequence[tuple[FloatArray, BoolArray]], window: Span, gaps: Sequence[Span]
+    ) -> tuple[float, float]:
         """How long somebody was exposed, and how much of that lies in gaps, s."""
-        seen = [self._seen(trial, subject) for subject in pairs_of(trial)]
         ends = [end for gap in gaps for end in (gap.start_s, gap.end_s)]
         marks = np.unique(np.concatenate([[window.start_s, window.end_s, *ends], *(t for t, _ in seen)]))
         marks = marks[(marks >= window.start_s) & (marks <= window.end_s)]
