@@ -539,7 +539,7 @@ class _Closest:
             t, (nearest, *measured) = self._window(k)
             somewhere: BoolArray = nearest > 0
             if somewhere.all():
-                return t, measured[whose] / nearest
+                return t[:], measured[whose] / nearest
             return t[somewhere], measured[whose][somewhere] / nearest[somewhere]
 
         return _Made(self._base(1), [some for _, some in self._counted()], window)
@@ -549,7 +549,7 @@ class _Closest:
 
         def window(k: int) -> tuple[FloatArray, FloatArray]:
             t, (_, *measured) = self._window(k)
-            return t, measured[_BETWEEN]
+            return t[:], measured[_BETWEEN]
 
         return _Made(self._base(0), [every for every, _ in self._counted()], window)
 
@@ -573,8 +573,8 @@ class _Closest:
             return known[0][0], [values for _, values in known]
         t, at = self._times(k)
         found = self._measured(k, t, at)
-        for number, values in zip(self.numbers, found, strict=True):
-            self.kept.put((number, k), (t, values))
+        for place, (number, values) in enumerate(zip(self.numbers, found, strict=True)):
+            self.kept.put((number, k), (t[:] if place else t, values))  # the times are there once
         return t, found
 
     def _times(self, k: int) -> tuple[FloatArray, tuple[Any, Any]]:

@@ -110,9 +110,10 @@ class Signal:
         """
         if len(t) == len(self.t) and np.array_equal(t, self.t):
             return self.values
-        if self.values.ndim == 1:
-            return np.interp(t, self.t, self.values)
-        return np.stack([np.interp(t, self.t, column) for column in self.values.T], axis=1)
+        own, values = self.t, self.values
+        if values.ndim == 1:
+            return np.interp(t, own, values)
+        return np.stack([np.interp(t, own, column) for column in values.T], axis=1)
 
     def covers(self, t: FloatArray, *, max_gap_s: float) -> BoolArray:
         """Whether each time is a sample or lies between two at most `max_gap_s` apart."""

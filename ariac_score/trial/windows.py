@@ -28,7 +28,7 @@ __all__ = ["LARGEST_WINDOW_SAMPLES", "Computed", "Kept", "TimeBase", "cuts_of", 
 LARGEST_WINDOW_SAMPLES = 4096
 """No signal has more samples in a window: what is computed of one stays in the processor's cache."""
 
-KEPT_BYTES = 32 << 20
+KEPT_BYTES = 64 << 20
 KEPT_VECTOR_BYTES = 12 << 20
 """Of what was computed so much stays: numbers over time, and vectors over time."""
 

@@ -29,6 +29,7 @@ else:
     from ariac_score.later import numpy as np
 
 _BACKWARDS = "disordered_stamps"
+_PART_SAMPLES = 4096
 _CLAUSE = "signal coverage (monitor catalogue, 1.4 and M19)"
 
 
@@ -92,36 +93,41 @@ class SignalCoverage:
         if self.share_of == "exposure" and not pairs_of(trial):
             yield nobody(trial, _CLAUSE)
             return
+        seen = [self._seen(trial, subject) for subject in pairs_of(trial)] if self._of_exposure else []
         for quantity in self.quantities:
             signals = [s for name, s in sorted(trial.signals.items()) if name.startswith(f"{quantity}/")]
             for signal in signals:
-                yield self._judge(trial, signal)
+                yield self._judge(trial, signal, seen)
             if not signals:
                 message = f"there is no signal of {quantity!r}{looked_for(trial)}"
                 yield Finding.inconclusive(quantity, message, span=trial.window, clause=_CLAUSE)
         if not self.quantities:
             yield Finding.not_applicable("trial", "no quantity is asked for", clause=_CLAUSE)
 
-    def _judge(self, trial: Trial, signal: Signal) -> Finding:
+    @property
+    def _of_exposure(self) -> bool:
+        return self.share_of == "exposure"
+
+    def _judge(self, trial: Trial, signal: Signal, seen: Sequence[tuple[FloatArray, BoolArray]]) -> Finding:
         window = trial.window or signal.span or Span(0.0, 0.0)
         gaps = uncovered_spans(signal.t, window, max_gap_s=self.max_gap_s)
         if self.share_of == "exposure":
-            whole_s, missing_s = self._exposed_s(trial, window, gaps)
+            whole_s, missing_s = self._exposed_s(seen, window, gaps)
         else:
             whole_s = window.duration_s
             missing_s = float(np.array([gap.duration_s for gap in gaps]).sum())
         share = covered_share(whole_s - missing_s, whole_s)
-        inside = signal.t[(signal.t >= window.start_s) & (signal.t <= window.end_s)]
-        ages = np.diff(np.concatenate(([window.start_s], inside, [window.end_s])))
-        quantities = {"coverage": share, "missing_s": missing_s, "stalest_s": float(ages.max())}
+        quantities = {"coverage": share, "missing_s": missing_s, "stalest_s": _stalest_s(signal, window)}
         if self.share_of == "exposure":
             quantities["exposure_s"] = whole_s
         quantities["clock_jumps"] = float(
             sum(d.count for d in trial.log_defects if (d.kind, d.where) == (_BACKWARDS, signal.name))
         )
         if signal.name.startswith("position/") and len(signal):
-            tracks = tracks_of(signal.t, signal.values, teleport_speed_m_s=self.teleport_speed_m_s)
-            quantities["jumps"] = float(len(tracks) - 1)
+            tracks = [
+                tracks_of(*part, teleport_speed_m_s=self.teleport_speed_m_s) for part in _parts(signal, 1)
+            ]
+            quantities["jumps"] = float(sum(len(found) - 1 for found in tracks))
         return Finding(
             signal.name,
             self.verdict(share),
@@ -133,9 +139,10 @@ class SignalCoverage:
             clause=_CLAUSE,
         )
 
-    def _exposed_s(self, trial: Trial, window: Span, gaps: Sequence[Span]) -> tuple[float, float]:
+    def _exposed_s(
+        self, seen: Sequence[tuple[FloatArray, BoolArray]], window: Span, gaps: Sequence[Span]
+    ) -> tuple[float, float]:
         """How long somebody was exposed, and how much of that lies in gaps, s."""
-        seen = [self._seen(trial, subject) for subject in pairs_of(trial)]
         ends = [end for gap in gaps for end in (gap.start_s, gap.end_s)]
         marks = np.unique(np.concatenate([[window.start_s, window.end_s, *ends], *(t for t, _ in seen)]))
         marks = marks[(marks >= window.start_s) & (marks <= window.end_s)]
@@ -155,6 +162,24 @@ class SignalCoverage:
             return np.zeros(0), np.zeros(0, dtype=bool)
         t, (distance, speed) = align(signals, max_gap_s=self.max_gap_s)
         return t, (distance > self.exposure_distance_m) | (speed <= STANDSTILL_SPEED_M_S)
+
+
+def _parts(signal: Signal, shared: int) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Times and values of a signal, some thousand at a time; of each part so many are in the next as well."""
+    for first in range(0, len(signal), _PART_SAMPLES):
+        yield signal.stretch(first, min(first + _PART_SAMPLES + shared, len(signal)))
+
+
+def _stalest_s(signal: Signal, window: Span) -> float:
+    """The longest time in a window until the next sample, or to its end, s."""
+    longest_s, before = 0.0, window.start_s
+    for first in range(0, len(signal), _PART_SAMPLES):
+        t = signal.times(first, min(first + _PART_SAMPLES, len(signal)))
+        inside = t[t.searchsorted(window.start_s) : t.searchsorted(window.end_s, side="right")]
+        if len(inside):
+            longest_s = max(longest_s, float(inside[0]) - before, float(np.diff(inside).max(initial=0.0)))
+            before = float(inside[-1])
+    return max(longest_s, window.end_s - before)
 
 
 def _holds_over(t: FloatArray, holds: BoolArray, begins: FloatArray, longest_s: float) -> BoolArray:

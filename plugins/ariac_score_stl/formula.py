@@ -198,10 +198,9 @@ class StlFormula:
             yield Finding.inconclusive(str(subject), message, span=trial.window, clause=self.clause)
             return
         for signal in found:
-            if signal.values.ndim != 1:
-                message = (
-                    f"signal {signal.name!r} has {signal.values.shape[1]} components; a formula takes one"
-                )
+            (_, *components) = signal.stretch(0, 0)[1].shape
+            if components:
+                message = f"signal {signal.name!r} has {components[0]} components; a formula takes one"
                 yield Finding.inconclusive(str(subject), message, clause=self.clause)
                 return
         if (trial.started_s is None) != (trial.ended_s is None):
