@@ -1,6 +1,6 @@
 """A season that goes wrong in every way, and comes out as if nothing had happened.
 
-    python benchmarks/season.py [--trials 500] [--kills 200] [--supervisor-kills 3] [--executor local dask ray]
+    python benchmarks/season.py [--trials 500] [--kills 200] [--supervisor-kills 3] [--executor local dask]
 
 One run in ten is broken: by its files, or by a plugin that hangs, devours memory, crashes or talks without
 end when it meets it (`trouble.py`, which is installed for this alone). The batch is scored once undisturbed.
