@@ -77,7 +77,7 @@ def _types() -> dict[str, _Fields]:
 def _store() -> Typestore:
     store = get_typestore(Stores.EMPTY)
     store.max_sequence_length = 1 << 16
-    types = {}
+    types: dict[str, Any] = {}
     for name, fields in _types().items():
         text = "\n".join(f"{type_} {field}" for field, type_ in fields.items())
         types |= get_types_from_msg(text, f"fuzz/msg/{name}")

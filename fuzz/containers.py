@@ -16,7 +16,9 @@ from zlib import crc32
 
 from ariac_score.errors import LogError
 from ariac_score.logs import mcap, ros1bag, slabs
-from ariac_score.logs.salvage import Batch, FileScan, Message, inflate
+from ariac_score.logs.mcap import McapScan
+from ariac_score.logs.ros1bag import Ros1Scan
+from ariac_score.logs.salvage import Batch, Message, inflate
 from ariac_score.testing.repacked import records
 from fuzz.columns import lowered
 
@@ -30,14 +32,14 @@ _LOW: list[tuple[ModuleType, dict[str, int]]] = [
 _SOME = ({"/small"}, {"/large"}, set[str]())
 
 _Told = list[tuple[str, int, bytes]]
-_Scan = Callable[..., FileScan]
+_Scan = Callable[..., McapScan | Ros1Scan]
 
 
 def mcap_three_ways(folder: Path, raw: bytes) -> None:
     """Scan an MCAP file in all ways."""
     path = folder / "log.mcap"
     path.write_bytes(raw)
-    whole = _compared(mcap.McapScan, path, crc32(raw))
+    whole = _compared(McapScan, path, crc32(raw))
     if whole is not None:
         assert whole == list(_walked_mcap(raw))
 
@@ -46,7 +48,7 @@ def ros1_three_ways(folder: Path, raw: bytes) -> None:
     """Scan a ROS 1 bag in all ways."""
     path = folder / "log.bag"
     path.write_bytes(raw)
-    whole = _compared(ros1bag.Ros1Scan, path, crc32(raw))
+    whole = _compared(Ros1Scan, path, crc32(raw))
     if whole is not None:
         assert whole == list(_walked_ros1(raw[13:], {}))
 
@@ -73,7 +75,7 @@ def _compared(scan: _Scan, path: Path, number: int) -> _Told | None:
     return whole
 
 
-def _told(scan: FileScan) -> tuple[_Told, bool]:
+def _told(scan: McapScan | Ros1Scan) -> tuple[_Told, bool]:
     """Topic, time and payload of each message, and whether the file is sound."""
     found: _Told = []
     try:

@@ -428,6 +428,8 @@ class McapScan(FileScan):
     def _check_footer(self, source: Source, record: bytes, start: int) -> None:
         if len(record) != _RECORD.size + _FOOTER_BODY.size:
             raise source.damaged("the record has a wrong length", what="footer", at=start)
+        if not self._in_summary:
+            raise source.damaged("no record says that the data end", what="footer", at=start)
         announced = int.from_bytes(record[-4:], "little")
         found = crc32(record[:-4], self._crc_of_summary)
         if announced not in (0, found):

@@ -65,7 +65,7 @@ def _opened(raw: bytes) -> Iterator[_Record]:
         op, length = struct.unpack_from("<BQ", raw, at)
         body = raw[at + 9 : at + 9 + length]
         at += 9 + length
-        if op == _DATA_END:
+        if op in (_DATA_END, _FOOTER):
             return
         if op == _CHUNK:
             size, _, named = struct.unpack_from("<QII", body, 16)

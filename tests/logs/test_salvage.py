@@ -372,6 +372,18 @@ def test_an_mcap_file_that_contradicts_itself_is_refused(
     assert cause in refusal(path).cause
 
 
+def test_data_whose_end_is_not_named_are_refused(tmp_path: Path) -> None:
+    """With the record goes the checksum in it, which then nothing would be held against."""
+    path, whole = tmp_path / "t.mcap", _mcap(CHANNEL, MESSAGE)
+    end = _record(0x0F, bytes(4))
+
+    for content in (whole.replace(end, b""), whole.replace(end, b"\x80" + end[1:])):
+        path.write_bytes(content)
+        with pytest.raises(LogError, match="no record says that the data end"):
+            for _ in McapScan(path):
+                pass
+
+
 def test_a_length_word_beyond_the_end_of_the_file_is_refused_without_reading(tmp_path: Path) -> None:
     path = tmp_path / "t.mcap"
     path.write_bytes(_mcap(CHANNEL, struct.pack("<BQ", 0x09, 2**63)))
