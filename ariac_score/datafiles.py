@@ -22,6 +22,7 @@ from ariac_score.plain_schema import surely_keeps
 __all__ = [
     "RepeatedKey",
     "YamlDocument",
+    "is_there",
     "load_yaml",
     "parse_yaml",
     "read_text",
@@ -109,6 +110,14 @@ def read_text(path: Path, *, error: type[DataFileError] = DataFileError, max_byt
         raise error(f"cannot be read: {cause.strerror}", file=path, hint="check the permissions") from cause
     except ValueError as cause:  # a name no file can have, such as one with a null byte
         raise error(f"cannot be read: {cause}", file=path, hint="check the path") from cause
+
+
+def is_there(path: Path) -> bool:
+    """Whether something lies at a path; nothing does where the system refuses the name."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
 
 
 def load_yaml(

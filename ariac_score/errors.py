@@ -57,7 +57,7 @@ def did_you_mean(name: str, known: Iterable[str], *, what: str = "known") -> str
     from difflib import get_close_matches  # noqa: PLC0415  # only when something failed
 
     names = sorted(known)
-    near = get_close_matches(name, names, n=1, cutoff=0.6)
+    near = get_close_matches(str(name), names, n=1, cutoff=0.6)  # YAML has names that are numbers
     if near:
         return f"did you mean {near[0]!r}?"
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")

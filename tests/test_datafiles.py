@@ -21,6 +21,7 @@ from ariac_score.datafiles import (
     MAX_NODES,
     RepeatedKey,
     YamlDocument,
+    is_there,
     load_yaml,
     parse_yaml,
     schema,
@@ -29,6 +30,8 @@ from ariac_score.datafiles import (
     validate,
 )
 from ariac_score.errors import DataFileError, RuleSetError
+from ariac_score.registry import Registry
+from ariac_score.ruleset import load_rule_set
 
 LAWFUL = settings(max_examples=80, derandomize=True, deadline=None)
 TEXT = st.text(st.characters(max_codepoint=0xD7FF), max_size=7)
@@ -436,3 +439,23 @@ def test_a_key_may_be_given_twice_where_the_caller_lets_it() -> None:
 def test_elsewhere_a_key_given_twice_is_refused() -> None:
     with pytest.raises(DataFileError, match="key 'c' is given twice, first in line 2"):
         parse_yaml(b"b:\n  c: 1\n  c: 2\n", file="f", may_repeat=lambda path: path == ("b",))
+
+
+def test_nothing_lies_where_the_system_refuses_the_name(tmp_path: Path) -> None:
+    (tmp_path / "log").write_text("")
+
+    assert is_there(tmp_path / "log")
+    assert is_there(tmp_path)
+    assert not is_there(tmp_path / "other")
+    assert not is_there(tmp_path / ("x" * 5000))
+    assert not is_there(tmp_path / "a\0b")
+
+
+def test_a_decimal_comma_is_refused_by_its_place(tmp_path: Path) -> None:
+    file = tmp_path / "rules.yaml"
+    file.write_text(
+        "id: mine\ntitle: t\nsource: s\nextends: paper2020\n"
+        "rules: {pose: {use: kitting.pose, with: {max_distance_m: 0,03}}}\n"
+    )
+    with pytest.raises(RuleSetError, match="line 5.*has no parameter 3"):
+        load_rule_set(str(file)).build(Registry())

@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
 from ariac_score.contracts import Reader
-from ariac_score.datafiles import YamlDocument, load_yaml, validate
+from ariac_score.datafiles import YamlDocument, is_there, load_yaml, validate
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.config_forms import looks_like
 
@@ -349,14 +349,6 @@ def _named_parts(file: Path, readers: Mapping[str, Reader]) -> Bundle:
     return Bundle(name, file.parent, tuple(parts), stated=stated, file=file)
 
 
-def _is_there(path: Path) -> bool:
-    """Whether there is such a path; none has a name that the system refuses."""
-    try:
-        return path.exists()
-    except OSError:
-        return False
-
-
 def _named_part(
     document: YamlDocument,
     file: Path,
@@ -376,7 +368,7 @@ def _named_part(
             place=where,
             hint="copy the file into the folder and name it relative to it",
         )
-    if not _is_there(path):
+    if not is_there(path):
         raise LogError(
             f"{name[:200]!r} does not exist",
             file=file,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 
-from ariac_score.datafiles import load_yaml
+from ariac_score.datafiles import is_there, load_yaml
 from ariac_score.errors import DataFileError, LogError
 from ariac_score.logs.mcap import McapScan
 from ariac_score.logs.opening import METADATA, METADATA_KEY
@@ -149,7 +149,7 @@ def _read_metadata(path: Path) -> _Metadata:
             f"it cannot be understood: {type(error).__name__}: {cause}", file=file, hint=_REINDEX
         ) from error
     for storage in metadata.files:
-        if not storage.is_file():
+        if not is_there(storage) or not storage.is_file():
             raise LogError(
                 f"it names {storage.name!r}, which is not in the folder",
                 file=file,

@@ -26,7 +26,7 @@ from typing import Any
 import yaml
 
 from ariac_score.batch.tasks import Setting
-from ariac_score.datafiles import parse_yaml
+from ariac_score.datafiles import is_there, parse_yaml
 from ariac_score.errors import LogError, ScoreError, UsageError
 from ariac_score.platforms.archives import unpack
 from ariac_score.platforms.neutral import COLUMNS, checked_metrics
@@ -323,7 +323,7 @@ def _problems(folder: Path) -> Iterator[Problem]:
         for key in ("scoring_program", "reference_data"):
             yield from _member_problems(folder, str(task.get(key, "")), key)
     for page in [*(p.get("file") for p in _listed(told, "pages")), told.get("image"), told.get("terms")]:
-        if page and not (folder / str(page)).is_file():
+        if page and not (is_there(folder / str(page)) and (folder / str(page)).is_file()):
             yield Problem("competition.yaml", f"{page} is not in the zip", "add the file")
 
 
@@ -408,7 +408,7 @@ def _date_problems(where: str, phase: Mapping[str, Any]) -> Iterator[Problem]:
 
 def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
     file = folder / name
-    if not name or not file.is_file():
+    if not name or not is_there(file) or not file.is_file():
         yield Problem("competition.yaml: tasks", f"{key} {name!r} is not in the zip", "add the file")
         return
     with tempfile.TemporaryDirectory() as inner:

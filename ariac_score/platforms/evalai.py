@@ -20,7 +20,7 @@ from typing import Any
 
 import yaml
 
-from ariac_score.datafiles import parse_yaml
+from ariac_score.datafiles import is_there, parse_yaml
 from ariac_score.errors import BatchError, ScoreError, UsageError
 from ariac_score.platforms.archives import is_archive
 from ariac_score.platforms.codabench import Problem, zipped
@@ -173,7 +173,7 @@ def _file_problems(told: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
         for number, phase in enumerate(_listed(told, "challenge_phases"))
     ]
     for where, name in named:
-        if not isinstance(name, str) or not (folder / name).is_file():
+        if not isinstance(name, str) or not is_there(folder / name) or not (folder / name).is_file():
             yield Problem(
                 where,
                 f"{name!r} does not lie beside the configuration, and the importer asks for it",

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ariac_score.datafiles import YamlDocument, load_yaml, validate
+from ariac_score.datafiles import YamlDocument, is_there, load_yaml, validate
 from ariac_score.errors import DataFileError, NothingToScoreError, UsageError, did_you_mean
 from ariac_score.logs.ariac_database import run_owners
 
@@ -205,7 +205,7 @@ def _logs_folder(root: Path, pattern: object) -> Path | None:
     if not isinstance(pattern, str) or not PurePosixPath(pattern).as_posix().endswith(ending):
         return None
     above = PurePosixPath(pattern).as_posix().removesuffix(ending)
-    return root / above if "{" not in above and (root / above).is_dir() else None
+    return root / above if "{" not in above and is_there(root / above) and (root / above).is_dir() else None
 
 
 def _refuse_twice(document: YamlDocument, key: str) -> None:
@@ -253,7 +253,7 @@ def _by_pattern(document: YamlDocument, root: Path, pattern: str, key: str, **na
     if not pattern:
         return None
     path = _inside(document, root, _filled(pattern, **names), (key,))
-    return path if path.is_file() else None
+    return path if is_there(path) and path.is_file() else None
 
 
 def _filled(pattern: str, **names: str) -> str:
@@ -285,7 +285,7 @@ def _is_below(path: Path, root: Path) -> bool:
 
 def _existing(document: YamlDocument, root: Path, name: str, place: Sequence[str | int]) -> Path:
     path = _inside(document, root, name, place)
-    if not path.exists():
+    if not is_there(path):
         raise DataFileError(
             f"{name!r} does not exist",
             file=document.file,
@@ -408,7 +408,7 @@ def stored_results(folder: Path) -> Competition:
 
 def _first(root: Path, patterns: Sequence[str], **names: str) -> Path | None:
     paths = [root / _filled(pattern, **names) for pattern in patterns]
-    return next((path for path in paths if path.is_file()), None)
+    return next((path for path in paths if is_there(path) and path.is_file()), None)
 
 
 # Finding runs --------------------------------------------------------------------------
