@@ -457,5 +457,5 @@ def test_a_decimal_comma_is_refused_by_its_place(tmp_path: Path) -> None:
         "id: mine\ntitle: t\nsource: s\nextends: paper2020\n"
         "rules: {pose: {use: kitting.pose, with: {max_distance_m: 0,03}}}\n"
     )
-    with pytest.raises(RuleSetError, match="line 5.*has no parameter 3"):
+    with pytest.raises(RuleSetError, match=r"line 5.*has no parameter 3"):
         load_rule_set(str(file)).build(Registry())
