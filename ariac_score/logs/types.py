@@ -10,7 +10,6 @@ import re
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache, lru_cache
-from importlib.resources import files
 from typing import TYPE_CHECKING, Literal
 
 from ariac_score.logs.definitions import FieldDefinitions, parsed_definitions
@@ -82,6 +81,8 @@ def bundled_typestore(ros: Literal[1, 2]) -> Typestore:
 
 
 def _bundled_definitions() -> Iterator[tuple[str, str]]:
+    from importlib.resources import files  # noqa: PLC0415  # slow to load
+
     packages = files("ariac_score.logs").joinpath("msg")
     for package in sorted(packages.iterdir(), key=lambda p: p.name):
         for definition in sorted(package.iterdir(), key=lambda p: p.name):
