@@ -110,6 +110,9 @@ def _parser(first: str = "") -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
+    # Nothing here multiplies matrices large enough to be worth the threads that numpy would start, which
+    # wait for work by spinning.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # What is left at the end goes with the process; looking through it takes longer than some commands.
     atexit.unregister(gc.freeze)
     atexit.register(gc.freeze)

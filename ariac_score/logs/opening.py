@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Container
+from contextlib import suppress
 from pathlib import Path
+
+import numpy as np
 
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.salvage import Scan
@@ -16,6 +19,8 @@ SUFFIXES = (".bag", ".db3", ".mcap")
 METADATA = "metadata.yaml"
 METADATA_KEY = "rosbag2_bagfile_information"
 """What a rosbag2 folder holds besides its storage files, and the key in it."""
+
+_LARGE_BLOCK_BYTES = 31 << 20  # at 32 MiB glibc stops learning
 
 _MCAP, _ROS1, _SQLITE = b"\x89MCAP0\r\n", b"#ROSBAG ", b"SQLite format 3\0"
 
@@ -57,6 +62,7 @@ def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None
         NothingToScoreError: It is empty, or no recording.
         LogError: It cannot be looked at, or its metadata cannot be understood.
     """
+    _let_freed_memory_stay()
     try:
         if path.is_dir():
             from ariac_score.logs.folder import FolderScan  # noqa: PLC0415  # as all of them
@@ -87,6 +93,16 @@ def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None
         file=path,
         hint="recordings are .bag, .db3 or .mcap files, or rosbag2 folders",
     )
+
+
+def _let_freed_memory_stay() -> None:
+    """Have what is freed while reading used again instead of given back to the system.
+
+    To get memory back from there takes longer than what is done with it. glibc keeps up to twice
+    the largest block that it got from the system and gave back; so one is, which nobody touches.
+    """
+    with suppress(MemoryError):
+        np.empty(_LARGE_BLOCK_BYTES, dtype=np.uint8)
 
 
 def cannot_be_read(error: OSError | MemoryError, path: Path) -> LogError:

@@ -161,10 +161,17 @@ def _portions(batch: Batch, kept: IntArray) -> Iterator[slice]:
 
 def _in_place(batch: Batch, rows: IntArray, first: int) -> dict[Connection, Waiting]:
     """Messages of a batch by connection, where they are."""
-    waiting, sources, payloads = {}, batch.sources[rows], batch.payloads
-    for place, connection in enumerate(batch.connections):
-        own = rows[sources == place]
-        if len(own):
-            found = Payloads(payloads.buffer, payloads.starts[own], payloads.ends[own])
-            waiting[connection] = Waiting(own + first, batch.stamps_ns[own], found)
+    sources, payloads = batch.sources[rows], batch.payloads
+    # Small numbers are sorted in one pass.
+    few = len(batch.connections) <= 1 << 8
+    rows = rows[np.argsort(sources.astype(np.uint8) if few else sources, kind="stable")]
+    numbers, stamps_ns = rows + first, batch.stamps_ns[rows]
+    starts, ends = payloads.starts[rows], payloads.ends[rows]
+    bounds = np.cumsum(np.bincount(sources, minlength=len(batch.connections))).tolist()
+    waiting = {}
+    for connection, start, end in zip(batch.connections, [0, *bounds], bounds, strict=False):
+        if end > start:
+            own = slice(start, end)
+            found = Payloads(payloads.buffer, starts[own], ends[own])
+            waiting[connection] = Waiting(numbers[own], stamps_ns[own], found)
     return waiting

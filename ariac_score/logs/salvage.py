@@ -62,6 +62,7 @@ MOST_INFLATION = _limit("ARIAC_SCORE_MOST_INFLATION", 1000)
 _ALWAYS_ALLOWED_BYTES = 1 << 26
 _BLOCK_BYTES = 1 << 20
 _BUFFER_BYTES = 1 << 14
+_KEPT_BYTES = 1 << 20
 _LATEST_NS = 2**63
 _TWO_PART_TYPE = re.compile(r"([A-Za-z]\w*)/([A-Za-z]\w*)", re.ASCII)
 _RE_RECORD = "record the trial again, or take another copy of the file; a score may not rest on part of a log"
@@ -193,10 +194,13 @@ class Source:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file: BinaryIO = open_log(path, _BUFFER_BYTES)
+        self._file: BinaryIO = open_log(path, 0)
         self._parts = ranged(path)
         self.size = path.stat().st_size
         self.offset = 0
+        # What was looked at last, and where it starts: little things are taken from it without
+        # asking the system, which would let other threads go first.
+        self._seen, self._seen_at = b"", 0
 
     def __enter__(self) -> Source:
         return self
@@ -221,7 +225,15 @@ class Source:
             LogError: The file ends before.
         """
         self._reserve(count, what)
-        taken = self._file.read(count)
+        first = self.offset - self._seen_at
+        if first < 0 or first + count > len(self._seen):
+            if count > _BUFFER_BYTES:
+                taken = self._read(self.offset, count)
+            else:
+                self._seen, self._seen_at, first = self._read(self.offset, _BUFFER_BYTES), self.offset, 0
+                taken = self._seen[:count]
+        else:
+            taken = self._seen[first : first + count]
         if len(taken) != count:
             raise self.damaged("the file ends early", what=what)
         self.offset += count
@@ -234,7 +246,7 @@ class Source:
             LogError: The file ends before.
         """
         self._reserve(len(room), what)
-        if self._file.readinto(room) != len(room):  # type: ignore[attr-defined]  # every file has it
+        if self._read_into(self.offset, room) != len(room):
             raise self.damaged("the file ends early", what=what)
         self.offset += len(room)
 
@@ -281,23 +293,16 @@ class Source:
         Raises:
             LogError: They are not there.
         """
-        self._file.seek(offset)
-        count = self._file.readinto(room)  # type: ignore[attr-defined]  # every file has it
-        self._file.seek(self.offset)
-        if count != len(room):
+        if self._read_into(offset, room) != len(room):
             raise self.damaged("the file ends early", what=what, at=offset)
 
     def skip(self, count: int) -> None:
         """Move on over bytes that are there."""
-        if count:
-            self.offset += count
-            self._file.seek(self.offset)
+        self.offset += count
 
     def peek(self, count: int) -> bytes:
         """The next bytes, at most so many, without moving on."""
-        taken = self._file.read(min(count, MAX_PEEK_BYTES))
-        self._file.seek(self.offset)
-        return taken
+        return self._read(self.offset, min(count, MAX_PEEK_BYTES))
 
     def at(self, offset: int, count: int) -> bytes:
         """Bytes from elsewhere, as far as they are there, without moving on."""
@@ -306,12 +311,31 @@ class Source:
         count = min(count, MAX_PEEK_BYTES)
         if self._parts:
             self._parts.have([(offset, offset + count)])
-        if hasattr(os, "pread"):  # which keeps what is buffered of the place that is read
-            return os.pread(self._file.fileno(), count, offset)
-        self._file.seek(offset)
-        found = self._file.read(count)
-        self._file.seek(self.offset)
+        found = self._read(offset, count)
+        if len(found) <= _KEPT_BYTES:
+            self._seen, self._seen_at = found, offset
         return found
+
+    def _read(self, offset: int, count: int) -> bytes:
+        """Bytes from anywhere, fewer where the file ends."""
+        if hasattr(os, "pread") and not self._parts:
+            found = os.pread(self._file.fileno(), count, offset)
+            if len(found) == count or offset + len(found) >= self.size:
+                return found
+        # The system gave less than there is, or the file has holes.
+        room = bytearray(max(0, min(count, self.size - offset)))
+        return bytes(room[: self._read_into(offset, memoryview(room))])
+
+    def _read_into(self, offset: int, room: memoryview) -> int:
+        """Put bytes from anywhere where there is room for them; returns how many there were."""
+        done = 0
+        self._file.seek(offset)
+        while done < len(room):
+            count = self._file.readinto(room[done:])  # type: ignore[attr-defined]  # every file has it
+            if not count:
+                break
+            done += count
+        return done
 
     def blocks(self, count: int, what: str) -> Iterator[bytes]:
         """The next bytes, in blocks, for what is passed over."""

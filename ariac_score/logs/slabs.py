@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from types import TracebackType
 
 import numpy as np
@@ -23,6 +24,8 @@ _LARGEST_INDEX_BYTES = 64 << 20
 _RECORD_BYTES = 1 << 8
 """What an index record takes besides what it holds, so that there are not too many that hold nothing."""
 _MOST_JOBS = 16
+_TOGETHER_BYTES = 4 << 20
+"""Chunks of so many bytes in all are given to another thread at once: to wake one takes time."""
 
 _Fill = Callable[[memoryview], Callable[[], None]]
 
@@ -58,6 +61,40 @@ class Chunk:
         """Take what an index record holds."""
         self.index.append(body)
         self._index_bytes += len(body) + _RECORD_BYTES
+
+
+class _Group:
+    """Jobs that are done one after the other: on another thread once they are given to one."""
+
+    def __init__(self) -> None:
+        self.size = 0
+        self._jobs: list[Callable[[], None]] = []
+        self._failure: tuple[int, Exception] | None = None
+        self._wait: Callable[[], None] = self._run
+
+    def add(self, job: Callable[[], None], size: int) -> Callable[[], None]:
+        """Take a job for so many bytes; returns what waits for it and raises what it raised."""
+        self._jobs.append(job)
+        self.size += size
+        return partial(self._finish, len(self._jobs) - 1)
+
+    def give(self, pool: ThreadPoolExecutor) -> None:
+        """Let another thread do them."""
+        self._wait = pool.submit(self._run).result
+
+    def _run(self) -> None:
+        jobs, self._jobs = self._jobs, []
+        for number, job in enumerate(jobs):
+            try:
+                job()
+            except Exception as error:  # noqa: BLE001  # whoever waits for it gets it
+                self._failure = number, error
+                return  # nobody looks at what is behind it
+
+    def _finish(self, number: int) -> None:
+        self._wait()
+        if self._failure is not None and self._failure[0] <= number:
+            raise self._failure[1]
 
 
 class Slab:
@@ -103,13 +140,14 @@ class Slabs:
     """Two slabs: one is filled while the other one is looked at.
 
     Args:
-        jobs: Threads that inflate; 1: the one that reads; 0: as many as there are processors.
+        jobs: Threads, the one that reads included; all others inflate, and if there are none, it does.
+            0: as many as there are processors.
     """
 
     def __init__(self, jobs: int = 0) -> None:
         jobs = min(jobs or _processors(), _MOST_JOBS)
-        self._pool = ThreadPoolExecutor(jobs) if jobs > 1 else None
-        self._filling = Slab(0)
+        self._pool = ThreadPoolExecutor(jobs - 1) if jobs > 1 else None
+        self._filling, self._group = Slab(0), _Group()
         self._waiting: Slab | None = None
 
     def __enter__(self) -> Slabs:
@@ -130,6 +168,7 @@ class Slabs:
         """Make room for a chunk; a slab that must be looked at before comes first."""
         if self._filling.has_room_for(size, packed):
             return
+        self._give()
         if self._waiting is not None:
             yield self._waiting
             self._waiting.empty()
@@ -148,6 +187,7 @@ class Slabs:
 
     def rest(self) -> Iterator[Slab]:
         """All slabs that were not looked at."""
+        self._group = _Group()  # what was not given is done by whoever looks
         if self._waiting is not None:
             yield self._waiting
             self._waiting.empty()
@@ -170,11 +210,19 @@ class Slabs:
         """
         first, room = self._filling.reserve(size, packed)
         job = fill(room)
-        elsewhere = self._pool is not None and job is not nothing_to_do
-        finish = self._pool.submit(job).result if self._pool and elsewhere else job
-        chunk = Chunk(start, start, first, first + size, finish)
+        if self._pool is not None and job is not nothing_to_do:
+            job = self._group.add(job, size)
+            if self._group.size >= _TOGETHER_BYTES:
+                self._give()
+        chunk = Chunk(start, start, first, first + size, job)
         self._filling.chunks.append(chunk)
         return chunk
+
+    def _give(self) -> None:
+        """Let another thread begin with what was added last."""
+        if self._pool is not None and self._group.size:
+            self._group.give(self._pool)
+            self._group = _Group()
 
 
 def nothing_to_do() -> None:

@@ -73,6 +73,39 @@ class _Grown:
         return self._values[: self._used]
 
 
+class _Bounds:
+    """Where lists start and end that come one after the other; mostly they are of one length."""
+
+    def __init__(self) -> None:
+        self._length, self._count = 0, 0
+        self._grown: _Grown | None = None
+
+    def add(self, bounds: IntArray, share: float) -> None:
+        """Take some lists, by where each starts and the last one ends."""
+        count = len(bounds) - 1
+        if not count:
+            return
+        length = int(bounds[1])
+        even = int(bounds[-1]) == length * count and bool((np.diff(bounds) == length).all())
+        if self._grown is None and even and (not self._count or length == self._length):
+            self._length, self._count = length, self._count + count
+            return
+        if self._grown is None:
+            self._grown = _Grown(np.dtype(np.int64))
+            self._grown.add(np.full(self._count, self._length, dtype=np.int64), share)
+        self._grown.add(np.diff(bounds), share)
+
+    def finished(self) -> IntArray:
+        if self._grown is None:
+            if not self._length:
+                return np.zeros(self._count + 1, dtype=np.int64)
+            return np.arange(0, self._length * self._count + 1, self._length, dtype=np.int64)
+        lengths = self._grown.finished()
+        bounds = np.zeros(len(lengths) + 1, dtype=np.int64)
+        np.cumsum(lengths, out=bounds[1:])
+        return bounds
+
+
 class _Growing:
     """A table while it is read."""
 
@@ -81,7 +114,7 @@ class _Growing:
         self._unreadable, self._defects = unreadable, 0
         self._stamps_ns = _Grown(np.dtype(np.int64))
         self._values: dict[str, _Grown] = {}
-        self._lengths: dict[str, _Grown] = {}
+        self._bounds: dict[str, _Bounds] = {}
         self._last: dict[str, Column] = {}  # one decoder gave them all, so its texts include those before
 
     def take(self, waiting: Waiting, share: float) -> None:
@@ -99,10 +132,10 @@ class _Growing:
             self._values.setdefault(path, _Grown(column.values.dtype)).add(column.values, share)
             offsets |= dict(zip(column.levels, column.offsets, strict=True))
         for path, bounds in offsets.items():
-            self._lengths.setdefault(path, _Grown(np.dtype(np.int64))).add(np.diff(bounds), share)
+            self._bounds.setdefault(path, _Bounds()).add(bounds, share)
 
     def table(self, connection: Connection) -> Table:
-        offsets = {path: _bounds(lengths.finished()) for path, lengths in self._lengths.items()}
+        offsets = {path: bounds.finished() for path, bounds in self._bounds.items()}
         columns = {
             path: Column(
                 path,
@@ -115,14 +148,6 @@ class _Growing:
         }
         stamps_ns = self._stamps_ns.finished()
         return Table(connection.topic, connection.type, stamps_ns, columns, self._defects, self._unreadable)
-
-
-def _bounds(lengths: IntArray) -> IntArray:
-    """Where each of some lists starts, and where the last one ends."""
-    bounds = np.empty(len(lengths) + 1, dtype=np.int64)
-    bounds[0] = 0
-    np.cumsum(lengths, out=bounds[1:])
-    return bounds
 
 
 def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None], *, jobs: int = 0) -> list[Table]:
