@@ -6,6 +6,7 @@ import math
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,12 @@ IntArray = NDArray[np.int64]
 
 _Row = tuple[float, float, float, float, float, float, float]
 
+_Lie = tuple[FloatArray, FloatArray]
+"""How a frame lies in another one: x, y, z in m, shape (3, n), and a quaternion, shape (4, n)."""
+
 _FEW_CODES = 1 << 16
 _FEW_PLACES = 16
+_LONGEST_TURN = 1 << 10
 _FEWEST_SAMPLES = 64
 _LARGEST_GUESS = 1 << 22
 _BLOCK_ROWS = 1 << 13
@@ -90,11 +95,15 @@ class _Edge:
         share: float,
     ) -> None:
         """Take the samples at some places of arrays; with them a share of all will have come."""
-        stamps_ns = stamps_ns[places]
+        rooms = self.rooms(stamps_ns[places], share)
+        for room, column in zip(rooms, columns, strict=True):
+            room[:] = column[places]
+
+    def rooms(self, stamps_ns: IntArray, share: float) -> FloatArray:
+        """Take the stamps of samples; what is put into these rows, shape (7, n), was so then."""
         room = self._room(len(stamps_ns), share)
         self._stamps_ns[room] = stamps_ns
-        for own, column in zip(self._columns, columns, strict=True):
-            own[room] = column[places]
+        return self._columns[:, room]
 
     def _room(self, count: int, share: float = 0.0) -> slice:
         """Where the next so many samples go."""
@@ -118,11 +127,47 @@ class _Settled:
     def covers(self, t: FloatArray) -> NDArray[np.bool_]:
         return covered(self.t, t, max_gap_s=MAX_GAP_S)
 
-    def at(self, t: FloatArray) -> FloatArray:
-        """By straight lines between neighbours, shape (7, m)."""
+    def at(self, t: FloatArray) -> _Course:
+        """By straight lines between neighbours."""
         if np.array_equal(t, self.t):
-            return self.columns
-        return np.stack([np.interp(t, self.t, column) for column in self.columns])
+            return _Course(self.columns, sampled=True)
+        return _Course(np.stack([np.interp(t, self.t, column) for column in self._continuous]))
+
+    @cached_property
+    def _continuous(self) -> FloatArray:
+        """Its columns with quaternions fit for interpolation."""
+        columns = self.columns.copy()
+        _make_continuous(columns[3:])
+        return columns
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """How a frame lies in the next one at some times, shape (7, n), or (7, 1) where it stays the same.
+
+    Attributes:
+        columns: x, y, z in m, then its quaternion x, y, z, w.
+        sampled: Whether these are samples as they were recorded, not interpolated.
+    """
+
+    columns: FloatArray
+    sampled: bool = False
+
+    def stretch(self, some: slice) -> _Lie:
+        """Its position and a quaternion of about its rotation, at some of the times."""
+        rows = self._rows(some)
+        if not self.sampled:
+            return rows[:3], rows[3:]
+        # As where one sample is to be made continuous with the one before, so that what is composed
+        # of samples does not hang, in its last bits, on whether others are interpolated.
+        return rows[:3], rows[3:] / _norm(rows[3:])
+
+    def origin(self, some: slice) -> FloatArray:
+        """Its position alone."""
+        return self._rows(some)[:3]
+
+    def _rows(self, some: slice) -> FloatArray:
+        return self.columns[:, some] if self.columns.shape[1] > 1 else self.columns
 
 
 class TransformTree:
@@ -185,6 +230,10 @@ class TransformTree:
         for column in columns[:3]:
             usable &= np.isfinite(column)
         all_usable, all_move = bool(usable.all()), bool(moving.all())
+        together = _turn(pair) if all_usable and all_move else 0
+        if together:
+            self._add_in_turn(names, pair[:together], stamps_ns, columns, share)
+            return
         for key in _keys(pair, len(names) ** 2):
             parent, child = _frame(names[key // len(names)]), _frame(names[key % len(names)])
             found = np.flatnonzero(pair == key)
@@ -204,6 +253,26 @@ class TransformTree:
                 found = found[moving[found]]
             if len(found):
                 edge.add_many(_even(found), stamps_ns, columns, share)
+
+    def _add_in_turn(
+        self,
+        names: Sequence[str],
+        pairs: IntArray,
+        stamps_ns: IntArray,
+        columns: Sequence[FloatArray],
+        share: float,
+    ) -> None:
+        """Take transforms of frames that come in turn, of which the first ones are given."""
+        taken = []
+        for first in np.argsort(pairs).tolist():
+            parent, child = (_frame(names[number]) for number in divmod(int(pairs[first]), len(names)))
+            edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge())
+            own = slice(first, None, len(pairs))
+            taken.append((own, edge.rooms(stamps_ns[own], share)))
+        # Column by column: one fits the processor's cache.
+        for number, column in enumerate(columns):
+            for own, rooms in taken:
+                rooms[number] = column[own]
 
     def settle(self, builder: TrialBuilder, origin_ns: int, matches: Sequence[BodyMatch]) -> None:
         """Hand the positions of all matching frames to the builder, with their bodies.
@@ -287,8 +356,8 @@ class TransformTree:
         t = self._common_times(list(moving.values())) if moving else self._all_times(builder, origin_ns)
         for settled in moving.values():
             t = t[settled.covers(t)]
-        columns = [
-            moving[frame].at(t) if frame in moving else np.array(edge.static)[:, np.newaxis]
+        courses = [
+            moving[frame].at(t) if frame in moving else _Course(np.array(edge.static)[:, np.newaxis])
             for frame, edge in zip(chain, edges, strict=True)
         ]
         position: FloatArray = np.empty((len(t), 3))
@@ -297,8 +366,8 @@ class TransformTree:
         ):  # absurd numbers end as infinite: left out, counted
             for first in range(0, len(t), _BLOCK_ROWS):
                 some = slice(first, first + _BLOCK_ROWS)
-                block = [rows[:, some] if rows.shape[1] > 1 else rows for rows in columns]
-                for axis, values in enumerate(_composed(block)):
+                chain_there = [course.stretch(some) for course in courses[1:]]
+                for axis, values in enumerate(_composed(courses[0].origin(some), chain_there)):
                     position[some, axis] = values
         return t, position
 
@@ -319,7 +388,7 @@ class TransformTree:
         return distinct(np.array([ends.start_s, ends.end_s])) if ends else np.zeros(0)
 
     def _moving(self, builder: TrialBuilder, origin_ns: int, frame: str, edge: _Edge) -> _Settled:
-        """The samples of a moving transform, settled, its quaternions fit for interpolation."""
+        """The samples of a moving transform, settled."""
         if frame not in self._settled:
             settled = settle(times_s(edge.stamps_ns, origin_ns), edge.columns.T)
             if settled.largest_step_back_s > LARGEST_STEP_BACK_S:
@@ -348,9 +417,7 @@ class TransformTree:
             builder.defect(
                 "impossible_values", where, settled.not_finite, "places too far away were left out, as gaps"
             )
-            columns = settled.values.T
-            _make_continuous(columns[3:])
-            self._settled[frame] = _Settled(settled.t, columns)
+            self._settled[frame] = _Settled(settled.t, settled.values.T)
         return self._settled[frame]
 
 
@@ -374,6 +441,19 @@ def _are_units(quaternion: Sequence[FloatArray]) -> NDArray[np.bool_]:
     return units
 
 
+def _turn(codes: IntArray) -> int:
+    """After how many of some numbers the same different ones come again, to the end; 0 where they do not."""
+    if not len(codes):
+        return 0
+    again = np.flatnonzero(codes[1 : _LONGEST_TURN + 1] == codes[:1])
+    turn = int(again[0]) + 1 if len(again) else len(codes)
+    if turn > _LONGEST_TURN or len(codes) % turn:
+        return 0
+    turns = codes.reshape(-1, turn)
+    alike = bool((turns == turns[0]).all()) and len(set(turns[0].tolist())) == turn
+    return turn if alike else 0
+
+
 def _keys(codes: IntArray, limit: int) -> list[int]:
     """The different ones of some numbers below a limit, increasing."""
     if limit > _FEW_CODES:
@@ -391,7 +471,7 @@ def _even(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     return slice(int(places[0]), int(places[-1]) + 1, step)
 
 
-def _norm(quaternion: Sequence[FloatArray]) -> FloatArray:
+def _norm(quaternion: FloatArray | Sequence[FloatArray]) -> FloatArray:
     """The norms of quaternions given by their four columns."""
     x, y, z, w = quaternion
     norm: FloatArray = np.sqrt(x * x + y * y + z * z + w * w)
@@ -403,7 +483,7 @@ def _make_continuous(quaternions: FloatArray) -> None:
     sign, last = 1.0, np.zeros((4, 1))
     for first in range(0, quaternions.shape[1], _BLOCK_ROWS):
         block = quaternions[:, first : first + _BLOCK_ROWS]
-        unit = block / _norm(block)  # type: ignore[arg-type]  # an array is a sequence of its rows
+        unit = block / _norm(block)
         x, y, z, w = unit * np.concatenate((last, unit[:, :-1]), axis=1)
         last = unit[:, -1:].copy()
         turned = np.cumsum(x + y + z + w < 0) % 2
@@ -411,18 +491,20 @@ def _make_continuous(quaternions: FloatArray) -> None:
         sign = -sign if turned[-1] else sign
 
 
-def _composed(chain: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where the origin of the first frame of a chain is in the last frame's parent.
+def _composed(origin: FloatArray, chain: Sequence[_Lie]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where the origin of a frame is in another one.
 
     Args:
-        chain: Of each frame how it lies in the next one: x, y, z in m, then its quaternion
-            x, y, z, w, whose norm does not matter; shape (7, n), or (7, 1) where it stays the same.
+        origin: Where it is in the first frame of a chain, x, y, z in m, shape (3, n), or (3, 1) where
+            it stays the same.
+        chain: Of each frame how it lies in the next one: its origin as above, then its quaternion
+            x, y, z, w, whose norm does not matter, shape (4, n) or (4, 1).
 
     Returns:
-        Its x, y and z, each of shape (n,) or (1,), in m.
+        Its x, y and z in the last one, each of shape (n,) or (1,), in m.
     """
-    x, y, z = chain[0][:3] + 0.0  # 0.0 takes the sign from a zero, as adding to the origin does
-    for at_x, at_y, at_z, *turn in chain[1:]:
+    x, y, z = origin + 0.0  # 0.0 takes the sign from a zero, as adding to the origin does
+    for (at_x, at_y, at_z), turn in chain:
         a, b, c, w = turn / _norm(turn)
         # v + 2 (w (q x v) + q x (q x v))
         p, q, r = b * z - c * y, c * x - a * z, a * y - b * x
