@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import date, datetime, timezone
 from decimal import Decimal
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 from ariac_score.datafiles import YamlDocument, load_yaml, validate
 from ariac_score.errors import DataFileError, did_you_mean
 from ariac_score.findings import Finding, Verdict
+from ariac_score.records import dataclass
 from ariac_score.result import Result
 from ariac_score.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.pricing import Priced, price

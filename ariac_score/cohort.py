@@ -8,13 +8,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ariac_score.datafiles import read_text, schema_errors, strict_json
 from ariac_score.errors import DataFileError, UsageError, did_you_mean
 from ariac_score.expression import add_up
+from ariac_score.records import dataclass
 from ariac_score.result import Measured
 from ariac_score.ruleset import RuleSet
 from ariac_score.scoring.cohort import CohortTerm, CohortValues

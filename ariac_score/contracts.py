@@ -8,17 +8,20 @@ without arguments. Calls are pure: same trial, same answer.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from ariac_score.findings import Finding, Verdict
+from ariac_score.records import dataclass
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.events import Event
-from ariac_score.trial.kits import Kit
 from ariac_score.trial.model import Body, LogDefect, Order, Submission, Trial
 from ariac_score.trial.signals import Sample
-from ariac_score.trial.sketch import Course
+
+if TYPE_CHECKING:
+    from ariac_score.trial.kits import Kit
+    from ariac_score.trial.sketch import Course
 
 __all__ = [
     "GROUPS",

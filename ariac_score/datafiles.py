@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +17,7 @@ import yaml
 
 from ariac_score.errors import DataFileError, did_you_mean
 from ariac_score.plain_schema import surely_keeps
+from ariac_score.records import dataclass
 
 __all__ = [
     "RepeatedKey",

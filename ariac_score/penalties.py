@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
 from ariac_score.datafiles import YamlDocument, load_yaml, shipped_rules, validate
 from ariac_score.errors import RuleSetError, did_you_mean
+from ariac_score.records import dataclass
 
 __all__ = ["EARNED", "PREFIX", "Penalty", "load_penalty", "penalty_names", "with_penalty"]
 

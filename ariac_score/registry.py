@@ -13,7 +13,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,6 +31,7 @@ from ariac_score.errors import (
 from ariac_score.installed import attribute_of, points_in
 from ariac_score.parameters import ParameterFacts, facts_of
 from ariac_score.quiet import quiet
+from ariac_score.records import dataclass
 
 __all__ = ["Plugin", "Registry", "package_sha256"]
 

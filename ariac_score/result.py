@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from decimal import Decimal
 from typing import Any
 
 from ariac_score.errors import ResultError
 from ariac_score.findings import Finding
+from ariac_score.records import dataclass
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.policy import Assumption

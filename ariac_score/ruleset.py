@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from ariac_score.datafiles import (
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
 from ariac_score.expression import Expression
 from ariac_score.penalties import PREFIX, with_penalty
+from ariac_score.records import dataclass
 from ariac_score.registry import Registry
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from types import MappingProxyType
 
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ariac_score.contracts import LogDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.records import dataclass
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.events import (
     ARM_COLLISION,

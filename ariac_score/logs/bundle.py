@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
@@ -16,6 +16,7 @@ from ariac_score.contracts import Reader
 from ariac_score.datafiles import YamlDocument, is_there, load_yaml, validate
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.config_forms import looks_like
+from ariac_score.records import dataclass
 
 __all__ = ["MAX_DEPTH", "MAX_FILES", "ROLES", "Bundle", "Part", "find_parts", "with_parts"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import field, fields, is_dataclass
 from keyword import iskeyword
 from operator import attrgetter
 from pathlib import Path
@@ -28,6 +28,7 @@ from ariac_score.logs.pending import Pending, Waiting
 from ariac_score.logs.salvage import Batch, Connection, Message, normalised_type
 from ariac_score.logs.transforms import ModelPoses, TransformTree, times_s
 from ariac_score.logs.types import Decode, UnknownTypeError, decoder_for
+from ariac_score.records import dataclass
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, FieldMap
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from ariac_score.logs.pending import Waiting
 from ariac_score.logs.salvage import Connection
 from ariac_score.logs.transforms import ModelPoses, TransformTree
 from ariac_score.logs.types import column_decoder_for
+from ariac_score.records import dataclass
 from ariac_score.trial.channels import Channel
 from ariac_score.trial.spans import FloatArray
 

@@ -18,7 +18,6 @@ import re
 import zlib
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import compress
 from operator import ne
 from pathlib import Path
@@ -32,6 +31,7 @@ from ariac_score.contracts import LogDescription, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.columnar.columns import ranges
 from ariac_score.logs.kit_from_poses import KitPoses, Track, is_followed
+from ariac_score.records import dataclass
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body, LogDefect, Trial

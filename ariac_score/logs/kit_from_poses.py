@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ariac_score.records import dataclass
 from ariac_score.trial.build import LARGEST_STEP_BACK_S
 from ariac_score.trial.channels import KitMap, TrayMatch
 from ariac_score.trial.kits import FaultMarks, Kit

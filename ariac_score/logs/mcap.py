@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from zlib import crc32
@@ -30,6 +30,7 @@ from ariac_score.logs.salvage import (
 )
 from ariac_score.logs.slabs import Chunk, Slab, Slabs, entries_of, nothing_to_do, scratch
 from ariac_score.logs.tiling import check_not_crossed, gaps_between, records_at
+from ariac_score.records import dataclass
 
 __all__ = ["MAGIC", "McapScan"]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Container, Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from ariac_score.logs.columnar import Payloads
 from ariac_score.logs.columnar.columns import Bytes, IntArray
 from ariac_score.logs.salvage import Batch, Connection, Message
+from ariac_score.records import dataclass
 
 __all__ = ["SLAB_BYTES", "Pending", "Waiting"]
 

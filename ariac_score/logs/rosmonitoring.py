@@ -12,7 +12,7 @@ import json
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 from keyword import iskeyword
 from pathlib import Path
@@ -26,6 +26,7 @@ from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.gathering import Gathering, Route
 from ariac_score.logs.gathering_columns import MixedClocksError
 from ariac_score.logs.salvage import Batch, Connection, Message, normalised_type
+from ariac_score.records import dataclass
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, LogMap
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED

@@ -12,7 +12,6 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -21,6 +20,7 @@ from typing import Any, BinaryIO, NamedTuple, Protocol
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.columns import IntArray, Payloads
 from ariac_score.logs.ranged import open_log, ranged
+from ariac_score.records import dataclass
 
 __all__ = [
     "LARGEST_FILE_BYTES",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ariac_score.errors import LogError
 from ariac_score.logs.foreseen import Foreseen
+from ariac_score.records import dataclass
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body

@@ -13,12 +13,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
 from ariac_score.contracts import LogDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.records import dataclass
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED, Event
 from ariac_score.trial.model import OfficialOrder, OfficialResult, Submission, Trial

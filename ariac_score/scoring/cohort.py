@@ -8,9 +8,10 @@ contributes and which teams count; formulas name it `cohort.<name>`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from ariac_score.expression import Expression, Number
+from ariac_score.records import dataclass
 
 __all__ = ["CohortTerm", "CohortValues", "Contribution"]
 

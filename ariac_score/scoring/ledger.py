@@ -11,11 +11,12 @@ its own, and small by construction.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from decimal import ROUND_HALF_EVEN, Decimal
 
 from ariac_score.errors import FormulaError, ResultError
 from ariac_score.expression import LARGEST_INTEGER, Number, Traced
+from ariac_score.records import dataclass
 
 __all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded"]
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from ariac_score.findings import Finding, Verdict
+from ariac_score.records import dataclass
 
 __all__ = ["POLICIES", "Assumed", "Assumption", "assume", "ideal"]
 

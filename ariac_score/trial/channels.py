@@ -6,10 +6,11 @@ This is data. `ariac_score.logmap` loads it from YAML; readers follow it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from fnmatch import fnmatchcase
 from typing import Literal
 
+from ariac_score.records import dataclass
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import Quantity, quantity_of
 

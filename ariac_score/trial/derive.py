@@ -7,9 +7,10 @@ itself is never replaced by something derived.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from ariac_score.records import dataclass
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, distinct

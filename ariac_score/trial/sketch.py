@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ariac_score.records import dataclass
 from ariac_score.trial.model import Trial
 from ariac_score.trial.spans import FloatArray, Span, distinct
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Order, Product, Task, Trial
+from ariac_score.records import dataclass
 from ariac_score_kitting.claims import (
     EMPTY_KIT,
     NOT_SUBMITTED,

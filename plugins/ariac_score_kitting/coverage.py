@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from ariac_score import Finding, Order, Trial
+from ariac_score.records import dataclass
 
 _PLURAL = {"kitting": "kits", "assembly": "assemblies"}
 

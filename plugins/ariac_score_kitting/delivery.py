@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Limit, Order, Submission, Task, Trial
+from ariac_score.records import dataclass
 from ariac_score_kitting.claims import (
     NOT_SUBMITTED,
     CountsFrom,

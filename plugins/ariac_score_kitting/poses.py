@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 from ariac_score import Finding, Limit, Order, Pose, Product, Task, Tray, Trial, WantedProduct
+from ariac_score.records import dataclass
 from ariac_score_kitting.claims import (
     EMPTY_KIT,
     NOT_SUBMITTED,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from math import floor, inf
 from typing import TYPE_CHECKING, Literal
 
@@ -25,6 +24,7 @@ from ariac_score import (
     sample_durations,
     uncovered_spans,
 )
+from ariac_score.records import dataclass
 from ariac_score_standards.online import PairsOnline
 from ariac_score_standards.severity import (
     SPEED,

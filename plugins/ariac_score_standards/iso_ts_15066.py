@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -21,6 +20,7 @@ from ariac_score import (
     check_parameters,
     parameter,
 )
+from ariac_score.records import dataclass
 from ariac_score_standards.online import Judge, PairsOnline
 from ariac_score_standards.severity import (
     EXPOSURE_DISTANCE_M,

@@ -22,7 +22,7 @@ source, and checked by `check_parameters`.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 from ariac_score import (
@@ -37,6 +37,7 @@ from ariac_score import (
     episodes_where,
     sample_durations,
 )
+from ariac_score.records import dataclass
 from ariac_score_standards.watching import BoolArray, FloatArray, Watched, Watching
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ Flags and modes, which stay as they are until they change, come from `state_over
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import zip_longest
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
@@ -27,6 +27,7 @@ from ariac_score import (
     gaps_between,
     sample_durations,
 )
+from ariac_score.records import dataclass
 
 if TYPE_CHECKING:
     import numpy as np

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ariac_score.records import dataclass
 
 __all__ = ["Bytes", "Column", "Columns", "Defect", "IntArray", "Payloads", "ranges"]
 
