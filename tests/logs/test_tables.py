@@ -82,7 +82,7 @@ def test_however_the_slabs_are_cut_the_columns_are_those_of_one(
     state, header = (store.types[name] for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header"))
     stamp = store.types["builtin_interfaces/msg/Time"](sec=1, nanosec=2)
     values = np.random.default_rng(len(sent)).normal(size=(len(sent), 3))
-    packed, expected = [], list[float]()
+    packed, expected, lengths = [], list[float](), list[tuple[int, int]]()
     for (names, short), row in zip(sent, values, strict=True):
         position = row[: len(names)]
         message = state(header(stamp, ""), list(names), position, position[short:] * 2, position[:0])
@@ -90,6 +90,7 @@ def test_however_the_slabs_are_cut_the_columns_are_those_of_one(
         sound = not (names and short == 5)
         packed.append(raw if sound else raw[:-9])
         expected += position.tolist() if sound else []
+        lengths += [(len(names), len(position))] if sound else []
     cuts = sorted(data.draw(st.lists(st.integers(0, len(sent)), max_size=6)))
     connection = Connection("/joints", "sensor_msgs/msg/JointState", "cdr")
     growing = tables._Growing(column_decoder_for(connection, None))
@@ -102,6 +103,11 @@ def test_however_the_slabs_are_cut_the_columns_are_those_of_one(
 
     assert table.defects == sum(1 for names, short in sent if names and short == 5)
     assert table.columns["position"].values.tolist() == expected
+    for path, place in (("name", 0), ("position", 1)):
+        column = table.columns[path]
+        found = np.diff(column.offsets[0]).tolist() if sent else []
+        assert found == [both[place] for both in lengths]
+        assert not sent or (column.offsets[0][0], column.offsets[0][-1]) == (0, len(column.values))
     assert [table.columns["name"].texts[code] for code in table.columns["name"].values] == [  # type: ignore[index]
         name for names, short in sent if short != 5 for name in names
     ]

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score.errors import LogError
-from ariac_score.logs.transforms import MAX_GAP_S, TransformTree, _Edge
+from ariac_score.logs.transforms import MAX_GAP_S, TransformTree, _Edge, _turn
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body
@@ -277,7 +277,9 @@ def test_transforms_whose_time_runs_backwards_by_a_lot_are_refused() -> None:
 # Many at once.
 
 
-def _samples(seed: int, count: int, *, jitter: bool) -> list[tuple[int, str, str, list[float]]]:
+def _samples(
+    seed: int, count: int, *, jitter: bool, broken: bool = True
+) -> list[tuple[int, str, str, list[float]]]:
     """Transforms of a chain of four frames as a recorder tells them; now and then one is broken."""
     dice = np.random.default_rng(seed)
     chain = [("world", "rail"), ("rail", "torso"), ("torso", "arm"), ("arm", "hand_tool")]
@@ -286,7 +288,7 @@ def _samples(seed: int, count: int, *, jitter: bool) -> list[tuple[int, str, str
         for number, (parent, child) in enumerate(chain):
             at, turn = dice.normal(size=3), dice.normal(size=4)
             turn /= np.linalg.norm(turn)
-            if dice.random() < 0.02:
+            if broken and dice.random() < 0.02:
                 turn *= dice.choice([0.0, 1.02, np.nan])
             late_ns = int(dice.integers(0, 3)) * number if jitter else 0
             found.append((i * 10_000_000 + late_ns, parent, child, [*at, *turn]))
@@ -343,11 +345,12 @@ def _handed_over(
     pieces=st.integers(1, 5),
     share=st.sampled_from([0.0, 1e-9, 0.3, 1.0]),
     jitter=st.booleans(),
+    broken=st.booleans(),
 )
 def test_transforms_that_come_together_lead_where_single_ones_do(
-    seed: int, count: int, pieces: int, share: float, jitter: bool
+    seed: int, count: int, pieces: int, share: float, jitter: bool, broken: bool
 ) -> None:
-    samples = _samples(seed, count, jitter=jitter)
+    samples = _samples(seed, count, jitter=jitter, broken=broken)
     singly = TransformTree("world", file=Path("t.bag"))
     for stamp_ns, parent, child, row in samples:
         x, y, z, *turn = row
@@ -387,6 +390,26 @@ def test_more_transforms_than_are_composed_at_a_time_keep_their_hemisphere() -> 
     at = np.interp(found.t, stamps_ns / 1e9, angle)
     expected = np.stack([2 * np.cos(at), 2 * np.sin(at), np.zeros(len(at))], axis=1)
     assert found.values == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("codes", "turn"),
+    [
+        ([7], 1),
+        ([7, 7, 7], 1),
+        ([3, 1, 2], 3),
+        ([3, 1, 2, 3, 1, 2], 3),
+        ([3, 1, 2, 3, 1], 0),  # the last turn is not whole
+        ([3, 1, 2, 3, 2, 1], 0),  # in another order
+        ([3, 1, 1, 3, 1, 1], 0),  # a frame comes twice in a turn: its samples are not evenly spaced
+        ([3, 1, 2, 3, 1, 2, 3, 1, 4], 0),
+        ([], 0),
+        (list(range(1024)), 1024),
+        (list(range(1025)), 0),
+    ],
+)
+def test_frames_that_come_in_turn_are_noticed(codes: list[int], turn: int) -> None:
+    assert _turn(np.array(codes, dtype=np.int64)) == turn
 
 
 def test_a_guess_from_very_little_does_not_take_all_memory() -> None:
