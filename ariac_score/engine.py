@@ -113,7 +113,7 @@ def score_trial(
         root: Folder that file names in the result are relative to; needed with `also`.
         trial_id: Name of the trial, where the caller knows it better than the files.
         team: Name of the team, likewise.
-        jobs: Threads that inflate a recording; 0: as many as there are processors. The
+        jobs: Threads that read a recording, one of which decodes; 0: as many as there are processors. The
             result does not depend on it.
         known: A result of the same files by the same code, whose checks ask for the same
             signals (`needs_alike`): what they found is taken from it, and only others are asked.
@@ -237,7 +237,7 @@ def read_trial(
         registry: For the decoders that the log map names.
         quantities: The quantities checks ask for; what they derive from is read too.
         progress: Called with the share done.
-        jobs: Threads that inflate a recording; 0: as many as there are processors.
+        jobs: Threads that read a recording, one of which decodes; 0: as many as there are processors.
         orders: Whether a trial without any order is none.
 
     Raises:
