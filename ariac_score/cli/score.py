@@ -37,7 +37,7 @@ def register(commands: Any) -> None:
         type=_jobs,
         default=0,
         metavar="N",
-        help="threads that read a recording, one of them decodes; 0: one for each processor (default); changes no result",
+        help="threads that read a recording; 0: one for each processor (default); changes no result",
     )
     add_output(parser)
     parser.set_defaults(run=run)

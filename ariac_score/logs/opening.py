@@ -55,7 +55,7 @@ def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None
 
     Args:
         path: A recording.
-        jobs: Threads, of which one decodes and the others inflate its chunks; 0: as many as there are processors.
+        jobs: Threads, of which all but one inflate its chunks; 0: as many as there are processors.
         topics: Messages of other topics may come without their bytes; `None`: all come with them.
 
     Raises:

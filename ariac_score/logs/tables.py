@@ -156,7 +156,7 @@ def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None], *, jobs:
     Args:
         path: The recording.
         wanted: Dotted paths by topic; `None` for all fields of a topic.
-        jobs: Threads, of which one decodes and the others inflate its chunks; 0: as many as there are processors.
+        jobs: Threads, of which all but one inflate its chunks; 0: as many as there are processors.
 
     Returns:
         A table for each connection on a wanted topic, in the order they were declared.
