@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from threading import Event
 
@@ -353,7 +353,8 @@ def _asked_before(known: Result, check: Check) -> str | None:
 
 def _said(known: Result, name: str, check: Check) -> list[Finding]:
     """What a check of a stored result found, as findings of this one."""
-    return [replace(finding, check=check.name) for finding in known.measured.of(name).values()]
+    said = known.measured.of(name).values()
+    return [f if f.check == check.name else replace(f, check=check.name) for f in said]
 
 
 def needs_alike(first: RuleSet, second: RuleSet, registry: Registry) -> bool:
@@ -631,6 +632,7 @@ def _refuse_other_contents(bundle: Bundle, inputs: Sequence[Source]) -> None:
             )
 
 
+@cache  # like the hash of the code, what is loaded does not change any more
 def _engine() -> tuple[str, str, str, str]:
     """The code that prices, whoever measured."""
     name, package = "ariac-score", "ariac_score"

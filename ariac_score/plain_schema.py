@@ -59,8 +59,8 @@ def _is(data: Any, name: str) -> bool:
 
 
 def _same(data: Any, wanted: Any) -> bool:
-    # Numbers and truth values have rules of their own, so only texts are sure.
-    return isinstance(data, str) and isinstance(wanted, str) and data == wanted
+    # Whether 1 is 1.0, or true, has rules of its own, so only what is of one kind is sure.
+    return type(data) is type(wanted) and isinstance(data, (str, int)) and bool(data == wanted)
 
 
 def _properties(data: Any, wanted: Mapping[str, Any], _: Any, definitions: Mapping[str, Any]) -> bool:

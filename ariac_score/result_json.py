@@ -19,6 +19,7 @@ from ariac_score.datafiles import schema_errors, strict_json
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.expression import Traced
 from ariac_score.findings import Finding, Verdict
+from ariac_score.plain_json import canonical_text
 from ariac_score.result import (
     SIGNIFICANT_DIGITS,
     Coverage,
@@ -53,6 +54,7 @@ __all__ = [
     "measured_sha256",
     "newer_schema",
     "read_result",
+    "result_in",
 ]
 
 SCHEMA = "ariac-score/result/1"
@@ -108,7 +110,7 @@ _COMPACT: Mapping[str, Any] = {
 
 
 def _canonical_text(data: Any) -> str:
-    return _encodable(json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)) + "\n"
+    return _encodable(canonical_text(data)) + "\n"
 
 
 def _encodable(text: str) -> str:
@@ -382,14 +384,34 @@ def read_result(path: Path, *, known: bool = False) -> Result:
     """
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise ResultError(f"larger than {MAX_BYTES:,} bytes", file=path, hint="is this a result?")
-        text = path.read_text(encoding="utf-8")
+            raise _too_large(path)
+        document = path.read_bytes()
+    except OSError as cause:
+        raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
+    except ValueError as cause:  # a name no file can have, such as one with a null byte
+        raise ResultError(f"cannot be read: {cause}", file=path, hint="check the path") from None
+    return result_in(document, path, known=known)
+
+
+def result_in(document: bytes, path: Path, *, known: bool = False) -> Result:
+    """The result in the bytes of a file, as `read_result` reads it.
+
+    Args:
+        document: What the file holds.
+        path: The file, to be named.
+        known: As in `load_result`.
+
+    Raises:
+        ResultError: Not JSON, breaks its schema, or its ledger does not add up to its score.
+    """
+    if len(document) > MAX_BYTES:
+        raise _too_large(path)
+    try:
+        text = document.decode("utf-8")
         # What a batch of ours wrote was held against its schema then, and is read in its thousands.
         exact = (json.loads if known else strict_json)(text, parse_float=Decimal)
         told = None if known else strict_json(text)
         faults = [] if known else schema_errors(told, "result")
-    except OSError as cause:
-        raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
     except (ValueError, RecursionError) as cause:
         raise ResultError(
             f"not a result: {cause}", file=path, hint="give the JSON that 'score --output-format json' wrote"
@@ -408,6 +430,10 @@ def read_result(path: Path, *, known: bool = False) -> Result:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ArithmeticError) as cause:
         raise ResultError(f"not a whole result: {cause}", file=path, hint="score the trial again") from None
+
+
+def _too_large(path: Path) -> ResultError:
+    return ResultError(f"larger than {MAX_BYTES:,} bytes", file=path, hint="is this a result?")
 
 
 def newer_schema(data: Any) -> str:
@@ -483,11 +509,14 @@ def _check_adjusted(result: Result, stored: Adjusted, rule_set: RuleSet) -> None
 
 def _plain(value: Any) -> Any:
     """A value of the file with floats for decimals, all the way down."""
-    if isinstance(value, dict):
+    kind = type(value)
+    if kind is str or kind is int:  # most are; results are read in their thousands
+        return value
+    if kind is dict:
         return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list):
+    if kind is list:
         return [_plain(inner) for inner in value]
-    return float(value) if isinstance(value, Decimal) else value
+    return float(value) if kind is Decimal else value
 
 
 def _result(data: Mapping[str, Any]) -> Result:

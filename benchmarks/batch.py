@@ -3,9 +3,11 @@
     python benchmarks/batch.py [--trials 1000] [--many 10000]
 
 Isolation is measured on small recordings (the example trial, 40 s), the rest on smaller trials yet
-(an official text of 2024 each). The ideal is the sum of the processor time that the processes of the
-trials took, spread over all cores; the figure is that ideal over the time on the clock. What a
-process of its own costs is told beside it: the processor time of one trial there and in a warm one.
+(an official text of 2024 each). The peak memory of the supervisor is that of the first call, with
+100 of them, 1000 and all; that of the others is told as well. The ideal is the sum of the processor
+time that the processes of the trials took, spread over all cores; the figure is that ideal over the
+time on the clock. What a process of its own costs is told beside it: the processor time of one trial
+there and in a warm one.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "kitting_near_miss.mcap"
 EXAMPLE_RULES = "paper2020"
 KIT = (PlannedOrder("AAAA0001", "kitting", False, (("pump", "red"), ("battery", "blue"))),)
 MEASURED = 40
+FEWER = (100, 1000)
+"""With so many trials the memory of the supervisor is measured, beside all."""
 
 
 def make_trials(folder: Path, count: int) -> None:
@@ -83,6 +87,15 @@ def command_s(*arguments: str) -> tuple[float, float, float]:
     return taken, float(ended.stdout.splitlines()[-1]), float(told[1]) if told else 0.0
 
 
+def peak_mib(folder: Path, count: int, rules: str) -> float:
+    """Peak memory of the supervisor of so many small trials, MiB."""
+    trials = folder / f"trials_{count}"
+    make_trials(trials, count)
+    wall_s, mib, _ = command_s("batch", str(trials), "--rules", rules, "-o", str(folder / f"out_{count}"))
+    print(f"{count} small trials: {wall_s:.1f} s")
+    return mib
+
+
 def other_prices(folder: Path, rules: str) -> str:
     """The rules with another price."""
     file = folder / "other.yaml"
@@ -111,7 +124,7 @@ def main() -> None:
         single_s = single_cpu_s(few, EXAMPLE_RULES)
         to_few = ("--rules", EXAMPLE_RULES, "-o", str(folder / "out_few"))
         to_many = ("-o", str(folder / "out_many"))
-        wall_s, few_mib, cpu_s = command_s("batch", str(few), *to_few)
+        wall_s, _, cpu_s = command_s("batch", str(few), *to_few)
         own_ms = 1000 * cpu_s / arguments.trials
         print(f"{cores} cores; one trial {1000 * single_s:.1f} ms of processor, {own_ms:.1f} ms isolated")
         ideal_s = cpu_s / cores
@@ -121,16 +134,21 @@ def main() -> None:
         )
         again_s, _, _ = command_s("batch", str(few), *to_few)
         print(f"once more, nothing to do: {again_s:.2f} s")
+        peaks_mib = {count: peak_mib(folder, count, arguments.rules) for count in FEWER}
         make_trials(many, arguments.many)
-        wall_s, many_mib, _ = command_s("batch", str(many), "--rules", arguments.rules, *to_many)
-        print(f"{arguments.many} trials: {wall_s:.1f} s; memory of the supervisor {many_mib:.0f} MiB")
-        print(f"of {arguments.trials}: {few_mib:.0f} MiB; ratio {many_mib / few_mib:.2f}")
-        again_s, _, _ = command_s("batch", str(many), "--rules", arguments.rules, *to_many)
-        print(f"once more, nothing to do: {again_s:.2f} s")
-        priced_s, _, _ = command_s(
+        wall_s, peaks_mib[arguments.many], _ = command_s(
+            "batch", str(many), "--rules", arguments.rules, *to_many
+        )
+        print(f"{arguments.many} trials: {wall_s:.1f} s")
+        again_s, again_mib, _ = command_s("batch", str(many), "--rules", arguments.rules, *to_many)
+        print(f"once more, nothing to do: {again_s:.2f} s, {again_mib:.1f} MiB")
+        priced_s, priced_mib, _ = command_s(
             "batch", str(many), "--rules", other_prices(folder, arguments.rules), *to_many
         )
-        print(f"other prices: {priced_s:.1f} s")
+        print(f"other prices: {priced_s:.1f} s, {priced_mib:.1f} MiB")
+        told = ", ".join(f"{count} trials {mib:.1f} MiB" for count, mib in peaks_mib.items())
+        ratio = peaks_mib[arguments.many] / peaks_mib[FEWER[0]]
+        print(f"peak memory of the supervisor: {told}; the last over the first {ratio:.2f}")
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

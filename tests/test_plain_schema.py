@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
+from ariac_score import as_json, score_trial
 from ariac_score.datafiles import schema, shipped_rules
 from ariac_score.plain_schema import surely_keeps
 
@@ -157,3 +158,25 @@ def test_a_sound_rule_set_is_loaded_without_jsonschema() -> None:
 def test_a_broken_one_is_refused_as_before() -> None:
     assert not surely_keeps({"rules": 5}, {"properties": {"rules": {"type": "object"}}}, {})
     assert surely_keeps({"rules": {}}, {"properties": {"rules": {"type": "object"}}}, {})
+
+
+@pytest.mark.parametrize(("data", "wanted"), [(12, 12), ("a", "a"), (True, True), (0, 0)])
+def test_what_is_the_same_and_of_one_kind_is_sure(data: Any, wanted: Any) -> None:
+    assert surely_keeps(data, {"const": wanted}, {})
+    assert surely_keeps(data, {"enum": ["x", wanted]}, {})
+
+
+@pytest.mark.parametrize(("data", "wanted"), [(12, 13), (1, True), (False, 0), (None, 0), ("1", 1)])
+def test_what_is_another_or_of_another_kind_is_not(data: Any, wanted: Any) -> None:
+    assert not surely_keeps(data, {"const": wanted}, {})
+    assert not surely_keeps(data, {"enum": [wanted]}, {})
+
+
+def test_results_of_ours_surely_keep_their_schema() -> None:
+    example = Path(__file__).parents[1] / "examples" / "kitting_near_miss.mcap"
+    told = json.loads(as_json(score_trial(example, "paper2020")))
+    whole = schema("result")
+
+    assert surely_keeps(told, whole, whole["$defs"])
+    told["rounding"]["measured_significant_digits"] = 13
+    assert not surely_keeps(told, whole, whole["$defs"])

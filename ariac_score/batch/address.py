@@ -58,12 +58,17 @@ def signature_of(task: Task) -> str:
     """
     if task.remote:
         return task.signature
-    path = str(Path(task.path.partition("#run=")[0]).absolute())
-    told = sorted(_statuses(path)) + [status for name in task.also for status in _statuses(name)]
+    path = task.path.partition("#run=")[0]
+    if not path.startswith("/"):
+        path = f"{Path.cwd()}/{path}"
+    told = [status for name in (path, *task.also) for status in sorted(_statuses(name))]
     return _hash([task.path, *told])
 
 
-def _statuses(path: str) -> Iterator[tuple[str, int, int, int, int]]:
+_Status = tuple[str, int, int, int, int]
+
+
+def _statuses(path: str) -> list[_Status]:
     """Size, number and times of a file, or of all below a folder; folders that are links are not entered.
 
     Plain strings throughout: of a season that is done this is most of what a call does.
@@ -71,21 +76,32 @@ def _statuses(path: str) -> Iterator[tuple[str, int, int, int, int]]:
     try:
         status = os.stat(path)  # noqa: PTH116
     except OSError as error:
-        yield path, -1, error.errno or 0, 0, 0
-        return
-    if not stat.S_ISDIR(status.st_mode):
-        yield path, status.st_size, status.st_ino, status.st_mtime_ns, status.st_ctime_ns
-        return
+        return [(path, -1, error.errno or 0, 0, 0)]
+    return _below(path) if stat.S_ISDIR(status.st_mode) else [_status(path, status)]
+
+
+def _below(folder: str) -> list[_Status]:
     try:
-        entries = sorted(entry.path for entry in os.scandir(path))
+        with os.scandir(folder) as entries:
+            found = list(entries)
     except OSError as error:
-        yield path, -2, error.errno or 0, 0, 0
-        return
-    for entry in entries:
-        if os.path.islink(entry) and os.path.isdir(entry):  # noqa: PTH112, PTH114
-            yield entry, -3, 0, 0, 0
+        return [(folder, -2, error.errno or 0, 0, 0)]
+    told = []
+    for entry in found:
+        if entry.is_symlink() and os.path.isdir(entry.path):  # noqa: PTH112
+            told.append((entry.path, -3, 0, 0, 0))
+        elif entry.is_dir(follow_symlinks=False):
+            told += _below(entry.path)
         else:
-            yield from _statuses(entry)
+            try:
+                told.append(_status(entry.path, entry.stat()))
+            except OSError as error:
+                told.append((entry.path, -1, error.errno or 0, 0, 0))
+    return told
+
+
+def _status(path: str, status: os.stat_result) -> _Status:
+    return path, status.st_size, status.st_ino, status.st_mtime_ns, status.st_ctime_ns
 
 
 def contents_of(task: Task) -> str:

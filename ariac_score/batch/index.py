@@ -13,7 +13,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ariac_score.batch.outcomes import Summary, summary_of
 from ariac_score.batch.store import Store
@@ -27,6 +27,7 @@ __all__ = [
     "RUNS",
     "Row",
     "Rows",
+    "Written",
     "check_index",
     "checked_rows",
     "read_rows",
@@ -47,6 +48,10 @@ CREATE TABLE checks (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NU
   not_applicable INTEGER NOT NULL, worst_robustness REAL,
   PRIMARY KEY (team, trial, run, name)) WITHOUT ROWID;
 """
+_LITTLE_MEMORY = "PRAGMA cache_size = -256"
+"""So many KiB of a file are held; the system has all of it in memory anyway, for as long as it likes."""
+_AT_A_TIME = 256
+_BLOCK = 1 << 16
 _OURS = b'"schema": "ariac-score/result/1"'
 _VERDICTS = ("satisfied", "violated", "inconclusive", "not_applicable")
 
@@ -101,58 +106,78 @@ class Row:
                 for c in told["checks"]
             )
             summary = Summary(told["outcome"], told["reason"], told["score"], told["task"], checks)
-            return cls((told["team"], told["trial"], told["run"]), summary, told["object"], told["sha256"])
+            row = cls((told["team"], told["trial"], told["run"]), summary, told["object"], told["sha256"])
         except (KeyError, TypeError) as cause:
             raise ValueError(f"no row: {cause}") from None
+        words = (*row.key[:2], summary.outcome, summary.reason, row.object, row.sha256)
+        if set(map(type, words)) != {str} or type(row.key[2]) is not int:
+            raise ValueError("no row: its fields are of other kinds")
+        return row
 
     @classmethod
-    def of(cls, key: TaskKey, place: Path, store: Store) -> Row:
-        """The row of a stored document.
-
-        Raises:
-            ValueError: It is damaged.
-            OSError: It cannot be read.
-        """
-        return cls.kept(key, place.read_bytes(), place, store)
-
-    @classmethod
-    def kept(cls, key: TaskKey, document: bytes, place: Path, store: Store) -> Row:
-        """The row of a document that is stored at a place.
+    def kept(cls, key: TaskKey, document: bytes, name: str) -> Row:
+        """The row of a document that is stored under a name.
 
         Raises:
             ValueError: It is damaged.
         """
-        return cls(key, summary_of(document), store.name(place), hashlib.sha256(document).hexdigest())
+        return cls(key, summary_of(document), name, hashlib.sha256(document).hexdigest())
+
+
+class Written(NamedTuple):
+    """A row as tables hold it, for those who need not know of its checks.
+
+    Attributes:
+        outcome: Of the run.
+        reason: Why.
+        object: Name of its document; empty when nothing is kept.
+        sha256: Hash of that; empty likewise.
+        line: The row as a line of JSON.
+    """
+
+    outcome: str
+    reason: str
+    object: str
+    sha256: str
+    line: str
+
+    @classmethod
+    def of(cls, row: Row) -> Written:
+        """A row, written."""
+        return cls(row.summary.outcome, row.summary.reason, row.object, row.sha256, row.as_line())
+
+    @classmethod
+    def from_line(cls, line: str) -> Written:
+        """A row that `Row.from_line` has read once."""
+        told = json.loads(line)
+        return cls(told["outcome"], told["reason"], told["object"], told["sha256"], line)
 
 
 class Rows:
     """Rows that come in any order and are read back sorted, kept on disk whatever their number."""
 
     def __init__(self, work: Path) -> None:
-        self._asked: tuple[TaskKey, Row | None] | None = None
+        self._asked: tuple[TaskKey, Written | None] | None = None
+        self._added: list[tuple[str, str, int, str]] = []
         self._connection = sqlite3.connect(work / "rows.sqlite")
         self._connection.execute("PRAGMA journal_mode = OFF")
         self._connection.execute("PRAGMA synchronous = OFF")
+        self._connection.execute(_LITTLE_MEMORY)
         for table in ("lines", "earlier"):
             self._connection.execute(
                 f"CREATE TABLE {table} (team TEXT, trial TEXT, run INTEGER, line TEXT,"
                 " PRIMARY KEY (team, trial, run)) WITHOUT ROWID"
             )
 
-    def add(self, row: Row, *, trusted: bool = False) -> None:
-        """Take a row; a later one of the same run replaces it.
+    def add(self, key: TaskKey, line: str) -> None:
+        """Take the line of a run; a later one replaces it."""
+        self._added.append((*key, line))
+        if len(self._added) >= _AT_A_TIME:
+            self._put_down()
 
-        Args:
-            row: Of a run.
-            trusted: If it is the row of an earlier call, its line is good as it stands.
-        """
-        if trusted and self._asked is not None and row is self._asked[1]:
-            self._connection.execute(
-                "INSERT OR REPLACE INTO lines SELECT * FROM earlier WHERE team = ? AND trial = ? AND run = ?",
-                row.key,
-            )
-        else:
-            self._put("lines", row)
+    def _put_down(self) -> None:
+        added, self._added = self._added, []
+        self._connection.executemany("INSERT OR REPLACE INTO lines VALUES (?, ?, ?, ?)", added)
 
     def remember(self, rows: Iterable[tuple[Row, str]]) -> None:
         """Take the rows of an earlier call with their lines, to be asked for."""
@@ -160,33 +185,31 @@ class Rows:
             "INSERT OR REPLACE INTO earlier VALUES (?, ?, ?, ?)", ((*row.key, line) for row, line in rows)
         )
 
-    def earlier(self, key: TaskKey) -> Row | None:
+    def earlier(self, key: TaskKey) -> Written | None:
         """The row that a run had in an earlier call, if it had one; asked twice, the same object."""
         if self._asked is None or self._asked[0] != key:
-            self._asked = key, self._get("earlier", key)
+            line = self._line("earlier", key)
+            self._asked = key, Written.from_line(line) if line else None
         return self._asked[1]
 
     def lines(self) -> Iterator[str]:
         """The rows as lines, by team, trial and number."""
+        self._put_down()
         for (line,) in self._connection.execute("SELECT line FROM lines ORDER BY team, trial, run"):
             yield line
 
     def get(self, key: TaskKey) -> Row | None:
         """The row of a run, if there is one."""
-        return self._get("lines", key)
+        self._put_down()
+        line = self._line("lines", key)
+        return Row.from_line(line) if line else None
 
-    def _put(self, table: str, row: Row) -> None:
-        self._connection.execute(
-            f"INSERT OR REPLACE INTO {table} VALUES (?, ?, ?, ?)",  # noqa: S608  # a name of ours
-            (*row.key, row.as_line()),
-        )
-
-    def _get(self, table: str, key: TaskKey) -> Row | None:
+    def _line(self, table: str, key: TaskKey) -> str:
         found = self._connection.execute(
             f"SELECT line FROM {table} WHERE team = ? AND trial = ? AND run = ?",  # noqa: S608  # a name of ours
             key,
         ).fetchone()
-        return Row.from_line(found[0]) if found else None
+        return found[0] if found else ""
 
     def close(self) -> None:
         """Let go of the file."""
@@ -212,7 +235,7 @@ def checked_rows(root: Path) -> Iterator[tuple[Row, bytes]]:
     Raises:
         BatchError: A line is no row, or a document is missing, damaged, or says something else.
     """
-    store, file = Store(root), root / RUNS
+    file = root / RUNS
     with file.open(encoding="ascii", errors="replace") as lines:
         for number, line in enumerate(lines, start=1):
             try:
@@ -222,7 +245,7 @@ def checked_rows(root: Path) -> Iterator[tuple[Row, bytes]]:
             document = _document(row, root) if row.object else b""
             if newer := _newer(document):
                 raise BatchError(newer, file=root / row.object, hint="update ariac-score")
-            if row.object and not _says(row, document, root / row.object, store):
+            if row.object and not _says(row, document):
                 raise BatchError(
                     f"it says of run {'/'.join(map(str, row.key)).lstrip('/')} what its document does not",
                     file=file,
@@ -261,9 +284,9 @@ def _is_object(name: str) -> bool:
     return len(parts) == 4 and parts[0] == "objects" and all(p and p.strip(".") for p in parts)
 
 
-def _says(row: Row, document: bytes, place: Path, store: Store) -> bool:
+def _says(row: Row, document: bytes) -> bool:
     try:
-        return Row.kept(row.key, document, place, store).as_line() == row.as_line()
+        return Row.kept(row.key, document, row.object).as_line() == row.as_line()
     except (ValueError, KeyError, TypeError, AttributeError):
         return False
 
@@ -344,7 +367,11 @@ def write_tables(store: Store, rows: Rows, work: Path, *, trusted: bool = False)
 
 def _same(first: Path, second: Path) -> bool:
     try:
-        return first.read_bytes() == second.read_bytes()
+        with first.open("rb") as one, second.open("rb") as other:
+            while block := one.read(_BLOCK):
+                if other.read(_BLOCK) != block:
+                    return False
+            return not other.read(1)
     except OSError:
         return False
 
@@ -354,6 +381,7 @@ def _write_index(file: Path, lines: Iterator[str]) -> None:
     try:
         connection.execute("PRAGMA journal_mode = OFF")
         connection.execute("PRAGMA synchronous = OFF")
+        connection.execute(_LITTLE_MEMORY)
         connection.executescript(_TABLES)
         connection.execute("BEGIN")
         for line in lines:

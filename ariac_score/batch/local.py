@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from hashlib import sha256
+from multiprocessing import forkserver
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -35,9 +36,11 @@ __all__ = [
     "OWN_FAULT_ATTEMPTS",
     "STRANGE_HAND_ATTEMPTS",
     "LocalExecutor",
+    "begin_server",
     "died",
     "fresh_processes",
     "lost",
+    "started",
     "too_late",
     "usable_cores",
 ]
@@ -161,7 +164,7 @@ class LocalExecutor:
     def _start(self, context: Any, task: Task, deaths: _Deaths, setting: Setting) -> _Running:
         self._serial += 1
         report = self.work / f"{self._serial}.report"
-        process = _started(context, self.target, (task, setting, self.out, report))
+        process = started(context, self.target, (task, setting, self.out, report))
         return _Running(task, deaths, process, report, time.monotonic() + setting.limits.wall_s)
 
     def _ended(self, running: list[_Running]) -> list[_Running]:
@@ -237,7 +240,7 @@ def _first(tasks: Iterator[Task]) -> tuple[Task, _Deaths] | None:
     return None if task is None else (task, _Deaths())
 
 
-def _started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...]) -> BaseProcess:
+def started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...]) -> BaseProcess:
     """A new process; where the server it should come from is just being killed, from the next one."""
     for attempt in range(1, _START_ATTEMPTS + 1):
         process: BaseProcess = context.Process(target=target, args=arguments, daemon=True)
@@ -263,12 +266,19 @@ def fresh_processes(work: Path, setting: Setting) -> Any:
     limit_threads()
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
-    file = work / "setting.json"
-    file.write_text(json.dumps(asdict(setting)), encoding="ascii")
+    file, told = work / "setting.json", json.dumps(asdict(setting))
+    if not file.is_file() or file.read_text(encoding="ascii") != told:  # the server may be reading it
+        file.write_text(told, encoding="ascii")
     os.environ[_SETTING] = str(file.absolute())
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["ariac_score.batch.warm"])
     return context
+
+
+def begin_server(context: Any) -> None:
+    """Have the server import everything while the caller goes on, where there is one."""
+    if context.get_start_method() == "forkserver":
+        forkserver.ensure_running()
 
 
 def usable_cores() -> int:

@@ -65,7 +65,7 @@ def _take(row: Row, document: bytes, part: Path, store: Store, rows: Rows) -> No
             file=part,
             hint="its log differed between the parts; score that run again in one of them",
         )
-    rows.add(row)
+    rows.add(row.key, row.as_line())
     if not row.object:
         return
     place = store.root / row.object

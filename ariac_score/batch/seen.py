@@ -66,6 +66,8 @@ def _open(file: Path) -> sqlite3.Connection:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         connection = sqlite3.connect(file, timeout=1.0)
+        connection.execute("PRAGMA cache_size = -512")  # KiB: what is noted between two calls of `keep`
+        connection.execute("PRAGMA locking_mode = EXCLUSIVE")  # nobody else is at work in that folder
         connection.execute(table)
         return connection
     except (OSError, sqlite3.Error):

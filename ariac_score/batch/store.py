@@ -7,7 +7,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ariac_score.errors import UsageError
@@ -17,6 +17,7 @@ __all__ = ["Store"]
 _OBJECTS = "objects"
 _WORK = ".work-"
 _LOCK = ".lock"
+_PART = ".part-"
 
 
 class Store:
@@ -52,15 +53,24 @@ class Store:
 
     def place(self, address: str, rules_sha256: str) -> Path:
         """Where the result of a measurement under a rule set lies, or will."""
-        return self.measured(address) / f"{rules_sha256[:16]}.json"
+        return self.root / self.name_of(address, rules_sha256)
+
+    def name_of(self, address: str, rules_sha256: str) -> str:
+        """That place as tables name it."""
+        return f"{_OBJECTS}/{address[:2]}/{address}/{rules_sha256[:16]}.json"
+
+    def read(self, name: str) -> bytes:
+        """A document by its name; a season has thousands.
+
+        Raises:
+            OSError: It is not there, or cannot be read.
+        """
+        with open(f"{self.root}/{name}", "rb", buffering=0) as stored:  # noqa: PTH123
+            return stored.readall()
 
     def measured(self, address: str) -> Path:
         """The folder of a measurement."""
         return self.root / _OBJECTS / address[:2] / address
-
-    def name(self, place: Path) -> str:
-        """A place as tables name it."""
-        return place.relative_to(self.root).as_posix()
 
     def priced_otherwise(self, address: str) -> Path | None:
         """The same measurement as another rule set priced it; `None` when there is none."""
@@ -73,15 +83,19 @@ class Store:
         Raises:
             OSError: The disk is full, or the folder cannot be written.
         """
-        place.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=place.parent, prefix=".part-")
+        try:
+            handle, name = tempfile.mkstemp(dir=place.parent, prefix=_PART)
+        except FileNotFoundError:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(dir=place.parent, prefix=_PART)
+        part = Path(name)
         try:
             with os.fdopen(handle, "wb") as out:
                 out.write(document)
-            Path(name).chmod(0o644)
-            Path(name).replace(place)
+            part.chmod(0o644)
+            part.replace(place)
         except BaseException:
-            Path(name).unlink(missing_ok=True)
+            part.unlink(missing_ok=True)
             raise
 
     @contextmanager
@@ -123,5 +137,14 @@ class Store:
     def _clear(self) -> None:
         for folder in self.root.glob(f"{_WORK}*"):
             shutil.rmtree(folder, ignore_errors=True)
-        for part in self.root.rglob(".part-*"):
-            part.unlink(missing_ok=True)
+        _clear_parts(str(self.root))
+
+
+def _clear_parts(folder: str) -> None:
+    """Clear away half-written files; plain strings, for a season has as many folders as runs."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                _clear_parts(entry.path)
+            elif entry.name.startswith(_PART):
+                Path(entry.path).unlink(missing_ok=True)

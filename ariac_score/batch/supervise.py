@@ -7,18 +7,19 @@ import json
 import sqlite3
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
+from sys import intern
 from typing import IO, Any, Protocol
 
 from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
-from ariac_score.batch.index import RUNS, Row, Rows, read_rows, tables_sha256, write_tables
+from ariac_score.batch.index import RUNS, Row, Rows, Written, read_rows, tables_sha256, write_tables
 from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
-from ariac_score.batch.pricing import Measurement, priced_again
+from ariac_score.batch.pricing import Measurement, Priced, Pricing
 from ariac_score.batch.seen import Seen
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Setting, Task, TaskKey
@@ -119,35 +120,28 @@ def run_batch(
     basis = basis_of(rule_set, registry)
     setting = replace(setting, earlier_basis=_earlier_basis(store, rule_set, setting, registry))
     seen, rows = Seen(store.root), _remembering(store, work)
-    outcomes, measured, kept_s = Counter[str](), list[Measurement](), time.monotonic()
+    pricing = Pricing(setting, store, work)
+    settled, kept_s = _Settled(rows, told), time.monotonic()
     now, cpu_s, contradictions, trusted = 0, 0.0, 0, _as_written(store, seen)
-    journal: IO[str] | None = None
-
-    def settle(row: Row, *, known: bool = False) -> None:
-        rows.add(row, trusted=known and trusted)
-        if journal is not None and not known:
-            journal.write(row.as_line())
-            journal.flush()
-        outcomes[row.summary.outcome] += 1
-        told(row.key, row.summary.outcome, row.summary.reason)
 
     def missing() -> Iterator[Task]:
         nonlocal contradictions
         for task in tasks:
             found = _stored(task, basis, setting, store, seen, rows, again=again, trusted=trusted)
-            if isinstance(found, Row):
+            if isinstance(found, Written):
                 contradictions += _contradicted(rows.earlier(task.key), found)
-                settle(found, known=True)
+                settled.add(task.key, found, known=True)
             elif found is not None:
-                measured.append(found)
+                yield from settled.add_priced(pricing.take(found))
             else:
                 yield _with_earlier(task, rows)
+        yield from settled.add_priced(pricing.rest())
 
     def look(still: Iterable[Task]) -> None:
         nonlocal now, cpu_s, kept_s
-        for done in executor.run(_told_apart(still, settle), setting):
+        for done in executor.run(_told_apart(still, settled), setting):
             known = _addressed(done, basis)
-            settle(_kept(known, setting, store))
+            settled.add(known.task.key, Written.of(_kept(known, setting, store)))
             seen.note(known.signature, known.contents)
             now += 1
             cpu_s += done.cpu_s
@@ -156,18 +150,51 @@ def run_batch(
                 kept_s = time.monotonic()
 
     try:
-        journal = store.journal.open("a", encoding="ascii", newline="\n")
+        settled.journal = store.journal.open("a", encoding="ascii", newline="\n")
         _describe(store, rule_set, registry, setting, about)
         look(missing())
-        if measured:
-            look(list(_repriced(measured, setting, store, work, settle)))
         contradictions += write_tables(store, rows, work, trusted=trusted)
         _finished(store, seen)
     except (OSError, sqlite3.OperationalError) as cause:
         raise unwritable(cause, store) from cause
     finally:
-        _let_go(journal, seen, rows)
-    return Report(dict(outcomes), now, cpu_s, contradictions)
+        pricing.close()
+        _let_go(settled.journal, seen, rows)
+    return Report(dict(settled.outcomes), now, cpu_s, contradictions)
+
+
+@dataclass
+class _Settled:
+    """The runs of which is known what becomes of them, kept and told as they come.
+
+    Attributes:
+        rows: Where their rows go.
+        told: Who is told.
+        journal: Where rows that are new stand until the tables are written.
+        outcomes: How many runs have which outcome.
+    """
+
+    rows: Rows
+    told: Told
+    journal: IO[str] | None = None
+    outcomes: Counter[str] = field(default_factory=Counter)
+
+    def add(self, key: TaskKey, row: Written, *, known: bool = False) -> None:
+        """Take the row of a run, which an earlier call has found out or this one."""
+        self.rows.add(key, row.line)
+        if self.journal is not None and not known:
+            self.journal.write(row.line)
+            self.journal.flush()
+        self.outcomes[row.outcome] += 1
+        self.told(key, row.outcome, row.reason)
+
+    def add_priced(self, found: Iterable[Priced]) -> Iterator[Task]:
+        """Take the rows of those that have their price; the tasks for which that cannot be done."""
+        for one, row in found:
+            if row is None:
+                yield one.task
+            else:
+                self.add(one.task.key, row)
 
 
 def _remembering(store: Store, work: Path) -> Rows:
@@ -208,27 +235,14 @@ def _with_earlier(task: Task, rows: Rows) -> Task:
     return task if row is None else replace(task, earlier=row.object, earlier_sha256=row.sha256)
 
 
-def _repriced(
-    measured: Sequence[Measurement], setting: Setting, store: Store, work: Path, settle: Callable[[Row], None]
-) -> Iterator[Task]:
-    """Put the prices on what is measured already; the tasks for which that cannot be done."""
-    for one, document in priced_again(measured, setting, work):
-        if document is None:
-            yield one.task
-            continue
-        place = store.place(one.address, setting.rules_sha256)
-        store.put(place, document)
-        settle(Row.kept(one.task.key, document, place, store))
-
-
-def _told_apart(tasks: Iterable[Task], settle: Callable[[Row], None]) -> Iterator[Task]:
+def _told_apart(tasks: Iterable[Task], settled: _Settled) -> Iterator[Task]:
     """The tasks that can be scored; the others are settled by name."""
     for task in tasks:
         if not task.refused:
             yield task
             continue
         document = outcome_document("refused", task.refused, team=task.team, trial=task.trial)
-        settle(Row(task.key, summary_of(document), "", ""))
+        settled.add(task.key, Written.of(Row(task.key, summary_of(document), "", "")))
 
 
 def _stored(
@@ -241,7 +255,7 @@ def _stored(
     *,
     again: bool,
     trusted: bool,
-) -> Row | Measurement | None:
+) -> Written | Measurement | None:
     """The row of a run that is scored already, or what of it is measured under other prices.
 
     `None` when it is neither, or nobody can tell without reading its files.
@@ -253,14 +267,14 @@ def _stored(
     if not contents:
         return None
     address = measuring_address(task, contents, basis)
-    row = _row_at(task.key, store.place(address, setting.rules_sha256), store, rows, trusted=trusted)
+    row = _row_at(task.key, store.name_of(address, setting.rules_sha256), store, rows, trusted=trusted)
     if row is not None:
-        return None if again and row.summary.outcome in _WORTH_ANOTHER_TRY else row
+        return None if again and row.outcome in _WORTH_ANOTHER_TRY else row
     earlier = rows.earlier(task.key)
-    if earlier is not None and Path(earlier.object).parent.name == address:
-        return Measurement(task, address, str(store.root / earlier.object), earlier.sha256)
+    if earlier is not None and earlier.object.split("/")[-2:-1] == [address]:
+        return Measurement(task, address, intern(earlier.object.rpartition("/")[2]), earlier.sha256)
     other = store.priced_otherwise(address)
-    return None if other is None else Measurement(task, address, str(other), "")
+    return None if other is None else Measurement(task, address, intern(other.name), "")
 
 
 _WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_large", "failed"})
@@ -289,27 +303,28 @@ def _finished(store: Store, seen: Seen) -> None:
     store.journal.unlink()
 
 
-def _row_at(key: TaskKey, place: Path, store: Store, rows: Rows, *, trusted: bool) -> Row | None:
+def _row_at(key: TaskKey, name: str, store: Store, rows: Rows, *, trusted: bool) -> Written | None:
     """The row of a stored document; `None` when there is none, or one that nobody should believe."""
     try:
-        document = place.read_bytes()
+        document = store.read(name)
         row = rows.earlier(key)
-        if row is not None and (row.object, row.sha256) == (store.name(place), sha256(document).hexdigest()):
-            return row if trusted else Row.kept(key, document, place, store)
-        # The table knows another document, or none: this one counts only if it follows from itself.
-        load_result(place)
-        return Row.kept(key, document, place, store)
+        if row is None or row.object != name or row.sha256 != sha256(document).hexdigest():
+            # The table knows another document, or none: this one counts only if it follows from itself.
+            load_result(store.root / name)
+        elif trusted:
+            return row
+        return Written.of(Row.kept(key, document, name))
     except (OSError, ValueError, ResultError):
         return None
 
 
-def _contradicted(earlier: Row | None, found: Row) -> bool:
+def _contradicted(earlier: Written | None, found: Written) -> bool:
     """Whether a table said of a document what it does not say."""
     return (
         earlier is not None
         and earlier is not found
         and earlier.object == found.object
-        and earlier.as_line() != found.as_line()
+        and Row.from_line(earlier.line).as_line() != found.line
     )
 
 
@@ -331,11 +346,11 @@ def _kept(done: Done, setting: Setting, store: Store) -> Row:
     task = done.task
     if not done.address and done.document is not None:
         return Row(task.key, summary_of(done.document), "", "")
-    place = store.place(done.address, setting.rules_sha256)
+    name = store.name_of(done.address, setting.rules_sha256)
     if done.document is None:
-        return Row.of(task.key, place, store)
-    store.put(place, done.document)
-    return Row.kept(task.key, done.document, place, store)
+        return Row.kept(task.key, store.read(name), name)
+    store.put(store.root / name, done.document)
+    return Row.kept(task.key, done.document, name)
 
 
 def _describe(

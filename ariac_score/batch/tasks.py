@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ TaskKey = tuple[str, str, int]
 _SHARD = re.compile(r"(\d{1,6})/(\d{1,6})")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)  # there are as many as runs
 class Task:
     """One run to be scored.
 
@@ -159,10 +160,11 @@ def plan_batch(path: Path, rules: str = "") -> Plan:
             file=path,
             hint="name a rule set with --rules; 'ariac-score rules list' shows those that come along",
         )
-    entries = sorted(entry for entry in path.iterdir() if not entry.name.startswith("."))
-    if not entries:
+    with os.scandir(path) as listed:
+        names = sorted(entry.name for entry in listed if not entry.name.startswith("."))
+    if not names:
         raise NothingToScoreError("the folder is empty", file=path, hint="every entry in it is one trial")
-    return Plan(path.resolve().name, rules, tuple(Task("", e.name, 1, str(e)) for e in entries))
+    return Plan(path.resolve().name, rules, tuple(Task("", name, 1, str(path / name)) for name in names))
 
 
 def _of_competition(competition: Competition) -> Plan:

@@ -174,7 +174,8 @@ def _progress(total: int) -> Iterator[Told]:
     if not sys.stderr.isatty():
 
         def line(key: TaskKey, outcome: str, reason: str) -> None:
-            print(plain(f"{_named(key)}: {outcome}{': ' + reason if reason else ''}"), file=sys.stderr)
+            said = plain(f"{_named(key)}: {outcome}{': ' + reason if reason else ''}")
+            sys.stderr.write(f"{said}\n")
 
         yield line
         return

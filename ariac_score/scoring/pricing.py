@@ -107,7 +107,7 @@ def price(
     assumed = assume(findings, policies, priced=sheet.priced)
     task = _task(scopes, sheet, assumed, digits)
     possible = _possible(findings, scopes, sheet, cohort, digits)
-    if _withheld(assumed, sheet.asked(sheet.score)):
+    if _withheld(assumed, sheet.scored):
         return Priced("incomplete", None, task, possible, assumed.assumptions)
     try:
         score = sheet.evaluate(scopes, assumed.findings, cohort)
@@ -115,7 +115,7 @@ def price(
         return Priced("needs_cohort", None, task, possible, assumed.assumptions, missing.cause)
     except UnknownFactError as missing:
         return Priced("incomplete", None, task, possible, assumed.assumptions, missing.cause)
-    ledger = _zeroed(make_ledger(score, digits=digits), assumed, sheet.asked(sheet.score))
+    ledger = _zeroed(make_ledger(score, digits=digits), assumed, sheet.scored)
     return Priced("scored", ledger, task, possible, assumed.assumptions)
 
 
@@ -146,14 +146,14 @@ def _withheld(assumed: Assumed, asked: frozenset[str]) -> bool:
 
 
 def _task(scopes: Scope, sheet: ScoreSheet, assumed: Assumed, digits: int) -> Ledger | None:
-    if sheet.task is None or _withheld(assumed, sheet.asked(sheet.task)):
+    if sheet.task is None or _withheld(assumed, sheet.asked_by_task):
         return None
     try:
         task = sheet.evaluate_task(scopes, assumed.findings)
     except UnknownFactError:
         return None
     assert task is not None  # the sheet has one
-    return _zeroed(make_ledger(task, digits=digits, root="task"), assumed, sheet.asked(sheet.task))
+    return _zeroed(make_ledger(task, digits=digits, root="task"), assumed, sheet.asked_by_task)
 
 
 def _possible(

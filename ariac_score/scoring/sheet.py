@@ -127,12 +127,17 @@ class ScoreSheet:
         """The checks the score really asks about."""
         return self.asked(self.score)
 
-    @property
+    @cached_property
+    def asked_by_task(self) -> frozenset[str]:
+        """The checks the task score asks about; none where there is no task score."""
+        return self.asked(self.task) if self.task else frozenset()
+
+    @cached_property
     def priced(self) -> frozenset[str]:
         """The checks the score or the task score really asks about."""
-        return self.scored | (self.asked(self.task) if self.task else frozenset())
+        return self.scored | self.asked_by_task
 
-    @property
+    @cached_property
     def needs_cohort(self) -> bool:
         """Whether the score asks for values across teams."""
         return any(level == _COHORT for level, _ in self._reached(self.score, "trial"))

@@ -6,6 +6,7 @@ import csv
 import errno
 import filecmp
 import json
+import multiprocessing
 import os
 import shutil
 import signal
@@ -23,12 +24,12 @@ import pytest
 import yaml
 
 from ariac_score import engine, load_rule_set, score_trial
-from ariac_score.batch import address, supervise, worker
+from ariac_score.batch import address, pricing, supervise, worker
 from ariac_score.batch.index import Row
 from ariac_score.batch.isolated import earlier_document, measure_apart
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.merge import merge_batches
-from ariac_score.batch.outcomes import OUTCOMES, summary_of
+from ariac_score.batch.outcomes import OUTCOMES, Summary, summary_of
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Report, run_batch
 from ariac_score.batch.tasks import Limits, Setting, Task, of_shard, plan_batch, shard
@@ -207,6 +208,59 @@ def test_the_index_says_what_the_lines_say(trials: Path, tmp_path: Path) -> None
     assert told["a.jsonl"] == float(score_trial(trials / "a.jsonl", RULES).score or 0)
     measured = score_trial(trials / "a.jsonl", RULES).measured.findings.values()
     assert checks == sum(1 for finding in measured if finding.verdict.value == "violated")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("team", None), ("trial", ["a"]), ("run", "1"), ("run", True), ("outcome", {}), ("object", 3)],
+)
+def test_a_line_whose_fields_are_of_other_kinds_is_no_row(field: str, value: object) -> None:
+    row = Row(("", "a", 1), Summary("scored", "", 1.0, None), "objects/ab/cd/ef.json", "00")
+    assert Row.from_line(row.as_line()) == row
+
+    with pytest.raises(ValueError, match="no row"):
+        Row.from_line(json.dumps({**json.loads(row.as_line()), field: value}))
+
+
+def test_whatever_changes_among_the_files_of_a_run_changes_its_signature(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    (run / "below").mkdir(parents=True)
+    (run / "below" / "log.txt").write_text("one")
+    task = Task("", "run", 1, str(run))
+    told = [address.signature_of(task)]
+
+    def tell() -> None:
+        told.append(address.signature_of(task))
+
+    assert address.signature_of(task) == told[0]
+    (run / "below" / "log.txt").write_text("other")
+    tell()
+    (run / "empty.txt").touch()
+    tell()
+    (run / "loop").symlink_to("loop")
+    tell()
+    (run / "elsewhere").symlink_to(tmp_path)
+    tell()
+    (run / "elsewhere").unlink()
+    (run / "elsewhere").symlink_to(run / "below" / "log.txt")
+    tell()
+    shutil.rmtree(run)
+    tell()
+    assert len(set(told)) == len(told) == 7
+
+
+def test_a_signature_is_told_of_a_relative_path_by_the_folder_it_is_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("here", "there"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "log.txt").touch()
+    told = []
+    for name in ("here", "there"):
+        monkeypatch.chdir(tmp_path / name)
+        told.append(address.signature_of(Task("", "a", 1, "log.txt")))
+
+    assert told[0] != told[1]
 
 
 # Going on ------------------------------------------------------------------------------
@@ -481,6 +535,83 @@ def test_other_prices_are_put_on_what_was_measured(
         assert stored[0].read_bytes() == stored[1].read_bytes()
 
 
+def _same_results(first: Path, second: Path) -> bool:
+    for name, row in rows(first).items():
+        assert row == rows(second)[name]
+        assert (first / row.object).read_bytes() == (second / row.object).read_bytes()
+    return True
+
+
+@pytest.mark.parametrize("lost", [1, 2, 10])
+def test_prices_are_put_on_results_by_others_when_processes_for_that_die(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: int
+) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", price=2)
+    batch(trials, tmp_path / "fresh", second)
+    batch(trials, tmp_path / "out", first)
+    start, dying = pricing.started, iter(range(lost))
+
+    def dies(*arguments: Any) -> Any:
+        process = start(*arguments)
+        if next(dying, None) is not None:
+            process.kill()
+        return process
+
+    monkeypatch.setattr(pricing, "_AT_A_TIME", 1)
+    monkeypatch.setattr(pricing, "_AHEAD", 2)
+    monkeypatch.setattr(pricing, "usable_cores", lambda: 2)
+    monkeypatch.setattr(pricing, "started", dies)
+
+    report = batch(trials, tmp_path / "out", second)
+
+    assert report.runs == 6
+    assert _same_results(tmp_path / "fresh", tmp_path / "out")
+
+
+def test_a_result_that_cannot_be_written_beside_the_other_ends_the_batch(
+    trials: Path, tmp_path: Path
+) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", price=2)
+    batch(trials, tmp_path / "fresh", second)
+    batch(trials, tmp_path / "out", first)
+    before = tmp_path / "out" / rows(tmp_path / "out")["/b.jsonl/1"].object
+    taken = before.parent / f"{load_rule_set(second).sha256[:16]}.json"
+    taken.mkdir()
+
+    with pytest.raises(BatchError, match="cannot be written") as caught:
+        batch(trials, tmp_path / "out", second)
+
+    assert caught.value.exit_code == 7
+    assert not list((tmp_path / "out").rglob(".part-*"))
+    taken.rmdir()
+    batch(trials, tmp_path / "out", second)
+    assert _same_results(tmp_path / "fresh", tmp_path / "out")
+
+
+def test_no_price_is_put_on_a_forged_result(trials: Path, tmp_path: Path) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", price=2)
+    batch(trials, tmp_path / "fresh", second)
+    batch(trials, tmp_path / "out", first)
+    _forge(tmp_path / "out")
+
+    report = batch(trials, tmp_path / "out", second)
+
+    assert report.scored_now == 6
+    assert _same_results(tmp_path / "fresh", tmp_path / "out")
+
+
+def test_a_process_for_prices_ends_when_nobody_is_left_to_ask(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pricing.signal, "signal", lambda *_: None)
+    ours, its = multiprocessing.Pipe()
+    setting = Setting.of(load_rule_set(RULES), LIMITS)
+    ours.send([(("", "a", 1), "ab" * 32, "none.json", "")])
+    ours.close()
+
+    pricing._serve(its, setting, str(tmp_path / "out"))
+
+
 def test_another_parameter_of_a_check_measures_again(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -559,6 +690,10 @@ def _other_code(_trials: Path, _out: Path, patch: pytest.MonkeyPatch) -> None:
 
 
 def _forged(_trials: Path, out: Path, _patch: pytest.MonkeyPatch) -> None:
+    _forge(out)
+
+
+def _forge(out: Path) -> None:
     for file in out.glob("objects/*/*/*.json"):
         file.write_text(file.read_text(encoding="utf-8").replace('"violated"', '"satisfied"'), "utf-8")
 
