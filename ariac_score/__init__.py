@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.spans import (
         Episodes,
         Span,
+        Stretch,
         episodes_where,
         gaps_between,
         sample_durations,
@@ -110,7 +111,9 @@ _HOME = {
     ),
     "ariac_score.trial.signals": "Sample Signal align",
     "ariac_score.trial.sketch": "Course",
-    "ariac_score.trial.spans": ("Episodes Span episodes_where gaps_between sample_durations uncovered_spans"),
+    "ariac_score.trial.spans": (
+        "Episodes Span Stretch episodes_where gaps_between sample_durations uncovered_spans"
+    ),
     "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
     "ariac_score.trial.windows": "TimeBase",
 }
@@ -167,6 +170,7 @@ __all__ = [
     "Span",
     "Standing",
     "Status",
+    "Stretch",
     "Submission",
     "Task",
     "TeamSetup",

@@ -25,6 +25,8 @@ from ariac_score_standards import (
     AgvProtectiveField,
     AgvSpeedClearance,
     Always,
+    CollisionEpisodes,
+    CrushGap,
     HandGuiding,
     HumanContact,
     Never,
@@ -66,6 +68,8 @@ WINDOWED: dict[str, Any] = {
         line=((0.0, -9.0), (0.0, 9.0)), hazard=((3.0, -1.0), (4.0, -1.0), (4.0, 1.0)), stopping_time_s=0.1
     ),
     "proximity_comfort": ProximityComfort(),
+    "crush_gap": CrushGap(part="hand", t_off_s=0.05),
+    "collision_episodes": CollisionEpisodes(),
     "formula.always": Always(holds="d >= 0.5 * v + 0.3", signals=DISTANCE, unit="m"),
     "formula.never": Never(holds="v > 1", signals={"v": "speed/{robot}"}, unit="m/s"),
     "formula.within": Within(trigger="d < 0.5", response="v < 0.1", signals=DISTANCE, within_s=0.2),
@@ -223,7 +227,7 @@ def long_trial(samples: int) -> Trial:
     positions = {"r": 0 * turn, "r::elbow": turn, "r::tcp": 2 * turn, "h": 3 * turn[::-1], "a": 4 * turn}
     signals = {f"position/{n}": Signal(f"position/{n}", "m", t, xyz) for n, xyz in positions.items()}
     shared = signals["position/r"].t
-    for name, unit in (("clearance/a", "m"), ("enabling_device/r", "1")):
+    for name, unit in (("clearance/a", "m"), ("enabling_device/r", "1"), ("crush_gap/r/h", "m")):
         signals[name] = Signal(name, unit, shared, (part < 0.5) * 1.0)
     return Trial("t", bodies=bodies, signals=signals, recorded=Span(0.0, float(t[-1])))
 
