@@ -75,6 +75,7 @@ if TYPE_CHECKING:
         Episodes,
         Span,
         Stretch,
+        Total,
         episodes_where,
         gaps_between,
         sample_durations,
@@ -112,7 +113,7 @@ _HOME = {
     "ariac_score.trial.signals": "Sample Signal align",
     "ariac_score.trial.sketch": "Course",
     "ariac_score.trial.spans": (
-        "Episodes Span Stretch episodes_where gaps_between sample_durations uncovered_spans"
+        "Episodes Span Stretch Total episodes_where gaps_between sample_durations uncovered_spans"
     ),
     "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
     "ariac_score.trial.windows": "TimeBase",
@@ -176,6 +177,7 @@ __all__ = [
     "TeamSetup",
     "TimeBase",
     "TopicDescription",
+    "Total",
     "Tray",
     "Trial",
     "TrialBuilder",

@@ -20,6 +20,7 @@ from ariac_score import (
     Span,
     Standing,
     Stretch,
+    Total,
     Trial,
     Verdict,
     check_parameters,
@@ -36,7 +37,6 @@ from ariac_score_standards.severity import (
     Said,
     Sampled,
     Seen,
-    Total,
     exposure_of,
     no_severities,
 )

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Signal, Span, Trial, Verdict
+from ariac_score import Body, Signal, Span, Total, Trial, Verdict
 from ariac_score.trial import windows
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.sketch import sketch_of
@@ -41,7 +41,6 @@ from ariac_score_standards import (
     Within,
 )
 from ariac_score_standards.iso_ts_15066 import RunStarts, first_of_runs
-from ariac_score_standards.severity import Total
 
 MADE = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "test_margins.py")))
 SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
