@@ -303,7 +303,7 @@ class Total:
 
     def take(self, numbers: FloatArray) -> None:
         """The next numbers."""
-        waiting = np.concatenate([self._waiting, numbers])
+        waiting = np.concatenate([self._waiting, numbers]) if len(self._waiting) else numbers
         while self._wanted and len(waiting) >= self._wanted:
             part, waiting = waiting[: self._wanted], waiting[self._wanted :]
             try:

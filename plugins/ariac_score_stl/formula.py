@@ -577,13 +577,15 @@ class _Runs:
         """Take the moments after those before."""
         begin = piece.begin
         (rows,) = np.nonzero(piece.open)
+        going, self._goes_on = self._goes_on, bool(piece.open[-1])
+        if not len(rows):
+            return
         ends = np.append(begin[1:], self._end_s if piece.until_s is None else piece.until_s)
-        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
+        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             start_s, end_s = float(begin[run[0]]), float(max(ends[run[-1]], begin[run[-1]]))
-            if run[0] == 0 and self._goes_on:
+            if run[0] == 0 and going:
                 start_s = self.found.pop().start_s
             self.found.append(Span(start_s, end_s))
-        self._goes_on = bool(piece.open[-1])
 
 
 def _course(piece: Piece) -> tuple[FloatArray, FloatArray, BoolArray]:

@@ -124,15 +124,15 @@ class DiscreteTime(Judgement):
 
     def __init__(self, asked: Asked, track: Track, line: Line) -> None:
         self._asked, self._line = asked, line
-        self.evaluated: Windows = Windows(
+        evaluated = Windows(
             asked.body, line, lambda _, first, last: asked.leaves(track, first, last), asked.beyond
         )
-        self.decided: Windows = Windows(
-            asked.body,
-            line,
-            lambda k, *_: truths(self.evaluated.window(k).evaluated.predicates),
-            asked.beyond,
-        )
+
+        def leaves(k: int, *_: int) -> Mapping[Node, FloatArray]:
+            return truths(evaluated.window(k).evaluated.predicates)
+
+        self.evaluated: Windows = evaluated
+        self.decided: Windows = Windows(asked.body, line, leaves, asked.beyond)
         self._kept: dict[int, Piece] = {}
         self._kept_bytes = 0
 

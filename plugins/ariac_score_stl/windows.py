@@ -26,13 +26,13 @@ from ariac_score_stl.syntax import FUTURE, Node
 
 __all__ = ["Line", "Track", "Windows"]
 
-WINDOW_ROWS = 16_384
-"""So many rows are judged at once; their margins stay in the processor's cache."""
+WINDOW_ROWS = 65_536
+"""So many rows are judged at once: ten minutes at 100 Hz."""
 
 ROWS_FOR_ONE_AROUND = 8
 """A window is at least so many times as long as what is looked at around it."""
 
-KEPT_WINDOWS = 4
+KEPT_WINDOWS = 2
 """So many windows keep the margins of all sub-formulas."""
 
 _SLACK_S = 2 * TOLERANCE_S
@@ -52,9 +52,13 @@ class Track:
         self._names = list(signals)
         self._span = span
         leader = base.leader
+        self._t: FloatArray | None = None
+        """All times, where they need not be computed."""
         if leader is not None:
-            self._first = leader.row(span.start_s)
-            counts = [leader.row(float(np.nextafter(span.end_s, np.inf))) - self._first]
+            self._first, last = leader.row(span.start_s), leader.row(float(np.nextafter(span.end_s, np.inf)))
+            counts = [last - self._first]
+            if leader.fixed_t is not None:
+                self._t = leader.fixed_t[self._first : last]
         else:
             counts = [len(self._window(k)) for k in range(len(base))]
         self._rows = [0, *accumulate(counts)]
@@ -64,6 +68,8 @@ class Track:
 
     def row(self, t_s: float) -> int:
         """The first sample at or after a time."""
+        if self._t is not None:
+            return int(self._t.searchsorted(t_s))
         leader = self._base.leader
         if leader is not None:
             return min(max(leader.row(t_s) - self._first, 0), len(self))
@@ -72,6 +78,8 @@ class Track:
 
     def times(self, first: int, last: int) -> FloatArray:
         """The times of some samples."""
+        if self._t is not None:
+            return self._t[first:last]
         leader = self._base.leader
         if leader is not None:
             return leader.times(self._first + first, self._first + last)
@@ -147,6 +155,8 @@ class Line:
     def ending(self, t_s: float) -> int:
         """The first row that ends at or after a time."""
         sample = self.track.row(t_s)
+        if not self._holes:
+            return sample
         holes = int(self._before.searchsorted(sample, side="right"))
         within = holes > 0 and self._before[holes - 1] == sample and self._ends[holes - 1] >= t_s
         return sample + holes - int(within)
@@ -154,7 +164,7 @@ class Line:
     def beginning(self, t_s: float) -> int:
         """The first row that begins after a time."""
         samples = self.track.row(float(np.nextafter(t_s, np.inf)))
-        return samples + int(self._starts.searchsorted(t_s, side="right"))
+        return samples + int(self._starts.searchsorted(t_s, side="right")) if self._holes else samples
 
     def reach(self, first: int, last: int) -> tuple[float, float]:
         """When some rows begin and end, s; there has to be one."""
@@ -248,7 +258,7 @@ class Windows:
         rows = self.line.rows(at, stop)
         leaves = self._leaves(k, *self.line.samples(at, stop))
         found = Window(first, last, at, stop, reach, Discrete(rows, leaves, self._beyond))
-        found.evaluated.entering = self._entered(k, found)
+        found.evaluated.entering = self._entered(k, at, reach)
         self._windows[k] = found
         while len(self._windows) > KEPT_WINDOWS:
             self._windows.popitem(last=False)
@@ -294,17 +304,14 @@ class Windows:
 
     # What enters a window ----------------------------------------------------------------
 
-    def _entered(self, k: int, window: Window) -> Entering:
+    def _entered(self, k: int, at: int, reach: Mapping[Node, tuple[int, int]]) -> Entering:
+        known = self._entering  # nothing here holds the window, so that it goes once it is not needed
+
         def entering(key: Key) -> tuple[slice, tuple[float, float] | None]:
-            node, _ = key
-            first, last = self._chained_rows(window, node)
-            return slice(first - window.at, last - window.at), self._entering.get((key, k))
+            first, last = _gone_through(reach, key[0])
+            return slice(first - at, last - at), known.get((key, k))
 
         return entering
-
-    def _chained_rows(self, window: Window, node: Node) -> tuple[int, int]:
-        """The rows through which an operator without bounds goes."""
-        return window.reach[node.parts[0]]
 
     def _begin(self) -> None:
         if self._begun:
@@ -327,9 +334,10 @@ class Windows:
         for key in keys:
             node, sign = key
             window.evaluated.of(node, sign)
-            begin, end = self._chained_rows(window, node)
+            begin, end = _gone_through(window.reach, node)
             # The last row that the next window does not go through, on its way to it.
-            row = reach[node.parts[0]][0] - 1 if by > 0 else reach[node.parts[0]][1]
+            low, high = _gone_through(reach, node)
+            row = low - 1 if by > 0 else high
             if begin <= row < end:
                 free = window.evaluated.free[window.evaluated.key(node, sign)]
                 at = row - window.at
@@ -395,6 +403,11 @@ class Windows:
 
 
 # Which sub-formulas enter windows ------------------------------------------------------------
+
+
+def _gone_through(reach: Mapping[Node, tuple[int, int]], node: Node) -> tuple[int, int]:
+    """The rows through which an operator without bounds goes, of a window of such a reach."""
+    return reach[node.parts[0]]
 
 
 def _passes(body: Node, sign: int, signed: bool) -> list[list[Key]]:
