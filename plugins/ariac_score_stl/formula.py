@@ -334,9 +334,9 @@ class Judged:
         waiting = [_Broken(one) for one in self.violations]
         first = 0
         for piece in self.judgement.pieces() if waiting else ():
-            durations_s = self._durations_s(piece)
+            durations_s, last_s = self._durations_s(piece), float(piece.begin[-1])
             for one in waiting[first:]:
-                if one.span.start_s > piece.begin[-1]:
+                if one.span.start_s > last_s:
                     break
                 one.take(piece, durations_s)
             while first < len(waiting) and waiting[first].complete:
@@ -367,10 +367,10 @@ class Judged:
 
     def _moment(self, t_s: float) -> float:
         row = self.track.row(t_s)
-        around = self.track.times(max(row - 1, 0), min(row + 1, len(self.track))).tolist()
-        if t_s in around:
+        around = self.track.times(max(row - 1, 0), min(row + 1, len(self.track)))
+        if around[-1] == t_s:
             return t_s
-        near = (*around, self.span.start_s, self.span.end_s)
+        near = (*around.tolist(), self.span.start_s, self.span.end_s)
         exact = min(near, key=lambda one: abs(one - t_s))
         return exact if abs(exact - t_s) <= 4 * TOLERANCE_S else round(t_s, 8)
 
@@ -398,7 +398,7 @@ class Judged:
             robustness=robustness if finite else None,
             unit=self._unit(chain, robustness) if finite else "",
             quantities={
-                "time_in_violation_s": broken.time_s.value,
+                "time_in_violation_s": broken.time_s,
                 "failed_at_s": self._moment(chain[-1].t_s),
             },
             labels={"failed": chain[0].node.text, "because_of": chain[-1].node.text},
@@ -429,7 +429,7 @@ class Judged:
         return self._deciding_unit(robustness, last.t_s) if known is None else known
 
     def _row(self, t_s: float) -> int:
-        return max(self.track.row(float(np.nextafter(t_s + TOLERANCE_S, np.inf))) - 1, 0)
+        return max(self.track.row(math.nextafter(t_s + TOLERANCE_S, math.inf)) - 1, 0)
 
     def _evidence(self, moments: Sequence[float]) -> tuple[Sample, ...]:
         found = []
@@ -541,7 +541,8 @@ class _Broken:
 
     def __init__(self, stretch: Stretch) -> None:
         self.span, self._left = stretch.span, stretch.samples
-        self.time_s = Total(stretch.samples)
+        self._time: Total | None = None
+        self.time_s = 0.0
         self.worst_s, self.margin = math.nan, math.inf
 
     @property
@@ -553,17 +554,26 @@ class _Broken:
         """Take those of its moments that are in a piece."""
         first = int(piece.begin.searchsorted(self.span.start_s))
         last = int(piece.begin.searchsorted(self.span.end_s, side="right"))
-        rows = first + np.flatnonzero(piece.violated[first:last])
-        if not len(rows):
+        upper, broken = piece.upper[first:last], piece.violated[first:last]
+        broken_s = durations_s[first:last][broken]
+        if not len(broken_s):
             return
-        self._left -= len(rows)
-        self.time_s.take(durations_s[rows])
-        upper = piece.upper[rows]
+        self._add(broken_s)
         worst = int(upper.argmin())
-        # Of those broken by < where <= would have been kept the first counts.
-        if math.isnan(self.worst_s) or (upper[worst] < self.margin and upper[worst] < 0):
-            worst = worst if upper[worst] < 0 else 0
-            self.worst_s, self.margin = float(piece.begin[rows[worst]]), float(upper[worst])
+        if upper[worst] >= 0:  # broken by < where <= would have been kept
+            worst = int(broken.argmax())
+        if math.isnan(self.worst_s) or upper[worst] < min(self.margin, 0.0):
+            self.worst_s, self.margin = float(piece.begin[first + worst]), float(upper[worst])
+
+    def _add(self, broken_s: FloatArray) -> None:
+        """Add up how long it lasts; most violations are in one piece."""
+        if self._time is None and len(broken_s) == self._left:
+            self.time_s = float(broken_s.sum())
+        else:
+            self._time = self._time or Total(self._left)
+            self._time.take(broken_s)
+            self.time_s = self._time.value
+        self._left -= len(broken_s)
 
 
 class _Runs:

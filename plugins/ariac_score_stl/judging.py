@@ -166,14 +166,14 @@ class DiscreteTime(Judgement):
 
     def _piece(self, k: int, first: int, last: int) -> Piece:
         body = self._asked.body
-        margin = self.evaluated.of(k).of(body)
-        window = self.evaluated.window(k)
+        window = self.evaluated.of(k)
+        margin = window.evaluated.of(body)
         rows = slice(first - window.at, last - window.at)
         lower = margin.lower[rows]
         upper = lower if margin.known else margin.upper[rows]
         decided = lower, upper
         if not (lower.all() and upper.all()):  # a margin of exactly 0 does not tell < from <=
-            truth = self.decided.of(k).of(body)
+            truth = self.decided.of(k).evaluated.of(body)
             decided = truth.lower[rows], truth.upper[rows]
         holes = window.evaluated.rows.hole
         piece = Piece.of(window.evaluated.begin[rows], lower, upper, decided)

@@ -14,6 +14,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from math import inf, nextafter
 from typing import Literal
 
 import numpy as np
@@ -32,8 +33,8 @@ WINDOW_ROWS = 65_536
 ROWS_FOR_ONE_AROUND = 8
 """A window is at least so many times as long as what is looked at around it."""
 
-KEPT_WINDOWS = 2
-"""So many windows keep the margins of all sub-formulas."""
+KEPT_BYTES = 64 << 20
+"""The margins of all sub-formulas that were asked for last stay in about so much, or in two windows."""
 
 _SLACK_S = 2 * TOLERANCE_S
 
@@ -55,7 +56,7 @@ class Track:
         self._t: FloatArray | None = None
         """All times, where they need not be computed."""
         if leader is not None:
-            self._first, last = leader.row(span.start_s), leader.row(float(np.nextafter(span.end_s, np.inf)))
+            self._first, last = leader.row(span.start_s), leader.row(nextafter(span.end_s, inf))
             counts = [last - self._first]
             if leader.fixed_t is not None:
                 self._t = leader.fixed_t[self._first : last]
@@ -163,7 +164,7 @@ class Line:
 
     def beginning(self, t_s: float) -> int:
         """The first row that begins after a time."""
-        samples = self.track.row(float(np.nextafter(t_s, np.inf)))
+        samples = self.track.row(nextafter(t_s, inf))
         return samples + int(self._starts.searchsorted(t_s, side="right")) if self._holes else samples
 
     def reach(self, first: int, last: int) -> tuple[float, float]:
@@ -223,6 +224,7 @@ class Windows:
         self.body, self.line, self._leaves, self._beyond = body, line, leaves, beyond
         self._rows = self._window_rows()
         self._windows: OrderedDict[int, Window] = OrderedDict()
+        self._kept = max(KEPT_BYTES // (self._rows * 16 * sum(1 for _ in body.walk())), 2)
         self._entering: dict[tuple[Key, int], tuple[float, float]] = {}
         self._extremes: dict[tuple[Node, int, str, bool, int], tuple[float, float]] = {}
         self._passes = _passes(body, 1, beyond in ("weak", "strong"))
@@ -260,17 +262,17 @@ class Windows:
         found = Window(first, last, at, stop, reach, Discrete(rows, leaves, self._beyond))
         found.evaluated.entering = self._entered(k, at, reach)
         self._windows[k] = found
-        while len(self._windows) > KEPT_WINDOWS:
+        while len(self._windows) > self._kept:
             self._windows.popitem(last=False)
         return found
 
-    def of(self, k: int) -> Discrete:
-        """The margins of window k, once all that enters it is known."""
+    def of(self, k: int) -> Window:
+        """Window k, once all that enters it is known."""
         self._begin()
         while self._gone < k:
             self._go_on(self._gone, self._passes[-1], 1)
             self._gone += 1
-        return self.window(k).evaluated
+        return self.window(k)
 
     # How far is looked -------------------------------------------------------------------
 
@@ -350,8 +352,8 @@ class Windows:
     def at(self, node: Node, sign: int, t_s: float) -> tuple[float, float]:
         """The bounds of a sub-formula at a moment."""
         row = max(self.line.beginning(t_s + TOLERANCE_S) - 1, 0)
-        k = self.number_of(row)
-        margin, at = self.of(k).of(node, sign), row - self.window(k).at
+        window = self.of(self.number_of(row))
+        margin, at = window.evaluated.of(node, sign), row - window.at
         return float(margin.lower[at]), float(margin.upper[at])
 
     def extreme(
@@ -367,7 +369,7 @@ class Windows:
         first, last = self.line.ending(window[0] - TOLERANCE_S), self.line.beginning(window[1] + TOLERANCE_S)
         if first >= last:
             return None
-        best, when = np.inf, None
+        best, when = inf, None
         for k in range(self.number_of(first), self.number_of(last - 1) + 1):
             value, begin_s = self._extreme(node, sign, k, first, last, of, least=least)
             if when is None or value < best:
@@ -391,12 +393,12 @@ class Windows:
         whole = first <= begin and end <= last
         if whole and key in self._extremes:
             return self._extremes[key]
-        evaluated, at = self.of(k), self.window(k).at
-        values = getattr(evaluated.of(node, sign), of)
+        window = self.of(k)
+        values, at = getattr(window.evaluated.of(node, sign), of), window.at
         start = max(first, begin) - at
         here = values[start : min(last, end) - at]
         row = start + int(here.argmin() if least else here.argmax())
-        found = float(values[row] if least else -values[row]), float(evaluated.begin[row])
+        found = float(values[row] if least else -values[row]), float(window.evaluated.begin[row])
         if whole:
             self._extremes[key] = found
         return found
