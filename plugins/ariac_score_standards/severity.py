@@ -208,6 +208,11 @@ class Seen:
         windows = [(watched, judge(watched)) for watched in self.watched]
         return course_of(self.subject, windows)
 
+    def courses(self) -> Iterator[Course]:
+        """The same window by window."""
+        judge = self.begin()
+        return (course_of(self.subject, [(watched, judge(watched))]) for watched in self.watched)
+
 
 def limited_by(bound: Bound) -> BoolArray:
     """Where there is a limit, shape (n,)."""

@@ -310,3 +310,16 @@ def test_courses_are_held_one_at_a_time() -> None:
     (course,) = monitor.courses(trial)
     (curve,) = sketch_of(trial, {"separation": [course]}, {}).curves
     assert curve.samples == len(course.t) == len(course.actual) == len(course.limit) == 1000
+
+
+@pytest.mark.usefixtures("small_windows")
+def test_what_a_curve_is_made_of_does_not_grow_with_the_trial() -> None:
+    monitor = SsmSeparation()
+
+    def curves(trial: Trial) -> object:
+        courses = list(monitor.courses(derived(monitor, trial)))
+        moments = {("separation", "r/h"): [Span(1.0, 2.0)]}
+        return sketch_of(Trial("of the curves alone"), {"separation": courses}, moments)
+
+    curves(long_trial(1000))
+    assert held_bytes(curves, 4 * SAMPLES) - held_bytes(curves, SAMPLES) < GROWTH_BYTES
