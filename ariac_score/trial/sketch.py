@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ariac_score.trial.model import Trial
@@ -50,7 +50,7 @@ MOST_DETAIL_STRETCHES, FEWEST_DETAIL_STRETCHES = 100, 10
 
 ROUTE_STRETCHES = 300
 MOST_HOLES = 500
-PART_SAMPLES = 4096
+PART_SAMPLES = 16_384
 
 DISTANCES = ("separation", "centre_distance", "centre_distance_2d")
 """What is drawn of a pair that no monitor has a limit for: the first of these that is known."""
@@ -387,7 +387,7 @@ def _curve(check: str, course: Course, moments: Sequence[Span], stretches: int, 
         return None
     drawn = _Drawn(laid_out, stretches, finer)
     at_most = False
-    for part in course.parts():
+    for part in _grouped(course.parts()):
         at_most = part.at_most
         drawn.take(part)
     t, actual, limit, rows = drawn.columns()
@@ -412,6 +412,26 @@ def _curve(check: str, course: Course, moments: Sequence[Span], stretches: int, 
         tuple(float(v) if math.isfinite(v) else None for v in limit[shown]),
         _numbers(t[rows.searchsorted(beside)]),
     )
+
+
+def _grouped(parts: Iterable[Course]) -> Iterator[Course]:
+    """The same in longer parts, which take less time to go through."""
+    waiting: list[Course] = []
+    for part in parts:
+        waiting.append(part)
+        if sum(len(one.t) for one in waiting) >= PART_SAMPLES:
+            yield _joined(waiting)
+            waiting = []
+    if waiting:
+        yield _joined(waiting)
+
+
+def _joined(parts: Sequence[Course]) -> Course:
+    if len(parts) == 1:
+        return parts[0]
+    columns = ([getattr(part, name) for part in parts] for name in ("t", "actual", "limit"))
+    t, actual, limit = (np.concatenate(column) for column in columns)
+    return replace(parts[0], t=t, actual=actual, limit=limit)
 
 
 def _around(moment: Span) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score import Body, Signal, Span, Total, Trial, Verdict
-from ariac_score.trial import windows
+from ariac_score.trial import sketch, windows
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.sketch import sketch_of
 from ariac_score_standards import (
@@ -94,6 +94,7 @@ def window_size(samples: int, kept_bytes: int = 0) -> Iterator[None]:
             (windows, "LARGEST_WINDOW_SAMPLES", samples),
             (windows, "KEPT_BYTES", kept_bytes),
             (windows, "KEPT_VECTOR_BYTES", kept_bytes),
+            (sketch, "PART_SAMPLES", samples),
             (stl_windows, "WINDOW_ROWS", samples),
             (stl_windows, "ROWS_FOR_ONE_AROUND", 0),
             (stl_windows, "KEPT_BYTES", kept_bytes),
