@@ -74,6 +74,8 @@ if TYPE_CHECKING:
     from ariac_score.trial.spans import (
         Episodes,
         Span,
+        Stretch,
+        Total,
         episodes_where,
         gaps_between,
         sample_durations,
@@ -110,7 +112,9 @@ _HOME = {
     ),
     "ariac_score.trial.signals": "Sample Signal align",
     "ariac_score.trial.sketch": "Course",
-    "ariac_score.trial.spans": ("Episodes Span episodes_where gaps_between sample_durations uncovered_spans"),
+    "ariac_score.trial.spans": (
+        "Episodes Span Stretch Total episodes_where gaps_between sample_durations uncovered_spans"
+    ),
     "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
     "ariac_score.trial.windows": "TimeBase",
 }
@@ -167,11 +171,13 @@ __all__ = [
     "Span",
     "Standing",
     "Status",
+    "Stretch",
     "Submission",
     "Task",
     "TeamSetup",
     "TimeBase",
     "TopicDescription",
+    "Total",
     "Tray",
     "Trial",
     "TrialBuilder",

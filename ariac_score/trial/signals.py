@@ -108,16 +108,22 @@ class Signal:
         At its own sample times the recorded values come back to the bit. Times
         outside the samples take the nearest value; use `covers` to exclude them.
         """
-        if len(t) == len(self.t) and np.array_equal(t, self.t):
+        if len(t) == len(self) and np.array_equal(t, self.t):
             return self.values
-        own, values = self.t, self.values
+        own, values = self.stretch(*self._around(t))
         if values.ndim == 1:
             return np.interp(t, own, values)
         return np.stack([np.interp(t, own, column) for column in values.T], axis=1)
 
     def covers(self, t: FloatArray, *, max_gap_s: float) -> BoolArray:
         """Whether each time is a sample or lies between two at most `max_gap_s` apart."""
-        return covered(self.t, t, max_gap_s=max_gap_s)
+        return covered(self.times(*self._around(t)), t, max_gap_s=max_gap_s)
+
+    def _around(self, t: FloatArray) -> tuple[int, int]:
+        """The rows among which times lie, with one more on each side."""
+        if not len(t):
+            return 0, min(len(self), 1)
+        return max(self.row(float(t.min())) - 1, 0), min(self.row(float(t.max())) + 1, len(self))
 
     def gaps(self, window: Span, *, max_gap_s: float) -> list[Span]:
         """The stretches of a window this signal says nothing about."""

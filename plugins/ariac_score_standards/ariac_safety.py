@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import floor, inf
 from typing import TYPE_CHECKING, Literal
 
 from ariac_score import (
     Arrivals,
     Body,
+    Episodes,
     Event,
     Finding,
     OnlineWatch,
     Sample,
+    Signal,
     SignalNeed,
     Span,
     Standing,
+    Stretch,
+    Total,
     Trial,
     Verdict,
     check_parameters,
-    episodes_where,
     parameter,
-    sample_durations,
-    uncovered_spans,
 )
 from ariac_score.records import dataclass
 from ariac_score_standards.online import PairsOnline
@@ -43,6 +44,7 @@ from ariac_score_standards.watching import (
     ENVIRONMENT,
     OFF,
     ON,
+    BoolArray,
     FloatArray,
     Watched,
     Watching,
@@ -272,11 +274,88 @@ def occurrences(
 
 @dataclass(frozen=True)
 class _Touching:
-    """Where two bodies touch, and how hard."""
+    """What tells where two bodies touch, and how hard.
 
-    t: FloatArray
-    touching: NDArray[np.bool_]
-    force_n: FloatArray | None
+    Attributes:
+        told: A signal that tells where they touch.
+        touches: Which of its values do.
+        force: The force, where it is known; in N.
+    """
+
+    told: Signal
+    touches: Callable[[FloatArray], BoolArray]
+    force: Signal | None
+
+
+class _Hardness:
+    """For how long two bodies touched in a collision, and how hard, as its samples come."""
+
+    def __init__(self, stretch: Stretch) -> None:
+        self.span, self._left = stretch.span, stretch.samples
+        self._touched_s, self._impulse = Total(stretch.samples), Total(stretch.samples)
+        self._largest_n: float | None = None
+
+    def take(self, touching: _Touching, window: Watched, rows: NDArray[np.intp]) -> None:
+        """Take samples of the collision, in order."""
+        self._left -= len(rows)
+        weights_s = window.durations_s[rows]
+        self._touched_s.take(weights_s)
+        if touching.force is not None:
+            force_n = touching.force.at(window.t[rows])
+            self._impulse.take(force_n * weights_s)
+            largest_n = float(force_n.max())
+            self._largest_n = largest_n if self._largest_n is None else max(self._largest_n, largest_n)
+
+    @property
+    def complete(self) -> bool:
+        """Whether all of its samples have come."""
+        return self._left <= 0
+
+    @property
+    def quantities(self) -> dict[str, float]:
+        """What there is to tell."""
+        found = {"time_in_violation_s": self._touched_s.value}
+        if self._largest_n is not None:
+            found |= {"force_max_N": self._largest_n, "impulse_N_s": self._impulse.value}
+        return found
+
+
+@dataclass(frozen=True)
+class _Contact:
+    """Two bodies over the competition, window by window."""
+
+    touching: _Touching
+    watched: Watching
+
+    def _windows(self) -> Iterator[tuple[Watched, BoolArray]]:
+        name = self.touching.told.name
+        return ((window, self.touching.touches(window.columns[name])) for window in self.watched)
+
+    def collisions(self, t_off_s: float) -> list[Stretch]:
+        """Where they touch, pauses shorter than some time bridged."""
+        episodes = Episodes(t_off_s=t_off_s, longest_s=self.watched.max_gap_s)
+        for window, touching in self._windows():
+            episodes.take(window.t, touching)
+        return episodes.end()
+
+    def hardness(self, collisions: Sequence[Stretch]) -> Iterator[_Hardness]:
+        """Each collision, in order of time."""
+        waiting = [_Hardness(one) for one in collisions]
+        first = 0
+        for window, touching in self._windows() if waiting else ():
+            rows = np.flatnonzero(touching)
+            times = window.t[rows]
+            for one in waiting[first:]:
+                if one.span.start_s > window.t[-1]:
+                    break
+                own = rows[
+                    times.searchsorted(one.span.start_s) : times.searchsorted(one.span.end_s, side="right")
+                ]
+                if len(own):
+                    one.take(self.touching, window, own)
+            while first < len(waiting) and waiting[first].complete:
+                yield waiting[first]
+                first += 1
 
 
 @dataclass(frozen=True)
@@ -359,13 +438,14 @@ class CollisionEpisodes:
             flag = trial.signals.get(f"in_contact/{a}/{b}")
             force = trial.signals.get(f"contact_force/{a}/{b}")
             if flag is not None:
-                return _Touching(flag.t, flag.values >= 0.5, None if force is None else force.at(flag.t))
+                known = force if force is not None and len(force) else None
+                return _Touching(flag, lambda values: values >= 0.5, known)
             if force is not None:
-                return _Touching(force.t, force.values > self.contact_on_n, force.values)
+                return _Touching(force, lambda values: values > self.contact_on_n, force)
         for a, b in ((first.id, second.id), (second.id, first.id)):
             apart = trial.signals.get(f"body_separation/{a}/{b}")
             if apart is not None:
-                return _Touching(apart.t, apart.values <= 0, None)
+                return _Touching(apart, lambda values: values <= 0, None)
         return None
 
     def _from_events(self, trial: Trial, first: Body, second: Body) -> list[Span]:
@@ -384,15 +464,18 @@ class CollisionEpisodes:
 
     def _judge(self, trial: Trial, first: Body, second: Body) -> Iterator[Finding]:
         subject = f"{first.id}/{second.id}"
-        contact = self._touching(trial, first, second)
-        gaps: list[Span] = []
-        if contact is not None:
-            contact, gaps = self._cut(trial, contact)
-            spans = episodes_where(
-                contact.t, contact.touching, t_off_s=self.t_off_s, longest_s=self.max_gap_s
-            )
+        touching = self._touching(trial, first, second)
+        contact, gaps = None, list[Span]()
+        collisions: Iterator[tuple[Span, Mapping[str, float]]]
+        if touching is not None:
+            watched = Watching([touching.told], self.max_gap_s, trial.window, {}, {})
+            contact, gaps = _Contact(touching, watched), list(watched.gaps)
+            found = contact.collisions(self.t_off_s)
+            spans = [one.span for one in found]
+            collisions = ((one.span, one.quantities) for one in contact.hardness(found))
         else:
             spans = _merged(self._from_events(trial, first, second), self.t_off_s)
+            collisions = ((span, {}) for span in spans)
         if contact is None and not spans and "in_contact" not in trial.witnessed:
             message = f"the log does not show whether they touched{looked_for(trial)}"
             yield Finding.inconclusive(subject, message, span=trial.window, clause=_COLLISION_CLAUSE)
@@ -401,10 +484,10 @@ class CollisionEpisodes:
             message = f"no samples for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
             yield Finding.inconclusive(subject, message, span=gap, clause=_COLLISION_CLAUSE)
         both = first.kind == second.kind == "robot"
-        for span in spans:
+        for span, hardness in collisions:
             weight = self.robot_robot_weight if both else 1
             speed = self._speed_against(trial, first, second, span.start_s)
-            yield self._collision(subject, contact, span, weight, speed)
+            yield self._collision(subject, span, weight, speed, hardness)
         if not spans and not gaps:
             yield Finding(
                 subject,
@@ -413,15 +496,6 @@ class CollisionEpisodes:
                 quantities=dict.fromkeys(_COLLISION_QUANTITIES, 0.0),
                 clause=_COLLISION_CLAUSE,
             )
-
-    def _cut(self, trial: Trial, contact: _Touching) -> tuple[_Touching, list[Span]]:
-        window = trial.window
-        if window is None:
-            return contact, []
-        inside = (contact.t >= window.start_s) & (contact.t <= window.end_s)
-        force = None if contact.force_n is None else contact.force_n[inside]
-        kept = _Touching(contact.t[inside], contact.touching[inside], force)
-        return kept, uncovered_spans(kept.t, window, max_gap_s=self.max_gap_s)
 
     def _speed_against(self, trial: Trial, first: Body, second: Body, t_s: float) -> float | None:
         """Speed of the two against each other when they met; what stands around does not move."""
@@ -436,7 +510,12 @@ class CollisionEpisodes:
         return float(np.sqrt((relative * relative).sum()))
 
     def _collision(
-        self, subject: str, contact: _Touching | None, span: Span, weight: int, speed_m_s: float | None
+        self,
+        subject: str,
+        span: Span,
+        weight: int,
+        speed_m_s: float | None,
+        hardness: Mapping[str, float],
     ) -> Finding:
         times = occurrences(
             span.duration_s, every_s=self.every_s, closed_right=self.closed_right, weight=weight
@@ -444,19 +523,12 @@ class CollisionEpisodes:
         quantities = {"occurrences": float(times), "length_s": span.duration_s}
         if speed_m_s is not None:
             quantities["relative_speed_m_s"] = speed_m_s
-        if contact is not None:
-            rows = np.flatnonzero(contact.touching & (contact.t >= span.start_s) & (contact.t <= span.end_s))
-            weights = sample_durations(contact.t, longest_s=self.max_gap_s)[rows]
-            quantities["time_in_violation_s"] = float(weights.sum())
-            if contact.force_n is not None:
-                quantities["force_max_N"] = float(contact.force_n[rows].max())
-                quantities["impulse_N_s"] = float((contact.force_n[rows] * weights).sum())
         return Finding(
             subject,
             Verdict.VIOLATED,
             f"collision of {span.duration_s:.2f} s, which counts {times} time{'s' if times > 1 else ''}",
             span=span,
-            quantities=quantities,
+            quantities={**quantities, **hardness},
             clause=_COLLISION_CLAUSE,
             critical=self.critical,
         )

@@ -7,8 +7,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ariac_score import ParameterFacts, SignalNeed, Trial, check_parameters, parameter
-from ariac_score_standards.severity import Bound, Rules, Said, Sampled, Told, limit_findings
-from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watching, pairs_of, watch_subjects
+from ariac_score_standards.severity import Bound, Constant, Rules, Said, Sampled, Told, findings_of
+from ariac_score_standards.watching import (
+    BoolArray,
+    FloatArray,
+    Subject,
+    Watched,
+    Watching,
+    pairs_of,
+    watch_subjects,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,6 +39,9 @@ MINIMUM_GAP_M: Mapping[str, tuple[float, ParameterFacts]] = {
     "finger": (0.025, _MEMORY),
 }
 """Least gap that does not crush, with what is known about it, by part of the body."""
+
+
+_GAP = "crush_gap/{robot}/{human}"
 
 
 def minimum_gap_m(part: str) -> float:
@@ -80,6 +91,20 @@ def closes(gap_m: FloatArray) -> BoolArray:
     return closing
 
 
+def closes_within(window: Watched, gap: str) -> BoolArray:
+    """The same in a window, its neighbours looked at.
+
+    Args:
+        window: Of the signals.
+        gap: Template of the gap.
+    """
+    before = [] if window.previous is None else [window.previous[gap][-1:]]
+    after = [] if window.following is None else [window.following[gap][:1]]
+    if not (before or after):
+        return closes(window[gap])
+    return closes(np.concatenate([*before, window[gap], *after]))[len(before) :][: len(window.t)]
+
+
 @dataclass(frozen=True)
 class CrushGap(Sampled):
     """No part of the body is between robot and fixed things in a gap that closes on it.
@@ -118,19 +143,19 @@ class CrushGap(Sampled):
         return watch_subjects(
             trial,
             pairs_of(trial),
-            {"crush_gap/{robot}/{human}": "m"},
+            {_GAP: "m"},
             max_gap_s=self.max_gap_s,
             clause=self._clause,
             judge=self._judge,
             kinds=("robot", "human"),
         )
 
-    def _judge(self, subject: Subject, watching: Watching) -> Iterator[Said]:
-        watched = watching.whole()
-        gap = watched["crush_gap/{robot}/{human}"]
-        closing = closes(gap)
-        limit = np.full_like(gap, minimum_gap_m(self.part))
-        bound = Bound("closing gap", gap, limit, "m", False, closing)
+    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
+        def judge(window: Watched) -> Bound:
+            gap = window[_GAP]
+            limit = np.full_like(gap, minimum_gap_m(self.part))
+            return Bound("closing gap", gap, limit, "m", False, closes_within(window, _GAP))
+
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "no gap ever closed")
         told = Told(labels={"clamped": "yes", "part": self.part})
-        yield from limit_findings(subject.name, watched, bound, rules, lambda e: told if e else Told())
+        yield from findings_of(subject.name, watched, lambda: judge, rules, gathered=lambda: Constant(told))

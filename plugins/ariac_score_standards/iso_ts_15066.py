@@ -15,6 +15,7 @@ from ariac_score import (
     SignalNeed,
     Span,
     Standing,
+    Total,
     Trial,
     Verdict,
     check_parameters,
@@ -41,7 +42,6 @@ from ariac_score_standards.severity import (
     Seen,
     Several,
     Told,
-    Total,
     Violation,
     broken,
     closing_energy_j,
@@ -595,7 +595,14 @@ class SsmSeparation(SsmFormula, Sampled):
         ):
             shown = Seen(pair.name, watched, lambda: self._bound)
             words = self._distance.replace("_", " ")
-            yield Course.late(pair.name, words, "m", partial(_course, shown), max_gap_s=self.max_gap_s)
+            yield Course.late(
+                pair.name,
+                words,
+                "m",
+                partial(_courses, shown),
+                times=partial(_times, watched),
+                max_gap_s=self.max_gap_s,
+            )
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the distance is enough there."""
@@ -688,8 +695,12 @@ class SsmSeparation(SsmFormula, Sampled):
         )
 
 
-def _course(shown: Seen) -> Course:
-    return shown.course
+def _courses(shown: Seen) -> Iterator[Course]:
+    return shown.courses()
+
+
+def _times(watched: Watching) -> Iterator[FloatArray]:
+    return (window.t for window in watched)
 
 
 class _Energy(Gathered):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from ariac_score import SignalNeed, Trial, check_parameters, parameter
+from ariac_score import SignalNeed, Total, Trial, check_parameters, parameter
 from ariac_score_standards.severity import (
     APART,
     MEETING,
@@ -20,7 +20,6 @@ from ariac_score_standards.severity import (
     Sampled,
     Several,
     Told,
-    Total,
     exposure_of,
     findings_of,
     meeting_needs,

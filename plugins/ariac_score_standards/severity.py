@@ -21,7 +21,7 @@ source, and checked by `check_parameters`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
 from typing import TYPE_CHECKING
 
@@ -32,6 +32,7 @@ from ariac_score import (
     Sample,
     SignalNeed,
     Span,
+    Total,
     Trial,
     Verdict,
     episodes_where,
@@ -207,6 +208,11 @@ class Seen:
         judge = self.begin()
         windows = [(watched, judge(watched)) for watched in self.watched]
         return course_of(self.subject, windows)
+
+    def courses(self) -> Iterator[Course]:
+        """The same window by window."""
+        judge = self.begin()
+        return (course_of(self.subject, [(watched, judge(watched))]) for watched in self.watched)
 
 
 def limited_by(bound: Bound) -> BoolArray:
@@ -580,49 +586,6 @@ class _Severities:
             "relative_depth_integral_s": self._relative_s.value,
         }
         return Violation(self.span, self._worst, quantities, self._gathered.told())
-
-
-class Total:
-    """The sum of numbers that come in parts, to the bit that of all of them at once.
-
-    `numpy` halves a long row of numbers again and again and adds the sums of the halves. So
-    does this, which therefore has to know how many will come.
-
-    >>> total = Total(3)
-    >>> total.take(np.array([1.0])), total.take(np.array([2.0, 3.0])), total.value
-    (None, None, 6.0)
-    """
-
-    def __init__(self, count: int) -> None:
-        self._adding = _adding(count)
-        self._wanted = next(self._adding)
-        self._waiting = np.zeros(0)
-        self.value = 0.0
-
-    def take(self, numbers: FloatArray) -> None:
-        """The next numbers."""
-        waiting = np.concatenate([self._waiting, numbers])
-        while self._wanted and len(waiting) >= self._wanted:
-            part, waiting = waiting[: self._wanted], waiting[self._wanted :]
-            try:
-                self._wanted = self._adding.send(part)
-            except StopIteration as done:
-                self._wanted, self.value = 0, done.value
-        self._waiting = waiting.copy()
-
-
-_ADDED_AT_ONCE = 4096
-
-
-def _adding(count: int) -> Generator[int, FloatArray, float]:
-    """Says how many numbers it wants next; at the end their sum."""
-    if count <= _ADDED_AT_ONCE:
-        numbers = yield count
-        return float(numbers.sum())
-    half = count // 2
-    half -= half % 8
-    first = yield from _adding(half)
-    return first + (yield from _adding(count - half))
 
 
 def findings_of(

@@ -56,6 +56,7 @@ class Watched:
         extra: Values of the optional signals the log has, by template; NaN where it has none.
         until_s: Time of the sample after the last one of these; `None`: there is none.
         previous: The window before this one; `None`: there is none.
+        following: The window after this one; `None`: there is none.
     """
 
     t: FloatArray
@@ -67,6 +68,7 @@ class Watched:
     extra: Mapping[str, FloatArray] = field(default_factory=dict)
     until_s: float | None = None
     previous: Watched | None = None
+    following: Watched | None = None
 
     def __getitem__(self, template: str) -> FloatArray:
         return self.columns[self.names[template]]
@@ -145,10 +147,12 @@ class Watching:
     def __iter__(self) -> Iterator[Watched]:
         known = [k for k in range(len(self._base)) if self._counts[k]]
         previous: Watched | None = None
-        for k, following in zip_longest(known, known[1:]):
-            until_s = None if following is None else float(self._times(following)[0])
-            window = self._watched(k, self._times(k), until_s)
-            yield replace(window, previous=previous)
+        following: Watched | None = None
+        for k, after in zip_longest(known, known[1:]):
+            window = following or self._watched(k)
+            following = None if after is None else self._watched(after)
+            window = replace(window, until_s=None if following is None else float(following.t[0]))
+            yield replace(window, previous=previous, following=following)
             previous = window
 
     def whole(self) -> Watched:
@@ -188,13 +192,14 @@ class Watching:
         t = self._base.times(k)
         return t[self._inside(t)]
 
-    def _watched(self, k: int, t: FloatArray, until_s: float | None) -> Watched:
+    def _watched(self, k: int) -> Watched:
         base = self._base
         inside = self._inside(base.times(k))
         numbers, helpful = self._numbers, self._helpful
         columns = _Columns(numbers, lambda name: base.values(numbers[name], k)[inside])
         extra = _Columns(helpful, lambda template: base.beyond(k, helpful[template])[inside])
-        return Watched(t, columns, self.gaps, self.max_gap_s, self._units, self.names, extra, until_s)
+        t = base.times(k)[inside]
+        return Watched(t, columns, self.gaps, self.max_gap_s, self._units, self.names, extra)
 
 
 class _Columns(Mapping[str, FloatArray]):

@@ -14,6 +14,7 @@ import numpy as np
 from ariac_score import (
     Body,
     Course,
+    Episodes,
     Finding,
     FormulaError,
     MissingSignalError,
@@ -22,22 +23,23 @@ from ariac_score import (
     Signal,
     SignalNeed,
     Span,
+    Stretch,
+    Total,
     Trial,
     Verdict,
-    align,
-    episodes_where,
+    gaps_between,
     sample_durations,
-    uncovered_spans,
 )
-from ariac_score_stl.dense import Dense
 from ariac_score_stl.explain import Cause, causes
+from ariac_score_stl.judging import Asked, DenseTime, DiscreteTime, Judgement, Piece
 from ariac_score_stl.online import FormulaOnline
-from ariac_score_stl.robustness import Beyond, Discrete, margins, truths
-from ariac_score_stl.rows import TOLERANCE_S, BoolArray, Rows
+from ariac_score_stl.robustness import Beyond
+from ariac_score_stl.rows import TOLERANCE_S, BoolArray
 from ariac_score_stl.signals import Source, Subject, check_name, parse_source, subjects
-from ariac_score_stl.sliding import FloatArray, IntArray
+from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import STEPS, Node, StlError, parse
 from ariac_score_stl.units import check_units, unit_of
+from ariac_score_stl.windows import Line, Track
 
 __all__ = ["StlFormula"]
 
@@ -211,19 +213,15 @@ class StlFormula:
 
     def _judge(self, trial: Trial, subject: str, found: Mapping[str, Signal]) -> Iterator[Finding | Judged]:
         span = trial.window
-        t, values = align(list(found.values()), max_gap_s=self.max_gap_s)
-        if span is not None:
-            inside = slice(*np.searchsorted(t, [span.start_s, np.nextafter(span.end_s, np.inf)]).tolist())
-            t, values = t[inside], [column[inside] for column in values]
-        if span is None or not len(t):
+        track = None if span is None else Track(found, span, max_gap_s=self.max_gap_s)
+        if span is None or not track:
             message = "there is no sample during the competition"
             yield Finding.inconclusive(subject, message, span=span, clause=self.clause)
             return
-        columns = dict(zip(found, values, strict=True))
-        try:
-            judged = Judged(self, subject, t, columns, found, span)
-        except FormulaError as error:
-            message = f"the formula has no value: {error.cause}"
+        judged = Judged(self, subject, track, found, span)
+        wrong = judged.judge()
+        if wrong is not None:
+            message = f"the formula has no value: {wrong.cause}"
             yield Finding.inconclusive(subject, message, span=span, clause=self.clause)
             return
         yield judged
@@ -243,45 +241,70 @@ class Judged:
     """
 
     def __init__(
-        self,
-        monitor: StlFormula,
-        subject: str,
-        t: FloatArray,
-        columns: Mapping[str, FloatArray],
-        signals: Mapping[str, Signal],
-        span: Span,
+        self, monitor: StlFormula, subject: str, track: Track, signals: Mapping[str, Signal], span: Span
     ) -> None:
         self.monitor, self.subject, self.span = monitor, subject, span
-        self.t, self.columns, self.signals = t, columns, signals
-        self.gaps = _gaps(t, span, monitor.max_gap_s)
-        self.predicates = margins(monitor.tree, {**columns, **monitor.constants}, len(t))
-        self.evaluated = self.evaluate(self.predicates)
+        self.track, self.signals = track, signals
+        self.gaps = gaps_between(track.stretches(), span, max_gap_s=monitor.max_gap_s)
         tree = monitor.tree
         self.body = tree.parts[0] if tree.operator == "always" else tree
         self.stretch, self.overrun, self.late = self._stretch()
-        # Where a margin is exactly 0 it does not tell < from <=.
-        self.decided: Discrete | Dense = self.evaluated
-        self.begin, self.lower, self.upper = begin, lower, upper = self.bounds(self.evaluated)
-        if not (lower.all() and upper.all()):
-            self.decided = self.evaluate(truths(self.predicates))
-            begin, lower, upper = self.bounds(self.decided)
-            if len(begin) != len(self.begin):  # steps of dense time are as long as nothing changes
-                self.begin, both = _on_all_steps(self.begin, begin)
-                self.lower, self.upper = self.lower[both[0]], self.upper[both[0]]
-                lower, upper = lower[both[1]], upper[both[1]]
-        self.violated: BoolArray = upper < 0
-        self.open: BoolArray = (lower < 0) & ~self.violated
-
-    def evaluate(self, predicates: Mapping[Node, FloatArray]) -> Discrete | Dense:
-        monitor = self.monitor
-        if monitor.time == "dense":
-            return Dense(self.t, self.span, predicates, monitor.beyond, monitor.max_gap_s)
-        return Discrete(self.rows, predicates, monitor.beyond)
+        self.asked = Asked(
+            tree, self.body, monitor.constants, monitor.beyond, span, self.stretch, late=self.late
+        )
+        self.violations: list[Stretch] = []
+        self.open_spans: list[Span] = []
+        self.closest: tuple[float, float, bool] | None = None
+        """When the lower bound is the least, how small it is, and whether the formula is broken there."""
 
     @cached_property
-    def rows(self) -> Rows:
-        """The time base of discrete time."""
-        return Rows.of(self.t, self.span, self.gaps)
+    def judgement(self) -> Judgement:
+        """The formula at every moment."""
+        if self.monitor.time == "dense":
+            return DenseTime(self.asked, self.track, self.monitor.max_gap_s)
+        return DiscreteTime(self.asked, self.track, Line(self.track, self.span, self.gaps))
+
+    def judge(self) -> FormulaError | None:
+        """Go through all moments; why that cannot be, where a predicate has no value."""
+        try:
+            self._go_through()
+        except FormulaError as first:
+            try:  # the first one to be said is the first of all samples, not of a window
+                self.asked.leaves(self.track, 0, len(self.track))
+            except FormulaError as error:
+                return error
+            return first
+        return None
+
+    def _go_through(self) -> None:
+        violations, opened = self._episodes(), _Runs(self.stretch.end_s)
+        for piece in self.judgement.pieces():
+            if self.monitor.time == "dense":
+                last_s = max(self.stretch.end_s, float(piece.begin[-1]) + TOLERANCE_S)
+                violations.take(np.append(piece.begin, last_s), np.append(piece.violated, False))
+            else:
+                violations.take(piece.begin, piece.violated)
+            opened.take(piece)
+            least = int(np.argmin(piece.lower))
+            if self.closest is None or piece.lower[least] < self.closest[1]:
+                self.closest = (
+                    float(piece.begin[least]),
+                    float(piece.lower[least]),
+                    bool(piece.violated[least]),
+                )
+        self.violations = [Stretch(self._within(one.span), one.samples) for one in violations.end()]
+        self.open_spans = [self._settled(span) for span in opened.found]
+
+    def _episodes(self) -> Episodes:
+        monitor = self.monitor
+        t_on_s = monitor.t_on_s if monitor.tree.operator == "always" else 0.0
+        longest_s = math.inf if monitor.time == "dense" else monitor.max_gap_s
+        return Episodes(t_on_s=t_on_s, t_off_s=monitor.t_off_s, longest_s=longest_s)
+
+    def _within(self, span: Span) -> Span:
+        if self.monitor.time != "dense":
+            return span
+        return Span(span.start_s, max(min(span.end_s, self.stretch.end_s), span.start_s))
 
     def _stretch(self) -> tuple[Span, bool, bool]:
         """When the body is judged; whether that ends, and whether it begins, after the trial."""
@@ -294,61 +317,40 @@ class Judged:
         latest_s = end_s + TOLERANCE_S
         return Span(min(first_s, end_s), min(last_s, end_s)), last_s > latest_s, first_s > latest_s
 
-    def bounds(self, evaluated: Discrete | Dense) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Moments at which the body is judged, and its bounds there."""
-        if isinstance(evaluated, Dense):
-            steps = evaluated.of(self.body)
-            begin, margin = steps.begin, steps.margin
-            first = max(int(np.searchsorted(begin, self.stretch.start_s + TOLERANCE_S, side="right")) - 1, 0)
-        else:
-            begin, margin = evaluated.begin, evaluated.of(self.body)
-            first = int(np.searchsorted(evaluated.rows.end, self.stretch.start_s - TOLERANCE_S))
-        last = int(np.searchsorted(begin, self.stretch.end_s + TOLERANCE_S, side="right"))
-        if self.monitor.tree.operator != "always":
-            first, last = 0, 1
-        rows = slice(0, 0) if self.late else slice(first, last)
-        begin = begin[rows]
-        if isinstance(evaluated, Dense) and len(begin) and begin[0] < self.stretch.start_s:
-            begin = np.concatenate(([self.stretch.start_s], begin[1:]))
-        return begin, margin.lower[rows], margin.upper[rows]
-
     def findings(self) -> Iterator[Finding]:
         """Every violation, everything undecided, or that the formula holds."""
-        violations = self.spans(self.violated)
-        for span in violations:
-            yield self._violation(span)
+        for broken in self._broken():
+            yield self._violation(broken)
         undecided = self._undecided()
         yield from undecided
         beyond = self._beyond()
         if beyond is not None:
             yield beyond
-        if not violations and not undecided and beyond is None:
+        if not self.violations and not undecided and beyond is None:
             yield self._kept()
 
-    def spans(self, holds: BoolArray) -> list[Span]:
-        """The episodes in which something holds at the moments that are judged."""
-        if not holds.any():
-            return []
-        monitor = self.monitor
-        t_on_s = monitor.t_on_s if monitor.tree.operator == "always" else 0.0
-        if monitor.time == "dense":
-            begin = np.append(self.begin, max(self.stretch.end_s, float(self.begin[-1]) + TOLERANCE_S))
-            found = episodes_where(begin, np.append(holds, False), t_on_s=t_on_s, t_off_s=monitor.t_off_s)
-            return [Span(one.start_s, max(min(one.end_s, self.stretch.end_s), one.start_s)) for one in found]
-        return episodes_where(
-            self.begin, holds, t_on_s=t_on_s, t_off_s=monitor.t_off_s, longest_s=monitor.max_gap_s
-        )
+    def _broken(self) -> Iterator[_Broken]:
+        """The violations in order of time, measured."""
+        waiting = [_Broken(one) for one in self.violations]
+        first = 0
+        for piece in self.judgement.pieces() if waiting else ():
+            durations_s, last_s = self._durations_s(piece), float(piece.begin[-1])
+            for one in waiting[first:]:
+                if one.span.start_s > last_s:
+                    break
+                one.take(piece, durations_s)
+            while first < len(waiting) and waiting[first].complete:
+                yield waiting[first]
+                first += 1
 
     @property
     def course(self) -> Course | None:
         """The robustness of what is judged, over time; `None` where its unit changes or nothing is judged."""
         units = {*self.monitor.margin_units.values()}
-        if len(units) != 1 or not len(self.begin):
+        if len(units) != 1 or self.closest is None:
             return None
-        sampled = np.isin(self.begin, self.t)  # the other moments are holes
-        t = self.begin[sampled]
-        margin = np.where(self.upper < 0, self.upper, self.lower)[sampled]
-        known = np.isfinite(margin) & ~self.open[sampled]
+        parts = [_course(piece) for piece in self.judgement.pieces()]
+        t, margin, known = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         return Course(
             self.subject,
             f"robustness of {self.body.text}",
@@ -364,30 +366,28 @@ class Judged:
         return Span(*sorted(self._moment(t_s) for t_s in (span.start_s, span.end_s)))
 
     def _moment(self, t_s: float) -> float:
-        row = int(self.t.searchsorted(t_s))
-        if row < len(self.t) and self.t[row] == t_s:
+        row = self.track.row(t_s)
+        around = self.track.times(max(row - 1, 0), min(row + 1, len(self.track)))
+        if around[-1] == t_s:
             return t_s
-        near = (*self.t[max(row - 1, 0) : row + 1].tolist(), self.span.start_s, self.span.end_s)
+        near = (*around.tolist(), self.span.start_s, self.span.end_s)
         exact = min(near, key=lambda one: abs(one - t_s))
         return exact if abs(exact - t_s) <= 4 * TOLERANCE_S else round(t_s, 8)
 
-    @cached_property
-    def durations_s(self) -> FloatArray:
+    def _durations_s(self, piece: Piece) -> FloatArray:
         """How long the moments that are judged stand for, s."""
         if self.monitor.time == "dense":
-            return np.diff(self.begin, append=max(self.stretch.end_s, float(self.begin[-1])))
-        return sample_durations(self.begin, longest_s=self.monitor.max_gap_s)
+            return np.diff(piece.begin, append=max(self.stretch.end_s, float(piece.begin[-1])))
+        if piece.until_s is None:
+            return sample_durations(piece.begin, longest_s=self.monitor.max_gap_s)
+        begin = np.append(piece.begin, piece.until_s)
+        return sample_durations(begin, longest_s=self.monitor.max_gap_s)[:-1]
 
-    def _violation(self, span: Span) -> Finding:
-        first = int(self.begin.searchsorted(span.start_s))
-        last = int(self.begin.searchsorted(span.end_s, side="right"))
-        worst = first + int(self.upper[first:last].argmin())
-        if self.upper[worst] >= 0:  # broken by < where <= would have been kept
-            worst = first + int(self.violated[first:last].argmax())
-        broken_s = self.durations_s[first:last][self.violated[first:last]]
-        worst_s, robustness = self._moment(float(self.begin[worst])), float(self.upper[worst])
-        span = self._settled(span)
-        evaluated = self.evaluated if robustness < 0 else self.decided
+    def _violation(self, broken: _Broken) -> Finding:
+        worst_s, robustness = self._moment(broken.worst_s), broken.margin
+        span = self._settled(broken.span)
+        judgement = self.judgement
+        evaluated = judgement.evaluated if robustness < 0 else judgement.decided
         chain = causes(evaluated, self.body, worst_s)
         finite = math.isfinite(robustness)
         return Finding(
@@ -398,7 +398,7 @@ class Judged:
             robustness=robustness if finite else None,
             unit=self._unit(chain, robustness) if finite else "",
             quantities={
-                "time_in_violation_s": float(broken_s.sum()),
+                "time_in_violation_s": broken.time_s,
                 "failed_at_s": self._moment(chain[-1].t_s),
             },
             labels={"failed": chain[0].node.text, "because_of": chain[-1].node.text},
@@ -419,7 +419,7 @@ class Judged:
         ]
         last = chain[-1]
         if last.node.operator == "predicate":
-            margin = abs(float(self.predicates[last.node][self._row(last.t_s)]))
+            margin = abs(self.judgement.predicate(last.node, self._row(last.t_s)))
             words[-1] += f" by {margin:.6g} {self.monitor.margin_units[last.node]}".rstrip()
         return ", for ".join(words)
 
@@ -429,19 +429,18 @@ class Judged:
         return self._deciding_unit(robustness, last.t_s) if known is None else known
 
     def _row(self, t_s: float) -> int:
-        return max(int(self.t.searchsorted(t_s + TOLERANCE_S, side="right")) - 1, 0)
+        return max(self.track.row(math.nextafter(t_s + TOLERANCE_S, math.inf)) - 1, 0)
 
     def _evidence(self, moments: Sequence[float]) -> tuple[Sample, ...]:
-        rows = sorted({self._row(t_s) for t_s in moments})
-        return tuple(
-            Sample(signal.name, float(self.t[row]), float(self.columns[name][row]), signal.unit)
-            for row in rows
-            for name, signal in self.signals.items()
-        )
+        found = []
+        for row in sorted({self._row(t_s) for t_s in moments}):
+            t_s, columns = float(self.track.times(row, row + 1)[0]), self.track.columns(row, row + 1)
+            found += [Sample(s.name, t_s, float(columns[n][0]), s.unit) for n, s in self.signals.items()]
+        return tuple(found)
 
     def _undecided(self) -> list[Finding]:
         """One finding for each stretch that a gap, the end of the trial or a short window leaves open."""
-        spans = self._open_spans()
+        spans = self.open_spans
         return [
             Finding.inconclusive(
                 self.subject,
@@ -451,18 +450,6 @@ class Judged:
             )
             for span in spans
         ]
-
-    def _open_spans(self) -> list[Span]:
-        """Undecided moments next to each other, with the gaps among them."""
-        found: list[Span] = []
-        (rows,) = np.nonzero(self.open)
-        if not len(rows):
-            return found
-        ends = np.append(self.begin[1:], self.stretch.end_s)
-        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-            start_s, end_s = float(self.begin[run[0]]), float(max(ends[run[-1]], self.begin[run[-1]]))
-            found.append(self._settled(Span(start_s, end_s)))
-        return found
 
     def _why(self, span: Span) -> str:
         reasons = [
@@ -501,14 +488,11 @@ class Judged:
         )
 
     def _kept(self) -> Finding:
-        begin, lower = self.begin, self.lower
-        if not len(begin):
+        if self.closest is None:
             return self._none_judged()
-        closest = int(np.argmin(lower))
-        robustness = float(lower[closest])
-        at_s = float(begin[closest])
+        at_s, robustness, violated = self.closest
         finite = math.isfinite(robustness)
-        if self.violated[closest]:
+        if violated:
             message = f"never broken for {self.monitor.t_on_s:g} s; at its worst at {at_s:.3f} s"
         elif self.monitor.tree.operator == "always":
             message = f"holds throughout, at its closest at {at_s:.3f} s"
@@ -539,24 +523,89 @@ class Judged:
             return next(iter(units.values()))
         row = self._row(at_s)
         for node, unit in units.items():
-            if abs(float(self.predicates[node][row])) == abs(robustness):
+            if abs(self.judgement.predicate(node, row)) == abs(robustness):
                 return unit
-        near = [u for n, u in units.items() if (np.abs(self.predicates[n]) == abs(robustness)).any()]
-        return near[0] if near else ""
+        near = (u for n, u in units.items() if self.judgement.anywhere(n, abs(robustness)))
+        return next(near, "")
 
 
-def _gaps(t: FloatArray, span: Span, max_gap_s: float) -> list[Span]:
-    """The stretches without samples; most logs have none, which is seen at a glance."""
-    longest_s = max(float(t[0]) - span.start_s, span.end_s - float(t[-1]))
-    if len(t) > 1:
-        longest_s = max(longest_s, float((t[1:] - t[:-1]).max()))
-    return uncovered_spans(t, span, max_gap_s=max_gap_s) if longest_s > max_gap_s else []
+class _Broken:
+    """A violation, as its moments come.
+
+    Attributes:
+        span: When.
+        worst_s: When it is at its worst.
+        margin: How far it is from being kept, then.
+        time_s: For how long the formula is broken in it.
+    """
+
+    def __init__(self, stretch: Stretch) -> None:
+        self.span, self._left = stretch.span, stretch.samples
+        self._time: Total | None = None
+        self.time_s = 0.0
+        self.worst_s, self.margin = math.nan, math.inf
+
+    @property
+    def complete(self) -> bool:
+        """Whether all of its moments have come."""
+        return self._left <= 0
+
+    def take(self, piece: Piece, durations_s: FloatArray) -> None:
+        """Take those of its moments that are in a piece."""
+        first = int(piece.begin.searchsorted(self.span.start_s))
+        last = int(piece.begin.searchsorted(self.span.end_s, side="right"))
+        upper, broken = piece.upper[first:last], piece.violated[first:last]
+        broken_s = durations_s[first:last][broken]
+        if not len(broken_s):
+            return
+        self._add(broken_s)
+        worst = int(upper.argmin())
+        if upper[worst] >= 0:  # broken by < where <= would have been kept
+            worst = int(broken.argmax())
+        if math.isnan(self.worst_s) or upper[worst] < min(self.margin, 0.0):
+            self.worst_s, self.margin = float(piece.begin[first + worst]), float(upper[worst])
+
+    def _add(self, broken_s: FloatArray) -> None:
+        """Add up how long it lasts; most violations are in one piece."""
+        if self._time is None and len(broken_s) == self._left:
+            self.time_s = float(broken_s.sum())
+        else:
+            self._time = self._time or Total(self._left)
+            self._time.take(broken_s)
+            self.time_s = self._time.value
+        self._left -= len(broken_s)
 
 
-def _on_all_steps(a: FloatArray, b: FloatArray) -> tuple[FloatArray, tuple[IntArray, IntArray]]:
-    """Steps that fit both, and the row of each in both."""
-    begin = np.unique(np.concatenate((a, b)))
-    return begin, (np.searchsorted(a, begin, side="right") - 1, np.searchsorted(b, begin, side="right") - 1)
+class _Runs:
+    """Undecided moments next to each other, with the gaps among them, of pieces that come one by one."""
+
+    def __init__(self, end_s: float) -> None:
+        self.found: list[Span] = []
+        self._end_s, self._goes_on = end_s, False
+
+    def take(self, piece: Piece) -> None:
+        """Take the moments after those before."""
+        begin = piece.begin
+        (rows,) = np.nonzero(piece.open)
+        going, self._goes_on = self._goes_on, bool(piece.open[-1])
+        if not len(rows):
+            return
+        ends = np.append(begin[1:], self._end_s if piece.until_s is None else piece.until_s)
+        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            start_s, end_s = float(begin[run[0]]), float(max(ends[run[-1]], begin[run[-1]]))
+            if run[0] == 0 and going:
+                start_s = self.found.pop().start_s
+            self.found.append(Span(start_s, end_s))
+
+
+def _course(piece: Piece) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Times of samples, margins there, and whether they are known."""
+    margin = np.where(piece.upper < 0, piece.upper, piece.lower)
+    known = np.isfinite(margin) & ~piece.open
+    if piece.hole is None:
+        return piece.begin, margin, known
+    sampled = ~piece.hole
+    return piece.begin[sampled], margin[sampled], known[sampled]
 
 
 def _reach(node: Node, *, back: bool, step_s: float) -> float:

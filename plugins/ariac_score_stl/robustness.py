@@ -18,7 +18,7 @@ from ariac_score_stl.rows import TOLERANCE_S, Extent, Rows, Window
 from ariac_score_stl.sliding import FloatArray, chained
 from ariac_score_stl.syntax import Node
 
-__all__ = ["Beyond", "Discrete", "Margin", "margins", "truths"]
+__all__ = ["Beyond", "Discrete", "Entering", "Key", "Margin", "entered", "margins", "truths"]
 
 Beyond = Literal["undecided", "weak", "strong", "cut"]
 """What is beyond the trial: not known; what keeps the formula; what breaks it; not part of any window."""
@@ -92,6 +92,23 @@ def truths(found: Mapping[Node, FloatArray]) -> dict[Node, FloatArray]:
     return told
 
 
+Key = tuple[Node, int]
+"""A sub-formula, and the sign it is judged with."""
+
+Entering = Callable[[Key], tuple[slice, tuple[float, float] | None]]
+"""The rows an operator without bounds goes through, and its bounds where it comes from; `None`: nowhere."""
+
+
+def entered(node: Node) -> bool:
+    """Whether a sub-formula hangs on rows however far away, so that it enters a window of rows as a number.
+
+    `until` and `since` with bounds do where no sample need be in their window.
+    """
+    if node.bounds is not None:
+        return node.operator in ("until", "since") and node.bounds.start_s > 0
+    return node.operator in ("always", "eventually", "until", "historically", "once", "since")
+
+
 class Discrete:
     """Evaluates a formula on rows and keeps the margin of every sub-formula.
 
@@ -99,11 +116,21 @@ class Discrete:
         rows: The time base.
         predicates: The margin of every predicate at every sample.
         beyond: What is beyond the trial.
+
+    Attributes:
+        entering: What enters rows that are a window of a trial.
+        free: Of each sub-formula that enters windows what enters the next one.
     """
 
     def __init__(self, rows: Rows, predicates: Mapping[Node, FloatArray], beyond: Beyond) -> None:
         self.rows, self.predicates, self.beyond = rows, predicates, beyond
-        self.margins: dict[tuple[Node, int], Margin] = {}
+        self.margins: dict[Key, Margin] = {}
+        self.entering: Entering = lambda _: (slice(0, len(rows)), None)
+        self.free: dict[Key, Margin] = {}
+
+    def key(self, node: Node, sign: int) -> Key:
+        """Where the sign makes no difference it is 1."""
+        return node, sign if self.beyond in ("weak", "strong") else 1
 
     def of(self, node: Node, sign: int = 1) -> Margin:
         """The margin of a sub-formula.
@@ -112,7 +139,7 @@ class Discrete:
             node: The sub-formula.
             sign: -1 where the whole formula gains when this one loses.
         """
-        key = node, sign if self.beyond in ("weak", "strong") else 1
+        key = self.key(node, sign)
         if key not in self.margins:
             self.margins[key] = self._visit(node, sign)
         return self.margins[key]
@@ -228,8 +255,19 @@ class Discrete:
         smallest = node.operator in ("always", "historically")
         ahead = node.operator in ("always", "eventually")
         if node.bounds is None:
-            return part.apply(lambda values: _to_the_end(values, smallest=smallest, ahead=ahead))
+            return self._so_far(part, self.key(node, sign), smallest=smallest, ahead=ahead)
         return self.within(part, node, sign, smallest=smallest, ahead=ahead)
+
+    def _so_far(self, part: Margin, key: Key, *, smallest: bool, ahead: bool) -> Margin:
+        """The extremum up to each row, or from it on."""
+        rows, outer = self.entering(key)
+        free = part.apply(lambda values: _to_the_end(values, rows, smallest=smallest, ahead=ahead))
+        if outer is not None:
+            join = np.minimum if smallest else np.maximum
+            lower = join(free.lower, outer[0])
+            free = Margin(lower, lower if free.known and outer[0] == outer[1] else join(free.upper, outer[1]))
+        self.free[key] = free
+        return free
 
     def within(self, part: Margin, node: Node, sign: int, *, smallest: bool, ahead: bool) -> Margin:
         """The least or the greatest margin in the window of each row."""
@@ -279,9 +317,13 @@ class Discrete:
         first, second = self.of(node.parts[0], sign), self.of(node.parts[1], sign)
         bounds = node.bounds
         outer = (-np.inf, -np.inf) if bounds is None or self.beyond == "cut" else self.outside(sign)
-        free = Margin(
-            _chained(first.lower, second.lower, outer[0], ahead=ahead),
-            _chained(first.upper, second.upper, outer[1], ahead=ahead),
+        key, rows, start = self.key(node, sign), slice(0, len(self.rows)), None
+        if entered(node):
+            rows, start = self.entering(key)
+        start = outer if start is None else start
+        free = self.free[key] = Margin(
+            _chained(first.lower, second.lower, rows, start[0], ahead=ahead),
+            _chained(first.upper, second.upper, rows, start[1], ahead=ahead),
         )
         if bounds is None:
             return free
@@ -331,12 +373,24 @@ def _highest(values: FloatArray, extent: Extent) -> FloatArray:
     return -extent.lowest(-values)
 
 
-def _to_the_end(values: FloatArray, *, smallest: bool, ahead: bool) -> FloatArray:
+def _to_the_end(values: FloatArray, rows: slice, *, smallest: bool, ahead: bool) -> FloatArray:
+    """The extremum over some rows, up to each or from it on; other rows as they are."""
     accumulate = np.minimum.accumulate if smallest else np.maximum.accumulate
-    return accumulate(values[::-1])[::-1] if ahead else accumulate(values)
+    some = values[rows]
+    found = accumulate(some[::-1])[::-1] if ahead else accumulate(some)
+    return _among(found, values, rows)
 
 
-def _chained(first: FloatArray, second: FloatArray, start: float, *, ahead: bool) -> FloatArray:
-    if not ahead:
-        return chained(first, second, start)
-    return chained(first[::-1], second[::-1], start)[::-1]
+def _chained(first: FloatArray, second: FloatArray, rows: slice, start: float, *, ahead: bool) -> FloatArray:
+    if ahead:
+        return _among(chained(first[rows][::-1], second[rows][::-1], start)[::-1], second, rows)
+    return _among(chained(first[rows], second[rows], start), second, rows)
+
+
+def _among(found: FloatArray, values: FloatArray, rows: slice) -> FloatArray:
+    """What was found of some rows, among what other rows have."""
+    if len(found) == len(values):
+        return found
+    whole = values.copy()
+    whole[rows] = found
+    return whole

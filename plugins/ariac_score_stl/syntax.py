@@ -20,6 +20,7 @@ import ast
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NoReturn
 
 from ariac_score import Expression, FormulaError, did_you_mean
@@ -109,7 +110,7 @@ class Node:
         for part in self.parts:
             yield from part.walk()
 
-    @property
+    @cached_property
     def names(self) -> frozenset[str]:
         """The signals and constants it speaks of."""
         return frozenset(inner.id for node in self.walk() for side in node.sides for inner in _names(side))

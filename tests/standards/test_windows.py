@@ -6,6 +6,7 @@ import gc
 import runpy
 import tracemalloc
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,14 +18,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Signal, Span, Trial, Verdict
-from ariac_score.trial import windows
+from ariac_score import Body, Signal, Span, Total, Trial, Verdict
+from ariac_score.trial import sketch, windows
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.sketch import sketch_of
 from ariac_score_standards import (
     AgvProtectiveField,
     AgvSpeedClearance,
     Always,
+    CollisionEpisodes,
+    CrushGap,
     HandGuiding,
     HumanContact,
     Never,
@@ -39,10 +42,13 @@ from ariac_score_standards import (
     Within,
 )
 from ariac_score_standards.iso_ts_15066 import RunStarts, first_of_runs
-from ariac_score_standards.severity import Total
+from ariac_score_stl import StlFormula
+from ariac_score_stl import judging as stl_judging
+from ariac_score_stl import windows as stl_windows
 
 MADE = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "test_margins.py")))
 SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
+OF_PAIR = {"d": "separation in m", "v": "speed of robot in m/s"}
 DISTANCE = {"v": "speed/{robot}", "d": "separation/{robot}/{human}"}
 
 WINDOWED: dict[str, Any] = {
@@ -66,6 +72,13 @@ WINDOWED: dict[str, Any] = {
         line=((0.0, -9.0), (0.0, 9.0)), hazard=((3.0, -1.0), (4.0, -1.0), (4.0, 1.0)), stopping_time_s=0.1
     ),
     "proximity_comfort": ProximityComfort(),
+    "crush_gap": CrushGap(part="hand", t_off_s=0.05),
+    "collision_episodes": CollisionEpisodes(),
+    "stl.formula, ahead": StlFormula(formula="always (d < 1 -> eventually[0,0.1] v < 0.5)", signals=OF_PAIR),
+    "stl.formula, back": StlFormula(formula="always (v > 1 -> once d > 1.2)", signals=OF_PAIR),
+    "stl.formula, to the end": StlFormula(
+        formula="always (d < 0.5 -> eventually (v < 0.1 and once d > 1))", signals=OF_PAIR
+    ),
     "formula.always": Always(holds="d >= 0.5 * v + 0.3", signals=DISTANCE, unit="m"),
     "formula.never": Never(holds="v > 1", signals={"v": "speed/{robot}"}, unit="m/s"),
     "formula.within": Within(trigger="d < 0.5", response="v < 0.1", signals=DISTANCE, within_s=0.2),
@@ -73,8 +86,22 @@ WINDOWED: dict[str, Any] = {
 each_windowed = pytest.mark.parametrize("name", WINDOWED)
 
 
-def window_size(samples: int) -> Any:
-    return patch.object(windows, "LARGEST_WINDOW_SAMPLES", samples)
+@contextmanager
+def window_size(samples: int, kept_bytes: int = 0) -> Iterator[None]:
+    """Windows of so few samples, and nothing kept of what was computed for those before."""
+    with ExitStack() as stack:
+        for module, name, value in (
+            (windows, "LARGEST_WINDOW_SAMPLES", samples),
+            (windows, "KEPT_BYTES", kept_bytes),
+            (windows, "KEPT_VECTOR_BYTES", kept_bytes),
+            (sketch, "PART_SAMPLES", samples),
+            (stl_windows, "WINDOW_ROWS", samples),
+            (stl_windows, "ROWS_FOR_ONE_AROUND", 0),
+            (stl_windows, "KEPT_BYTES", kept_bytes),
+            (stl_judging, "KEPT_BYTES", kept_bytes),
+        ):
+            stack.enter_context(patch.object(module, name, value))
+        yield
 
 
 def derived(monitor: Any, trial: Trial) -> Trial:
@@ -223,17 +250,15 @@ def long_trial(samples: int) -> Trial:
     positions = {"r": 0 * turn, "r::elbow": turn, "r::tcp": 2 * turn, "h": 3 * turn[::-1], "a": 4 * turn}
     signals = {f"position/{n}": Signal(f"position/{n}", "m", t, xyz) for n, xyz in positions.items()}
     shared = signals["position/r"].t
-    for name, unit in (("clearance/a", "m"), ("enabling_device/r", "1")):
+    for name, unit in (("clearance/a", "m"), ("enabling_device/r", "1"), ("crush_gap/r/h", "m")):
         signals[name] = Signal(name, unit, shared, (part < 0.5) * 1.0)
     return Trial("t", bodies=bodies, signals=signals, recorded=Span(0.0, float(t[-1])))
 
 
 @pytest.fixture
-def small_windows(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(windows, "LARGEST_WINDOW_SAMPLES", 1000)
-    monkeypatch.setattr(windows, "KEPT_BYTES", 80_000)
-    monkeypatch.setattr(windows, "KEPT_VECTOR_BYTES", 80_000)
-    return iter([None])
+def small_windows() -> Iterator[None]:
+    with window_size(1000, kept_bytes=80_000):
+        yield
 
 
 def held_bytes(of: Callable[[Trial], object], samples: int) -> int:
@@ -286,3 +311,16 @@ def test_courses_are_held_one_at_a_time() -> None:
     (course,) = monitor.courses(trial)
     (curve,) = sketch_of(trial, {"separation": [course]}, {}).curves
     assert curve.samples == len(course.t) == len(course.actual) == len(course.limit) == 1000
+
+
+@pytest.mark.usefixtures("small_windows")
+def test_what_a_curve_is_made_of_does_not_grow_with_the_trial() -> None:
+    monitor = SsmSeparation()
+
+    def curves(trial: Trial) -> object:
+        courses = list(monitor.courses(derived(monitor, trial)))
+        moments = {("separation", "r/h"): [Span(1.0, 2.0)]}
+        return sketch_of(Trial("of the curves alone"), {"separation": courses}, moments)
+
+    curves(long_trial(1000))
+    assert held_bytes(curves, 4 * SAMPLES) - held_bytes(curves, SAMPLES) < GROWTH_BYTES

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -235,3 +236,35 @@ def test_a_damaged_sketch_is_refused(tmp_path: Path, change: Any) -> None:
 
     with pytest.raises(ResultError):
         load_result(tmp_path / "bad.json")
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([0.01, 0.02, 0.5]), st.integers(0, 4), st.sampled_from([1.0, 2.0, np.nan])),
+        min_size=1,
+        max_size=60,
+    ),
+    st.lists(st.integers(0, 60), max_size=8),
+    st.lists(st.floats(-1, 20), max_size=3),
+)
+@settings(max_examples=80, derandomize=True, deadline=None)
+def test_a_curve_does_not_depend_on_the_parts_in_which_its_course_is_made(
+    rows: list[tuple[float, int, float]], cuts: list[int], moments: list[float]
+) -> None:
+    t, actual, limit = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+    t = np.cumsum(t)
+    borders = [*sorted({0, *(min(cut, len(t)) for cut in cuts)}), len(t)]
+    slices = [slice(a, b) for a, b in pairwise(borders) if a < b]
+    whole = Course("r/h", "distance", "m", t, actual, limit, max_gap_s=0.1)
+    late = Course.late(
+        "r/h",
+        "distance",
+        "m",
+        lambda: (Course("r/h", "distance", "m", t[s], actual[s], limit[s], max_gap_s=0.1) for s in slices),
+        times=lambda: (t[s] for s in slices),
+        max_gap_s=0.1,
+    )
+    near = {("c", "r/h"): [Span(at_s, at_s + 0.1) for at_s in moments]}
+
+    assert sketch_of(Trial("t"), {"c": [late]}, near) == sketch_of(Trial("t"), {"c": [whole]}, near)
+    assert late.actual.tolist() == whole.actual.tolist()

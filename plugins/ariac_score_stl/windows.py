@@ -1,0 +1,449 @@
+"""A formula over a trial whose rows come window by window: what is held does not grow with the trial.
+
+A window of rows is judged with as many rows around it as the bounds of the formula
+reach. What looks back or ahead without bounds enters a window as a number: what it
+was at the row before, or is at the row after. These numbers are found by going through
+the windows once, forwards for what looks back, backwards for what looks ahead, inner
+sub-formulas first. All margins are those of one window as long as the trial, to the bit.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from math import inf, nextafter
+from typing import Literal
+
+import numpy as np
+
+from ariac_score import Signal, Span, TimeBase
+from ariac_score_stl.robustness import Beyond, Discrete, Entering, Key, entered
+from ariac_score_stl.rows import TOLERANCE_S, Rows
+from ariac_score_stl.sliding import FloatArray
+from ariac_score_stl.syntax import FUTURE, Node
+
+__all__ = ["Line", "Track", "Windows"]
+
+WINDOW_ROWS = 65_536
+"""So many rows are judged at once: ten minutes at 100 Hz."""
+
+ROWS_FOR_ONE_AROUND = 8
+"""A window is at least so many times as long as what is looked at around it."""
+
+KEPT_BYTES = 64 << 20
+"""The margins of all sub-formulas that were asked for last stay in about so much, or in two windows."""
+
+_SLACK_S = 2 * TOLERANCE_S
+
+
+class Track:
+    """Signals of one subject on one time base, of which any samples can be had.
+
+    Args:
+        signals: By the name that the formula has for them.
+        span: Samples within it count.
+        max_gap_s: Longest stretch between two samples that is interpolated, s.
+    """
+
+    def __init__(self, signals: Mapping[str, Signal], span: Span, *, max_gap_s: float) -> None:
+        self._base = base = TimeBase(list(signals.values()), max_gap_s=max_gap_s)
+        self._names = list(signals)
+        self._span = span
+        leader = base.leader
+        self._t: FloatArray | None = None
+        """All times, where they need not be computed."""
+        if leader is not None:
+            self._first, last = leader.row(span.start_s), leader.row(nextafter(span.end_s, inf))
+            counts = [last - self._first]
+            if leader.fixed_t is not None:
+                self._t = leader.fixed_t[self._first : last]
+        else:
+            counts = [len(self._window(k)) for k in range(len(base))]
+        self._rows = [0, *accumulate(counts)]
+
+    def __len__(self) -> int:
+        return self._rows[-1]
+
+    def row(self, t_s: float) -> int:
+        """The first sample at or after a time."""
+        if self._t is not None:
+            return int(self._t.searchsorted(t_s))
+        leader = self._base.leader
+        if leader is not None:
+            return min(max(leader.row(t_s) - self._first, 0), len(self))
+        k = int(self._base.cuts.searchsorted(t_s, side="right"))
+        return self._rows[k] + int(self._window(k).searchsorted(t_s))
+
+    def times(self, first: int, last: int) -> FloatArray:
+        """The times of some samples."""
+        if self._t is not None:
+            return self._t[first:last]
+        leader = self._base.leader
+        if leader is not None:
+            return leader.times(self._first + first, self._first + last)
+        parts = [self._window(k)[rows] for k, rows in self._parts(first, last)]
+        return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
+
+    def columns(self, first: int, last: int) -> dict[str, FloatArray]:
+        """The values of some samples, by name."""
+        signals, leader = self._base.signals, self._base.leader
+        if leader is not None:
+            here = self._first + first, self._first + last
+            return {n: s.stretch(*here)[1] for n, s in zip(self._names, signals, strict=True)}
+        found: dict[str, FloatArray] = {}
+        for number, name in enumerate(self._names):
+            parts = [
+                self._base.values(number, k)[self._inside(k)][rows] for k, rows in self._parts(first, last)
+            ]
+            found[name] = parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
+        return found
+
+    def stretches(self) -> Iterator[FloatArray]:
+        """All times, some thousand at a time."""
+        for first in range(0, len(self), WINDOW_ROWS):
+            yield self.times(first, min(first + WINDOW_ROWS, len(self)))
+
+    def _parts(self, first: int, last: int) -> Iterator[tuple[int, slice]]:
+        k = bisect_right(self._rows, first) - 1
+        while k < len(self._rows) - 1 and self._rows[k] < last:
+            yield k, slice(max(first - self._rows[k], 0), last - self._rows[k])
+            k += 1
+
+    def _inside(self, k: int) -> slice:
+        t, span = self._base.times(k), self._span
+        return slice(int(t.searchsorted(span.start_s)), int(t.searchsorted(span.end_s, side="right")))
+
+    def _window(self, k: int) -> FloatArray:
+        return self._base.times(k)[self._inside(k)]
+
+
+class Line:
+    """Samples and holes in order of time, of which any rows can be had.
+
+    Attributes:
+        track: The samples.
+        span: The trial.
+    """
+
+    def __init__(self, track: Track, span: Span, holes: Sequence[Span]) -> None:
+        self.track, self.span, self._holes = track, span, holes
+        # As `Rows` lays them out.
+        self._starts = np.array([hole.start_s for hole in holes]) + 2 * TOLERANCE_S
+        self._ends = np.array([hole.end_s for hole in holes]) - 2 * TOLERANCE_S
+        self._before = np.array([track.row(start_s) for start_s in self._starts.tolist()], dtype=np.intp)
+        """The sample that each hole is before."""
+        self._at = self._before + np.arange(len(holes))
+
+    def __len__(self) -> int:
+        return len(self.track) + len(self._holes)
+
+    def samples(self, first: int, last: int) -> tuple[int, int]:
+        """The samples among some rows."""
+        return first - int(self._at.searchsorted(first)), last - int(self._at.searchsorted(last))
+
+    def rows(self, first: int, last: int) -> Rows:
+        """Some rows."""
+        holes = self._holes[int(self._at.searchsorted(first)) : int(self._at.searchsorted(last))]
+        return Rows.of(self.track.times(*self.samples(first, last)), self.span, holes)
+
+    def row_of(self, sample: int) -> int:
+        """The row that a sample is."""
+        return sample + int(self._before.searchsorted(sample, side="right"))
+
+    def ending(self, t_s: float) -> int:
+        """The first row that ends at or after a time."""
+        sample = self.track.row(t_s)
+        if not self._holes:
+            return sample
+        holes = int(self._before.searchsorted(sample, side="right"))
+        within = holes > 0 and self._before[holes - 1] == sample and self._ends[holes - 1] >= t_s
+        return sample + holes - int(within)
+
+    def beginning(self, t_s: float) -> int:
+        """The first row that begins after a time."""
+        samples = self.track.row(nextafter(t_s, inf))
+        return samples + int(self._starts.searchsorted(t_s, side="right")) if self._holes else samples
+
+    def reach(self, first: int, last: int) -> tuple[float, float]:
+        """When some rows begin and end, s; there has to be one."""
+        return self._time(first, self._starts), self._time(last - 1, self._ends)
+
+    def _time(self, row: int, of_holes: FloatArray) -> float:
+        hole = int(self._at.searchsorted(row))
+        if hole < len(self._at) and self._at[hole] == row:
+            return float(of_holes[hole])
+        return float(self.track.times(row - hole, row - hole + 1)[0])
+
+
+@dataclass(frozen=True)
+class Window:
+    """One window of rows, judged.
+
+    Attributes:
+        first: The first row that is judged.
+        last: The row after the last one.
+        at: The first row of those that are looked at.
+        stop: The row after these.
+        reach: Of each sub-formula the rows in which its margin is right.
+        evaluated: The margins of all rows that are looked at.
+    """
+
+    first: int
+    last: int
+    at: int
+    stop: int
+    reach: Mapping[Node, tuple[int, int]]
+    evaluated: Discrete
+
+    @property
+    def core(self) -> slice:
+        """The rows that are judged, among those that are looked at."""
+        return slice(self.first - self.at, self.last - self.at)
+
+
+class Windows:
+    """Margins of a formula and its parts, window by window.
+
+    Args:
+        body: The formula.
+        line: The rows.
+        leaves: The margin of every predicate at the samples from one to before another, of window k.
+        beyond: What is beyond the trial.
+    """
+
+    def __init__(
+        self,
+        body: Node,
+        line: Line,
+        leaves: Callable[[int, int, int], Mapping[Node, FloatArray]],
+        beyond: Beyond,
+    ) -> None:
+        self.body, self.line, self._leaves, self._beyond = body, line, leaves, beyond
+        self._rows = self._window_rows()
+        self._windows: OrderedDict[int, Window] = OrderedDict()
+        self._kept = max(KEPT_BYTES // (self._rows * 16 * sum(1 for _ in body.walk())), 2)
+        self._entering: dict[tuple[Key, int], tuple[float, float]] = {}
+        self._extremes: dict[tuple[Node, int, str, bool, int], tuple[float, float]] = {}
+        self._passes = _passes(body, 1, beyond in ("weak", "strong"))
+        self._begun, self._gone = False, 0
+
+    def _window_rows(self) -> int:
+        """How many rows a window has: many beside those that are looked at around it."""
+        span_s = self.line.span.duration_s
+        around_s = _bounds_s(self.body)
+        around = 0.0 if span_s <= 0 else min(around_s / span_s, 1.0) * len(self.line)
+        return max(WINDOW_ROWS, int(ROWS_FOR_ONE_AROUND * around))
+
+    def __len__(self) -> int:
+        return (len(self.line) + self._rows - 1) // self._rows
+
+    def rows_of(self, k: int) -> tuple[int, int]:
+        """The rows that are judged in window k."""
+        return k * self._rows, min((k + 1) * self._rows, len(self.line))
+
+    def number_of(self, row: int) -> int:
+        """The window in which a row is judged."""
+        return row // self._rows
+
+    def window(self, k: int) -> Window:
+        """Window k."""
+        if k in self._windows:
+            self._windows.move_to_end(k)
+            return self._windows[k]
+        first, last = self.rows_of(k)
+        reach: dict[Node, tuple[int, int]] = {}
+        self._reaching(self.body, first, last, reach)
+        at, stop = min(a for a, _ in reach.values()), max(b for _, b in reach.values())
+        rows = self.line.rows(at, stop)
+        leaves = self._leaves(k, *self.line.samples(at, stop))
+        found = Window(first, last, at, stop, reach, Discrete(rows, leaves, self._beyond))
+        found.evaluated.entering = self._entered(k, at, reach)
+        self._windows[k] = found
+        while len(self._windows) > self._kept:
+            self._windows.popitem(last=False)
+        return found
+
+    def of(self, k: int) -> Window:
+        """Window k, once all that enters it is known."""
+        self._begin()
+        while self._gone < k:
+            self._go_on(self._gone, self._passes[-1], 1)
+            self._gone += 1
+        return self.window(k)
+
+    # How far is looked -------------------------------------------------------------------
+
+    def _reaching(self, node: Node, first: int, last: int, found: dict[Node, tuple[int, int]]) -> None:
+        """The rows in which each sub-formula must be right for a formula to be so in some rows."""
+        found[node] = first, last
+        inner = self._looked_at(node, first, last)
+        for part in node.parts:
+            self._reaching(part, *inner, found)
+
+    def _looked_at(self, node: Node, first: int, last: int) -> tuple[int, int]:
+        line, count = self.line, len(self.line)
+        if node.operator == "next":
+            return first, min(last + 1, count)
+        if node.operator in ("rise", "fall"):
+            return max(first - 1, 0), last
+        if node.bounds is None:
+            return first, last
+        begin_s, end_s = line.reach(first, last)
+        start_s, stop_s = node.bounds.start_s, node.bounds.end_s
+        if node.operator in FUTURE:
+            last = max(last, line.beginning(end_s + stop_s + _SLACK_S))
+            if node.operator == "until":
+                last = max(last, min(line.ending(end_s + start_s + _SLACK_S) + 1, count))
+        else:
+            before = line.ending(begin_s - stop_s - _SLACK_S)
+            if node.operator == "since":
+                before = min(before, max(line.beginning(begin_s - start_s - _SLACK_S) - 1, 0))
+            first = min(first, before)
+        return first, last
+
+    # What enters a window ----------------------------------------------------------------
+
+    def _entered(self, k: int, at: int, reach: Mapping[Node, tuple[int, int]]) -> Entering:
+        known = self._entering  # nothing here holds the window, so that it goes once it is not needed
+
+        def entering(key: Key) -> tuple[slice, tuple[float, float] | None]:
+            first, last = _gone_through(reach, key[0])
+            return slice(first - at, last - at), known.get((key, k))
+
+        return entering
+
+    def _begin(self) -> None:
+        if self._begun:
+            return
+        self._begun = True
+        for number, keys in enumerate(self._passes[:-1]):
+            ahead = number % 2 == 1
+            windows = range(len(self) - 1, 0, -1) if ahead else range(len(self) - 1)
+            for k in windows if keys else ():
+                self._go_on(k, keys, -1 if ahead else 1)
+
+    def _go_on(self, k: int, keys: Sequence[Key], by: int) -> None:
+        """Find what enters the next window, after window k or before it."""
+        if not keys:
+            return
+        window, following = self.window(k), k + by
+        first, last = self.rows_of(following)
+        reach: dict[Node, tuple[int, int]] = {}
+        self._reaching(self.body, first, last, reach)
+        for key in keys:
+            node, sign = key
+            window.evaluated.of(node, sign)
+            begin, end = _gone_through(window.reach, node)
+            # The last row that the next window does not go through, on its way to it.
+            low, high = _gone_through(reach, node)
+            row = low - 1 if by > 0 else high
+            if begin <= row < end:
+                free = window.evaluated.free[window.evaluated.key(node, sign)]
+                at = row - window.at
+                self._entering[key, following] = float(free.lower[at]), float(free.upper[at])
+            elif (key, k) in self._entering:
+                self._entering[key, following] = self._entering[key, k]
+
+    # Single moments ----------------------------------------------------------------------
+
+    def at(self, node: Node, sign: int, t_s: float) -> tuple[float, float]:
+        """The bounds of a sub-formula at a moment."""
+        row = max(self.line.beginning(t_s + TOLERANCE_S) - 1, 0)
+        window = self.of(self.number_of(row))
+        margin, at = window.evaluated.of(node, sign), row - window.at
+        return float(margin.lower[at]), float(margin.upper[at])
+
+    def extreme(
+        self,
+        node: Node,
+        sign: int,
+        window: tuple[float, float],
+        *,
+        of: Literal["lower", "upper"],
+        least: bool,
+    ) -> float | None:
+        """When a bound of a sub-formula is least or greatest within a stretch of time."""
+        first, last = self.line.ending(window[0] - TOLERANCE_S), self.line.beginning(window[1] + TOLERANCE_S)
+        if first >= last:
+            return None
+        best, when = inf, None
+        for k in range(self.number_of(first), self.number_of(last - 1) + 1):
+            value, begin_s = self._extreme(node, sign, k, first, last, of, least=least)
+            if when is None or value < best:
+                best, when = value, begin_s
+        return when
+
+    def _extreme(
+        self,
+        node: Node,
+        sign: int,
+        k: int,
+        first: int,
+        last: int,
+        of: Literal["lower", "upper"],
+        *,
+        least: bool,
+    ) -> tuple[float, float]:
+        """The least value (or the greatest, negated) in window k, among some rows; and when."""
+        begin, end = self.rows_of(k)
+        key = node, sign, of, least, k
+        whole = first <= begin and end <= last
+        if whole and key in self._extremes:
+            return self._extremes[key]
+        window = self.of(k)
+        values, at = getattr(window.evaluated.of(node, sign), of), window.at
+        start = max(first, begin) - at
+        here = values[start : min(last, end) - at]
+        row = start + int(here.argmin() if least else here.argmax())
+        found = float(values[row] if least else -values[row]), float(window.evaluated.begin[row])
+        if whole:
+            self._extremes[key] = found
+        return found
+
+
+# Which sub-formulas enter windows ------------------------------------------------------------
+
+
+def _gone_through(reach: Mapping[Node, tuple[int, int]], node: Node) -> tuple[int, int]:
+    """The rows through which an operator without bounds goes, of a window of such a reach."""
+    return reach[node.parts[0]]
+
+
+def _passes(body: Node, sign: int, signed: bool) -> list[list[Key]]:
+    """The sub-formulas that enter windows, by the pass that finds what does: forwards, backwards, forwards …
+
+    The last pass is forwards: it is the one in which the formula is judged.
+    """
+    found: dict[int, dict[Key, None]] = {}
+    _sort(body, sign, signed, found)
+    passes = [list(found.get(number, ())) for number in range(max(found, default=0) + 1)]
+    return passes if len(passes) % 2 else [*passes, []]
+
+
+def _sort(node: Node, sign: int, signed: bool, found: dict[int, dict[Key, None]]) -> int:
+    """Sort a sub-formula and its parts; the earliest pass in which all that enters it is known."""
+    earliest = max((_sort(part, s, signed, found) for part, s in _parts(node, sign)), default=0)
+    if not entered(node):
+        return earliest
+    number = earliest + (earliest % 2 != (node.operator in FUTURE))
+    found.setdefault(number, {})[node, sign if signed else 1] = None
+    return number
+
+
+def _parts(node: Node, sign: int) -> Iterator[tuple[Node, int]]:
+    """The parts of a formula with the signs that they are judged with."""
+    for number, part in enumerate(node.parts):
+        if node.operator in ("<->", "xor", "rise", "fall"):
+            yield part, sign
+            yield part, -sign
+        else:
+            yield part, -sign if node.operator == "not" or (node.operator == "->" and not number) else sign
+
+
+def _bounds_s(node: Node) -> float:
+    """How far bounds reach, ahead and back together, s."""
+    own = node.bounds.end_s if node.bounds is not None else 0.0
+    return own + max((_bounds_s(part) for part in node.parts), default=0.0)
