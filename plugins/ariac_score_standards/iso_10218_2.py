@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ariac_score import (
@@ -25,29 +26,32 @@ from ariac_score import (
 from ariac_score_standards.body_regions import UNKNOWN_REGION, BodyLimits, body_limits, limits_at
 from ariac_score_standards.geometry import check_polygon, inside
 from ariac_score_standards.iso_13854 import PART_OF_REGION, clamps, closes
-from ariac_score_standards.iso_ts_15066 import RunStarts, first_of_runs
+from ariac_score_standards.iso_ts_15066 import RunStarts
 from ariac_score_standards.severity import (
     MEETING,
+    SPEED,
     STANDSTILL_SPEED_M_S,
     Blame,
     Bound,
-    Episode,
+    Exposure,
+    Gathered,
     Judged,
     Judging,
+    Marks,
     Meeting,
     Rules,
     Said,
     Sampled,
     Seen,
+    Several,
     Told,
     broken,
     exposure_of,
     findings_of,
     kept,
-    limit_findings,
     meeting_needs,
     no_severities,
-    travelled_m,
+    ways_m,
 )
 from ariac_score_standards.watching import (
     BoolArray,
@@ -622,88 +626,194 @@ class MonitoredStandstill(Sampled):
 
     def held(self, t: FloatArray, within: BoolArray) -> BoolArray:
         """Whether the robot must be at rest: a person inside, and the grace over."""
-        first = first_of_runs(t, within, self.max_gap_s)
-        over: BoolArray = within & (t - t[first] >= self.grace_s - _TOLERANCE_S)
-        return over
+        return self.holding()(t, within)
 
-    def _judge(self, subject: Subject, watching: Watching) -> Iterator[Said]:
-        watched = watching.whole()
-        within = inside(watched["position/{human}"], self.workspace)
-        held = self.held(watched.t, within)
-        speed = watched["speed/{robot}"]
-        limit = np.full_like(speed, self.standstill_speed_m_s)
+    def holding(self) -> Callable[[FloatArray, BoolArray], BoolArray]:
+        """`held`, of samples that come in parts."""
+        starts = RunStarts(self.max_gap_s)
+
+        def held(t: FloatArray, within: BoolArray) -> BoolArray:
+            if not len(t):
+                return np.zeros(0, dtype=bool)
+            (began_s,) = starts.take(t, within, t)
+            over: BoolArray = within & (t - began_s >= self.grace_s - _TOLERANCE_S)
+            return over
+
+        return held
+
+    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
+        standing, exposed = _Standing(self, watched), Exposure()
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the workspace for long enough")
-        bound = Bound("speed in the workspace", speed, limit, "m/s", True, held)
-        meeting = Meeting.of(watched)
+        gathered: list[tuple[Judging, Callable[[], Gathered]]]
+        gathered = [(standing.speed, lambda: Several(Blame(Meeting.of), _Resumed()))]
+        if watched.has(_JOINTS):
+            gathered.append((standing.joints, lambda: Blame(Meeting.of)))
+        if watched.has(_PLACE):
+            gathered.append((standing.drift, lambda: Blame(Meeting.of)))
+        judged = []
+        for judge, gather in gathered:
+            seen = Seen(subject.name, watched, partial(_same, judge))
+            judged.append((seen, Judged(seen, rules, gathered=gather, handed=True)))
+        for window in watched:
+            standing.take(window)
+            exposed.take(window)
+            for _, one in judged:
+                one.take(window)
+        for _, one in judged:
+            one.end()
+        yield from self._said(subject, watched, rules, judged, standing, exposed.of(watched))
 
-        def met(episode: Episode | None) -> Told:
-            return Told(meeting.exposure(watched), {} if episode is None else meeting.labels(episode.rows))
-
-        yield from limit_findings(
-            subject.name, watched, bound, rules, lambda e: met(e) + self._told(watched, within, held, e)
-        )
-        joints = watched.extra.get("joint_speed/{robot}")
-        if joints is not None:
-            known = held & np.isfinite(joints) & (speed <= limit)
-            bound = Bound(
-                "joint speed in the workspace",
-                np.nan_to_num(joints),
-                np.full_like(speed, self.standstill_joint_speed_rad_s),
-                "rad/s",
-                True,
-                known,
-            )
-            yield from _violations(limit_findings(subject.name, watched, bound, rules, met))
-        position = watched.extra.get("position/{robot}")
-        if position is not None:
-            yield from _violations(self._drift(subject, watched, held, speed > limit, position, rules, met))
-
-    def _told(self, watched: Watched, within: BoolArray, held: BoolArray, episode: Episode | None) -> Told:
-        """The way until the person left (or the next violation), and whether the robot had been at rest."""
-        speed = watched["speed/{robot}"]
-        if episode is None:
-            others = {**no_severities("rad/s"), **no_severities("m")}  # of joints, and of the drift
-            return Told({**others, "travel_m": 0.0, "speed_max_m_s": 0.0})
-        last = int(episode.rows[-1])
-        after = np.flatnonzero(~within[last:])
-        leaves = last + int(after[0]) if len(after) else len(watched.t) - 1
-        again = np.flatnonzero(speed[last + 1 : leaves] > self.standstill_speed_m_s)
-        stop = last + 1 + int(again[0]) if len(again) else leaves
-        end_s = max(float(watched.t[stop]), episode.span.end_s)
-        way = travelled_m(watched.t, speed, Span(episode.span.start_s, end_s))
-        first = int(episode.rows[0])
-        resumed = first > 0 and bool(held[first - 1])
-        return Told(
-            {"travel_m": way, "speed_max_m_s": float(speed[episode.rows].max())},
-            {"resumed": "yes" if resumed else "no"},
-        )
-
-    def _drift(
+    def _said(
         self,
         subject: Subject,
-        watched: Watched,
-        held: BoolArray,
-        moving: BoolArray,
-        position: FloatArray,
+        watched: Watching,
         rules: Rules,
-        more: Callable[[Episode | None], Told],
+        judged: Sequence[tuple[Seen, Judged]],
+        standing: _Standing,
+        exposure: Mapping[str, float],
     ) -> Iterator[Said]:
+        """Movements, told with the way until the person left, or the next one; then what else was broken."""
+        (seen, moved), *others = judged
+        yield seen
+        ways = ways_m(watched, SPEED, [standing.way(span, last_s) for span, last_s in moved.lasting])
+        for one, way_m in zip(moved.violations(), ways, strict=True):
+            told = Told({**exposure, "travel_m": way_m}) + one.told
+            yield broken(subject.name, one.worst, rules, one.span, one.quantities, told)
+        if not moved.violated and not watched.gaps:
+            of_others = {**no_severities("rad/s"), **no_severities("m")}  # of joints, and of the drift
+            told = Told({**exposure, **of_others, "travel_m": 0.0, "speed_max_m_s": 0.0})
+            yield kept(subject.name, moved.closest, rules, told if moved.closest else Told())
+        for seen, other in others:
+            yield seen
+            for one in other.violations():
+                told = Told(exposure) + one.told
+                yield broken(subject.name, one.worst, rules, one.span, one.quantities, told)
+
+
+_JOINTS, _PLACE = "joint_speed/{robot}", "position/{robot}"
+
+
+def _same(judge: Judging) -> Judging:
+    return judge
+
+
+class _Standing:
+    """Where a robot must be at rest, and from where it drifts; any window can be asked about once it was taken."""
+
+    def __init__(self, monitor: MonitoredStandstill, watched: Watching) -> None:
+        self._monitor, self._watched = monitor, watched
+        self._holding = monitor.holding()
+        self._held, self._ended = Marks(), Marks()
+        self._before: dict[int, _Rest] = {}
+        self._last = _Rest(False, True, np.zeros(3))
+
+    def take(self, window: Watched) -> None:
+        """Look at the next window."""
+        within = inside(window["position/{human}"], self._monitor.workspace)
+        held, moving = self._holding(window.t, within), self._moving(window)
+        self._held.put(window, held)
+        self._ended.put(window, ~within | moving)
+        self._before[window.number] = self._last
+        place, anchor = window.extra.get(_PLACE), self._last.anchor_m
+        here = np.flatnonzero(self._anchored(window, held, moving)) if place is not None else ()
+        if place is not None and len(here):
+            anchor = place[here[-1]].copy()
+        self._last = _Rest(bool(held[-1]), bool(moving[-1]), anchor)
+
+    def way(self, span: Span, last_s: float) -> Span:
+        """From the beginning of a movement until the person left, or until the next one."""
+        for window in self._watched.between(last_s, np.inf):
+            ended = np.flatnonzero(self._ended.of(window) & (window.t > last_s))
+            if len(ended):
+                return Span(span.start_s, max(float(window.t[ended[0]]), span.end_s))
+        return Span(span.start_s, max(self._watched.end_s, span.end_s))
+
+    def speed(self, window: Watched) -> Bound:
+        """The speed while it must be 0."""
+        speed, held = window[SPEED], self._held.of(window)
+        limit = np.full_like(speed, self._monitor.standstill_speed_m_s)
+        rested = self._before[window.number].held
+        return _Speed("speed in the workspace", speed, limit, "m/s", True, held, rested=rested)
+
+    def joints(self, window: Watched) -> Bound:
+        """The speed of the joints, where the robot itself keeps its limit."""
+        joints, held = window.extra[_JOINTS], self._held.of(window)
+        known = held & np.isfinite(joints) & ~self._moving(window)
+        limit = np.full_like(joints, self._monitor.standstill_joint_speed_rad_s)
+        return Bound("joint speed in the workspace", np.nan_to_num(joints), limit, "rad/s", True, known)
+
+    def drift(self, window: Watched) -> Bound:
         """Creep below the standstill speed, from where the robot last came to rest."""
-        index = np.arange(len(held))
-        fresh = held.copy()
-        fresh[1:] &= ~held[:-1] | moving[:-1]  # at rest from here on
-        anchor = np.maximum.accumulate(np.where(fresh | moving | ~held, index, 0))
-        away = position - position[anchor]
-        drift = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)
-        known = held & ~moving & np.isfinite(drift)
-        limit = np.full_like(drift, self.drift_m)
-        bound = Bound("drift while standing still", np.nan_to_num(drift), limit, "m", True, known)
-        return limit_findings(subject.name, watched, bound, rules, more)
+        held, place = self._held.of(window), window.extra[_PLACE]
+        drift, limit = np.zeros(len(held)), np.full(len(held), self._monitor.drift_m)
+        if held.any():
+            moving = self._moving(window)
+            here = self._anchored(window, held, moving)
+            anchors = place[np.maximum.accumulate(np.where(here, np.arange(len(held)), 0))]
+            if not here[0]:
+                anchors[: int(np.argmax(here)) if here.any() else None] = self._before[window.number].anchor_m
+            away = place - anchors
+            drift = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)
+            held &= ~moving & np.isfinite(drift)
+        return Bound("drift while standing still", np.nan_to_num(drift), limit, "m", True, held)
+
+    def _moving(self, window: Watched) -> BoolArray:
+        moving: BoolArray = window[SPEED] > self._monitor.standstill_speed_m_s
+        return moving
+
+    def _anchored(self, window: Watched, held: BoolArray, moving: BoolArray) -> BoolArray:
+        """Where drift is measured from the place at hand: the robot comes to rest, moves, or need not rest."""
+        before = self._before[window.number]
+        rested = np.concatenate(([before.held and not before.moving], held[:-1] & ~moving[:-1]))
+        here: BoolArray = moving | ~held | ~rested
+        return here
 
 
-def _violations(said: Iterator[Said]) -> Iterator[Said]:
-    """What a second criterion adds: its violations, its silence being told by the first."""
-    return (one for one in said if isinstance(one, Seen) or one.verdict is Verdict.VIOLATED)
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """How things stood at the end of a window.
+
+    Attributes:
+        held: Whether the robot had to be at rest.
+        moving: Whether it moved.
+        anchor_m: Where it last came to rest, shape (3,), m.
+    """
+
+    held: bool
+    moving: bool
+    anchor_m: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Speed(Bound):
+    """A speed that must be 0.
+
+    Attributes:
+        rested: Whether it had to be 0 at the sample before the first of these.
+    """
+
+    rested: bool
+
+
+class _Resumed(Gathered):
+    """The largest speed of a movement, and whether the robot had to be at rest before it."""
+
+    def __init__(self) -> None:
+        self._largest_m_s, self._resumed = 0.0, ""
+
+    def take(self, watched: Watched, bound: Bound, rows: Any) -> None:
+        """Compare with those before."""
+        assert isinstance(bound, _Speed)  # nothing else is judged here
+        self._largest_m_s = max(self._largest_m_s, float(bound.actual[rows].max()))
+        if not self._resumed:
+            assert bound.applies is not None  # it is where the robot is held
+            first = int(rows[0])
+            rested = bound.applies[first - 1] if first else bound.rested
+            self._resumed = "yes" if rested else "no"
+
+    def told(self) -> Told:
+        """Both."""
+        return Told({"speed_max_m_s": self._largest_m_s}, {"resumed": self._resumed})
 
 
 # Hand guiding ---------------------------------------------------------------------------------

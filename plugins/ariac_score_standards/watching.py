@@ -11,9 +11,9 @@ Flags and modes, which stay as they are until they change, come from `state_over
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import zip_longest
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from ariac_score import (
@@ -55,6 +55,8 @@ class Watched:
         extra: Values of the optional signals the log has, by template; NaN where it has none.
         until_s: Time of the sample after the last one of these; `None`: there is none.
         previous: The window before this one; `None`: there is none.
+        following: The window after this one; `None`: there is none.
+        number: Which of the windows of its subject this is.
     """
 
     t: FloatArray
@@ -66,6 +68,8 @@ class Watched:
     extra: Mapping[str, FloatArray] = field(default_factory=dict)
     until_s: float | None = None
     previous: Watched | None = None
+    following: Watched | None = None
+    number: int = 0
 
     def __getitem__(self, template: str) -> FloatArray:
         return self.columns[self.names[template]]
@@ -114,7 +118,10 @@ class Watching:
         self._window, self._helpful = window, helpful
         self._units = {signal.name: signal.unit for signal in signals}
         self._numbers = {signal.name: number for number, signal in enumerate(signals)}
-        self._counts: list[int] = []
+        self._known: list[int] = []
+        self._begins_s: list[float] = []
+        self._rows, self._end_s = [0], np.nan
+        self._single: Watched | None = None
         times = self._counted()
         self.gaps: Sequence[Span] = []
         if window is not None:
@@ -125,29 +132,56 @@ class Watching:
     def _counted(self) -> Iterator[FloatArray]:
         for k in range(len(self._base)):
             t = self._times(k)
-            self._counts.append(len(t))
+            if len(t):
+                self._known.append(k)
+                self._begins_s.append(float(t[0]))
+                self._rows.append(self._rows[-1] + len(t))
+                self._end_s = float(t[-1])
             yield t
 
     def __len__(self) -> int:
-        return sum(self._counts)
+        return self._rows[-1]
 
     def has(self, template: str) -> bool:
         """Whether the log has an optional signal."""
         return template in self._helpful
 
     @property
+    def span(self) -> Span:
+        """From the first to the last sample; there has to be one."""
+        return Span(self._begins_s[0], self.end_s)
+
+    @property
     def end_s(self) -> float:
         """Time of the last sample; there has to be one."""
-        last = max(k for k, count in enumerate(self._counts) if count)
-        return float(self._times(last)[-1])
+        return self._end_s
 
     def __iter__(self) -> Iterator[Watched]:
-        known = [k for k in range(len(self._base)) if self._counts[k]]
-        previous: Watched | None = None
-        for k, following in zip_longest(known, known[1:]):
-            until_s = None if following is None else float(self._times(following)[0])
-            window = self._watched(k, self._times(k), until_s)
-            yield replace(window, previous=previous)
+        return self._windows(0, len(self._known))
+
+    def between(self, start_s: float, end_s: float) -> Iterator[Watched]:
+        """The windows from the one with the last sample at or before a time to that with the first after another."""
+        first = max(bisect_right(self._begins_s, start_s) - 1, 0)
+        return self._windows(first, min(bisect_right(self._begins_s, end_s) + 1, len(self._known)))
+
+    def rows_before(self, t_s: float) -> int:
+        """How many samples there are before a time."""
+        number = bisect_right(self._begins_s, t_s) - 1
+        if number < 0:
+            return 0
+        return self._rows[number] + int(self._times(self._known[number]).searchsorted(t_s))
+
+    def _windows(self, first: int, last: int) -> Iterator[Watched]:
+        """From one window to before another, by their numbers."""
+        previous = self._watched(first - 1) if 0 < first < last else None
+        following = self._watched(first) if first < last else None
+        for number in range(first, last):
+            assert following is not None  # there is one for every number
+            window = following
+            following = self._watched(number + 1) if number + 1 < len(self._known) else None
+            if following is not None:
+                window = replace(window, until_s=float(following.t[0]))
+            yield replace(window, previous=previous, following=following)
             previous = window
 
     def whole(self) -> Watched:
@@ -187,13 +221,27 @@ class Watching:
         t = self._base.times(k)
         return t[self._inside(t)]
 
-    def _watched(self, k: int, t: FloatArray, until_s: float | None) -> Watched:
-        base = self._base
+    def _watched(self, number: int) -> Watched:
+        if self._single is not None:
+            return self._single
+        base, k = self._base, self._known[number]
         inside = self._inside(base.times(k))
         numbers, helpful = self._numbers, self._helpful
         columns = _Columns(numbers, lambda name: base.values(numbers[name], k)[inside])
         extra = _Columns(helpful, lambda template: base.beyond(k, helpful[template])[inside])
-        return Watched(t, columns, self.gaps, self.max_gap_s, self._units, self.names, extra, until_s)
+        window = Watched(
+            base.times(k)[inside],
+            columns,
+            self.gaps,
+            self.max_gap_s,
+            self._units,
+            self.names,
+            extra,
+            number=number,
+        )
+        if len(self._known) == 1:
+            self._single = window
+        return window
 
 
 class _Columns(Mapping[str, FloatArray]):
