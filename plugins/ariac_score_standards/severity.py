@@ -475,6 +475,7 @@ class Judged:
         broken: Where the limit is broken; by default where the margin is negative.
         gathered: For each episode what gathers what else is told about it.
         handed: Whether windows are handed to `take`, and `end` is called; by default it goes through them.
+        approached: Whether the closest moment is looked for.
     """
 
     def __init__(
@@ -485,12 +486,13 @@ class Judged:
         broken: Callable[[Bound], BoolArray] | None = None,
         gathered: Callable[[], Gathered] = Gathered,
         handed: bool = False,
+        approached: bool = True,
     ) -> None:
-        self._seen, self._rules, self.gathered = seen, rules, gathered
+        self._seen, self._rules, self._gathered, self._approached = seen, rules, gathered, approached
         self._broken = broken or (lambda bound: limited_by(bound) & (bound.margin < 0))
         self.closest: Moment | None = None
         self._judge, self._episodes = seen.begin(), Episodes()
-        self._begun = False
+        self._last: tuple[FloatArray, Bound] | None = None
         if not handed:
             for watched in seen.watched:
                 self.take(watched)
@@ -498,13 +500,14 @@ class Judged:
 
     def take(self, watched: Watched) -> None:
         """Judge the next window."""
-        if not self._begun:
+        if self._last is None:
             t_on_s, t_off_s = self._rules.t_on_s, self._rules.t_off_s
             self._episodes = Episodes(t_on_s=t_on_s, t_off_s=t_off_s, longest_s=watched.max_gap_s)
-            self._begun = True
         bound = self._judge(watched)
+        self._last = watched.t, bound
         self._episodes.take(watched.t, self._broken(bound))
-        self._approach(watched, bound)
+        if self._approached:
+            self._approach(watched, bound)
 
     def end(self) -> None:
         """All windows were taken."""
@@ -515,6 +518,10 @@ class Judged:
     def lasting(self) -> list[tuple[Span, float]]:
         """The spans of the episodes, each with the time of its last violating sample."""
         return [(one.span, one.last_s) for one in self._stretches]
+
+    def _known(self, watched: Watched) -> Bound | None:
+        """What was judged last, if that is all there is: short trials are one window."""
+        return self._last[1] if self._last is not None and self._last[0] is watched.t else None
 
     def _approach(self, watched: Watched, bound: Bound) -> None:
         """Note the closest moment so far; of equal ones the first."""
@@ -530,7 +537,7 @@ class Judged:
 
     def violations(self) -> Iterator[Violation]:
         """The episodes in time order."""
-        waiting = [_Severities(one.span, one.samples, self.gathered()) for one in self._stretches]
+        waiting = [_Severities(one.span, one.samples, self._gathered()) for one in self._stretches]
         judge = self._seen.begin()
         first = 0
         for watched in self._seen.watched if waiting else ():
@@ -538,7 +545,7 @@ class Judged:
             beside = waiting[first].span.start_s > end_s
             if beside and self._seen.apart:
                 continue
-            bound = judge(watched)
+            bound = self._known(watched) or judge(watched)
             if beside:
                 continue
             rows = np.flatnonzero(self._broken(bound))
@@ -843,14 +850,18 @@ class Marks:
 
     def __init__(self) -> None:
         self._bits: dict[int, bytes] = {}
+        self._last: tuple[int, BoolArray] = -1, np.zeros(0, dtype=bool)
 
     def put(self, window: Watched, holds: BoolArray) -> None:
-        """Note it for a window, unless it holds for none."""
+        """Note it for a window."""
+        self._last = window.number, holds
         if holds.any():
             self._bits[window.number] = np.packbits(holds).tobytes()
 
     def of(self, window: Watched) -> BoolArray:
-        """As it was noted, shape (n,)."""
+        """As it was noted, shape (n,); not to be written to."""
+        if self._last[0] == window.number:
+            return self._last[1]
         bits = self._bits.get(window.number)
         if bits is None:
             return np.zeros(len(window.t), dtype=bool)
@@ -951,8 +962,7 @@ def ways_m(watched: Watching, speed: str, spans: Sequence[Span]) -> list[float]:
     """
     ways = [_Way.of(watched, span) for span in spans]
     first = 0
-    end_s = max((way.end_s for way in ways), default=0.0)
-    for window in watched.between(ways[0].start_s, end_s) if ways else ():
+    for window in watched.between(ways[0].start_s) if ways else ():
         last_s = float(window.t[-1])
         for way in ways[first:]:
             if way.start_s > last_s:

@@ -11,9 +11,11 @@ Flags and modes, which stay as they are until they change, come from `state_over
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from ariac_score import (
@@ -74,7 +76,7 @@ class Watched:
     def __getitem__(self, template: str) -> FloatArray:
         return self.columns[self.names[template]]
 
-    @property
+    @cached_property
     def durations_s(self) -> FloatArray:
         """How long each sample stands for, shape (n,), s."""
         if self.until_s is None:
@@ -120,7 +122,7 @@ class Watching:
         self._numbers = {signal.name: number for number, signal in enumerate(signals)}
         self._known: list[int] = []
         self._begins_s: list[float] = []
-        self._rows, self._end_s = [0], np.nan
+        self._rows, self._end_s = [0], math.nan
         self._single: Watched | None = None
         times = self._counted()
         self.gaps: Sequence[Span] = []
@@ -159,10 +161,10 @@ class Watching:
     def __iter__(self) -> Iterator[Watched]:
         return self._windows(0, len(self._known))
 
-    def between(self, start_s: float, end_s: float) -> Iterator[Watched]:
-        """The windows from the one with the last sample at or before a time to that with the first after another."""
+    def between(self, start_s: float, end_s: float = math.inf) -> Iterator[Watched]:
+        """The windows from that of the last sample up to a time to that of the last one up to another."""
         first = max(bisect_right(self._begins_s, start_s) - 1, 0)
-        return self._windows(first, min(bisect_right(self._begins_s, end_s) + 1, len(self._known)))
+        return self._windows(first, bisect_right(self._begins_s, end_s))
 
     def rows_before(self, t_s: float) -> int:
         """How many samples there are before a time."""
