@@ -954,6 +954,7 @@ class _Resumed(Gathered):
 
     def take(self, watched: Watched, bound: Bound, rows: Any) -> None:
         """Compare with those before."""
+        del watched
         assert isinstance(bound, _Speed)  # nothing else is judged here
         self._largest_m_s = max(self._largest_m_s, float(bound.actual[rows].max()))
         if not self._resumed:
