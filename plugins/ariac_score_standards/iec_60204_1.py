@@ -110,7 +110,7 @@ class _Rest:
                 self._since_s = max(_crossing(t, speed_m_s, begin, self._limit), self._request_s)
             self._until_s = float(t[end - 1])
             self._held(self._until_s)
-        self._before = t[-1:].copy(), speed_m_s[-1:].copy()
+        self._before = t[-1:], speed_m_s[-1:]
         return self.reached_s is not None
 
     def _ended(self, following_s: float) -> None:

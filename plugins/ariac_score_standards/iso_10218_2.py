@@ -176,6 +176,8 @@ _CONTACT_QUANTITIES = (
     "relative_depth_integral_s",
 )
 """What is measured of every contact; all 0 where there is none."""
+_HELD_SAMPLES = 4096
+"""A contact no longer than this is gone through once."""
 _GAP_CLOSING = "crush_gap/{robot}/{human}"
 _HEIGHT = "contact_height/{robot}/{human}"
 _HELPFUL = {
@@ -398,12 +400,19 @@ class PflContact(Sampled):
         if limits is None:
             message = f"contact at {span.start_s:.3f} s: {contact.unknown}"
             return Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
+
+        def windows() -> Iterator[tuple[Watched, _Pressed]]:
+            for window in watched.between(span.start_s, contact.last_s):
+                yield window, self._pressed(trial, subject, window, contact, limits)
+
+        rows = watched.rows_before(contact.last_s) - watched.rows_before(span.start_s)
+        short = list(windows()) if rows <= _HELD_SAMPLES else None
         felt = _Felt(contact.samples)
-        for window in watched.between(span.start_s, contact.last_s):
-            felt.take(window, self._pressed(trial, subject, window, contact, limits))
+        for window, pressed in short or windows():
+            felt.take(window, pressed)
         beyond = _Beyond(felt.above)
-        for window in watched.between(span.start_s, contact.last_s) if felt.above else ():
-            beyond.take(window, self._pressed(trial, subject, window, contact, limits))
+        for window, pressed in (short or windows()) if felt.above else ():
+            beyond.take(window, pressed)
         forbidden = known and not limits.region.contact_permitted
         violated = felt.above > 0 or forbidden
         where = limits.region.title.lower() if known else f"a region unknown, taken for {limits.name}"
@@ -799,7 +808,7 @@ class MonitoredStandstill(Sampled):
             gathered.append((standing.joints, lambda: Blame(Meeting.of)))
         if watched.has(_PLACE):
             gathered.append((standing.drift, lambda: Blame(Meeting.of)))
-        judged = []
+        judged: list[tuple[Seen, Judged]] = []
         for judge, gather in gathered:
             seen = Seen(subject.name, watched, partial(_same, judge))
             first = not judged  # its silence tells that of the others
@@ -865,9 +874,9 @@ class _Standing:
         self._ended.put(window, ~within | moving)
         self._before[window.number] = self._last
         place, anchor = window.extra.get(_PLACE), self._last.anchor_m
-        here = np.flatnonzero(self._anchored(window, held, moving)) if place is not None else ()
-        if place is not None and len(here):
-            anchor = place[here[-1]].copy()
+        if place is not None:
+            here = np.flatnonzero(self._anchored(window, held, moving))
+            anchor = place[here[-1]].copy() if len(here) else anchor
         self._last = _Rest(bool(held[-1]), bool(moving[-1]), anchor)
 
     def way(self, span: Span, last_s: float) -> Span:

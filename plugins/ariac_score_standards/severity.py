@@ -854,9 +854,10 @@ class Marks:
 
     def put(self, window: Watched, holds: BoolArray) -> None:
         """Note it for a window."""
+        number, before = self._last
+        if before.any():
+            self._bits[number] = np.packbits(before).tobytes()
         self._last = window.number, holds
-        if holds.any():
-            self._bits[window.number] = np.packbits(holds).tobytes()
 
     def of(self, window: Watched) -> BoolArray:
         """As it was noted, shape (n,); not to be written to."""
@@ -1030,7 +1031,8 @@ def _speed_at(window: Watched, speed: str, t_s: float) -> FloatArray:
             np.array([before.t[-1], t[0]]),
             np.array([before[speed][-1], speed_m_s[0]]),
         )
-    return np.interp(np.array([t_s]), t, speed_m_s)
+    at: FloatArray = np.interp(np.array([t_s]), t, speed_m_s)
+    return at
 
 
 def covered_share(covered_s: float, exposure_time_s: float) -> float:

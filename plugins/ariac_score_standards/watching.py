@@ -181,6 +181,9 @@ class Watching:
             assert following is not None  # there is one for every number
             window = following
             following = self._watched(number + 1) if number + 1 < len(self._known) else None
+            if previous is None and following is None:
+                yield window
+                return
             if following is not None:
                 window = replace(window, until_s=float(following.t[0]))
             yield replace(window, previous=previous, following=following)
