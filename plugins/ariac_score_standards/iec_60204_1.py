@@ -530,7 +530,9 @@ class _Movement:
 
     def take(self, window: Watched, speed: str, moving: BoolArray) -> None:
         """The next window of it."""
-        rows = np.flatnonzero(moving & (window.t >= self.span.start_s) & (window.t <= self.span.end_s))
+        first = int(window.t.searchsorted(self.span.start_s))
+        end = int(window.t.searchsorted(self.span.end_s, side="right"))
+        rows = first + np.flatnonzero(moving[first:end])
         if not len(rows):
             return
         self.lasts_s.take(window.durations_s[rows])

@@ -381,8 +381,9 @@ class PflContact(Sampled):
         transient = self.transient(window.t[rows] - contact.span.start_s, clamped)
         force, limit = window[_FORCE][rows], self.limit_n(limits, transient)
         pressure = _pressure(window, rows)
-        of_pressure = np.nan_to_num(pressure, nan=0.0) / self.limit_pa(limits, transient)
-        of_force = force / limit
+        of_pressure, of_force = np.zeros(len(rows)), force / limit
+        if not np.isnan(pressure).all():
+            of_pressure = np.nan_to_num(pressure, nan=0.0) / self.limit_pa(limits, transient)
         ratio = np.maximum(of_force, of_pressure)
         measured = bool(np.isfinite(pressure).any())
         return _Pressed(rows, force, of_force, of_pressure, ratio, transient, measured)
@@ -882,9 +883,10 @@ class _Standing:
     def way(self, span: Span, last_s: float) -> Span:
         """From the beginning of a movement until the person left, or until the next one."""
         for window in self._watched.between(last_s):
-            ended = np.flatnonzero(self._ended.of(window) & (window.t > last_s))
-            if len(ended):
-                return Span(span.start_s, max(float(window.t[ended[0]]), span.end_s))
+            after = int(window.t.searchsorted(last_s, side="right"))
+            ended = self._ended.of(window)[after:]
+            if ended.any():
+                return Span(span.start_s, max(float(window.t[after + np.argmax(ended)]), span.end_s))
         return Span(span.start_s, max(self._watched.end_s, span.end_s))
 
     def speed(self, window: Watched) -> Bound:

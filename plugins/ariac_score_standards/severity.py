@@ -620,10 +620,14 @@ class Total:
         self._adding = _adding(count)
         self._wanted = next(self._adding)
         self._waiting = np.zeros(0)
+        self._few = count <= _ADDED_AT_ONCE
         self.value = 0.0
 
     def take(self, numbers: FloatArray) -> None:
         """The next numbers."""
+        if self._few and len(numbers) == self._wanted:
+            self._wanted, self.value = 0, float(numbers.sum())
+            return
         waiting = np.concatenate([self._waiting, numbers])
         while self._wanted and len(waiting) >= self._wanted:
             part, waiting = waiting[: self._wanted], waiting[self._wanted :]

@@ -123,7 +123,8 @@ class Watching:
         self._known: list[int] = []
         self._begins_s: list[float] = []
         self._rows, self._end_s = [0], math.nan
-        self._single: Watched | None = None
+        self._near: dict[int, Watched] = {}
+        self._last: Watched | None = None
         times = self._counted()
         self.gaps: Sequence[Span] = []
         if window is not None:
@@ -171,23 +172,21 @@ class Watching:
         number = bisect_right(self._begins_s, t_s) - 1
         if number < 0:
             return 0
-        return self._rows[number] + int(self._times(self._known[number]).searchsorted(t_s))
+        return self._rows[number] + int(self._watched(number).t.searchsorted(t_s))
 
     def _windows(self, first: int, last: int) -> Iterator[Watched]:
         """From one window to before another, by their numbers."""
-        previous = self._watched(first - 1) if 0 < first < last else None
-        following = self._watched(first) if first < last else None
-        for number in range(first, last):
-            assert following is not None  # there is one for every number
-            window = following
+        return (self._linked(number) for number in range(first, last))
+
+    def _linked(self, number: int) -> Watched:
+        """A window that knows those beside it; the last one stays, for it is often asked for again."""
+        if self._last is None or self._last.number != number:
+            previous = self._watched(number - 1) if number else None
+            window = self._watched(number)
             following = self._watched(number + 1) if number + 1 < len(self._known) else None
-            if previous is None and following is None:
-                yield window
-                return
-            if following is not None:
-                window = replace(window, until_s=float(following.t[0]))
-            yield replace(window, previous=previous, following=following)
-            previous = window
+            until_s = None if following is None else float(following.t[0])
+            self._last = replace(window, until_s=until_s, previous=previous, following=following)
+        return self._last
 
     def whole(self) -> Watched:
         """All windows in one."""
@@ -227,8 +226,9 @@ class Watching:
         return t[self._inside(t)]
 
     def _watched(self, number: int) -> Watched:
-        if self._single is not None:
-            return self._single
+        """A window, which stays while it or one beside it is looked at."""
+        if number in self._near:
+            return self._near[number]
         base, k = self._base, self._known[number]
         inside = self._inside(base.times(k))
         numbers, helpful = self._numbers, self._helpful
@@ -244,8 +244,8 @@ class Watching:
             extra,
             number=number,
         )
-        if len(self._known) == 1:
-            self._single = window
+        self._near = {other: near for other, near in self._near.items() if abs(other - number) <= 1}
+        self._near[number] = window
         return window
 
 
