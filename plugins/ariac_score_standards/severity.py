@@ -625,7 +625,7 @@ class Total:
 
     def take(self, numbers: FloatArray) -> None:
         """The next numbers."""
-        if self._few and len(numbers) == self._wanted:
+        if self._few and len(numbers) == self._wanted > len(self._waiting) == 0:
             self._wanted, self.value = 0, float(numbers.sum())
             return
         waiting = np.concatenate([self._waiting, numbers])
