@@ -137,10 +137,11 @@ def episodes_where(
 
 @dataclass(frozen=True)
 class Stretch:
-    """An episode, and how many samples it has at which the condition holds."""
+    """An episode, how many samples it has at which the condition holds, and the time of the last of them."""
 
     span: Span
     samples: int
+    last_s: float
 
 
 class Episodes:
@@ -178,9 +179,9 @@ class Episodes:
         end = until + (0.0 if following is None else min(following - until, self._longest_s))
         if self._found and start - self._found[-1].span.end_s < self._t_off_s - _TIME_TOLERANCE_S:
             before = self._found[-1]
-            self._found[-1] = Stretch(Span(before.span.start_s, end), before.samples + samples)
+            self._found[-1] = Stretch(Span(before.span.start_s, end), before.samples + samples, until)
         elif end - start >= self._t_on_s - _TIME_TOLERANCE_S:
-            self._found.append(Stretch(Span(start, end), samples))
+            self._found.append(Stretch(Span(start, end), samples, until))
 
     def end(self) -> list[Stretch]:
         """The episodes in time order, once all samples have come."""
@@ -299,10 +300,14 @@ class Total:
         self._adding = _adding(count)
         self._wanted = next(self._adding)
         self._waiting = np.zeros(0)
+        self._few = count <= _ADDED_AT_ONCE
         self.value = 0.0
 
     def take(self, numbers: FloatArray) -> None:
         """The next numbers."""
+        if self._few and len(numbers) == self._wanted > len(self._waiting) == 0:
+            self._wanted, self.value = 0, float(numbers.sum())
+            return
         waiting = np.concatenate([self._waiting, numbers]) if len(self._waiting) else numbers
         while self._wanted and len(waiting) >= self._wanted:
             part, waiting = waiting[: self._wanted], waiting[self._wanted :]

@@ -6,23 +6,33 @@ Stops are events: `emergency_stop` and `protective_stop`; `emergency_stop_reset`
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 from ariac_score import (
+    Episodes,
     Event,
     Finding,
+    Sample,
     SignalNeed,
     Span,
+    Total,
     Trial,
     Verdict,
     check_parameters,
-    episodes_where,
     parameter,
-    sample_durations,
 )
-from ariac_score_standards.severity import STANDSTILL_SPEED_M_S, Bound, Said, Sampled, Seen, travelled_m
+from ariac_score_standards.severity import (
+    STANDSTILL_SPEED_M_S,
+    Bound,
+    Said,
+    Sampled,
+    Seen,
+    ways_m,
+)
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
@@ -66,14 +76,65 @@ def standstill_reached_s(
     >>> standstill_reached_s(t, v, 0.0, standstill_m_s=0.25, hold_s=0.5)
     0.75
     """
-    rows = np.flatnonzero(t >= request_s - _TOLERANCE_S)
-    still = speed_m_s[rows] <= standstill_m_s
-    for span in episodes_where(t[rows], still):
-        first = int(np.searchsorted(t, span.start_s))
-        reached = max(_crossing(t, speed_m_s, first, standstill_m_s), request_s)
-        if span.end_s - reached >= hold_s - _TOLERANCE_S:
-            return reached
-    return None
+    rest = _Rest(request_s, standstill_m_s, hold_s)
+    rest.take(t, speed_m_s)
+    return rest.reached_s
+
+
+class _Rest:
+    """`standstill_reached_s`, of samples that come in parts."""
+
+    def __init__(self, request_s: float, standstill_m_s: float, hold_s: float) -> None:
+        self._request_s, self._limit, self._hold_s = request_s, standstill_m_s, hold_s
+        self._before = np.zeros(0), np.zeros(0)
+        self._since_s: float | None = None
+        self._until_s = request_s
+        self.reached_s: float | None = None
+
+    def take(self, t: FloatArray, speed_m_s: FloatArray) -> bool:
+        """Look at the next samples; whether that is enough."""
+        before, speed_before = self._before
+        carried = len(before)
+        if carried:
+            t, speed_m_s = np.concatenate([before, t]), np.concatenate([speed_before, speed_m_s])
+        first = max(int(t.searchsorted(self._request_s - _TOLERANCE_S)), carried)
+        still = speed_m_s[first:] <= self._limit
+        changes = first + 1 + np.flatnonzero(still[1:] != still[:-1])
+        for begin, end in pairwise([first, *changes.tolist(), len(t)]):
+            if begin == end or self.reached_s is not None:
+                break
+            if not speed_m_s[begin] <= self._limit:
+                self._ended(float(t[begin]))
+                continue
+            if self._since_s is None:
+                self._since_s = max(_crossing(t, speed_m_s, begin, self._limit), self._request_s)
+            self._until_s = float(t[end - 1])
+            self._held(self._until_s)
+        self._before = t[-1:], speed_m_s[-1:]
+        return self.reached_s is not None
+
+    def _ended(self, following_s: float) -> None:
+        """A stretch at rest is over, for at the sample that follows the machine moves."""
+        if self._since_s is not None:
+            self._held(self._until_s + (following_s - self._until_s))
+        if self.reached_s is None:
+            self._since_s = None
+
+    def _held(self, until_s: float) -> None:
+        """Whether the machine was at rest for long enough until some time: then it stays so."""
+        if self._since_s is not None and until_s - self._since_s >= self._hold_s - _TOLERANCE_S:
+            self.reached_s = self._since_s
+
+
+def _rest(
+    watched: Watching, speed: str, request_s: float, standstill_m_s: float, hold_s: float
+) -> float | None:
+    """`standstill_reached_s`, window by window."""
+    rest = _Rest(request_s, standstill_m_s, hold_s)
+    for window in watched.between(float(np.nextafter(request_s - _TOLERANCE_S, -np.inf))):
+        if rest.take(window.t, window[speed]):
+            break
+    return rest.reached_s
 
 
 def _crossing(t: FloatArray, speed: FloatArray, first: int, limit: float) -> float:
@@ -148,21 +209,21 @@ class StopPerformance:
             kinds=(self.kind,),
         )
 
-    def _judge(self, trial: Trial, subject: Subject, watching: Watching) -> Iterator[Finding]:
-        watched = watching.whole()
+    @property
+    def _speed(self) -> str:
+        return f"speed/{{{self.kind}}}"
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Finding]:
         requests = events_about(trial, subject.name, (EMERGENCY_STOP, PROTECTIVE_STOP))
         for request in requests:
             yield self._stop(trial, subject, watched, request)
         if not requests:
             yield nothing_happened(trial, subject, (EMERGENCY_STOP, PROTECTIVE_STOP), self._clause)
 
-    def _stop(self, trial: Trial, subject: Subject, watched: Watched, request: Event) -> Finding:
-        t, speed = watched.t, watched[f"speed/{{{self.kind}}}"]
+    def _stop(self, trial: Trial, subject: Subject, watched: Watching, request: Event) -> Finding:
         name = request.kind.replace("_", " ")
-        reached = standstill_reached_s(
-            t, speed, request.t_s, standstill_m_s=self.standstill_speed_m_s, hold_s=self.hold_s
-        )
-        last = float(t[-1])
+        reached = _rest(watched, self._speed, request.t_s, self.standstill_speed_m_s, self.hold_s)
+        last = watched.end_s
         end = last if reached is None else reached + self.hold_s
         unseen = [gap for gap in watched.gaps if gap.start_s < end and gap.end_s > request.t_s]
         if unseen or last < request.t_s or (reached is None and last < request.t_s + self.max_time_s):
@@ -183,12 +244,11 @@ class StopPerformance:
         return self._stopped(trial, subject, watched, request, reached)
 
     def _stopped(
-        self, trial: Trial, subject: Subject, watched: Watched, request: Event, reached: float
+        self, trial: Trial, subject: Subject, watched: Watching, request: Event, reached: float
     ) -> Finding:
-        t, speed = watched.t, watched[f"speed/{{{self.kind}}}"]
         time_s = reached - request.t_s
         # What creeps on below standstill while it is being held belongs to the way.
-        way_m = travelled_m(t, speed, Span(request.t_s, reached + self.hold_s))
+        (way_m,) = ways_m(watched, self._speed, [Span(request.t_s, reached + self.hold_s)])
         category = self._category(trial, subject, watched, request, reached)
         over_time = time_s > self.max_time_s + _TOLERANCE_S
         over_way = self.max_distance_m is not None and way_m > self.max_distance_m
@@ -218,19 +278,26 @@ class StopPerformance:
         )
 
     def _category(
-        self, trial: Trial, subject: Subject, watched: Watched, request: Event, reached: float
+        self, trial: Trial, subject: Subject, watched: Watching, request: Event, reached: float
     ) -> int | None:
         """The category shown by the drives' power; `None` when the log does not tell."""
-        rows = np.flatnonzero((watched.t >= request.t_s) & (watched.t <= reached + self.power_wait_s))
-        state = state_over(
-            trial, "drive_enabled", subject.name, watched.t[rows], max_age_s=self.max_flag_age_s
-        )
-        if state is None or not len(rows) or not state.known.all():
+        until_s = reached + self.power_wait_s
+        off_s: float | None = None
+        last_s = -np.inf
+        for window in watched.between(request.t_s, until_s):
+            t = window.t[(window.t >= request.t_s) & (window.t <= until_s)]
+            if not len(t):
+                continue
+            state = state_over(trial, "drive_enabled", subject.name, t, max_age_s=self.max_flag_age_s)
+            if state is None or not state.known.all():
+                return None
+            off = np.flatnonzero(~state.on)
+            if off_s is None and len(off):
+                off_s = float(t[off[0]])
+            last_s = float(t[-1])
+        if last_s == -np.inf or (off_s is None and last_s < until_s - self.max_gap_s):
             return None
-        off = np.flatnonzero(~state.on)
-        if not len(off) and watched.t[rows[-1]] < reached + self.power_wait_s - self.max_gap_s:
-            return None
-        return stop_category(float(watched.t[rows[off[0]]]) if len(off) else None, reached)
+        return stop_category(off_s, reached)
 
 
 def _words(stop: Event) -> str:
@@ -257,7 +324,7 @@ def nothing_happened(trial: Trial, subject: Subject, kinds: Sequence[str], claus
 # Starting again -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class _Latched:
     """What follows one stop.
 
@@ -265,13 +332,17 @@ class _Latched:
         stop: The event.
         reset_s: When it was reset, s; infinite when never.
         end_s: When the machine may move again, or is stopped again, s; infinite when never.
-        rests: Where it has to rest, shape (n,).
+        rests_s: From when on it has to rest, s.
     """
 
     stop: Event
     reset_s: float
     end_s: float
-    rests: BoolArray
+    rests_s: float
+
+    def rests(self, t: FloatArray) -> slice:
+        """At which of some times the machine has to rest."""
+        return slice(int(t.searchsorted(self.rests_s)), int(t.searchsorted(self.end_s)))
 
 
 @dataclass(frozen=True)
@@ -326,8 +397,11 @@ class EstopRestart(Sampled):
             kinds=(self.kind,),
         )
 
-    def _judge(self, trial: Trial, subject: Subject, watching: Watching) -> Iterator[Said]:
-        watched = watching.whole()
+    @property
+    def _speed(self) -> str:
+        return f"speed/{{{self.kind}}}"
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
         stops = events_about(trial, subject.name, self.after)
         if not stops:
             yield nothing_happened(trial, subject, self.after, self._clause)
@@ -336,57 +410,75 @@ class EstopRestart(Sampled):
         for number, stop in enumerate(stops):
             following = stops[number + 1].t_s if number + 1 < len(stops) else np.inf
             latches.append(self._latched(trial, subject, watched, stop, following))
-        speed = watched[f"speed/{{{self.kind}}}"]
-        limit = np.full_like(speed, self.standstill_speed_m_s)
-        rests = np.logical_or.reduce([latch.rests for latch in latches])
-        yield Seen.at_once(
-            subject.name, watched, Bound("speed after a stop", speed, limit, "m/s", True, rests)
-        )
+
+        def bound(window: Watched) -> Bound:
+            speed, rests = window[self._speed], np.zeros(len(window.t), dtype=bool)
+            for latch in latches:
+                rests[latch.rests(window.t)] = True
+            limit = np.full_like(speed, self.standstill_speed_m_s)
+            return Bound("speed after a stop", speed, limit, "m/s", True, rests)
+
+        yield Seen(subject.name, watched, lambda: bound)
         for latch in latches:
             yield from self._after(trial, subject, watched, latch)
 
     def _latched(
-        self, trial: Trial, subject: Subject, watched: Watched, stop: Event, following_s: float
+        self, trial: Trial, subject: Subject, watched: Watching, stop: Event, following_s: float
     ) -> _Latched:
-        t, speed = watched.t, watched[f"speed/{{{self.kind}}}"]
         resets = [e.t_s for e in events_about(trial, subject.name, (RESET,)) if e.t_s >= stop.t_s]
         reset_s = resets[0] if resets else np.inf
         starts = [e.t_s for e in events_about(trial, subject.name, (START,)) if e.t_s >= reset_s]
         end_s = min(starts[0] if starts else np.inf, following_s)
-        rest = standstill_reached_s(
-            t, speed, stop.t_s, standstill_m_s=self.standstill_speed_m_s, hold_s=self.hold_s
-        )
+        rest = _rest(watched, self._speed, stop.t_s, self.standstill_speed_m_s, self.hold_s)
         latched_s = (
             stop.t_s + self.stop_within_s if rest is None else min(rest, stop.t_s + self.stop_within_s)
         )
-        return _Latched(stop, reset_s, end_s, (t >= latched_s - _TOLERANCE_S) & (t < end_s))
+        return _Latched(stop, reset_s, end_s, latched_s - _TOLERANCE_S)
 
-    def _after(self, trial: Trial, subject: Subject, watched: Watched, latch: _Latched) -> Iterator[Finding]:
-        t, speed = watched.t, watched[f"speed/{{{self.kind}}}"]
+    def _moving(self, window: Watched, latch: _Latched) -> BoolArray:
+        """Where the machine moves although it has to rest."""
+        moving, rests = np.zeros(len(window.t), dtype=bool), latch.rests(window.t)
+        moving[rests] = window[self._speed][rests] > self.standstill_speed_m_s
+        return moving
+
+    def _movements(self, watched: Watching, latch: _Latched) -> list[_Movement]:
+        """The movements after a stop."""
+        episodes = Episodes(t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
+        for window in watched.between(latch.rests_s):
+            episodes.take(window.t, self._moving(window, latch))
+            if window.t[0] >= latch.end_s:
+                break
+        found = [_Movement(one.span, Total(one.samples), one.last_s) for one in episodes.end()]
+        ways = [Span(one.span.start_s, min(one.span.end_s, latch.end_s)) for one in found]
+        for one, way_m in zip(found, ways_m(watched, self._speed, ways), strict=True):
+            one.way_m = way_m
+            for window in watched.between(one.span.start_s, one.last_s):
+                one.take(window, self._speed, self._moving(window, latch))
+        return found
+
+    def _after(self, trial: Trial, subject: Subject, watched: Watching, latch: _Latched) -> Iterator[Finding]:
         stop, reset_s, end_s = latch.stop, latch.reset_s, latch.end_s
-        moving = (speed > self.standstill_speed_m_s) & latch.rests
-        spans = episodes_where(t, moving, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
+        movements = self._movements(watched, latch)
         silent = [
             kind
             for kind in (RESET, START)
             if kind not in trial.witnessed and not events_about(trial, subject.name, (kind,))
         ]
-        if spans and silent:
+        if movements and silent:
+            first = movements[0].span
             message = (
-                f"moved at {spans[0].start_s:.3f} s after the {_words(stop)} at {stop.t_s:.3f} s, "
+                f"moved at {first.start_s:.3f} s after the {_words(stop)} at {stop.t_s:.3f} s, "
                 f"but the log does not show whether there was any {silent[0].replace('_', ' ')}"
             )
-            yield Finding.inconclusive(subject.name, message, span=spans[0], clause=self._clause)
+            yield Finding.inconclusive(subject.name, message, span=first, clause=self._clause)
             return
-        weights = sample_durations(t, longest_s=watched.max_gap_s)
-        for span in spans:
-            rows = np.flatnonzero(moving & (t >= span.start_s) & (t <= span.end_s))
-            worst = int(rows[np.argmax(speed[rows])])
+        for movement in movements:
+            span = movement.span
             phase = "LATCHED" if span.start_s < reset_s else "READY"
             quantities = {
-                "time_in_violation_s": float(weights[rows].sum()),
-                "speed_max_m_s": float(speed[worst]),
-                "travel_m": travelled_m(t, speed, Span(span.start_s, min(span.end_s, end_s))),
+                "time_in_violation_s": movement.lasts_s.value,
+                "speed_max_m_s": movement.fastest_m_s,
+                "travel_m": movement.way_m,
             }
             if np.isfinite(end_s):
                 quantities["before_start_s"] = float(end_s - span.start_s)
@@ -395,16 +487,16 @@ class EstopRestart(Sampled):
                 Verdict.VIOLATED,
                 f"moved at {span.start_s:.3f} s in {phase}, after the {_words(stop)} at {stop.t_s:.3f} s",
                 span=span,
-                robustness=float(self.standstill_speed_m_s - speed[worst]),
+                robustness=self.standstill_speed_m_s - movement.fastest_m_s,
                 unit="m/s",
                 quantities=quantities,
                 labels={"state": phase},
-                evidence=watched.samples(worst),
+                evidence=movement.evidence,
                 clause=self._clause,
                 critical=True,
             )
         unseen = [gap for gap in watched.gaps if gap.end_s > stop.t_s and gap.start_s < end_s]
-        if not spans and not unseen:
+        if not movements and not unseen:
             yield Finding(
                 subject.name,
                 Verdict.SATISFIED,
@@ -414,3 +506,36 @@ class EstopRestart(Sampled):
                 ),
                 clause=self._clause,
             )
+
+
+@dataclass(eq=False)
+class _Movement:
+    """A movement after a stop, as its samples come.
+
+    Attributes:
+        span: From its first sample to the end of its last one.
+        lasts_s: How long it lasts, s.
+        last_s: Time of its last sample, s.
+        way_m: The way it covers, m.
+        fastest_m_s: Its largest speed, m/s.
+        evidence: What was measured then.
+    """
+
+    span: Span
+    lasts_s: Total
+    last_s: float
+    way_m: float = 0.0
+    fastest_m_s: float = -math.inf
+    evidence: tuple[Sample, ...] = ()
+
+    def take(self, window: Watched, speed: str, moving: BoolArray) -> None:
+        """The next window of it."""
+        first = int(window.t.searchsorted(self.span.start_s))
+        end = int(window.t.searchsorted(self.span.end_s, side="right"))
+        rows = first + np.flatnonzero(moving[first:end])
+        if not len(rows):
+            return
+        self.lasts_s.take(window.durations_s[rows])
+        worst = int(rows[np.argmax(window[speed][rows])])
+        if window[speed][worst] > self.fastest_m_s:
+            self.fastest_m_s, self.evidence = float(window[speed][worst]), window.samples(worst)

@@ -8,46 +8,52 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ariac_score import (
+    Episodes,
     Event,
     Finding,
+    Sample,
     SignalNeed,
     Span,
+    Total,
     Trial,
     Verdict,
     check_parameters,
-    episodes_where,
     parameter,
-    sample_durations,
 )
 from ariac_score_standards.body_regions import UNKNOWN_REGION, BodyLimits, body_limits, limits_at
 from ariac_score_standards.geometry import check_polygon, inside
 from ariac_score_standards.iso_13854 import PART_OF_REGION, clamps, closes
-from ariac_score_standards.iso_ts_15066 import RunStarts, first_of_runs
+from ariac_score_standards.iso_ts_15066 import RunStarts
 from ariac_score_standards.severity import (
     MEETING,
+    SPEED,
     STANDSTILL_SPEED_M_S,
     Blame,
     Bound,
-    Episode,
+    Exposure,
+    Gathered,
     Judged,
     Judging,
+    Marks,
     Meeting,
+    Moment,
     Rules,
     Said,
     Sampled,
     Seen,
+    Several,
     Told,
     broken,
     exposure_of,
     findings_of,
     kept,
-    limit_findings,
     meeting_needs,
     no_severities,
-    travelled_m,
+    ways_m,
 )
 from ariac_score_standards.watching import (
     BoolArray,
@@ -170,11 +176,14 @@ _CONTACT_QUANTITIES = (
     "relative_depth_integral_s",
 )
 """What is measured of every contact; all 0 where there is none."""
+_HELD_SAMPLES = 4096
+"""A contact no longer than this is gone through once."""
 _GAP_CLOSING = "crush_gap/{robot}/{human}"
+_HEIGHT = "contact_height/{robot}/{human}"
 _HELPFUL = {
     "contact_pressure/{robot}/{human}": "Pa",
     "contact_area/{robot}/{human}": "m2",
-    "contact_height/{robot}/{human}": "m",
+    _HEIGHT: "m",
     _GAP_CLOSING: "m",
     **MEETING,
 }
@@ -273,137 +282,291 @@ class PflContact(Sampled):
         message = f"signal {name!r} is not in the log{looked_for(trial)}"
         return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
 
-    def _judge(self, trial: Trial, subject: Subject, watching: Watching) -> Iterator[Said]:
-        watched = watching.whole()
-        force = watched[_FORCE]
-        touching = force > self.contact_on_n
-        spans = episodes_where(watched.t, touching, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
-        held = state_over(trial, "clamped", subject.name, watched.t, max_age_s=watched.max_gap_s)
-        meeting = Meeting.of(watched)
-        exposure = meeting.exposure(watched)
-        ratio = np.zeros(len(force))
-        found: list[Finding] = []
-        for span in spans:
-            rows = np.flatnonzero(touching & (watched.t >= span.start_s) & (watched.t <= span.end_s))
-            try:
-                limits, known = self._limits(trial, subject, watched, rows)
-            except ValueError as unknown:
-                message = f"contact at {span.start_s:.3f} s: {unknown}"
-                found.append(Finding.inconclusive(subject.name, message, span=span, clause=self._clause))
-                continue
-            blame = meeting.labels(rows, before=True)
-            finding, ratio[rows] = self._contact(
-                subject, watched, span, rows, limits, held, exposure, blame, known=known
-            )
-            found.append(finding)
-        whole = np.ones_like(force)
-        if spans:
-            bound = Bound("part of the limit of contact", ratio, whole, "1", True, ratio > 0)
-        else:
-            bound = Bound("contact force", force, whole * self.contact_on_n, "N", True)
-        yield Seen.at_once(subject.name, watched, bound)
-        yield from found
-        if not spans and not watched.gaps:
-            strongest = int(np.argmax(force))
+    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
+        touching, exposed = Episodes(t_off_s=self.t_off_s, longest_s=watched.max_gap_s), Exposure()
+        strongest: Moment | None = None
+        for window in watched:
+            bound = self._touch(window)
+            touching.take(window.t, bound.actual > self.contact_on_n)
+            row = int(np.argmax(bound.actual))
+            if strongest is None or bound.actual[row] > strongest.actual:
+                strongest = Moment.of(window, bound, row, subject.name)
+            exposed.take(window)
+        contacts = [
+            self._contact(trial, subject, watched, one.span, one.samples, one.last_s)
+            for one in touching.end()
+        ]
+        part = partial(self._part_of_limit, trial, subject, contacts) if contacts else self._touch
+        yield Seen(subject.name, watched, partial(_same, part))
+        exposure = exposed.of(watched)
+        for contact in contacts:
+            yield self._said(trial, subject, watched, contact, exposure)
+        if strongest is not None and not contacts and not watched.gaps:
             yield Finding(
                 subject.name,
                 Verdict.SATISFIED,
-                f"no contact: never more than {force[strongest]:.3f} N",
-                robustness=float(self.contact_on_n - force[strongest]),
+                f"no contact: never more than {strongest.actual:.3f} N",
+                robustness=strongest.margin,
                 unit="N",
                 quantities={**dict.fromkeys(_CONTACT_QUANTITIES, 0.0), **exposure},
-                evidence=watched.samples(strongest),
+                evidence=strongest.evidence,
                 clause=self._clause,
             )
 
-    def _limits(self, trial: Trial, subject: Subject, watched: Watched, rows: Any) -> tuple[BodyLimits, bool]:
+    def _touch(self, window: Watched) -> Bound:
+        """The force against that above which it is a contact."""
+        force = window[_FORCE]
+        return Bound("contact force", force, np.full_like(force, self.contact_on_n), "N", True)
+
+    def _part_of_limit(
+        self, trial: Trial, subject: Subject, contacts: Sequence[_Contact], window: Watched
+    ) -> Bound:
+        """Which part of its limit each contact reaches."""
+        ratio = np.zeros(len(window.t))
+        for contact in contacts:
+            if contact.limits is not None and contact.overlaps(window):
+                pressed = self._pressed(trial, subject, window, contact, contact.limits)
+                ratio[pressed.rows] = pressed.ratio
+        what = "part of the limit of contact"
+        return Bound(what, ratio, np.ones_like(ratio), "1", True, ratio > 0)
+
+    def _contact(
+        self, trial: Trial, subject: Subject, watched: Watching, span: Span, samples: int, last_s: float
+    ) -> _Contact:
+        """A contact, and the limits of the region it is on, if they can be told."""
+        try:
+            limits, known = self._limits(trial, subject, watched, span, last_s)
+        except ValueError as unknown:
+            return _Contact(span, samples, last_s, None, unknown=str(unknown))
+        return _Contact(span, samples, last_s, limits, known=known)
+
+    def _limits(
+        self, trial: Trial, subject: Subject, watched: Watching, span: Span, last_s: float
+    ) -> tuple[BodyLimits, bool]:
         """The limits of a contact, and whether its region is known."""
         if self.region:
             return body_limits(self.region), True
-        start_s, end_s = watched.t[rows[0]] - self.t_off_s, watched.t[rows[-1]] + watched.max_gap_s
+        start_s, end_s = span.start_s - self.t_off_s, last_s + watched.max_gap_s
         events = _contacts(trial, subject)
         named = [e.detail for e in events if start_s <= e.t_s <= end_s and e.detail]
         if named:
             return min((body_limits(name) for name in named), key=lambda limits: limits.force_n), True
-        heights = watched.extra.get("contact_height/{robot}/{human}")
-        if heights is not None and np.isfinite(heights[rows]).all():
-            weakest = min((limits_at(float(h)) for h in heights[rows]), key=lambda limits: limits.force_n)
-            return weakest, False
-        return body_limits(UNKNOWN_REGION), False
+        return self._by_height(watched, span, last_s) or body_limits(UNKNOWN_REGION), False
 
-    def _contact(
+    def _by_height(self, watched: Watching, span: Span, last_s: float) -> BodyLimits | None:
+        """The weakest limits at the heights of a contact, where the log tells all of them."""
+        weakest: BodyLimits | None = None
+        for window in watched.between(span.start_s, last_s) if watched.has(_HEIGHT) else ():
+            rows = self._rows(window, span)
+            heights = window.extra[_HEIGHT][rows]
+            if not np.isfinite(heights).all():
+                return None
+            here = [limits_at(float(height)) for height in heights]
+            weakest = min(here if weakest is None else [weakest, *here], key=lambda limits: limits.force_n)
+        return weakest
+
+    def _rows(self, window: Watched, span: Span) -> Any:
+        """The rows of a contact in a window."""
+        part = slice(
+            int(window.t.searchsorted(span.start_s)), int(window.t.searchsorted(span.end_s, side="right"))
+        )
+        return part.start + np.flatnonzero(window[_FORCE][part] > self.contact_on_n)
+
+    def _pressed(
+        self, trial: Trial, subject: Subject, window: Watched, contact: _Contact, limits: BodyLimits
+    ) -> _Pressed:
+        """What a contact bears down with in a window, against its limits."""
+        rows = self._rows(window, contact.span)
+        clamped = self._clamped(trial, subject, window, rows, limits)
+        transient = self.transient(window.t[rows] - contact.span.start_s, clamped)
+        force, limit = window[_FORCE][rows], self.limit_n(limits, transient)
+        pressure = _pressure(window, rows)
+        of_pressure, of_force = np.zeros(len(rows)), force / limit
+        if not np.isnan(pressure).all():
+            of_pressure = np.nan_to_num(pressure, nan=0.0) / self.limit_pa(limits, transient)
+        ratio = np.maximum(of_force, of_pressure)
+        measured = bool(np.isfinite(pressure).any())
+        return _Pressed(rows, force, of_force, of_pressure, ratio, transient, measured)
+
+    def _said(
         self,
+        trial: Trial,
         subject: Subject,
-        watched: Watched,
-        span: Span,
-        rows: Any,
-        limits: BodyLimits,
-        held: State | None,
+        watched: Watching,
+        contact: _Contact,
         exposure: Mapping[str, float],
-        blame: Mapping[str, str],
-        *,
-        known: bool,
-    ) -> tuple[Finding, FloatArray]:
-        """The finding about one contact, and which part of its limit was reached at each of its samples."""
-        clamped = self._clamped(watched, rows, limits, held)
-        transient = self.transient(watched.t[rows] - span.start_s, clamped)
-        force, limit = watched[_FORCE][rows], self.limit_n(limits, transient)
-        pressure = _pressure(watched, rows)
-        of_pressure = np.nan_to_num(pressure, nan=0.0) / self.limit_pa(limits, transient)
-        ratio = np.maximum(force / limit, of_pressure)
-        above = ratio > 1.0
-        weights = sample_durations(watched.t, longest_s=watched.max_gap_s)[rows]
-        worst = int(np.argmax(ratio))
+    ) -> Finding:
+        """The finding about one contact."""
+        limits, known, span = contact.limits, contact.known, contact.span
+        if limits is None:
+            message = f"contact at {span.start_s:.3f} s: {contact.unknown}"
+            return Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
+
+        def windows() -> Iterator[tuple[Watched, _Pressed]]:
+            for window in watched.between(span.start_s, contact.last_s):
+                yield window, self._pressed(trial, subject, window, contact, limits)
+
+        rows = watched.rows_before(contact.last_s) - watched.rows_before(span.start_s)
+        short = list(windows()) if rows <= _HELD_SAMPLES else None
+        felt = _Felt(contact.samples)
+        for window, pressed in short or windows():
+            felt.take(window, pressed)
+        beyond = _Beyond(felt.above)
+        for window, pressed in (short or windows()) if felt.above else ():
+            beyond.take(window, pressed)
         forbidden = known and not limits.region.contact_permitted
-        relative = np.clip(np.maximum(ratio - 1.0, 0.0), 0.0, 1.0)
-        quantities = {
-            **exposure,
-            "contacts": 1.0,
-            "force_max_N": float(force.max()),
-            "force_ratio_max": float((force / limit).max()),
-            "ratio_max": float(ratio[worst]),
-            "contact_s": float(weights.sum()),
-            "impulse_N_s": float((force * weights).sum()),
-            "time_in_violation_s": float(weights[above].sum()),
-            "impulse_above_limit_N_s": float((force * weights)[above].sum()),
-            "relative_depth_max": float(relative.max()),
-            "relative_depth_integral_s": float((relative * weights).sum()),
-        }
-        if np.isfinite(pressure).any():
-            quantities["pressure_ratio_max"] = float(of_pressure.max())
-        violated = bool(above.any()) or forbidden
+        violated = felt.above > 0 or forbidden
         where = limits.region.title.lower() if known else f"a region unknown, taken for {limits.name}"
-        phase = "transient" if transient[worst] else "quasi-static"
-        message = f"contact with {where}: {force[worst]:.1f} N, {ratio[worst]:.3f} of the {phase} limit"
-        finding = Finding(
+        phase = "transient" if felt.transient else "quasi-static"
+        message = f"contact with {where}: {felt.force_n:.1f} N, {felt.ratio:.3f} of the {phase} limit"
+        labels = {"region": limits.name, "region_known": "yes" if known else "no", "phase": phase}
+        return Finding(
             subject.name,
             Verdict.VIOLATED if violated else Verdict.SATISFIED,
             f"{message}; contact there is not permissible" if forbidden else message,
             span=span,
-            robustness=None if forbidden else float(1.0 - ratio[worst]),
+            robustness=None if forbidden else 1.0 - felt.ratio,
             unit="" if forbidden else "1",
-            quantities=quantities,
-            labels={
-                "region": limits.name,
-                "region_known": "yes" if known else "no",
-                "phase": phase,
-                **blame,
-            },
-            evidence=watched.samples(int(rows[worst])),
+            quantities={**exposure, **felt.quantities(beyond)},
+            labels={**labels, **felt.blame.told().labels},
+            evidence=felt.evidence,
             clause=self._clause,
             critical=violated,
         )
-        return finding, ratio
 
-    def _clamped(self, watched: Watched, rows: Any, limits: BodyLimits, held: State | None) -> BoolArray:
+    def _clamped(
+        self, trial: Trial, subject: Subject, window: Watched, rows: Any, limits: BodyLimits
+    ) -> BoolArray:
         """Where the body part cannot get away: as given, as recorded, or by the gap it is in."""
         clamped: BoolArray = np.full(len(rows), self.clamped)
+        held = state_over(trial, "clamped", subject.name, window.t[rows], max_age_s=window.max_gap_s)
         if held is not None:
-            clamped |= held.on[rows]
-        gap = watched.extra.get(_GAP_CLOSING)
+            clamped |= held.on
+        gap = window.extra.get(_GAP_CLOSING)
         if gap is not None:
-            clamped |= clamps(PART_OF_REGION[limits.region.name], gap, closes(gap))[rows]
+            closing = closes(_with_neighbours(window, gap))[window.previous is not None :][rows]
+            clamped |= clamps(PART_OF_REGION[limits.region.name], gap[rows], closing)
         return clamped
+
+
+def _with_neighbours(window: Watched, gap: FloatArray) -> FloatArray:
+    """A gap in a window, with the sample before and that after, where there are any."""
+    before = [] if window.previous is None else [window.previous.extra[_GAP_CLOSING][-1:]]
+    after = [] if window.following is None else [window.following.extra[_GAP_CLOSING][:1]]
+    return np.concatenate([*before, gap, *after]) if before or after else gap
+
+
+@dataclass(frozen=True)
+class _Contact:
+    """A contact.
+
+    Attributes:
+        span: From its first sample to the end of its last one.
+        samples: How many there are.
+        last_s: Time of the last one, s.
+        limits: What the region bears; `None`: it cannot be told.
+        known: Whether the region is known.
+        unknown: Why there are no limits.
+    """
+
+    span: Span
+    samples: int
+    last_s: float
+    limits: BodyLimits | None
+    known: bool = False
+    unknown: str = ""
+
+    def overlaps(self, window: Watched) -> bool:
+        """Whether it has a sample in a window, or goes on past it."""
+        return bool(self.span.start_s <= window.t[-1] and self.last_s >= window.t[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Pressed:
+    """A contact in a window, sample by sample.
+
+    Attributes:
+        rows: Its rows in the window, shape (n,).
+        force_n: N.
+        of_force: Part of the limit of force.
+        of_pressure: Part of the limit of pressure; 0 where it is not known.
+        ratio: The larger of both.
+        transient: Whether the transient limits hold.
+        measured: Whether a pressure is known at any sample.
+    """
+
+    rows: Any
+    force_n: FloatArray
+    of_force: FloatArray
+    of_pressure: FloatArray
+    ratio: FloatArray
+    transient: BoolArray
+    measured: bool
+
+
+class _Felt:
+    """What a contact was like, as its windows come."""
+
+    def __init__(self, samples: int) -> None:
+        self.above, self.blame = 0, Blame(Meeting.of, before=True)
+        self.ratio, self.force_n, self.transient = -np.inf, 0.0, False
+        self.evidence: tuple[Sample, ...] = ()
+        self._largest = {"force_max_N": -np.inf, "force_ratio_max": -np.inf, "pressure_ratio_max": -np.inf}
+        self._relative, self._measured = 0.0, False
+        self._lasted_s, self._impulse_n_s, self._relative_s = Total(samples), Total(samples), Total(samples)
+
+    def take(self, window: Watched, pressed: _Pressed) -> None:
+        """The next window of it."""
+        if not len(pressed.rows):
+            return
+        self.blame.look(window, pressed.rows)
+        weight_s, ratio = window.durations_s[pressed.rows], pressed.ratio
+        relative = np.clip(np.maximum(ratio - 1.0, 0.0), 0.0, 1.0)
+        self._lasted_s.take(weight_s)
+        self._impulse_n_s.take(pressed.force_n * weight_s)
+        self._relative_s.take(relative * weight_s)
+        self._relative = max(self._relative, float(relative.max()))
+        self._measured = self._measured or pressed.measured
+        self.above += int(np.count_nonzero(ratio > 1.0))
+        columns = pressed.force_n, pressed.of_force, pressed.of_pressure
+        for name, column in zip(self._largest, columns, strict=True):
+            self._largest[name] = max(self._largest[name], float(column.max()))
+        worst = int(np.argmax(ratio))
+        if ratio[worst] > self.ratio:
+            self.ratio, self.force_n = float(ratio[worst]), float(pressed.force_n[worst])
+            self.transient = bool(pressed.transient[worst])
+            self.evidence = window.samples(int(pressed.rows[worst]))
+
+    def quantities(self, beyond: _Beyond) -> dict[str, float]:
+        """What is told of it."""
+        largest = dict(self._largest)
+        of_pressure = {"pressure_ratio_max": largest.pop("pressure_ratio_max")}
+        return {
+            "contacts": 1.0,
+            **largest,
+            "ratio_max": self.ratio,
+            "contact_s": self._lasted_s.value,
+            "impulse_N_s": self._impulse_n_s.value,
+            "time_in_violation_s": beyond.lasted_s.value,
+            "impulse_above_limit_N_s": beyond.impulse_n_s.value,
+            "relative_depth_max": self._relative,
+            "relative_depth_integral_s": self._relative_s.value,
+            **(of_pressure if self._measured else {}),
+        }
+
+
+class _Beyond:
+    """What of a contact was beyond its limit: how long, and which impulse."""
+
+    def __init__(self, samples: int) -> None:
+        self.lasted_s, self.impulse_n_s = Total(samples), Total(samples)
+
+    def take(self, window: Watched, pressed: _Pressed) -> None:
+        """The next window of the contact."""
+        above = pressed.ratio > 1.0
+        weight_s = window.durations_s[pressed.rows]
+        self.lasted_s.take(weight_s[above])
+        self.impulse_n_s.take((pressed.force_n * weight_s)[above])
 
 
 def _contacts(trial: Trial, subject: Subject) -> Sequence[Event]:
@@ -622,88 +785,198 @@ class MonitoredStandstill(Sampled):
 
     def held(self, t: FloatArray, within: BoolArray) -> BoolArray:
         """Whether the robot must be at rest: a person inside, and the grace over."""
-        first = first_of_runs(t, within, self.max_gap_s)
-        over: BoolArray = within & (t - t[first] >= self.grace_s - _TOLERANCE_S)
-        return over
+        return self.holding()(t, within)
 
-    def _judge(self, subject: Subject, watching: Watching) -> Iterator[Said]:
-        watched = watching.whole()
-        within = inside(watched["position/{human}"], self.workspace)
-        held = self.held(watched.t, within)
-        speed = watched["speed/{robot}"]
-        limit = np.full_like(speed, self.standstill_speed_m_s)
+    def holding(self) -> Callable[[FloatArray, BoolArray], BoolArray]:
+        """`held`, of samples that come in parts."""
+        starts = RunStarts(self.max_gap_s)
+
+        def held(t: FloatArray, within: BoolArray) -> BoolArray:
+            if not len(t):
+                return np.zeros(0, dtype=bool)
+            (began_s,) = starts.take(t, within, t)
+            over: BoolArray = within & (t - began_s >= self.grace_s - _TOLERANCE_S)
+            return over
+
+        return held
+
+    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
+        standing, exposed = _Standing(self, watched), Exposure()
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the workspace for long enough")
-        bound = Bound("speed in the workspace", speed, limit, "m/s", True, held)
-        meeting = Meeting.of(watched)
+        gathered: list[tuple[Judging, Callable[[], Gathered]]]
+        gathered = [(standing.speed, lambda: Several(Blame(Meeting.of), _Resumed()))]
+        if watched.has(_JOINTS):
+            gathered.append((standing.joints, lambda: Blame(Meeting.of)))
+        if watched.has(_PLACE):
+            gathered.append((standing.drift, lambda: Blame(Meeting.of)))
+        judged: list[tuple[Seen, Judged]] = []
+        for judge, gather in gathered:
+            seen = Seen(subject.name, watched, partial(_same, judge))
+            first = not judged  # its silence tells that of the others
+            judged.append((seen, Judged(seen, rules, gathered=gather, handed=True, approached=first)))
+        for window in watched:
+            standing.take(window)
+            exposed.take(window)
+            for _, one in judged:
+                one.take(window)
+        for _, one in judged:
+            one.end()
+        yield from self._findings(subject, watched, rules, judged, standing, exposed.of(watched))
 
-        def met(episode: Episode | None) -> Told:
-            return Told(meeting.exposure(watched), {} if episode is None else meeting.labels(episode.rows))
-
-        yield from limit_findings(
-            subject.name, watched, bound, rules, lambda e: met(e) + self._told(watched, within, held, e)
-        )
-        joints = watched.extra.get("joint_speed/{robot}")
-        if joints is not None:
-            known = held & np.isfinite(joints) & (speed <= limit)
-            bound = Bound(
-                "joint speed in the workspace",
-                np.nan_to_num(joints),
-                np.full_like(speed, self.standstill_joint_speed_rad_s),
-                "rad/s",
-                True,
-                known,
-            )
-            yield from _violations(limit_findings(subject.name, watched, bound, rules, met))
-        position = watched.extra.get("position/{robot}")
-        if position is not None:
-            yield from _violations(self._drift(subject, watched, held, speed > limit, position, rules, met))
-
-    def _told(self, watched: Watched, within: BoolArray, held: BoolArray, episode: Episode | None) -> Told:
-        """The way until the person left (or the next violation), and whether the robot had been at rest."""
-        speed = watched["speed/{robot}"]
-        if episode is None:
-            others = {**no_severities("rad/s"), **no_severities("m")}  # of joints, and of the drift
-            return Told({**others, "travel_m": 0.0, "speed_max_m_s": 0.0})
-        last = int(episode.rows[-1])
-        after = np.flatnonzero(~within[last:])
-        leaves = last + int(after[0]) if len(after) else len(watched.t) - 1
-        again = np.flatnonzero(speed[last + 1 : leaves] > self.standstill_speed_m_s)
-        stop = last + 1 + int(again[0]) if len(again) else leaves
-        end_s = max(float(watched.t[stop]), episode.span.end_s)
-        way = travelled_m(watched.t, speed, Span(episode.span.start_s, end_s))
-        first = int(episode.rows[0])
-        resumed = first > 0 and bool(held[first - 1])
-        return Told(
-            {"travel_m": way, "speed_max_m_s": float(speed[episode.rows].max())},
-            {"resumed": "yes" if resumed else "no"},
-        )
-
-    def _drift(
+    def _findings(
         self,
         subject: Subject,
-        watched: Watched,
-        held: BoolArray,
-        moving: BoolArray,
-        position: FloatArray,
+        watched: Watching,
         rules: Rules,
-        more: Callable[[Episode | None], Told],
+        judged: Sequence[tuple[Seen, Judged]],
+        standing: _Standing,
+        exposure: Mapping[str, float],
     ) -> Iterator[Said]:
+        """Movements, told with the way until the person left, or the next one; then what else was broken."""
+        (seen, moved), *others = judged
+        yield seen
+        ways = ways_m(watched, SPEED, [standing.way(span, last_s) for span, last_s in moved.lasting])
+        for one, way_m in zip(moved.violations(), ways, strict=True):
+            told = Told({**exposure, "travel_m": way_m}) + one.told
+            yield broken(subject.name, one.worst, rules, one.span, one.quantities, told)
+        if not moved.violated and not watched.gaps:
+            of_others = {**no_severities("rad/s"), **no_severities("m")}  # of joints, and of the drift
+            told = Told({**exposure, **of_others, "travel_m": 0.0, "speed_max_m_s": 0.0})
+            yield kept(subject.name, moved.closest, rules, told if moved.closest else Told())
+        for seen, other in others:
+            yield seen
+            for one in other.violations():
+                told = Told(exposure) + one.told
+                yield broken(subject.name, one.worst, rules, one.span, one.quantities, told)
+
+
+_JOINTS, _PLACE = "joint_speed/{robot}", "position/{robot}"
+
+
+def _same(judge: Judging) -> Judging:
+    return judge
+
+
+class _Standing:
+    """Where a robot must be at rest, and from where it drifts; asked about windows that were taken."""
+
+    def __init__(self, monitor: MonitoredStandstill, watched: Watching) -> None:
+        self._monitor, self._watched = monitor, watched
+        self._holding = monitor.holding()
+        self._held, self._ended = Marks(), Marks()
+        self._before: dict[int, _Rest] = {}
+        self._last = _Rest(False, True, np.zeros(3))
+
+    def take(self, window: Watched) -> None:
+        """Look at the next window."""
+        within = inside(window["position/{human}"], self._monitor.workspace)
+        held, moving = self._holding(window.t, within), self._moving(window)
+        self._held.put(window, held)
+        self._ended.put(window, ~within | moving)
+        self._before[window.number] = self._last
+        place, anchor = window.extra.get(_PLACE), self._last.anchor_m
+        if place is not None:
+            here = np.flatnonzero(self._anchored(window, held, moving))
+            anchor = place[here[-1]].copy() if len(here) else anchor
+        self._last = _Rest(bool(held[-1]), bool(moving[-1]), anchor)
+
+    def way(self, span: Span, last_s: float) -> Span:
+        """From the beginning of a movement until the person left, or until the next one."""
+        for window in self._watched.between(last_s):
+            after = int(window.t.searchsorted(last_s, side="right"))
+            ended = self._ended.of(window)[after:]
+            if ended.any():
+                return Span(span.start_s, max(float(window.t[after + np.argmax(ended)]), span.end_s))
+        return Span(span.start_s, max(self._watched.end_s, span.end_s))
+
+    def speed(self, window: Watched) -> Bound:
+        """The speed while it must be 0."""
+        speed, held = window[SPEED], self._held.of(window)
+        limit = np.full_like(speed, self._monitor.standstill_speed_m_s)
+        rested = self._before[window.number].held
+        return _Speed("speed in the workspace", speed, limit, "m/s", True, held, rested=rested)
+
+    def joints(self, window: Watched) -> Bound:
+        """The speed of the joints, where the robot itself keeps its limit."""
+        joints, held = window.extra[_JOINTS], self._held.of(window)
+        known = held & np.isfinite(joints) & ~self._moving(window)
+        limit = np.full_like(joints, self._monitor.standstill_joint_speed_rad_s)
+        return Bound("joint speed in the workspace", np.nan_to_num(joints), limit, "rad/s", True, known)
+
+    def drift(self, window: Watched) -> Bound:
         """Creep below the standstill speed, from where the robot last came to rest."""
-        index = np.arange(len(held))
-        fresh = held.copy()
-        fresh[1:] &= ~held[:-1] | moving[:-1]  # at rest from here on
-        anchor = np.maximum.accumulate(np.where(fresh | moving | ~held, index, 0))
-        away = position - position[anchor]
-        drift = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)
-        known = held & ~moving & np.isfinite(drift)
-        limit = np.full_like(drift, self.drift_m)
-        bound = Bound("drift while standing still", np.nan_to_num(drift), limit, "m", True, known)
-        return limit_findings(subject.name, watched, bound, rules, more)
+        held, place = self._held.of(window), window.extra[_PLACE]
+        drift, limit = np.zeros(len(held)), np.full(len(held), self._monitor.drift_m)
+        if held.any():
+            moving = self._moving(window)
+            here = self._anchored(window, held, moving)
+            anchors = place[np.maximum.accumulate(np.where(here, np.arange(len(held)), 0))]
+            if not here[0]:
+                first = int(np.argmax(here)) if here.any() else len(here)
+                anchors[:first] = self._before[window.number].anchor_m
+            away = place - anchors
+            drift = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)
+            held = held & ~moving & np.isfinite(drift)
+        return Bound("drift while standing still", np.nan_to_num(drift), limit, "m", True, held)
+
+    def _moving(self, window: Watched) -> BoolArray:
+        moving: BoolArray = window[SPEED] > self._monitor.standstill_speed_m_s
+        return moving
+
+    def _anchored(self, window: Watched, held: BoolArray, moving: BoolArray) -> BoolArray:
+        """Where drift begins at the place at hand: the robot comes to rest, moves, or need not rest."""
+        before = self._before[window.number]
+        rested = np.concatenate(([before.held and not before.moving], held[:-1] & ~moving[:-1]))
+        here: BoolArray = moving | ~held | ~rested
+        return here
 
 
-def _violations(said: Iterator[Said]) -> Iterator[Said]:
-    """What a second criterion adds: its violations, its silence being told by the first."""
-    return (one for one in said if isinstance(one, Seen) or one.verdict is Verdict.VIOLATED)
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """How things stood at the end of a window.
+
+    Attributes:
+        held: Whether the robot had to be at rest.
+        moving: Whether it moved.
+        anchor_m: Where it last came to rest, shape (3,), m.
+    """
+
+    held: bool
+    moving: bool
+    anchor_m: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Speed(Bound):
+    """A speed that must be 0.
+
+    Attributes:
+        rested: Whether it had to be 0 at the sample before the first of these.
+    """
+
+    rested: bool
+
+
+class _Resumed(Gathered):
+    """The largest speed of a movement, and whether the robot had to be at rest before it."""
+
+    def __init__(self) -> None:
+        self._largest_m_s, self._resumed = 0.0, ""
+
+    def take(self, watched: Watched, bound: Bound, rows: Any) -> None:
+        """Compare with those before."""
+        del watched
+        assert isinstance(bound, _Speed)  # nothing else is judged here
+        self._largest_m_s = max(self._largest_m_s, float(bound.actual[rows].max()))
+        if not self._resumed:
+            assert bound.applies is not None  # it is where the robot is held
+            first = int(rows[0])
+            rested = bound.applies[first - 1] if first else bound.rested
+            self._resumed = "yes" if rested else "no"
+
+    def told(self) -> Told:
+        """Both."""
+        return Told({"speed_max_m_s": self._largest_m_s}, {"resumed": self._resumed})
 
 
 # Hand guiding ---------------------------------------------------------------------------------

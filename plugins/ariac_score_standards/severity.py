@@ -481,6 +481,8 @@ class Judged:
         rules: How samples become findings.
         broken: Where the limit is broken; by default where the margin is negative.
         gathered: For each episode what gathers what else is told about it.
+        handed: Whether windows are handed to `take`, and `end` is called; by default it goes through them.
+        approached: Whether the closest moment is looked for.
     """
 
     def __init__(
@@ -490,21 +492,43 @@ class Judged:
         *,
         broken: Callable[[Bound], BoolArray] | None = None,
         gathered: Callable[[], Gathered] = Gathered,
+        handed: bool = False,
+        approached: bool = True,
     ) -> None:
-        self._seen, self._gathered = seen, gathered
+        self._seen, self._rules, self._gathered, self._approached = seen, rules, gathered, approached
         self._broken = broken or (lambda bound: limited_by(bound) & (bound.margin < 0))
         self.closest: Moment | None = None
-        episodes, longest_s = None, 0.0
-        judge = seen.begin()
-        for watched in seen.watched:
-            bound = judge(watched)
-            if episodes is None:
-                longest_s = watched.max_gap_s
-                episodes = Episodes(t_on_s=rules.t_on_s, t_off_s=rules.t_off_s, longest_s=longest_s)
-            episodes.take(watched.t, self._broken(bound))
+        self._judge, self._episodes = seen.begin(), Episodes()
+        self._last: tuple[FloatArray, Bound] | None = None
+        if not handed:
+            for watched in seen.watched:
+                self.take(watched)
+            self.end()
+
+    def take(self, watched: Watched) -> None:
+        """Judge the next window."""
+        if self._last is None:
+            t_on_s, t_off_s = self._rules.t_on_s, self._rules.t_off_s
+            self._episodes = Episodes(t_on_s=t_on_s, t_off_s=t_off_s, longest_s=watched.max_gap_s)
+        bound = self._judge(watched)
+        self._last = watched.t, bound
+        self._episodes.take(watched.t, self._broken(bound))
+        if self._approached:
             self._approach(watched, bound)
-        self._stretches = episodes.end() if episodes is not None else []
+
+    def end(self) -> None:
+        """All windows were taken."""
+        self._stretches = self._episodes.end()
         self.violated = bool(self._stretches)
+
+    @property
+    def lasting(self) -> list[tuple[Span, float]]:
+        """The spans of the episodes, each with the time of its last violating sample."""
+        return [(one.span, one.last_s) for one in self._stretches]
+
+    def _known(self, watched: Watched) -> Bound | None:
+        """What was judged last, if that is all there is: short trials are one window."""
+        return self._last[1] if self._last is not None and self._last[0] is watched.t else None
 
     def _approach(self, watched: Watched, bound: Bound) -> None:
         """Note the closest moment so far; of equal ones the first."""
@@ -528,7 +552,7 @@ class Judged:
             beside = waiting[first].span.start_s > end_s
             if beside and self._seen.apart:
                 continue
-            bound = judge(watched)
+            bound = self._known(watched) or judge(watched)
             if beside:
                 continue
             rows = np.flatnonzero(self._broken(bound))
@@ -747,17 +771,66 @@ def exposure_of(
         distance: As of `Meeting.of`.
         meeting: Who meets, in a window; by default `Meeting.of`.
     """
-    meet = meeting or (lambda window: Meeting.of(window, distance))
-    samples = 0
+    exposure = Exposure(meeting or (lambda window: Meeting.of(window, distance)))
     for window in watched:
-        met = meet(window)
-        if not met.known.all():
+        if not exposure.take(window):
+            break
+    return exposure.of(watched)
+
+
+class Exposure:
+    """`exposure_of` for who goes through the windows anyway.
+
+    Args:
+        meeting: Who meets, in a window.
+    """
+
+    def __init__(self, meeting: Callable[[Watched], Meeting] = Meeting.of) -> None:
+        self._meeting, self._exposed = meeting, Marks()
+        self._known, self._samples = True, 0
+
+    def take(self, window: Watched) -> bool:
+        """Look at the next window; whether the log tells the exposure so far."""
+        if self._known:
+            meeting = self._meeting(window)
+            self._known = bool(meeting.known.all())
+            exposed = meeting.exposed
+            self._samples += int(np.count_nonzero(exposed))
+            self._exposed.put(window, exposed)
+        return self._known
+
+    def of(self, watched: Watching) -> dict[str, float]:
+        """The exposure, all windows having been taken."""
+        if not self._known:
             return {}
-        samples += int(met.exposed.sum())
-    total = Total(samples)
-    for window in watched if samples else ():
-        total.take(window.durations_s[meet(window).exposed])
-    return {"exposure_s": total.value}
+        total = Total(self._samples)
+        for window in watched if self._samples else ():
+            total.take(window.durations_s[self._exposed.of(window)])
+        return {"exposure_s": total.value}
+
+
+class Marks:
+    """For which samples something holds, window by window, eight samples to a byte."""
+
+    def __init__(self) -> None:
+        self._bits: dict[int, bytes] = {}
+        self._last: tuple[int, BoolArray] = -1, np.zeros(0, dtype=bool)
+
+    def put(self, window: Watched, holds: BoolArray) -> None:
+        """Note it for a window."""
+        number, before = self._last
+        if before.any():
+            self._bits[number] = np.packbits(before).tobytes()
+        self._last = window.number, holds
+
+    def of(self, window: Watched) -> BoolArray:
+        """As it was noted, shape (n,); not to be written to."""
+        if self._last[0] == window.number:
+            return self._last[1]
+        bits = self._bits.get(window.number)
+        if bits is None:
+            return np.zeros(len(window.t), dtype=bool)
+        return np.unpackbits(np.frombuffer(bits, dtype=np.uint8), count=len(window.t)).view(np.bool_)
 
 
 class Constant(Gathered):
@@ -806,6 +879,10 @@ class Blame(Gathered):
     def take(self, watched: Watched, bound: Bound, rows: NDArray[np.intp]) -> None:
         """Who closes in at the first row, and whether the robot moves in any."""
         del bound
+        self.look(watched, rows)
+
+    def look(self, watched: Watched, rows: NDArray[np.intp]) -> None:
+        """The same, whatever is judged."""
         meeting = self._meeting(watched)
         labels = meeting.labels(rows, before=self._before)
         if not self._closing and self._before and rows[0] == 0 and watched.previous is not None:
@@ -838,6 +915,88 @@ def travelled_m(t: FloatArray, speed_m_s: FloatArray, span: Span) -> float:
     at = np.concatenate(([start], inside, [end]))
     speeds = np.interp(at, t, speed_m_s)
     return float((np.diff(at) * (speeds[1:] + speeds[:-1]) / 2.0).sum())
+
+
+def ways_m(watched: Watching, speed: str, spans: Sequence[Span]) -> list[float]:
+    """`travelled_m` of several spans, window by window, to the bit.
+
+    Args:
+        watched: The signals; there is a sample.
+        speed: Template of the speed.
+        spans: In order of their starts.
+    """
+    ways = [_Way.of(watched, span) for span in spans]
+    first = 0
+    for window in watched.between(ways[0].start_s) if ways else ():
+        last_s = float(window.t[-1])
+        for way in ways[first:]:
+            if way.start_s > last_s:
+                break
+            if not way.done:
+                way.take(window, speed)
+        while first < len(ways) and ways[first].done:
+            first += 1
+        if first == len(ways):
+            break
+    return [way.metres for way in ways]
+
+
+class _Way:
+    """A way, as the samples of a speed come.
+
+    Args:
+        start_s: Where it begins, not before the first sample, s.
+        end_s: Where it ends, not after the last sample, s.
+        inside: How many samples there are between both.
+    """
+
+    def __init__(self, start_s: float, end_s: float, inside: int) -> None:
+        self.start_s, self.end_s, self.done = start_s, end_s, False
+        self._steps = Total(inside + 1)
+        self._t, self._speed = np.zeros(0), np.zeros(0)
+
+    @classmethod
+    def of(cls, watched: Watching, span: Span) -> _Way:
+        """That of a span, as far as samples reach."""
+        all_of_it = watched.span
+        start_s, end_s = (
+            min(max(t_s, all_of_it.start_s), all_of_it.end_s) for t_s in (span.start_s, span.end_s)
+        )
+        after_start = float(np.nextafter(start_s, np.inf))
+        inside = watched.rows_before(end_s) - watched.rows_before(after_start)
+        return cls(start_s, end_s, max(inside, 0))
+
+    @property
+    def metres(self) -> float:
+        """How long it is, once all samples have come."""
+        return self._steps.value
+
+    def take(self, window: Watched, speed: str) -> None:
+        """Go on to the end of a window, from its beginning or from where the way begins."""
+        t, speed_m_s = window.t, window[speed]
+        inside = slice(int(t.searchsorted(self.start_s, side="right")), int(t.searchsorted(self.end_s)))
+        at, speeds = [self._t, t[inside]], [self._speed, speed_m_s[inside]]
+        if not len(self._t):
+            at[0], speeds[0] = np.array([self.start_s]), _speed_at(window, speed, self.start_s)
+        self.done = self.end_s <= t[-1]
+        if self.done:
+            at.append(np.array([self.end_s]))
+            speeds.append(_speed_at(window, speed, self.end_s))
+        t, speed_m_s = np.concatenate(at), np.concatenate(speeds)
+        self._steps.take(np.diff(t) * (speed_m_s[1:] + speed_m_s[:-1]) / 2.0)
+        self._t, self._speed = t[-1:].copy(), speed_m_s[-1:].copy()
+
+
+def _speed_at(window: Watched, speed: str, t_s: float) -> FloatArray:
+    """By a straight line between samples of a window, or from the last one before it; shape (1,)."""
+    t, speed_m_s, before = window.t, window[speed], window.previous
+    if t_s < t[0] and before is not None:
+        t, speed_m_s = (
+            np.array([before.t[-1], t[0]]),
+            np.array([before[speed][-1], speed_m_s[0]]),
+        )
+    at: FloatArray = np.interp(np.array([t_s]), t, speed_m_s)
+    return at
 
 
 def covered_share(covered_s: float, exposure_time_s: float) -> float:

@@ -11,9 +11,11 @@ Flags and modes, which stay as they are until they change, come from `state_over
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from itertools import zip_longest
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from ariac_score import (
@@ -57,6 +59,7 @@ class Watched:
         until_s: Time of the sample after the last one of these; `None`: there is none.
         previous: The window before this one; `None`: there is none.
         following: The window after this one; `None`: there is none.
+        number: Which of the windows of its subject this is.
     """
 
     t: FloatArray
@@ -69,11 +72,12 @@ class Watched:
     until_s: float | None = None
     previous: Watched | None = None
     following: Watched | None = None
+    number: int = 0
 
     def __getitem__(self, template: str) -> FloatArray:
         return self.columns[self.names[template]]
 
-    @property
+    @cached_property
     def durations_s(self) -> FloatArray:
         """How long each sample stands for, shape (n,), s."""
         if self.until_s is None:
@@ -117,7 +121,11 @@ class Watching:
         self._window, self._helpful = window, helpful
         self._units = {signal.name: signal.unit for signal in signals}
         self._numbers = {signal.name: number for number, signal in enumerate(signals)}
-        self._counts: list[int] = []
+        self._known: list[int] = []
+        self._begins_s: list[float] = []
+        self._rows, self._end_s = [0], math.nan
+        self._near: dict[int, Watched] = {}
+        self._last: Watched | None = None
         times = self._counted()
         self.gaps: Sequence[Span] = []
         if window is not None:
@@ -128,32 +136,58 @@ class Watching:
     def _counted(self) -> Iterator[FloatArray]:
         for k in range(len(self._base)):
             t = self._times(k)
-            self._counts.append(len(t))
+            if len(t):
+                self._known.append(k)
+                self._begins_s.append(float(t[0]))
+                self._rows.append(self._rows[-1] + len(t))
+                self._end_s = float(t[-1])
             yield t
 
     def __len__(self) -> int:
-        return sum(self._counts)
+        return self._rows[-1]
 
     def has(self, template: str) -> bool:
         """Whether the log has an optional signal."""
         return template in self._helpful
 
     @property
+    def span(self) -> Span:
+        """From the first to the last sample; there has to be one."""
+        return Span(self._begins_s[0], self.end_s)
+
+    @property
     def end_s(self) -> float:
         """Time of the last sample; there has to be one."""
-        last = max(k for k, count in enumerate(self._counts) if count)
-        return float(self._times(last)[-1])
+        return self._end_s
 
     def __iter__(self) -> Iterator[Watched]:
-        known = [k for k in range(len(self._base)) if self._counts[k]]
-        previous: Watched | None = None
-        following: Watched | None = None
-        for k, after in zip_longest(known, known[1:]):
-            window = following or self._watched(k)
-            following = None if after is None else self._watched(after)
-            window = replace(window, until_s=None if following is None else float(following.t[0]))
-            yield replace(window, previous=previous, following=following)
-            previous = window
+        return self._windows(0, len(self._known))
+
+    def between(self, start_s: float, end_s: float = math.inf) -> Iterator[Watched]:
+        """The windows from that of the last sample up to a time to that of the last one up to another."""
+        first = max(bisect_right(self._begins_s, start_s) - 1, 0)
+        return self._windows(first, bisect_right(self._begins_s, end_s))
+
+    def rows_before(self, t_s: float) -> int:
+        """How many samples there are before a time."""
+        number = bisect_right(self._begins_s, t_s) - 1
+        if number < 0:
+            return 0
+        return self._rows[number] + int(self._watched(number).t.searchsorted(t_s))
+
+    def _windows(self, first: int, last: int) -> Iterator[Watched]:
+        """From one window to before another, by their numbers."""
+        return (self._linked(number) for number in range(first, last))
+
+    def _linked(self, number: int) -> Watched:
+        """A window that knows those beside it; the last one stays, for it is often asked for again."""
+        if self._last is None or self._last.number != number:
+            previous = self._watched(number - 1) if number else None
+            window = self._watched(number)
+            following = self._watched(number + 1) if number + 1 < len(self._known) else None
+            until_s = None if following is None else float(following.t[0])
+            self._last = replace(window, until_s=until_s, previous=previous, following=following)
+        return self._last
 
     def whole(self) -> Watched:
         """All windows in one."""
@@ -192,14 +226,28 @@ class Watching:
         t = self._base.times(k)
         return t[self._inside(t)]
 
-    def _watched(self, k: int) -> Watched:
-        base = self._base
+    def _watched(self, number: int) -> Watched:
+        """A window, which stays while it or one beside it is looked at."""
+        if number in self._near:
+            return self._near[number]
+        base, k = self._base, self._known[number]
         inside = self._inside(base.times(k))
         numbers, helpful = self._numbers, self._helpful
         columns = _Columns(numbers, lambda name: base.values(numbers[name], k)[inside])
         extra = _Columns(helpful, lambda template: base.beyond(k, helpful[template])[inside])
-        t = base.times(k)[inside]
-        return Watched(t, columns, self.gaps, self.max_gap_s, self._units, self.names, extra)
+        window = Watched(
+            base.times(k)[inside],
+            columns,
+            self.gaps,
+            self.max_gap_s,
+            self._units,
+            self.names,
+            extra,
+            number=number,
+        )
+        self._near = {other: near for other, near in self._near.items() if abs(other - number) <= 1}
+        self._near[number] = window
+        return window
 
 
 class _Columns(Mapping[str, FloatArray]):

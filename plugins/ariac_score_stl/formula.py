@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import ClassVar, Literal
@@ -292,7 +292,7 @@ class Judged:
                     float(piece.lower[least]),
                     bool(piece.violated[least]),
                 )
-        self.violations = [Stretch(self._within(one.span), one.samples) for one in violations.end()]
+        self.violations = [replace(one, span=self._within(one.span)) for one in violations.end()]
         self.open_spans = [self._settled(span) for span in opened.found]
 
     def _episodes(self) -> Episodes:

@@ -7,6 +7,7 @@ import runpy
 import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Signal, Span, Total, Trial, Verdict
+from ariac_score import Body, Event, Signal, Span, Total, Trial, Verdict
 from ariac_score.trial import sketch, windows
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.sketch import sketch_of
@@ -28,9 +29,12 @@ from ariac_score_standards import (
     Always,
     CollisionEpisodes,
     CrushGap,
+    EstopRestart,
     HandGuiding,
     HumanContact,
+    MonitoredStandstill,
     Never,
+    PflContact,
     PflSpeed,
     ProximityComfort,
     ReducedSpeed,
@@ -39,9 +43,12 @@ from ariac_score_standards import (
     SsmResponse,
     SsmSeparation,
     SsmSpeedCap,
+    StopPerformance,
     Within,
 )
 from ariac_score_standards.iso_ts_15066 import RunStarts, first_of_runs
+from ariac_score_standards.severity import travelled_m, ways_m
+from ariac_score_standards.watching import Watching
 from ariac_score_stl import StlFormula
 from ariac_score_stl import judging as stl_judging
 from ariac_score_stl import windows as stl_windows
@@ -65,6 +72,16 @@ WINDOWED: dict[str, Any] = {
     "space_limit": SpaceLimit(area=SQUARE),
     "pfl_speed, near": PflSpeed(region="chest", when="near", near_m=1.0),
     "pfl_speed, contact": PflSpeed(region="chest", when="contact", t_off_s=0.05),
+    "pfl_contact": PflContact(region="hand", t_off_s=0.05, transient_window_s=0.05),
+    "pfl_contact, unknown": PflContact(t_off_s=0.3),
+    "monitored_standstill": MonitoredStandstill(workspace=SQUARE, grace_s=0.1, standstill_speed_m_s=0.1),
+    "monitored_standstill, drift": MonitoredStandstill(
+        workspace=((-9.0, -9.0), (9.0, -9.0), (9.0, 9.0)), grace_s=0.0, standstill_speed_m_s=0.9, t_off_s=0.05
+    ),
+    "stop_performance": StopPerformance(standstill_speed_m_s=0.3, max_distance_m=0.05),
+    "stop_performance, hold": StopPerformance(standstill_speed_m_s=0.7, hold_s=0.3, power_wait_s=0.1),
+    "estop_restart": EstopRestart(stop_within_s=0.1, t_off_s=0.05),
+    "estop_restart, hold": EstopRestart(stop_within_s=0.5, hold_s=0.2, standstill_speed_m_s=0.5),
     "hand_guiding": HandGuiding(stop_within_s=0.1),
     "agv_speed_clearance": AgvSpeedClearance(),
     "agv_protective_field": AgvProtectiveField(),
@@ -214,6 +231,182 @@ def test_a_breach_that_goes_on_is_timed_from_the_window_it_began_in(samples: int
     assert late.quantities["extra_travel_m"] == pytest.approx(0.1 * (1 / 3 + 2 / 3 + 4 + 0.5))
 
 
+def one(columns: dict[str, tuple[str, Any]], *events: Event, every_s: float = 0.1) -> Trial:
+    """A robot and a human, sampled every 0.1 s."""
+    lengths = {np.shape(values)[0] for _, values in columns.values()}
+    t = np.arange(max(lengths)) * every_s
+    signals = {name: Signal(name, unit, t, np.array(v, dtype=float)) for name, (unit, v) in columns.items()}
+    kinds = frozenset({"emergency_stop", "protective_stop", "emergency_stop_reset", "start", "contact"})
+    return Trial(
+        "t",
+        bodies=(Body("r", "robot"), Body("h", "human")),
+        signals=signals,
+        events=events,
+        recorded=Span(0.0, float(t[-1])),
+        witnessed=kinds,
+    )
+
+
+STANDING = MonitoredStandstill(
+    workspace=SQUARE, grace_s=0.15, t_on_s=0.0, t_off_s=0.0, max_gap_s=0.15, drift_m=0.01
+)
+INSIDE, OUTSIDE = [1.0, 1.0, 0.0], [9.0, 9.0, 0.0]
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
+def test_the_way_of_a_movement_goes_on_until_the_person_left_in_whichever_window(samples: int) -> None:
+    # Inside from 0.1 s to before 0.9 s, at rest from 0.25 s on; it moves at 0.4 s, and creeps on until then.
+    human = [OUTSIDE] + [INSIDE] * 8 + [OUTSIDE] * 2
+    speed = [0, 0, 0, 0, 1, 0.01, 0.01, 0.01, 0.01, 0.01, 0.01]
+    with window_size(samples):
+        (moved,) = STANDING.watch(one({"position/h": ("m", human), "speed/r": ("m/s", speed)}))
+
+    assert (moved.verdict, moved.labels["resumed"]) == (Verdict.VIOLATED, "yes")
+    assert moved.quantities["speed_max_m_s"] == 1.0
+    # From 0.4 s to 0.9 s: once from 1 to 0.01 m/s, four steps at 0.01 m/s.
+    assert moved.quantities["travel_m"] == pytest.approx(0.1 * (1.01 / 2 + 4 * 0.01))
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
+def test_drift_is_measured_from_where_the_robot_came_to_rest_windows_ago(samples: int) -> None:
+    n = 12
+    place = np.zeros((n, 3))
+    place[:, 0] = np.concatenate([np.full(4, 5.0), 5.0 + 0.002 * np.arange(n - 4)])  # 0.01 m at 0.9 s
+    columns = {
+        "position/h": ("m", [INSIDE] * n),
+        "speed/r": ("m/s", np.zeros(n)),
+        "position/r": ("m", place),
+    }
+    with window_size(samples):
+        kept, drifted = STANDING.watch(one(columns))
+
+    assert (kept.verdict, drifted.verdict) == (Verdict.SATISFIED, Verdict.VIOLATED)
+    assert drifted.span is not None
+    assert (drifted.span.start_s, drifted.robustness) == (pytest.approx(1.0), pytest.approx(-0.004))
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
+def test_a_contact_across_windows_is_held_to_the_limit_of_its_time(samples: int) -> None:
+    # Thigh: 220 N, and 440 N for the first 0.5 s (ISO/TS 15066, Table A.2). 0.1 s to before 1 s at 300 N.
+    force = [0.0] + [300.0] * 9 + [0.0]
+    contact = PflContact(region="thigh", max_gap_s=0.15, t_off_s=0.0)
+    with window_size(samples):
+        (finding,) = contact.watch(one({"contact_force/r/h": ("N", force)}))
+
+    assert (finding.verdict, finding.critical) == (Verdict.VIOLATED, True)
+    assert finding.labels["phase"] == "quasi-static"
+    assert finding.quantities["ratio_max"] == pytest.approx(300 / 220)
+    assert finding.quantities["contact_s"] == pytest.approx(0.9)
+    # Transient until 0.6 s; beyond the other limit are the samples from 0.7 s to 0.9 s.
+    assert finding.quantities["time_in_violation_s"] == pytest.approx(0.3)
+    assert finding.quantities["impulse_N_s"] == pytest.approx(270.0)
+    assert finding.quantities["impulse_above_limit_N_s"] == pytest.approx(90.0)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
+def test_a_gap_that_closes_from_one_window_to_the_next_clamps(samples: int) -> None:
+    # A leg is crushed below 0.18 m (ISO 13854); the gap closes between 0.2 s and 0.3 s only.
+    force, gap = [0.0, 300.0, 300.0, 300.0, 300.0, 0.0], [0.15, 0.15, 0.15, 0.14, 0.14, 0.14]
+    columns = {"contact_force/r/h": ("N", force), "crush_gap/r/h": ("m", gap)}
+    contact = PflContact(region="thigh", max_gap_s=0.15, t_off_s=0.0)
+    with window_size(samples):
+        (finding,) = contact.watch(one(columns))
+
+    assert finding.verdict is Verdict.VIOLATED
+    assert finding.quantities["time_in_violation_s"] == pytest.approx(0.2)  # at 0.2 s and 0.3 s
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4096])
+def test_a_height_that_is_missing_in_any_window_leaves_the_region_unknown(samples: int) -> None:
+    force = [0.0] + [100.0] * 6 + [0.0]
+    columns = {"contact_force/r/h": ("N", force), "contact_height/r/h": ("m", np.full(8, 0.3))}
+    contact = PflContact(max_gap_s=0.15, t_off_s=0.0)
+    known = one(columns)
+    height = known.signals["contact_height/r/h"]
+    cut = Signal(height.name, "m", height.t[:6], height.values[:6])
+    with window_size(samples):
+        (told,) = contact.watch(known)
+        (open_,) = contact.watch(replace(known, signals={**known.signals, height.name: cut}))
+
+    assert (told.verdict, open_.verdict) == (Verdict.SATISFIED, Verdict.VIOLATED)
+    assert told.labels["region"] != open_.labels["region"] == "face"
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4096])
+def test_a_contact_with_no_such_region_is_open_in_any_window(samples: int) -> None:
+    trial = one({"contact_force/r/h": ("N", [0.0, 50.0, 50.0, 0.0])}, Event(0.1, "contact", "r/h", "nose"))
+    with window_size(samples):
+        (finding,) = PflContact(max_gap_s=0.15).watch(trial)
+
+    assert finding.verdict is Verdict.INCONCLUSIVE
+    assert "'nose' is unknown" in finding.message
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
+def test_a_stop_is_timed_from_the_sample_of_another_window(samples: int) -> None:
+    # From 1 m/s at 0.2 s to 0 at 0.3 s: at 0.01 m/s after 0.099 s of it. The request is at 0.05 s.
+    trial = one({"speed/r": ("m/s", [1, 1, 1, 0, 0, 0, 0])}, Event(0.05, "protective_stop", "r"))
+    with window_size(samples):
+        (stop,) = StopPerformance(max_gap_s=0.15, hold_s=0.2).watch(trial)
+
+    assert stop.verdict is Verdict.SATISFIED
+    assert stop.quantities["stop_time_s"] == pytest.approx(0.249)
+    assert stop.quantities["stop_distance_m"] == pytest.approx(0.15 + 0.05)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
+def test_rest_that_ends_before_it_was_held_is_no_stop_in_any_window(samples: int) -> None:
+    speed = [1, 1, 0, 0, 1, 1, 1, 1, 1]  # at rest from 0.199 s to 0.4 s
+    trial = one({"speed/r": ("m/s", speed)}, Event(0.05, "protective_stop", "r"))
+    with window_size(samples):
+        (never,) = StopPerformance(max_gap_s=0.15, hold_s=0.202).watch(trial)
+        (held,) = StopPerformance(max_gap_s=0.15, hold_s=0.2).watch(trial)
+
+    assert (never.verdict, held.verdict) == (Verdict.VIOLATED, Verdict.SATISFIED)
+    assert "no stop until the log ends" in never.message
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
+def test_a_movement_after_an_emergency_stop_is_one_across_windows(samples: int) -> None:
+    speed = [1, 0, 0, 0, 0.2, 0.4, 0.2, 0, 0, 1, 1]
+    events = (
+        Event(0.05, "emergency_stop", ""),
+        Event(0.5, "emergency_stop_reset", ""),
+        Event(0.85, "start", ""),
+    )
+    with window_size(samples):
+        (moved,) = EstopRestart(max_gap_s=0.15).watch(one({"speed/r": ("m/s", speed)}, *events))
+
+    assert (moved.verdict, moved.critical, moved.labels) == (Verdict.VIOLATED, True, {"state": "LATCHED"})
+    assert moved.span is not None
+    assert (moved.span.start_s, moved.span.end_s) == (pytest.approx(0.4), pytest.approx(0.7))
+    assert moved.robustness == pytest.approx(0.01 - 0.4)
+    assert moved.quantities["time_in_violation_s"] == pytest.approx(0.3)
+    assert moved.quantities["travel_m"] == pytest.approx(0.1 * (0.3 + 0.3 + 0.1))
+    assert moved.quantities["before_start_s"] == pytest.approx(0.45)
+
+
+@given(
+    st.lists(st.sampled_from([0.01, 0.1, 0.5]), min_size=1, max_size=40),
+    st.integers(0, 2**32 - 1),
+    st.lists(st.tuples(st.floats(-1.0, 25.0), st.floats(0.0, 25.0)), max_size=6),
+    st.sampled_from([1, 2, 7]),
+)
+@settings(max_examples=80, derandomize=True, deadline=None)
+def test_ways_of_windows_are_those_of_all_samples_to_the_bit(
+    steps: list[float], seed: int, places: list[tuple[float, float]], samples: int
+) -> None:
+    t, speed = np.cumsum(steps), np.random.default_rng(seed).uniform(0.0, 2.0, len(steps))
+    places += [(float(t[0]), 0.0), (float(t[-1]), 1.0), (float(t[len(t) // 2]), float(t[-1]))]  # on samples
+    spans = sorted(Span(start_s, start_s + lasts_s) for start_s, lasts_s in places)
+    with window_size(samples):
+        watched = Watching([Signal("speed/r", "m/s", t, speed)], 0.2, None, {"speed": "speed/r"}, {})
+
+        found = ways_m(watched, "speed", spans)
+
+    assert found == [travelled_m(t, speed, span) for span in spans]
+
+
 @given(
     st.lists(st.tuples(st.sampled_from([0.1, 0.5]), st.booleans()), min_size=1, max_size=30),
     st.lists(st.integers(0, 30), max_size=5),
@@ -250,9 +443,25 @@ def long_trial(samples: int) -> Trial:
     positions = {"r": 0 * turn, "r::elbow": turn, "r::tcp": 2 * turn, "h": 3 * turn[::-1], "a": 4 * turn}
     signals = {f"position/{n}": Signal(f"position/{n}", "m", t, xyz) for n, xyz in positions.items()}
     shared = signals["position/r"].t
-    for name, unit in (("clearance/a", "m"), ("enabling_device/r", "1"), ("crush_gap/r/h", "m")):
+    for name, unit in (
+        ("clearance/a", "m"),
+        ("enabling_device/r", "1"),
+        ("joint_speed/r", "rad/s"),
+        ("crush_gap/r/h", "m"),
+    ):
         signals[name] = Signal(name, unit, shared, (part < 0.5) * 1.0)
-    return Trial("t", bodies=bodies, signals=signals, recorded=Span(0.0, float(t[-1])))
+    signals["contact_force/r/h"] = Signal("contact_force/r/h", "N", shared, 400 * part)
+    end_s = float(t[-1])
+    kinds = {"emergency_stop": 0.2, "emergency_stop_reset": 0.5, "start": 0.8}
+    events = tuple(Event(end_s * when, kind, "") for kind, when in kinds.items())
+    return Trial(
+        "t",
+        bodies=bodies,
+        signals=signals,
+        events=events,
+        recorded=Span(0.0, end_s),
+        witnessed=frozenset(kinds),
+    )
 
 
 @pytest.fixture
