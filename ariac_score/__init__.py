@@ -82,7 +82,7 @@ if TYPE_CHECKING:
         uncovered_spans,
     )
     from ariac_score.trial.vocabulary import QUANTITIES, Quantity
-    from ariac_score.trial.windows import TimeBase
+    from ariac_score.trial.windows import Aligned, TimeBase
 
 _HOME = {
     "ariac_score.contracts": (
@@ -116,7 +116,7 @@ _HOME = {
         "Episodes Span Stretch Total episodes_where gaps_between sample_durations uncovered_spans"
     ),
     "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
-    "ariac_score.trial.windows": "TimeBase",
+    "ariac_score.trial.windows": "Aligned TimeBase",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
@@ -124,6 +124,7 @@ __all__ = [
     "COMPETITION_ENDED",
     "COMPETITION_STARTED",
     "QUANTITIES",
+    "Aligned",
     "Alignment",
     "Arrivals",
     "Body",

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate, count
+from math import inf, nextafter
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import ref
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 else:
     from ariac_score.later import numpy as np
 
-__all__ = ["LARGEST_WINDOW_SAMPLES", "Computed", "Kept", "TimeBase", "cuts_of", "same_times"]
+__all__ = ["LARGEST_WINDOW_SAMPLES", "Aligned", "Computed", "Kept", "TimeBase", "cuts_of", "same_times"]
 
 LARGEST_WINDOW_SAMPLES = 4096
 """No signal has more samples in a window: what is computed of one stays in the processor's cache."""
@@ -171,6 +172,88 @@ class TimeBase:
         values = np.array(values_at(signal, t, *reach), dtype=np.float64)
         values[~covered(_around(signal, *reach)[0], t, max_gap_s=self.max_gap_s)] = np.nan
         return values
+
+
+class Aligned:
+    """Signals on one time base, of which any samples can be had: together they are what `align` gives.
+
+    Args:
+        signals: At least one, by any names.
+        span: Samples within it count; `None`: all do.
+        max_gap_s: Longest stretch between two samples that is interpolated, s.
+    """
+
+    def __init__(self, signals: Mapping[str, Signal], span: Span | None, *, max_gap_s: float) -> None:
+        self._base = base = TimeBase(list(signals.values()), max_gap_s=max_gap_s)
+        self._names = list(signals)
+        self._reach = (-inf, inf) if span is None else (span.start_s, span.end_s)
+        leader = base.leader
+        self._t: FloatArray | None = None
+        """All times, where they need not be computed."""
+        if leader is not None:
+            self._first, last = leader.row(self._reach[0]), leader.row(nextafter(self._reach[1], inf))
+            counts = [last - self._first]
+            if leader.fixed_t is not None:
+                self._t = leader.fixed_t[self._first : last]
+        else:
+            counts = [len(self._window(k)) for k in range(len(base))]
+        self._rows = [0, *accumulate(counts)]
+
+    def __len__(self) -> int:
+        return self._rows[-1]
+
+    def row(self, t_s: float) -> int:
+        """The first sample at or after a time."""
+        if self._t is not None:
+            return int(self._t.searchsorted(t_s))
+        leader = self._base.leader
+        if leader is not None:
+            return min(max(leader.row(t_s) - self._first, 0), len(self))
+        k = int(self._base.cuts.searchsorted(t_s, side="right"))
+        return self._rows[k] + int(self._window(k).searchsorted(t_s))
+
+    def times(self, first: int, last: int) -> FloatArray:
+        """The times of the samples from one to before another, s."""
+        if self._t is not None:
+            return self._t[first:last]
+        leader = self._base.leader
+        if leader is not None:
+            return leader.times(self._first + first, self._first + last)
+        parts = [self._window(k)[rows] for k, rows in self._parts(first, last)]
+        return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
+
+    def columns(self, first: int, last: int) -> dict[str, FloatArray]:
+        """The values of the samples from one to before another, by name."""
+        signals, leader = self._base.signals, self._base.leader
+        if leader is not None:
+            here = self._first + first, self._first + last
+            return {n: s.stretch(*here)[1] for n, s in zip(self._names, signals, strict=True)}
+        found: dict[str, FloatArray] = {}
+        for number, name in enumerate(self._names):
+            parts = [
+                self._base.values(number, k)[self._inside(k)][rows] for k, rows in self._parts(first, last)
+            ]
+            none = self._base.values(number, 0)[:0]
+            found[name] = parts[0] if len(parts) == 1 else np.concatenate([none, *parts])
+        return found
+
+    def stretches(self) -> Iterator[FloatArray]:
+        """All times, some thousand at a time."""
+        for first in range(0, len(self), LARGEST_WINDOW_SAMPLES):
+            yield self.times(first, min(first + LARGEST_WINDOW_SAMPLES, len(self)))
+
+    def _parts(self, first: int, last: int) -> Iterator[tuple[int, slice]]:
+        k = bisect_right(self._rows, first) - 1
+        while k < len(self._rows) - 1 and self._rows[k] < last:
+            yield k, slice(max(first - self._rows[k], 0), last - self._rows[k])
+            k += 1
+
+    def _inside(self, k: int) -> slice:
+        t, (start_s, end_s) = self._base.times(k), self._reach
+        return slice(int(t.searchsorted(start_s)), int(t.searchsorted(end_s, side="right")))
+
+    def _window(self, k: int) -> FloatArray:
+        return self._base.times(k)[self._inside(k)]
 
 
 def _around(signal: Signal, low: float, high: float) -> tuple[FloatArray, int, int]:

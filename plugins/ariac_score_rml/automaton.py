@@ -9,7 +9,8 @@ passed over in one look. Where data is bound the interpreter takes each event.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -20,15 +21,49 @@ from ariac_score_rml.faults import RmlRunError
 from ariac_score_rml.machine import Letter, Machine, match_key
 from ariac_score_rml.terms import Term
 
-__all__ = ["AfterViolation", "Watch", "margins", "watch_by_interpreter", "watch_columns", "watch_stream"]
+__all__ = [
+    "MAX_TABLES",
+    "AfterViolation",
+    "Between",
+    "PartByPart",
+    "Watch",
+    "margins",
+    "watch_by_interpreter",
+    "watch_columns",
+    "watch_stream",
+]
 
 AfterViolation: TypeAlias = Literal["resume", "restart", "once"]
 """resume: the rejected event is passed over; restart: Main begins anew; once: nothing more is judged."""
 
-_MAX_TABLES = 5_000
+MAX_TABLES = 5_000
 _Codes: TypeAlias = "NDArray[np.uint16]"
 _UNKNOWN, _STAYS, _REJECTS, _LEAVES = range(4)
 _FIRST_LOOK = 64
+
+
+@dataclass(frozen=True)
+class Between:
+    """Where a specification is between two events.
+
+    Attributes:
+        state: The state that the next event finds.
+        letter: What may be said of the events so far.
+        fresh: Whether nothing was accepted since the start or the last restart.
+    """
+
+    state: Term
+    letter: Letter
+    fresh: bool
+
+    @classmethod
+    def start(cls, machine: Machine) -> Between:
+        """Before any event.
+
+        Raises:
+            RmlRunError: Nothing can be said there.
+        """
+        return cls(machine.start, machine.letter(machine.start), True)
 
 
 @dataclass(frozen=True)
@@ -44,6 +79,7 @@ class Watch:
         fresh: Whether nothing was accepted since the start or the last restart.
         error: Why an event could not be judged.
         error_at: Which event that was; -1: none, or before any event.
+        then: Where the specification is after the last event; `None`: nothing more is judged.
     """
 
     states: tuple[Term, ...]
@@ -54,6 +90,7 @@ class Watch:
     fresh: bool
     error: RmlRunError | None = None
     error_at: int = -1
+    then: Between | None = None
 
 
 def watch_stream(
@@ -66,13 +103,39 @@ def watch_stream(
         return watch_by_interpreter(machine, stream, after)
 
 
+class PartByPart:
+    """A specification that runs over the parts of a stream, over columns where that can be.
+
+    Once it cannot be, it goes on event by event.
+    """
+
+    def __init__(self, machine: Machine, after: AfterViolation) -> None:
+        self._machine, self._after = machine, after
+        self._table = _Table(machine)
+        self._events_from: float = inf
+        """The first part that only the interpreter can run over."""
+
+    def run(self, number: int, stream: Stream, columns: Columns, begin: Between) -> Watch:
+        """Run over a part, from where the parts before it lead; parts may come again."""
+        if number < self._events_from:
+            try:
+                return self._table.run(stream, columns, self._after, begin)
+            except NotColumnarError:
+                self._events_from = number
+        return watch_by_interpreter(self._machine, stream, self._after, begin)
+
+
 def watch_columns(machine: Machine, stream: Stream, after: AfterViolation, columns: Columns) -> Watch:
     """Run a specification over the columns of a stream.
 
     Raises:
         NotColumnarError: Only the interpreter can.
     """
-    return _Table(machine, stream, columns).run(after)
+    try:
+        begin = Between.start(machine)
+    except RmlRunError as error:
+        return _Recorder(len(stream)).broken(error)
+    return _Table(machine).run(stream, columns, after, begin)
 
 
 class _Recorder:
@@ -96,16 +159,25 @@ class _Recorder:
     ) -> Watch:
         return Watch(tuple(self.states), self.before, self.rejected, initial, end, fresh, error, at)
 
+    def broken(self, error: RmlRunError) -> Watch:
+        """Nothing can be said, not even before any event."""
+        return self.watch("E", "E", True, error)
 
-def watch_by_interpreter(machine: Machine, stream: Stream, after: AfterViolation) -> Watch:
-    """Run a specification over a stream, event by event."""
+    def whole(self, initial: Letter, then: Between) -> Watch:
+        """Every event was judged."""
+        return replace(self.watch(initial, then.letter, then.fresh), then=then)
+
+
+def watch_by_interpreter(
+    machine: Machine, stream: Stream, after: AfterViolation, begin: Between | None = None
+) -> Watch:
+    """Run a specification over a stream, event by event, from its start or from where it has come to."""
     recorder = _Recorder(len(stream))
-    start = state = machine.start
-    fresh = True
     try:
-        initial = letter = machine.letter(state)
+        begin = begin or Between.start(machine)
     except RmlRunError as error:
-        return recorder.watch("E", "E", True, error)
+        return recorder.broken(error)
+    state, initial, letter, fresh = begin.state, begin.letter, begin.letter, begin.fresh
     for i in range(len(stream)):
         recorder.before[i] = recorder.number(state)
         try:
@@ -120,8 +192,8 @@ def watch_by_interpreter(machine: Machine, stream: Stream, after: AfterViolation
         if after == "once":
             return recorder.watch(initial, "F", fresh)
         if after == "restart":
-            state, letter, fresh = start, initial, True
-    return recorder.watch(initial, letter, fresh)
+            state, letter, fresh = machine.start, machine.letter(machine.start), True
+    return recorder.whole(initial, Between(state, letter, fresh))
 
 
 def _unfolded(machine: Machine, state: Term) -> Term:
@@ -133,38 +205,41 @@ def _unfolded(machine: Machine, state: Term) -> Term:
 class _Row:
     """What is known of one state: for each pattern of matches what comes of it."""
 
-    def __init__(self, keys: tuple[object, ...], codes: _Codes) -> None:
-        self.keys, self.codes = keys, codes
-        self.outcome = np.zeros(1 << len(keys), dtype=np.int8)
+    def __init__(self, types: tuple[Term, ...]) -> None:
+        self.types = types
+        self.keys = tuple(match_key(term) for term in types)
+        self.outcome = np.zeros(1 << len(types), dtype=np.int8)
         self.next: dict[int, Term] = {}
 
 
 class _Table:
-    def __init__(self, machine: Machine, stream: Stream, columns: Columns) -> None:
-        self._machine, self._stream, self._columns = machine, stream, columns
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
         self._rows: dict[Term, _Row] = {}
-        self._codes: dict[tuple[object, ...], _Codes] = {}
 
-    def run(self, after: AfterViolation) -> Watch:
-        machine, recorder = self._machine, _Recorder(len(self._stream))
-        start = state = _unfolded(machine, machine.start)
-        fresh, i = True, 0
-        try:
-            initial = letter = machine.letter(state)
-        except RmlRunError as error:
-            return recorder.watch("E", "E", True, error)
-        while i < len(self._stream):
+    def run(self, stream: Stream, columns: Columns, after: AfterViolation, begin: Between) -> Watch:
+        """Run over a stream from where the specification has come to.
+
+        Raises:
+            NotColumnarError: Only the interpreter can.
+        """
+        machine, recorder, found_codes = self._machine, _Recorder(len(stream)), _MatchCodes(columns)
+        start = _unfolded(machine, machine.start)
+        state = start if begin.state is machine.start else begin.state
+        initial, letter, fresh, i = begin.letter, begin.letter, begin.fresh, 0
+        while i < len(stream):
             row = self._row(state)
-            j = self._leaves_at(row, i, passes=after == "resume")
+            codes = found_codes.of(row)
+            j = _leaves_at(row, codes, i, passes=after == "resume")
             if j > i:
-                outcomes = row.outcome[row.codes[i:j]]
+                outcomes = row.outcome[codes[i:j]]
                 recorder.before[i:j] = recorder.number(state)
                 recorder.rejected[i:j] = outcomes == _REJECTS
                 fresh = fresh and bool((outcomes == _REJECTS).all())
                 i = j
                 continue
             recorder.before[i] = recorder.number(state)
-            code = int(row.codes[i])
+            code = int(codes[i])
             try:
                 found = self._after(row, state, code)
                 letter = letter if found is None else machine.letter(found)
@@ -177,26 +252,19 @@ class _Table:
                 if after == "once":
                     return recorder.watch(initial, "F", fresh)
                 if after == "restart":
-                    state, letter, fresh = start, initial, True
+                    state, letter, fresh = start, machine.letter(start), True
             i += 1
-        return recorder.watch(initial, letter, fresh)
+        return recorder.whole(initial, Between(state, letter, fresh))
 
     def _row(self, state: Term) -> _Row:
         row = self._rows.get(state)
         if row is None:
-            if len(self._rows) >= _MAX_TABLES:
+            if len(self._rows) >= MAX_TABLES:
                 self._rows.clear()
             types = self._machine.asked(state)
             if types is None:
                 raise NotColumnarError
-            keys = tuple(match_key(term) for term in types)
-            codes = self._codes.get(keys)
-            if codes is None:
-                codes = np.zeros(len(self._stream), dtype=np.uint16)
-                for bit, term in enumerate(types):
-                    codes |= self._columns.match(term.name, term.given).holds.astype(np.uint16) << bit
-                self._codes[keys] = codes
-            row = self._rows[state] = _Row(keys, codes)
+            row = self._rows[state] = _Row(types)
         return row
 
     def _after(self, row: _Row, state: Term, code: int) -> Term | None:
@@ -210,20 +278,43 @@ class _Table:
             return found
         return row.next.get(code)
 
-    def _leaves_at(self, row: _Row, i: int, *, passes: bool) -> int:
-        """The first event from `i` on that may change the state (or is rejected, unless that passes)."""
-        quiet = row.outcome == _STAYS
-        if passes:
-            quiet |= row.outcome == _REJECTS
-        if not quiet[row.codes[i]]:
-            return i
-        look, end = _FIRST_LOOK, len(row.codes)
-        while i < end:
-            loud = ~quiet[row.codes[i : i + look]]
-            if loud.any():
-                return i + int(loud.argmax())
-            i, look = i + look, look * 4
-        return end
+
+class _MatchCodes:
+    """Which of the types that a state asks about each event is of, as bits of a number."""
+
+    def __init__(self, columns: Columns) -> None:
+        self._columns = columns
+        self._known: dict[tuple[object, ...], _Codes] = {}
+
+    def of(self, row: _Row) -> _Codes:
+        """The number of each event, shape (n,).
+
+        Raises:
+            NotColumnarError: Only the interpreter can say.
+        """
+        found = self._known.get(row.keys)
+        if found is None:
+            found = np.zeros(self._columns.count(slice(None)), dtype=np.uint16)
+            for bit, term in enumerate(row.types):
+                found |= self._columns.match(term.name, term.given).holds.astype(np.uint16) << bit
+            self._known[row.keys] = found
+        return found
+
+
+def _leaves_at(row: _Row, codes: _Codes, i: int, *, passes: bool) -> int:
+    """The first event from `i` on that may change the state (or is rejected, unless that passes)."""
+    quiet = row.outcome == _STAYS
+    if passes:
+        quiet |= row.outcome == _REJECTS
+    if not quiet[codes[i]]:
+        return i
+    look, end = _FIRST_LOOK, len(codes)
+    while i < end:
+        loud = ~quiet[codes[i : i + look]]
+        if loud.any():
+            return i + int(loud.argmax())
+        i, look = i + look, look * 4
+    return end
 
 
 # Margins ---------------------------------------------------------------------------------
@@ -266,7 +357,7 @@ def _stretches(watch: Watch) -> Iterator[tuple[Term, Rows]]:
     states = before[starts]
     order = np.argsort(states, kind="stable")
     numbers, first = np.unique(states[order], return_index=True)
-    if len(numbers) > _MAX_TABLES:
+    if len(numbers) > MAX_TABLES:
         raise NotColumnarError
     for number, runs in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
         if number >= 0:
@@ -290,7 +381,7 @@ def _margin(machine: Machine, columns: Columns, term: Term, rows: Rows, depth: i
     if kind in ("empty", "all") or (kind == "times" and term.count == 0):
         return Match.alike(kind == "all", columns.count(rows))
     if kind in ("event", "filter"):
-        here = columns.match(term.name, term.given)[rows]
+        here = columns.match(term.name, term.given, rows)
         return here if kind == "event" else of(term.parts[0]).where(here, of(term.parts[1]))
     if kind in ("ref", "apply"):
         body = machine.unfold(term)

@@ -1,7 +1,8 @@
 """Event types over whole columns: one numpy expression for each type instead of one match for each event.
 
-Only what is certain to come out as in the interpreter is done here; anything else
-raises `NotColumnarError`, and the interpreter does it event by event.
+Only what is certain to come out as in the interpreter is said here. Of which events that
+is, hangs on each event alone; where it is wanted of any other, `NotColumnarError` is
+raised, and the interpreter does it event by event.
 """
 
 from __future__ import annotations
@@ -204,6 +205,9 @@ _POINTWISE: dict[str, Callable[..., float]] = {
 }
 
 
+_ALL = slice(None)
+
+
 class Columns:
     """The event types of a specification over a stream of events.
 
@@ -219,49 +223,86 @@ class Columns:
         self.close = 0
         self._matcher, self._stream = matcher, stream
         self._tolerance = matcher.solver.tolerance
-        self._known: dict[object, Match | None] = {}
+        self._known: dict[object, tuple[Match, BoolArray | None]] = {}
 
     def count(self, rows: Rows) -> int:
         """How many events some rows are."""
         return len(range(len(self._stream))[rows]) if isinstance(rows, slice) else len(rows)
 
-    def match(self, name: str, given: tuple[Given, ...]) -> Match:
-        """What a type with these arguments says of each event.
+    def match(self, name: str, given: tuple[Given, ...], rows: Rows = _ALL) -> Match:
+        """What a type with these arguments says of each of some events.
 
         Raises:
-            NotColumnarError: Only the interpreter can say.
+            NotColumnarError: Of one of them only the interpreter can say.
         """
         key = (name, tuple(g.key for g in given))
         if key not in self._known:
-            try:
-                self._known[key] = self._match(name, given)
-            except NotColumnarError:
-                self._known[key] = None
-        found = self._known[key]
-        if found is None:
+            self._known[key] = self._match(name, given)
+        found, unsaid = self._known[key]
+        if unsaid is not None and unsaid[rows].any():
             raise NotColumnarError(name)
-        return found
+        return found if isinstance(rows, slice) and rows == _ALL else found[rows]
 
-    def _match(self, name: str, given: tuple[Given, ...]) -> Match:
-        topics = self._stream.topics
-        each = []
-        for topic in topics:
-            one = _OneTopic(self._matcher, topic, self._tolerance)
-            each.append(one.type(name, slots_of(given, {}), {}))
-            self.close += one.close
+    def _match(self, name: str, given: tuple[Given, ...]) -> tuple[Match, BoolArray | None]:
+        each = [self._of_topic(topic, name, given) for topic in self._stream.topics]
         if len(each) == 1:
             return each[0]
         found = Match.of(np.zeros(len(self._stream), dtype=bool))
-        for index, here in enumerate(each):
+        unsaid = np.zeros(len(self._stream), dtype=bool)
+        for index, (here, unsaid_here) in enumerate(each):
             rows = self._stream.rows_of(index)
             found.holds[rows], found.margin[rows] = here.holds, here.margin
             found.bound[rows], found.field[rows] = here.bound, here.field
-        return found
+            if unsaid_here is not None:
+                unsaid[rows] = unsaid_here
+        return found, unsaid if unsaid.any() else None
+
+    def _of_topic(self, topic: Topic, name: str, given: tuple[Given, ...]) -> tuple[Match, BoolArray | None]:
+        one, count = _OneTopic(self._matcher, topic, self._tolerance), len(topic.t)
+        try:
+            return one.type(name, slots_of(given, {}), {}), one.unsaid
+        except NotColumnarError:
+            return Match.alike(False, count), np.ones(count, dtype=bool)
+        finally:
+            self.close += one.close
+
+
+@dataclass(frozen=True, eq=False)
+class _Marks:
+    """What turns out while numbers are computed.
+
+    Attributes:
+        zero: Where something is divided by zero, shape (n,).
+        unsaid: Where only the interpreter can say what comes out, shape (n,).
+    """
+
+    zero: BoolArray
+    unsaid: BoolArray
+
+    def of(self, rows: slice) -> _Marks:
+        """Those of some rows, to be written to."""
+        return _Marks(self.zero[rows], self.unsaid[rows])
+
+
+def _value_of(function: Callable[..., float], args: Sequence[float]) -> float | None:
+    """A value, where the function has one."""
+    try:
+        return function(*args)
+    except (ValueError, OverflowError):
+        return None
 
 
 class _OneTopic:
+    """The event types over one topic.
+
+    Attributes:
+        close: How many comparisons would come out otherwise without the tolerance.
+        unsaid: Of which events only the interpreter can say, shape (n,); `None`: of none.
+    """
+
     def __init__(self, matcher: Matcher, topic: Topic, tolerance: float) -> None:
         self._matcher, self._tolerance, self.close = matcher, tolerance, 0
+        self.unsaid: BoolArray | None = None
         self._topic, self._count, self._event = topic, len(topic.t), topic.record()
 
     def _all(self, holds: bool) -> BoolArray:
@@ -270,6 +311,11 @@ class _OneTopic:
     def _match_of(self, holds: BoolArray) -> Match:
         sure = bool(holds[0]) if len(holds) else False
         return Match.alike(sure, self._count) if (holds == sure).all() else Match.of(holds)
+
+    def _leave(self, events: BoolArray) -> None:
+        """Leave some events to the interpreter."""
+        if events.any():
+            self.unsaid = events if self.unsaid is None else self.unsaid | events
 
     def type(self, name: str, slots: list[Slot], values: _Values) -> Match:
         """Whether each event is of a type, with every way in which it can be."""
@@ -295,7 +341,18 @@ class _OneTopic:
                 if declared.guard is None or not match.holds.any():
                     yield match, found
                 else:
-                    yield match & self._guard(declared.guard, scope, found), found
+                    yield self._guarded(match, declared.guard, scope, found), found
+
+    def _guarded(self, match: Match, guard: Data, scope: Scope, values: _Values) -> Match:
+        """A match where the guard holds too."""
+        try:
+            kept, unsaid = self._guard(guard, scope, values)
+        except NotColumnarError:
+            self._leave(match.holds)
+            return Match.alike(False, self._count)
+        if unsaid is not None:
+            self._leave(match.holds & unsaid)
+        return match & kept
 
     def _alternatives(
         self, declared: Declared, scope: Scope, values: _Values
@@ -344,8 +401,7 @@ class _OneTopic:
             taken = self._all(False)
             for option in alternatives(slot.pattern):
                 taken |= self._takes(option, value, slot.scope, dict(values))
-            if taken.any():
-                raise NotColumnarError
+            self._leave(taken)
             return taken
         return self._all(False)
 
@@ -365,13 +421,17 @@ class _OneTopic:
 
     # Guards --------------------------------------------------------------------------
 
-    def _guard(self, guard: Data, scope: Scope, values: _Values) -> Match:
+    def _guard(self, guard: Data, scope: Scope, values: _Values) -> tuple[Match, BoolArray | None]:
+        """Where a guard holds, and where only the interpreter can say; `None`: nowhere."""
         if not isinstance(guard, Op):
             raise NotColumnarError
         if guard.op in ("&&", "||"):
-            left, right = (self._guard(arg, scope, values) for arg in guard.args)
-            return left & right if guard.op == "&&" else left | right
-        zero = self._all(False)
+            (left, unsaid), (right, further) = (self._guard(arg, scope, values) for arg in guard.args)
+            if further is not None:  # the right side counts only where the left does not decide
+                further = further & (left.holds if guard.op == "&&" else ~left.holds)
+                unsaid = further if unsaid is None else unsaid | further
+            return left & right if guard.op == "&&" else left | right, unsaid
+        marks = _Marks(self._all(False), self._all(False))
         difference, bound = np.empty(self._count), np.empty(self._count)
         fields = [self._field(arg, scope, values) for arg in guard.args]
         limited = 1 if fields[0] < 0 <= fields[1] else 0
@@ -380,10 +440,11 @@ class _OneTopic:
             for first in range(0, self._count, BLOCK_ROWS):
                 rows = slice(first, first + BLOCK_ROWS)
                 here = {name: v[rows] if isinstance(v, np.ndarray) else v for name, v in values.items()}
-                sides = [self._number(arg, scope, here, zero[rows]) for arg in guard.args]
+                sides = [self._number(arg, scope, here, marks.of(rows)) for arg in guard.args]
                 difference[rows] = sides[0] - sides[1]
                 bound[rows] = sides[1 - limited]
-        return self._compared(guard.op, difference, bound, field, zero)
+        compared = self._compared(guard.op, difference, bound, field, marks.zero | marks.unsaid)
+        return compared, marks.unsaid if marks.unsaid.any() else None
 
     def _field(self, side: Data, scope: Scope, values: _Values) -> int:
         """Which field one side of an inequality is; -1: none, or something computed."""
@@ -396,9 +457,9 @@ class _OneTopic:
         return next((i for i, one in enumerate(self._topic.fields.values()) if one is column), -1)
 
     def _compared(
-        self, op: str, difference: FloatArray, bound: FloatArray, field: int, zero: BoolArray
+        self, op: str, difference: FloatArray, bound: FloatArray, field: int, failed: BoolArray
     ) -> Match:
-        """One comparison; where something was divided by zero it fails."""
+        """One comparison; where something was divided by zero, or has no value, it fails."""
         tolerance = self._tolerance
         if op in _SIGN:
             compare, sign = _COMPARE[op]
@@ -412,35 +473,35 @@ class _OneTopic:
             margin = np.abs(difference) * (-1.0 if op == "==" else 1.0)
         self.close += int(np.count_nonzero(held != plainly))
         fields = np.broadcast_to(np.intp(field), (self._count,))
-        if not zero.any():
+        if not failed.any():
             return Match(held, margin, bound, fields)
         return Match(
-            held & ~zero,
-            np.where(zero, -np.inf, margin),
-            np.where(zero, np.nan, bound),
-            np.where(zero, -1, fields),
+            held & ~failed,
+            np.where(failed, -np.inf, margin),
+            np.where(failed, np.nan, bound),
+            np.where(failed, -1, fields),
         )
 
-    def _number(self, data: Data, scope: Scope, values: _Values, zero: BoolArray) -> FloatArray | float:
+    def _number(self, data: Data, scope: Scope, values: _Values, marks: _Marks) -> FloatArray | float:
         if isinstance(data, Num):
             return float(data.value)
         if isinstance(data, Const):
             raise NotColumnarError
         if not isinstance(data, Op):
-            return self._named(data.name, scope, values, zero)
-        args = [self._number(arg, scope, values, zero) for arg in data.args]
+            return self._named(data.name, scope, values, marks)
+        args = [self._number(arg, scope, values, marks) for arg in data.args]
         if data.op == "-" and len(args) == 1:
             return -1.0 * args[0]
         if data.op in ("+", "-", "*"):
             a, b = args
             return a + b if data.op == "+" else a - b if data.op == "-" else a * b
         if data.op == "/":
-            divisor = np.broadcast_to(args[1], zero.shape)
-            zero |= divisor == 0
+            divisor = np.broadcast_to(args[1], marks.zero.shape)
+            np.logical_or(marks.zero, divisor == 0, out=marks.zero)
             return args[0] / np.where(divisor == 0, 1.0, divisor)
-        return self._function(data.op, args, len(zero))
+        return self._function(data.op, args, marks.unsaid)
 
-    def _function(self, name: str, args: list[FloatArray | float], count: int) -> FloatArray | float:
+    def _function(self, name: str, args: list[FloatArray | float], unsaid: BoolArray) -> FloatArray | float:
         if name == "abs":
             return np.abs(args[0])
         if name in ("min", "max"):
@@ -449,16 +510,18 @@ class _OneTopic:
         if name not in _POINTWISE:
             raise NotColumnarError
         # numpy's own functions may differ from these in the last bit.
-        columns = [np.broadcast_to(arg, (count,)).tolist() for arg in args]
+        columns = [np.broadcast_to(arg, unsaid.shape).tolist() for arg in args]
         try:
             return np.array([_POINTWISE[name](*row) for row in zip(*columns, strict=True)], dtype=np.float64)
         except (ValueError, OverflowError):
-            raise NotColumnarError from None
+            found = [_value_of(_POINTWISE[name], row) for row in zip(*columns, strict=True)]
+        np.logical_or(unsaid, [value is None for value in found], out=unsaid)
+        return np.array([math.nan if value is None else value for value in found])
 
-    def _named(self, name: str, scope: Scope, values: _Values, zero: BoolArray) -> FloatArray | float:
+    def _named(self, name: str, scope: Scope, values: _Values, marks: _Marks) -> FloatArray | float:
         slot = slot_of_name(name, scope)
         if isinstance(slot, ExprSlot):
-            return self._number(slot.data, slot.scope, values, zero)
+            return self._number(slot.data, slot.scope, values, marks)
         value: object = None
         if isinstance(slot, Bound):
             value = slot.value

@@ -11,8 +11,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-import numpy as np
-
 from ariac_score import (
     QUANTITIES,
     Body,
@@ -21,25 +19,19 @@ from ariac_score import (
     Finding,
     MissingSignalError,
     OnlineWatch,
-    Sample,
-    Signal,
     SignalNeed,
-    Span,
     Trial,
-    Verdict,
-    align,
-    episodes_where,
-    uncovered_spans,
 )
-from ariac_score_rml.automaton import AfterViolation, Watch, margins, watch_stream
-from ariac_score_rml.columns import Columns, FloatArray, IntArray, Match, Stream, Topic
+from ariac_score_rml.automaton import AfterViolation
 from ariac_score_rml.faults import RmlError, RmlRunError
 from ariac_score_rml.guards import TOLERANCE
+from ariac_score_rml.judging import Asked, Judged
 from ariac_score_rml.machine import MAX_STATE, Machine
 from ariac_score_rml.online import EventsOnline, SignalsOnline, Wanted
 from ariac_score_rml.running import Program, compile_rml
 from ariac_score_rml.syntax import Literal_, OrPattern, Pattern, RecordPattern
 from ariac_score_rml.tokens import Dialect
+from ariac_score_rml.windows import Events, Recorded
 
 __all__ = ["RmlSpec"]
 
@@ -124,7 +116,8 @@ class RmlSpec:
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for every subject: its violations, or that there are none."""
-        return (said for said in self._say(trial) if isinstance(said, Finding))
+        for said in self._say(trial):
+            yield from (said,) if isinstance(said, Finding) else said.findings(trial)
 
     def margins(self, trial: Trial) -> Iterator[Course]:
         """The margin of every event by inequalities over numbers, where all have one unit."""
@@ -133,7 +126,8 @@ class RmlSpec:
             if course is not None:
                 yield course
 
-    def _say(self, trial: Trial) -> Iterator[Finding | _Judged]:
+    def _say(self, trial: Trial) -> Iterator[Finding | Judged]:
+        """What is open or cannot be said, and the events of each subject, judged."""
         program: Program | None = getattr(self, "_program", None)
         if program is None or not self.events:
             missing = "specification" if program is None else "mapping of events"
@@ -178,23 +172,34 @@ class RmlSpec:
             raise ValueError("no specification is given")
         return program.machine(tolerance=0.0 if self.exact else TOLERANCE, max_state=self.max_state)
 
-    def _watch_one(self, trial: Trial, subject: str, names: Mapping[str, str]) -> Iterator[Finding | _Judged]:
+    def _watch_one(self, trial: Trial, subject: str, names: Mapping[str, str]) -> Iterator[Finding | Judged]:
         try:
-            recorded = [_Recorded.of(trial, topic, names, self.max_gap_s) for topic in self._topics()]
+            recorded = [self._recorded(trial, topic, names) for topic in self._topics()]
         except MissingSignalError as missing:
             yield Finding.inconclusive(subject, str(missing), span=trial.window)
             return
         undecided = list(_undecided(trial, subject, recorded))
         yield from undecided
-        stream = Stream([item.topic for item in recorded])
-        if not len(stream):
-            return
-        machine = self._machine()
-        columns = Columns(machine.matcher, stream)
-        watch = watch_stream(machine, stream, self.after_violation, columns)
-        judged = _Judged(self, subject, recorded, stream, watch, margins(machine, stream, watch, columns))
-        yield judged
-        yield from judged.findings(trial, decided=not undecided)
+        events = Events(recorded, max_gap_s=self.max_gap_s)
+        if len(events):
+            yield Judged(self._asked(), subject, events, decided=not undecided)
+
+    def _recorded(self, trial: Trial, topic: _TopicSource, names: Mapping[str, str]) -> Recorded:
+        signals = {
+            key: trial.signal(field.signal.format(**names), unit=field.unit)
+            for key, field in topic.fields.items()
+        }
+        return Recorded(topic.name, signals, trial.window, max_gap_s=self.max_gap_s)
+
+    def _asked(self) -> Asked:
+        return Asked(
+            self._machine,
+            self.after_violation,
+            self.max_gap_s,
+            self.t_on_s,
+            self.t_off_s,
+            getattr(self, "_spec_sha256", ""),
+        )
 
 
 # Parameters ------------------------------------------------------------------------------
@@ -311,257 +316,12 @@ def _nobody(trial: Trial) -> Finding:
     return Finding.inconclusive("trial", "the log shows nobody whom the events are about", span=trial.window)
 
 
-@dataclass(frozen=True)
-class _Recorded:
-    """The events of one topic in the competition, and where they are missing.
-
-    Attributes:
-        topic: Times and values.
-        signals: The signal that each field is.
-        gaps: Stretches of the competition without events.
-    """
-
-    topic: Topic
-    signals: Mapping[str, Signal]
-    gaps: Sequence[Span]
-
-    @classmethod
-    def of(cls, trial: Trial, source: _TopicSource, names: Mapping[str, str], max_gap_s: float) -> _Recorded:
-        """The events of a topic.
-
-        Raises:
-            MissingSignalError: A field's signal is not in the log.
-        """
-        signals = {
-            key: trial.signal(field.signal.format(**names), unit=field.unit)
-            for key, field in source.fields.items()
-        }
-        t, columns = align(list(signals.values()), max_gap_s=max_gap_s)
-        gaps: list[Span] = []
-        if trial.window is not None:
-            inside = slice(t.searchsorted(trial.window.start_s), t.searchsorted(trial.window.end_s, "right"))
-            t, columns = t[inside], [column[inside] for column in columns]
-            gaps = uncovered_spans(t, trial.window, max_gap_s=max_gap_s)
-        return cls(Topic(source.name, t, dict(zip(signals, columns, strict=True))), signals, gaps)
-
-    def samples(self, row: int) -> tuple[Sample, ...]:
-        """What was measured in one event, as evidence."""
-        t_s = float(self.topic.t[row])
-        return tuple(
-            Sample(signal.name, t_s, float(self.topic.fields[key][row]), signal.unit)
-            for key, signal in self.signals.items()
-        )
-
-
-def _undecided(trial: Trial, subject: str, recorded: Sequence[_Recorded]) -> Iterator[Finding]:
+def _undecided(trial: Trial, subject: str, recorded: Sequence[Recorded]) -> Iterator[Finding]:
     if (trial.started_s is None) != (trial.ended_s is None):
         missing = "end" if trial.ended_s is None else "start"
         message = f"the log does not show the {missing} of the competition, so part of it may be missing"
         yield Finding.inconclusive(subject, message, span=trial.window)
     for item in recorded:
         for gap in item.gaps:
-            message = f"no {item.topic.name!r} for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
+            message = f"no {item.name!r} for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
             yield Finding.inconclusive(subject, message, span=gap)
-
-
-def _firsts(topic: IntArray, field: IntArray, known: Any) -> IntArray:
-    """The first known row of every topic and field that occur together."""
-    _, first = np.unique(np.stack([topic, field]), axis=1, return_index=True)
-    rows: IntArray = np.flatnonzero(known)[first]
-    return rows
-
-
-# From verdicts to findings ---------------------------------------------------------------
-
-
-class _Judged:
-    def __init__(
-        self,
-        monitor: RmlSpec,
-        subject: str,
-        recorded: Sequence[_Recorded],
-        stream: Stream,
-        watch: Watch,
-        match: Match | None,
-    ) -> None:
-        self.monitor, self.subject, self.recorded = monitor, subject, recorded
-        self.stream, self.watch = stream, watch
-        match = match or Match.alike(True, len(stream))
-        finite = np.isfinite(match.margin)
-        self.margin = match.margin if finite.all() else np.where(finite, match.margin, np.nan)
-        self.bound, self.field = match.bound, match.field
-        self.labels = {"spec_sha256": getattr(monitor, "_spec_sha256", "")}
-        self.rejected = np.flatnonzero(watch.rejected)
-        self.rejected_t = stream.t[self.rejected]
-
-    @property
-    def course(self) -> Course | None:
-        """The margin over time, of events at one time the least; `None` where there is none of one unit."""
-        known = np.isfinite(self.margin) & (np.arange(len(self.margin)) < self._judged_to)
-        units = {self._unit(int(row)) for row in _firsts(self.stream.topic[known], self.field[known], known)}
-        if len(units) != 1:
-            return None
-        # A rejected event is beyond its limit, whatever the last digit says; an accepted one within.
-        margin = np.where(self.watch.rejected, np.minimum(self.margin, 0.0), np.maximum(self.margin, 0.0))
-        t, first = np.unique(self.stream.t, return_index=True)
-        least = np.minimum.reduceat(np.where(known, margin, np.inf), first)
-        told = np.isfinite(least)
-        return Course(
-            self.subject,
-            "margin of the specification",
-            units.pop(),
-            t,
-            np.where(told, least, 0.0),
-            np.where(told, 0.0, np.nan),
-            max_gap_s=self.monitor.max_gap_s,
-        )
-
-    @property
-    def _judged_to(self) -> int:
-        """The first event that is not judged any more."""
-        if self.watch.error is not None:
-            return self.watch.error_at
-        if self.monitor.after_violation == "once" and len(self.rejected):
-            return int(self.rejected[0]) + 1
-        return len(self.stream)
-
-    def findings(self, trial: Trial, *, decided: bool) -> Iterator[Finding]:
-        spans = self._episodes()
-        for span in spans:
-            yield self._violation(span)
-        if self.watch.error is not None:
-            yield self._not_judged(trial)
-            return
-        ends = self._end(trial)
-        yield from ends
-        if not spans and not ends and decided:
-            yield self._kept()
-
-    def _episodes(self) -> list[Span]:
-        """The episodes of rejected events: of each topic, then joined across topics."""
-        monitor, found = self.monitor, list[Span]()
-        for index, item in enumerate(self.recorded):
-            rejected = self.watch.rejected[self.stream.rows_of(index)]
-            found += episodes_where(
-                item.topic.t,
-                rejected,
-                t_on_s=monitor.t_on_s,
-                t_off_s=monitor.t_off_s,
-                longest_s=monitor.max_gap_s,
-            )
-        joined: list[Span] = []
-        for span in sorted(found):
-            if joined and (
-                span.overlaps(joined[-1]) or span.start_s - joined[-1].end_s < monitor.t_off_s - 1e-9
-            ):
-                joined[-1] = Span(joined[-1].start_s, max(joined[-1].end_s, span.end_s))
-            else:
-                joined.append(span)
-        return joined
-
-    def _violation(self, span: Span) -> Finding:
-        inside = slice(
-            self.rejected_t.searchsorted(span.start_s), self.rejected_t.searchsorted(span.end_s, "right")
-        )
-        rows = self.rejected[inside]
-        measured = rows[np.isfinite(self.margin[rows])]
-        worst = int(measured[np.argmin(self.margin[measured])]) if len(measured) else int(rows[0])
-        event = self.recorded[int(self.stream.topic[worst])]
-        unit = self._unit(worst)
-        many = "event is" if len(rows) == 1 else f"{len(rows)} events are"
-        where = f"{event.topic.name!r} at {self.stream.t[worst]:.3f} s"
-        margin = min(float(self.margin[worst]), 0.0) if len(measured) else None
-        by = (
-            f"; at worst {-margin:.3f} {unit or 'units'} beyond its limit"
-            if margin is not None
-            else "; first"
-        )
-        final = " and nothing later is judged" if self.monitor.after_violation == "once" else ""
-        return Finding(
-            self.subject,
-            Verdict.VIOLATED,
-            f"{many} rejected{final}{by}, {where}",
-            span=span,
-            robustness=margin,
-            unit=unit if margin is not None else "",
-            quantities=self._quantities(rows, unit if margin is not None else ""),
-            labels=self.labels,
-            evidence=self._evidence(worst),
-        )
-
-    def _quantities(self, rows: IntArray, unit: str) -> dict[str, float]:
-        weights_s = self._weights_s(rows)
-        found = {"time_in_violation_s": float(weights_s.sum())}
-        if unit != "m" or not np.isfinite(self.margin[rows]).all():
-            return found
-        depth_m, bound_m = np.maximum(-self.margin[rows], 0.0), self.bound[rows]
-        relative = np.clip(
-            np.divide(depth_m, bound_m, out=np.ones_like(depth_m), where=bound_m > 0), 0.0, 1.0
-        )
-        return {
-            **found,
-            "depth_max_m": float(depth_m.max()),
-            "depth_integral_m_s": float((depth_m * weights_s).sum()),
-            "relative_depth_max": float(relative.max()),
-            "relative_depth_integral_s": float((relative * weights_s).sum()),
-        }
-
-    def _weights_s(self, rows: IntArray) -> FloatArray:
-        """How long events stand for, each until the next one of its topic."""
-        weights_s = np.zeros(len(rows))
-        for index, item in enumerate(self.recorded):
-            here = np.flatnonzero(self.stream.topic[rows] == index)
-            row, t = self.stream.row[rows[here]], item.topic.t
-            following = np.minimum(row + 1, len(t) - 1)
-            weights_s[here] = np.minimum(t[following] - t[row], self.monitor.max_gap_s)
-        return weights_s
-
-    def _unit(self, row: int) -> str:
-        """The unit of the margin: that of the field which an inequality compares."""
-        signals = list(self.recorded[int(self.stream.topic[row])].signals.values())
-        return signals[int(self.field[row])].unit if self.field[row] >= 0 else ""
-
-    def _evidence(self, row: int) -> tuple[Sample, ...]:
-        item = self.recorded[int(self.stream.topic[row])]
-        samples = item.samples(int(self.stream.row[row]))
-        if not np.isfinite(self.bound[row]):
-            return samples
-        bound = Sample(
-            f"bound/{self.subject}", float(self.stream.t[row]), float(self.bound[row]), self._unit(row)
-        )
-        return (*samples, bound)
-
-    def _not_judged(self, trial: Trial) -> Finding:
-        error, at = self.watch.error, self.watch.error_at
-        where = f"event {at + 1}, at {self.stream.t[at]:.3f} s" if at >= 0 else "the beginning"
-        span = trial.window
-        if span is not None and at >= 0:
-            span = Span(min(float(self.stream.t[at]), span.end_s), span.end_s)
-        message = f"cannot be judged from {where}: {error}"
-        return Finding(self.subject, Verdict.INCONCLUSIVE, message, span=span, labels=self.labels)
-
-    def _end(self, trial: Trial) -> list[Finding]:
-        """The violation of a trial that ends where the specification may not."""
-        restarted = self.monitor.after_violation == "restart" and bool(self.watch.rejected.any())
-        if self.watch.end != "f" or trial.ended_s is None or (restarted and self.watch.fresh):
-            return []
-        end_s = float(self.stream.t[-1])
-        message = "the trial ends where the specification still asks for something"
-        return [Finding(self.subject, Verdict.VIOLATED, message, span=Span(end_s, end_s), labels=self.labels)]
-
-    def _kept(self) -> Finding:
-        if not np.isfinite(self.margin).any():
-            message = f"all {len(self.stream)} events are accepted"
-            return Finding(self.subject, Verdict.SATISFIED, message, labels=self.labels)
-        closest = int(np.nanargmin(self.margin))
-        margin, unit = max(float(self.margin[closest]), 0.0), self._unit(closest)
-        return Finding(
-            self.subject,
-            Verdict.SATISFIED,
-            f"at its closest {margin:.3f}{unit and ' '}{unit} within its limit, "
-            f"at {self.stream.t[closest]:.3f} s",
-            robustness=margin,
-            unit=unit,
-            labels=self.labels,
-            evidence=self._evidence(closest),
-        )

@@ -23,6 +23,9 @@ from ariac_score import Body, Event, Signal, Span, Total, Trial, Verdict
 from ariac_score.trial import sketch, windows
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.sketch import sketch_of
+from ariac_score_rml import RmlSpec
+from ariac_score_rml import judging as rml_judging
+from ariac_score_rml import windows as rml_windows
 from ariac_score_standards import (
     AgvProtectiveField,
     AgvSpeedClearance,
@@ -96,6 +99,17 @@ WINDOWED: dict[str, Any] = {
     "stl.formula, to the end": StlFormula(
         formula="always (d < 0.5 -> eventually (v < 0.1 and once d > 1))", signals=OF_PAIR
     ),
+    "rml.spec": RmlSpec(
+        "apart matches {topic: 'gap', d: d} with d >= 0.8; Main = apart*;",
+        {"gap": {"d": "separation/{robot}/{human} [m]"}},
+        t_off_s=0.05,
+    ),
+    "rml.spec, topics": RmlSpec(
+        "near matches {topic: 'gap', d: d} with d < 0.8; slow matches {topic: 'arm', v: v} with v < 0.5;"
+        "arm matches {topic: 'arm'}; gap not matches arm; Main = (near arm* slow \\/ gap \\/ arm)*;",
+        {"gap": {"d": "separation/{robot}/{human} [m]"}, "arm": {"v": "speed/{robot}"}},
+        after_violation="restart",
+    ),
     "formula.always": Always(holds="d >= 0.5 * v + 0.3", signals=DISTANCE, unit="m"),
     "formula.never": Never(holds="v > 1", signals={"v": "speed/{robot}"}, unit="m/s"),
     "formula.within": Within(trigger="d < 0.5", response="v < 0.1", signals=DISTANCE, within_s=0.2),
@@ -116,6 +130,8 @@ def window_size(samples: int, kept_bytes: int = 0) -> Iterator[None]:
             (stl_windows, "ROWS_FOR_ONE_AROUND", 0),
             (stl_windows, "KEPT_BYTES", kept_bytes),
             (stl_judging, "KEPT_BYTES", kept_bytes),
+            (rml_windows, "WINDOW_EVENTS", samples),
+            (rml_judging, "KEPT_WINDOWS", 1),
         ):
             stack.enter_context(patch.object(module, name, value))
         yield

@@ -15,8 +15,8 @@ from ariac_score.trial import windows
 from ariac_score.trial.derive import SOURCES, Derivation, centred_velocity, derive_signals, nearest_points
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal, align
-from ariac_score.trial.spans import FloatArray
-from ariac_score.trial.windows import Computed, Kept, TimeBase, cuts_of
+from ariac_score.trial.spans import FloatArray, Span
+from ariac_score.trial.windows import Aligned, Computed, Kept, TimeBase, cuts_of
 
 LAWFUL = settings(max_examples=20, derandomize=True, deadline=None)
 SIZES = st.sampled_from([1, 2, 7, 64, 4096])
@@ -62,6 +62,31 @@ def test_windows_put_together_are_what_align_gives(seed: int, samples: int, max_
     assert np.concatenate(times).tobytes() == t.tobytes()
     for windowed, whole in zip(columns, values, strict=True):
         assert np.concatenate(windowed).tobytes() == whole.tobytes()
+
+
+@LAWFUL
+@given(st.integers(0, 2**32 - 1), SIZES, st.sampled_from([None, Span(0.0, 0.1), Span(0.2, 0.31)]), st.data())
+def test_any_samples_of_aligned_signals_are_those_that_align_gives(
+    seed: int, samples: int, span: Span | None, draw: st.DataObject
+) -> None:
+    signals = list(wandering(seed).signals.values())
+    t, values = align(signals, max_gap_s=0.05)
+    inside = np.ones(len(t), bool) if span is None else (t >= span.start_s) & (t <= span.end_s)
+    t, values = t[inside], [column[inside] for column in values]
+
+    with window_size(samples):
+        aligned = Aligned({signal.name: signal for signal in signals}, span, max_gap_s=0.05)
+        first = draw.draw(st.integers(0, len(t)))
+        last = draw.draw(st.integers(first, len(t)))
+        columns = aligned.columns(first, last)
+
+        assert len(aligned) == len(t)
+        assert aligned.times(first, last).tobytes() == t[first:last].tobytes()
+        assert np.concatenate([np.zeros(0), *aligned.stretches()]).tobytes() == t.tobytes()
+        for signal, whole in zip(signals, values, strict=True):
+            assert columns[signal.name].tobytes() == whole[first:last].tobytes()
+        for at_s in (-np.inf, *t[::7].tolist(), *np.nextafter(t[::11], 9.0).tolist(), np.inf):
+            assert aligned.row(at_s) == int(t.searchsorted(at_s))
 
 
 @LAWFUL
