@@ -300,6 +300,16 @@ def _columnar(_: Path) -> Seeds:
     yield "own_bytes", b"\1\0\0" + struct.pack("<H", 4 + len(text)) + b"\0\1\0\0" + text + again
 
 
+def _wide_texts(_: Path) -> Seeds:
+    """Programs of `fuzz.wide`: definition, way and slabs, then messages, some in another way or damaged."""
+    damaged = b"\3\7\1\0\4\3\0\xff\5\11\0\0\6\2ab"
+    for number in range(6):
+        whole = b"".join(b"\0%c\0\0" % (10 * number + i) for i in range(4))
+        way, order, bound = number % 3, 4 * (number & 1), 0x80 * (number // 3)
+        yield f"whole_{number}", bytes((number, way | order | bound)) + whole
+        yield f"damaged_{number}", bytes((number, way)) + whole[:8] + damaged
+
+
 def _definitions(_: Path) -> Seeds:
     yield "plain", b"float64 x\nuint8 LAST=3\nstring[<=2] names  # why\nint8[3] z\n"
     yield (
@@ -463,6 +473,7 @@ _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "team_config": _teams,
     "trial_config": _trials,
     "trial_log": _trial_log,
+    "wide_text": _wide_texts,
 }
 
 

@@ -51,6 +51,7 @@ from ariac_score_rml.traces import read_events
 from ariac_score_stl import StlFormula
 from fuzz.columns import decode_both_ways
 from fuzz.containers import mcap_three_ways, ros1_three_ways
+from fuzz.wide import decode_wide_texts
 
 __all__ = ["TARGETS", "Target"]
 
@@ -306,6 +307,10 @@ def _columnar(_: Path, raw: bytes) -> None:
     decode_both_ways(raw)
 
 
+def _wide_text(_: Path, raw: bytes) -> None:
+    decode_wide_texts(raw)
+
+
 class _Everything:
     """Topics, of which each is wanted."""
 
@@ -447,4 +452,5 @@ TARGETS: Mapping[str, Target] = {
     "team_config": Target(_reader("ariac_team", "team.yaml"), (*_YAML, b"sensors:", b"pi/2")),
     "trial_config": Target(_reader("ariac_config", "trial.yaml"), (*_YAML, b"orders:", b"'pi/2'")),
     "trial_log": Target(_reader("trial_log", "trial_log.txt", "ariac2024"), _TEXT),
+    "wide_text": Target(_wide_text, (b"\4\0\0\xd8", b"\4\4\0\0", b"\0\1\0\0", b"\3\2\1\0"), in_memory=True),
 }
