@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 from typing import ClassVar, Literal
@@ -277,14 +277,13 @@ class Judged:
         return None
 
     def _go_through(self) -> None:
-        violations, opened = self._episodes(), _Runs(self.stretch.end_s)
+        violations, opened, last_s = self._episodes(), _Runs(self.stretch.end_s), -math.inf
         for piece in self.judgement.pieces():
-            if self.monitor.time == "dense":
-                last_s = max(self.stretch.end_s, float(piece.begin[-1]) + TOLERANCE_S)
-                violations.take(np.append(piece.begin, last_s), np.append(piece.violated, False))
-            else:
-                violations.take(piece.begin, piece.violated)
+            if piece.anew:
+                violations, opened, self.closest = self._episodes(), _Runs(self.stretch.end_s), None
+            violations.take(piece.begin, piece.violated)
             opened.take(piece)
+            last_s = float(piece.begin[-1])
             least = int(np.argmin(piece.lower))
             if self.closest is None or piece.lower[least] < self.closest[1]:
                 self.closest = (
@@ -292,7 +291,10 @@ class Judged:
                     float(piece.lower[least]),
                     bool(piece.violated[least]),
                 )
-        self.violations = [replace(one, span=self._within(one.span)) for one in violations.end()]
+        if self.monitor.time == "dense" and last_s > -math.inf:  # the last step lasts as long as it is judged
+            end_s = max(self.stretch.end_s, last_s + TOLERANCE_S)
+            violations.take(np.array([end_s]), np.array([False]))
+        self.violations = violations.end()
         self.open_spans = [self._settled(span) for span in opened.found]
 
     def _episodes(self) -> Episodes:
@@ -377,7 +379,10 @@ class Judged:
     def _durations_s(self, piece: Piece) -> FloatArray:
         """How long the moments that are judged stand for, s."""
         if self.monitor.time == "dense":
-            return np.diff(piece.begin, append=max(self.stretch.end_s, float(piece.begin[-1])))
+            end_s = piece.until_s
+            if end_s is None:
+                end_s = max(self.stretch.end_s, float(piece.begin[-1]))
+            return np.diff(piece.begin, append=end_s)
         if piece.until_s is None:
             return sample_durations(piece.begin, longest_s=self.monitor.max_gap_s)
         begin = np.append(piece.begin, piece.until_s)
@@ -385,7 +390,7 @@ class Judged:
 
     def _violation(self, broken: _Broken) -> Finding:
         worst_s, robustness = self._moment(broken.worst_s), broken.margin
-        span = self._settled(broken.span)
+        span = self._settled(self._within(broken.span))
         judgement = self.judgement
         evaluated = judgement.evaluated if robustness < 0 else judgement.decided
         chain = causes(evaluated, self.body, worst_s)
