@@ -27,8 +27,8 @@ __all__ = ["DenseWindow", "DenseWindows"]
 SLACK_S = 1e-6
 """Far more than the tolerance, and than the rounding of times."""
 
-STEP_BYTES = 24
-"""A step has a beginning and two bounds."""
+SAMPLE_BYTES = 48
+"""A step has a beginning and two bounds, and bounds of time make up to two steps of a sample."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class DenseWindows(Windows[DenseWindow]):
         beyond: Beyond,
         longest_s: float,
     ) -> None:
-        super().__init__(body, beyond, len(track), span, row_bytes=STEP_BYTES, hangs=hangs)
+        super().__init__(body, beyond, len(track), span, row_bytes=SAMPLE_BYTES, hangs=hangs)
         self._track, self._span, self._leaves, self._longest_s = track, span, leaves, longest_s
         firsts = [self.rows_of(k)[0] for k in range(1, len(self))]
         self._cuts = np.array([float(track.times(row, row + 1)[0]) for row in firsts])

@@ -154,10 +154,6 @@ class Judgement:
         """The margin of a predicate at a sample."""
         raise NotImplementedError
 
-    def anywhere(self, node: Node, size: float) -> bool:
-        """Whether the margin of a predicate is of some size at any sample."""
-        raise NotImplementedError
-
 
 class DiscreteTime(Judgement):
     """Of the samples and the holes between them."""
@@ -221,11 +217,6 @@ class DiscreteTime(Judgement):
         window = self.evaluated.window(self.evaluated.number_of(self._line.row_of(sample)))
         first, _ = self._line.samples(window.at, window.stop)
         return float(window.evaluated.predicates[node][sample - first])
-
-    def anywhere(self, node: Node, size: float) -> bool:
-        """As of any judgement."""
-        found = (self.evaluated.window(k).evaluated.predicates[node] for k in range(len(self.evaluated)))
-        return any(bool((np.abs(margin) == size).any()) for margin in found)
 
 
 class DenseTime(Judgement):
@@ -318,8 +309,3 @@ class DenseTime(Judgement):
         """As of any judgement."""
         window = self.evaluated.window(self.evaluated.number_of(sample))
         return float(window.evaluated.predicates[node][sample - window.at])
-
-    def anywhere(self, node: Node, size: float) -> bool:
-        """As of any judgement."""
-        found = (self.evaluated.window(k).evaluated.predicates[node] for k in range(len(self.evaluated)))
-        return any(bool((np.abs(margin) == size).any()) for margin in found)

@@ -25,7 +25,7 @@ from ariac_score_stl.rows import TOLERANCE_S, Rows
 from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import FUTURE, Node
 
-__all__ = ["Line", "RowWindows", "Track", "Windows"]
+__all__ = ["WINDOW_ROWS", "Line", "RowWindows", "Track", "Windows"]
 
 WINDOW_ROWS = 65_536
 """So many rows are judged at once: ten minutes at 100 Hz."""
