@@ -119,6 +119,14 @@ class Dense:
             self.begin, sample = np.insert(self.begin, 0, self.span.start_s), np.insert(sample, 0, -1)
         self.sample = sample
 
+    @property
+    def size(self) -> int:
+        """How many bytes are held by keeping it, about."""
+        steps = [*self.steps.values(), *self._free.values()]
+        columns = [column for one in steps for column in (one.begin, one.margin.lower, one.margin.upper)]
+        columns += [self.begin, *self.predicates.values()]
+        return self.sample.nbytes + sum({id(column): column.nbytes for column in columns}.values())
+
     def key(self, node: Node, sign: int) -> Key:
         """Where the sign makes no difference it is 1."""
         return node, sign if self.beyond in ("weak", "strong") else 1

@@ -7,7 +7,7 @@ it that begin in the window are those of the whole trial, to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, nextafter
 from typing import Literal
@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from ariac_score import Span
+from ariac_score_stl import windows
 from ariac_score_stl.dense import Dense, Entering, hangs
 from ariac_score_stl.robustness import Beyond, Key, Margin
 from ariac_score_stl.rows import TOLERANCE_S
@@ -26,9 +27,6 @@ __all__ = ["DenseWindow", "DenseWindows"]
 
 SLACK_S = 1e-6
 """Far more than the tolerance, and than the rounding of times."""
-
-SAMPLE_BYTES = 48
-"""A step has a beginning and two bounds, and bounds of time make up to two steps of a sample."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ class DenseWindows(Windows[DenseWindow]):
         beyond: Beyond,
         longest_s: float,
     ) -> None:
-        super().__init__(body, beyond, len(track), span, row_bytes=SAMPLE_BYTES, hangs=hangs)
+        super().__init__(body, beyond, len(track), span, hangs=hangs)
         self._track, self._span, self._leaves, self._longest_s = track, span, leaves, longest_s
         firsts = [self.rows_of(k)[0] for k in range(1, len(self))]
         self._cuts = np.array([float(track.times(row, row + 1)[0]) for row in firsts])
@@ -103,6 +101,10 @@ class DenseWindows(Windows[DenseWindow]):
         )
         evaluated.entering = self._entered(k, reach)
         return DenseWindow(first, reach, evaluated)
+
+    def _too_many(self, found: Collection[DenseWindow]) -> bool:
+        # Margins and what truth makes of them share the room.
+        return sum(window.evaluated.size for window in found) > windows.KEPT_BYTES // 2
 
     # How far is looked -------------------------------------------------------------------
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from math import inf, nextafter
@@ -215,7 +215,6 @@ class Windows(Generic[W]):
         beyond: What is beyond the trial.
         rows: How many samples and holes there are.
         span: The trial.
-        row_bytes: What the margins of one sub-formula take for each of them, about.
         hangs: Whether a sub-formula enters windows as a number.
     """
 
@@ -226,13 +225,11 @@ class Windows(Generic[W]):
         rows: int,
         span: Span,
         *,
-        row_bytes: int = 16,
         hangs: Callable[[Node], bool] = entered,
     ) -> None:
         self.body, self._beyond, self._count = body, beyond, rows
         self._rows = _window_rows(body, rows, span.duration_s)
         self._windows: OrderedDict[int, W] = OrderedDict()
-        self._kept = max(KEPT_BYTES // (self._rows * row_bytes * sum(1 for _ in body.walk())), 2)
         self._entering: dict[tuple[Key, int], tuple[float, float]] = {}
         self._extremes: dict[tuple[Node, int, str, bool, int], tuple[float, float | None]] = {}
         self._passes = _passes(body, 1, beyond in ("weak", "strong"), hangs)
@@ -255,7 +252,7 @@ class Windows(Generic[W]):
             self._windows.move_to_end(k)
             return self._windows[k]
         found = self._windows[k] = self._made(k)
-        while len(self._windows) > self._kept:
+        while len(self._windows) > 2 and self._too_many(self._windows.values()):
             self._windows.popitem(last=False)
         return found
 
@@ -268,6 +265,10 @@ class Windows(Generic[W]):
         return self.window(k)
 
     def _made(self, k: int) -> W:
+        raise NotImplementedError
+
+    def _too_many(self, windows: Collection[W]) -> bool:
+        """Whether windows hold more than may be kept."""
         raise NotImplementedError
 
     # What enters a window ----------------------------------------------------------------
@@ -366,6 +367,10 @@ class RowWindows(Windows[Window]):
     ) -> None:
         super().__init__(body, beyond, len(line), line.span)
         self.line, self._leaves = line, leaves
+        self._kept = KEPT_BYTES // (self._rows * 16 * sum(1 for _ in body.walk()))
+
+    def _too_many(self, windows: Collection[Window]) -> bool:
+        return len(windows) > self._kept
 
     def _made(self, k: int) -> Window:
         first, last = self.rows_of(k)
