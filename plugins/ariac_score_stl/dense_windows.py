@@ -7,7 +7,7 @@ it that begin in the window are those of the whole trial, to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, nextafter
 from typing import Literal
@@ -15,7 +15,6 @@ from typing import Literal
 import numpy as np
 
 from ariac_score import Span
-from ariac_score_stl import windows
 from ariac_score_stl.dense import Dense, Entering, hangs
 from ariac_score_stl.robustness import Beyond, Key, Margin
 from ariac_score_stl.rows import TOLERANCE_S
@@ -102,9 +101,8 @@ class DenseWindows(Windows[DenseWindow]):
         evaluated.entering = self._entered(k, reach)
         return DenseWindow(first, reach, evaluated)
 
-    def _too_many(self, found: Collection[DenseWindow]) -> bool:
-        # Margins and what truth makes of them share the room.
-        return sum(window.evaluated.size for window in found) > windows.KEPT_BYTES // 2
+    def _size(self, window: DenseWindow) -> int:
+        return 2 * window.evaluated.size  # margins and what is decided by truth share the room
 
     # How far is looked -------------------------------------------------------------------
 

@@ -39,7 +39,7 @@ from ariac_score_stl.signals import Source, Subject, check_name, parse_source, s
 from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import STEPS, Node, StlError, parse
 from ariac_score_stl.units import check_units, unit_of
-from ariac_score_stl.windows import WINDOW_ROWS, Line, Track
+from ariac_score_stl.windows import Line, Track
 
 __all__ = ["StlFormula"]
 
@@ -288,7 +288,7 @@ class Judged:
             if self.closest is None or piece.lower[least] < self.closest[1]:
                 self.closest = (
                     float(piece.begin[least]),
-                    float(piece.lower[least]),
+                    float(piece.lower[least]) + 0.0,  # a zero without its sign, which hangs on windows
                     bool(piece.violated[least]),
                 )
         if self.monitor.time == "dense" and last_s > -math.inf:  # the last step lasts as long as it is judged
@@ -545,8 +545,8 @@ class Judged:
         """The units of the first predicates that are as far at any sample."""
         wanted, units = np.array(sorted(sizes)), self.monitor.margin_units
         found: dict[float, int] = {}
-        for first in range(0, len(self.track), WINDOW_ROWS) if len(wanted) else ():
-            leaves = self.asked.leaves(self.track, first, min(first + WINDOW_ROWS, len(self.track)))
+        for window in self.track.windows() if len(wanted) else ():
+            leaves = self.asked.leaves(self.track, *window)
             for number, node in enumerate(units):
                 size = np.abs(leaves[node])
                 at = np.minimum(wanted.searchsorted(size), len(wanted) - 1)
@@ -590,7 +590,7 @@ class _Broken:
         if upper[worst] >= 0:  # broken by < where <= would have been kept
             worst = int(broken.argmax())
         if math.isnan(self.worst_s) or upper[worst] < min(self.margin, 0.0):
-            self.worst_s, self.margin = float(piece.begin[first + worst]), float(upper[worst])
+            self.worst_s, self.margin = float(piece.begin[first + worst]), float(upper[worst]) + 0.0
 
     def _add(self, broken_s: FloatArray) -> None:
         """Add up how long it lasts; most violations are in one piece."""

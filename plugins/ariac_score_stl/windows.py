@@ -1,17 +1,18 @@
-"""A formula over a trial whose rows come window by window: what is held does not grow with the trial.
+"""A formula over a trial whose samples come window by window: what is held does not grow with the trial.
 
 A window of rows is judged with as many rows around it as the bounds of the formula
-reach. What looks back or ahead without bounds enters a window as a number: what it
-was at the row before, or is at the row after. These numbers are found by going through
-the windows once, forwards for what looks back, backwards for what looks ahead, inner
-sub-formulas first. All margins are those of one window as long as the trial, to the bit.
+reach; in discrete time a row is a sample or a hole, in dense time a sample. What looks
+back or ahead without bounds enters a window as a number: what it was at the row before,
+or is at the row after. These numbers are found by going through the windows once,
+forwards for what looks back, backwards for what looks ahead, inner sub-formulas first.
+All margins are those of one window as long as the trial, to the bit.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from math import inf, nextafter
@@ -25,7 +26,7 @@ from ariac_score_stl.rows import TOLERANCE_S, Rows
 from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import FUTURE, Node
 
-__all__ = ["WINDOW_ROWS", "Line", "RowWindows", "Track", "Windows"]
+__all__ = ["Line", "RowWindows", "Track", "Windows"]
 
 WINDOW_ROWS = 65_536
 """So many rows are judged at once: ten minutes at 100 Hz."""
@@ -101,10 +102,14 @@ class Track:
             found[name] = parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
         return found
 
+    def windows(self) -> Iterator[tuple[int, int]]:
+        """All samples, some thousand at a time: from one to before another."""
+        for first in range(0, len(self), WINDOW_ROWS):
+            yield first, min(first + WINDOW_ROWS, len(self))
+
     def stretches(self) -> Iterator[FloatArray]:
         """All times, some thousand at a time."""
-        for first in range(0, len(self), WINDOW_ROWS):
-            yield self.times(first, min(first + WINDOW_ROWS, len(self)))
+        return (self.times(first, last) for first, last in self.windows())
 
     def _parts(self, first: int, last: int) -> Iterator[tuple[int, slice]]:
         k = bisect_right(self._rows, first) - 1
@@ -213,7 +218,7 @@ class Windows(Generic[W]):
     Args:
         body: The formula.
         beyond: What is beyond the trial.
-        rows: How many samples and holes there are.
+        rows: How many rows there are.
         span: The trial.
         hangs: Whether a sub-formula enters windows as a number.
     """
@@ -252,7 +257,7 @@ class Windows(Generic[W]):
             self._windows.move_to_end(k)
             return self._windows[k]
         found = self._windows[k] = self._made(k)
-        while len(self._windows) > 2 and self._too_many(self._windows.values()):
+        while len(self._windows) > 2 and sum(map(self._size, self._windows.values())) > KEPT_BYTES:
             self._windows.popitem(last=False)
         return found
 
@@ -267,8 +272,8 @@ class Windows(Generic[W]):
     def _made(self, k: int) -> W:
         raise NotImplementedError
 
-    def _too_many(self, windows: Collection[W]) -> bool:
-        """Whether windows hold more than may be kept."""
+    def _size(self, window: W) -> int:
+        """How many bytes a window holds, about, or will."""
         raise NotImplementedError
 
     # What enters a window ----------------------------------------------------------------
@@ -367,10 +372,7 @@ class RowWindows(Windows[Window]):
     ) -> None:
         super().__init__(body, beyond, len(line), line.span)
         self.line, self._leaves = line, leaves
-        self._kept = KEPT_BYTES // (self._rows * 16 * sum(1 for _ in body.walk()))
-
-    def _too_many(self, windows: Collection[Window]) -> bool:
-        return len(windows) > self._kept
+        self._bytes = self._rows * 16 * sum(1 for _ in body.walk())
 
     def _made(self, k: int) -> Window:
         first, last = self.rows_of(k)
@@ -382,6 +384,9 @@ class RowWindows(Windows[Window]):
         found = Window(first, last, at, stop, reach, Discrete(rows, leaves, self._beyond))
         found.evaluated.entering = self._entered(k, at, reach)
         return found
+
+    def _size(self, _: Window) -> int:
+        return self._bytes
 
     # How far is looked -------------------------------------------------------------------
 
