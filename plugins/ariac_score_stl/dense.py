@@ -3,23 +3,36 @@
 A sample stands for the time up to the next one, so every margin is a step function;
 extrema over windows of step functions are step functions again, and stay about as
 long as the trace. What holds for a single instant between steps does not count.
+Without steps that change nothing a margin is told in one way only, so that steps of a
+part of the trial are those of the whole, wherever all that they hang on is in the part.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from ariac_score import Span
-from ariac_score_stl.robustness import Beyond, Margin
+from ariac_score_stl.robustness import Beyond, Key, Margin, among, entered, to_the_end
 from ariac_score_stl.rows import TOLERANCE_S
 from ariac_score_stl.sliding import FloatArray, chained, lowest_between
-from ariac_score_stl.syntax import Node
+from ariac_score_stl.syntax import FUTURE, Node
 
-__all__ = ["Dense", "Steps"]
+__all__ = ["Dense", "Entering", "Steps", "hangs"]
+
+Entering = Callable[[Key], tuple[tuple[float, float], tuple[float, float] | None]]
+"""From when to when an operator goes through steps, and its bounds where it comes from; `None`: nowhere."""
+
+
+def hangs(node: Node) -> bool:
+    """Whether a sub-formula hangs on moments however far away; see `entered`.
+
+    `since` always does: a step that begins within the tolerance is in its window, while what
+    has held so far knows nothing of it yet.
+    """
+    return entered(node) or node.operator == "since"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +47,17 @@ class Steps:
     begin: FloatArray
     margin: Margin
 
-    def on(self, begin: FloatArray) -> Margin:
-        """The margin on other steps, each within one of these."""
+    def on(self, begin: FloatArray, first: int = 0) -> Margin:
+        """The margin on other steps, each within one of these, the first one of which may be a later one."""
         if begin is self.begin:
             return self.margin
-        at = np.maximum(np.searchsorted(self.begin, begin, side="right") - 1, 0)
+        at = np.maximum(np.searchsorted(self.begin, begin, side="right") - 1, first)
         return self.margin.apply(lambda values: values[at])
+
+    def value(self, t_s: float, *, before: bool = False) -> tuple[float, float]:
+        """The bounds at a moment, or until just before it."""
+        at = max(int(self.begin.searchsorted(t_s, side="left" if before else "right")) - 1, 0)
+        return float(self.margin.lower[at]), float(self.margin.upper[at])
 
     def shortened(self) -> Steps:
         """The same function without steps that change nothing."""
@@ -60,6 +78,11 @@ class Dense:
         predicates: The margin of every predicate at every sample.
         beyond: What is beyond the trial.
         longest_s: A sample stands for no longer than this; what follows is not known.
+        from_start: Whether the first sample is the first one of the trial.
+        following_s: The sample after these; `None`: there is none.
+
+    Attributes:
+        entering: What enters steps that are a part of a trial.
     """
 
     def __init__(
@@ -69,17 +92,25 @@ class Dense:
         predicates: Mapping[Node, FloatArray],
         beyond: Beyond,
         longest_s: float = np.inf,
+        *,
+        from_start: bool = True,
+        following_s: float | None = None,
     ) -> None:
         self.span, self.predicates, self.beyond = span, predicates, beyond
-        self.steps: dict[tuple[Node, int], Steps] = {}
-        self._lay_out(t, longest_s)
+        self.steps: dict[Key, Steps] = {}
+        self.entering: Entering = lambda _: ((-np.inf, np.inf), None)
+        self._free: dict[Key, Steps] = {}
+        """Of `until` and `since` with bounds what they are without."""
+        until_s = max(span.end_s, float(t[-1])) if following_s is None else following_s
+        self._lay_out(t, until_s, longest_s, from_start=from_start)
 
-    def _lay_out(self, t: FloatArray, longest_s: float) -> None:
+    def _lay_out(self, t: FloatArray, until_s: float, longest_s: float, *, from_start: bool) -> None:
         """Steps of the samples, of what is before the first, and of holes."""
         begin = t.copy()
-        late = t[0] - self.span.start_s > longest_s + TOLERANCE_S
-        begin[0] = t[0] if late else self.span.start_s
-        gap_s = np.diff(t, append=max(self.span.end_s, float(t[-1])))
+        late = from_start and bool(t[0] - self.span.start_s > longest_s + TOLERANCE_S)
+        if from_start and not late:
+            begin[0] = self.span.start_s
+        gap_s = np.diff(t, append=until_s)
         (before_holes,) = np.nonzero(gap_s > longest_s + TOLERANCE_S)
         holes = t[before_holes] + longest_s
         self.begin = np.insert(begin, before_holes + 1, holes)
@@ -88,36 +119,34 @@ class Dense:
             self.begin, sample = np.insert(self.begin, 0, self.span.start_s), np.insert(sample, 0, -1)
         self.sample = sample
 
+    @property
+    def size(self) -> int:
+        """How many bytes are held by keeping it, about."""
+        steps = [*self.steps.values(), *self._free.values()]
+        columns = [column for one in steps for column in (one.begin, one.margin.lower, one.margin.upper)]
+        columns += [self.begin, *self.predicates.values()]
+        return self.sample.nbytes + sum({id(column): column.nbytes for column in columns}.values())
+
+    def key(self, node: Node, sign: int) -> Key:
+        """Where the sign makes no difference it is 1."""
+        return node, sign if self.beyond in ("weak", "strong") else 1
+
     def of(self, node: Node, sign: int = 1) -> Steps:
         """The margin of a sub-formula; see `Discrete.of`."""
-        key = node, sign if self.beyond in ("weak", "strong") else 1
+        key = self.key(node, sign)
         if key not in self.steps:
             self.steps[key] = self._visit(node, sign).shortened()
         return self.steps[key]
 
-    def at(self, node: Node, sign: int, t_s: float) -> tuple[float, float]:
-        """The bounds of a sub-formula at a moment."""
-        margin = self.of(node, sign).on(np.array([t_s + TOLERANCE_S]))
-        return float(margin.lower[0]), float(margin.upper[0])
-
-    def extreme(
-        self,
-        node: Node,
-        sign: int,
-        window: tuple[float, float],
-        *,
-        of: Literal["lower", "upper"],
-        least: bool,
-    ) -> float | None:
-        """When a bound of a sub-formula is first least or greatest within a stretch of time."""
-        steps = self.of(node, sign)
-        values = getattr(steps.margin, of)
-        first = max(int(np.searchsorted(steps.begin, window[0] + TOLERANCE_S, side="right")) - 1, 0)
-        last = int(np.searchsorted(steps.begin, window[1] + TOLERANCE_S, side="right"))
-        if window[1] < self.span.start_s or window[0] > self.span.end_s or first >= last:
-            return None
-        found = values[first:last].argmin() if least else values[first:last].argmax()
-        return max(float(steps.begin[first + int(found)]), window[0])
+    def left(self, node: Node, sign: int, t_s: float) -> tuple[float, float]:
+        """What a sub-formula that hangs on what is far away goes on with, beyond a moment on its way."""
+        steps, ahead = self.of(node, sign), node.operator in FUTURE
+        steps = self._free.get(self.key(node, sign), steps)
+        lower, upper = steps.value(t_s, before=not ahead)
+        if node.operator == "since":  # a step that is left must itself have been held to its end
+            held = self.of(node.parts[0], sign).value(t_s, before=True)
+            return min(held[0], lower), min(held[1], upper)
+        return lower, upper
 
     def outside(self, sign: int) -> tuple[float, float]:
         """The bounds of anything beyond the trial."""
@@ -176,12 +205,24 @@ class Dense:
             if not ahead:
                 start_s, end_s = -end_s, -start_s
             return self._within(steps, start_s, end_s, sign, smallest=smallest)
-        accumulate = np.minimum.accumulate if smallest else np.maximum.accumulate
+        return self._so_far(steps, self.key(node, sign), smallest=smallest, ahead=ahead)
 
-        def extremum(values: FloatArray) -> FloatArray:
-            return accumulate(values[::-1])[::-1] if ahead else accumulate(values)
+    def _so_far(self, steps: Steps, key: Key, *, smallest: bool, ahead: bool) -> Steps:
+        """The extremum up to each step, or from it on."""
+        rows, outer = self._gone_through(key, steps.begin)
+        margin = steps.margin.apply(lambda values: to_the_end(values, rows, smallest=smallest, ahead=ahead))
+        if outer is not None:
+            join = np.minimum if smallest else np.maximum
+            lower = join(margin.lower, outer[0])
+            known = margin.known and outer[0] == outer[1]
+            margin = Margin(lower, lower if known else join(margin.upper, outer[1]))
+        return Steps(steps.begin, margin)
 
-        return Steps(steps.begin, steps.margin.apply(extremum))
+    def _gone_through(self, key: Key, begin: FloatArray) -> tuple[slice, tuple[float, float] | None]:
+        """The steps an operator goes through, and its bounds where it comes from."""
+        (from_s, to_s), outer = self.entering(key)
+        first = max(int(begin.searchsorted(from_s, side="right")) - 1, 0)
+        return slice(first, int(begin.searchsorted(to_s))), outer
 
     def _within(self, steps: Steps, start_s: float, end_s: float, sign: int, *, smallest: bool) -> Steps:
         """The extremum over the window from `start_s` to `end_s` away of every moment."""
@@ -224,11 +265,17 @@ class Dense:
         begin, (first, second) = _together(self.of(node.parts[0], sign), self.of(node.parts[1], sign))
         bounds = node.bounds
         outer = (-np.inf, -np.inf) if bounds is None or self.beyond == "cut" else self.outside(sign)
-        pairs = ((first.lower, second.lower, outer[0]), (first.upper, second.upper, outer[1]))
-        lower, upper = (_until(a, b, start, ahead=ahead) for a, b, start in pairs)
+        rows, start = slice(0, len(begin)), None
+        if hangs(node):
+            rows, start = self._gone_through(self.key(node, sign), begin)
+        from_lower, from_upper = outer if start is None else start
+        lower = _until(first.lower, second.lower, rows, from_lower, ahead=ahead)
+        upper = _until(first.upper, second.upper, rows, from_upper, ahead=ahead)
         free = Steps(begin, Margin(lower, upper))
         if bounds is None:
             return free
+        if hangs(node):
+            self._free[self.key(node, sign)] = free
         start_s, end_s = (bounds.start_s, bounds.end_s) if ahead else (-bounds.end_s, -bounds.start_s)
         reached = self._within(Steps(begin, second), start_s, end_s, sign, smallest=False)
         if bounds.start_s == 0:
@@ -266,10 +313,12 @@ def _together(*several: Steps) -> tuple[FloatArray, list[Margin]]:
     return begin, [steps.on(begin) for steps in several]
 
 
-def _until(first: FloatArray, second: FloatArray, start: float, *, ahead: bool) -> FloatArray:
+def _until(first: FloatArray, second: FloatArray, rows: slice, start: float, *, ahead: bool) -> FloatArray:
+    """`until` or `since` over some steps; other steps as `second` is."""
+    a, b = first[rows], second[rows]
     if ahead:
-        return chained(first[::-1], second[::-1], start)[::-1]
+        return among(chained(a[::-1], b[::-1], start)[::-1], second, rows)
     # Looking back, a step that is left must itself have been held to its end.
-    earlier = chained(first, np.minimum(first, second), start)
+    earlier = chained(a, np.minimum(a, b), start)
     earlier = np.concatenate(([start], earlier[:-1]))
-    return np.maximum(second, np.minimum(first, earlier))
+    return among(np.maximum(b, np.minimum(a, earlier)), second, rows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -277,22 +277,24 @@ class Judged:
         return None
 
     def _go_through(self) -> None:
-        violations, opened = self._episodes(), _Runs(self.stretch.end_s)
+        violations, opened, last_s = self._episodes(), _Runs(self.stretch.end_s), -math.inf
         for piece in self.judgement.pieces():
-            if self.monitor.time == "dense":
-                last_s = max(self.stretch.end_s, float(piece.begin[-1]) + TOLERANCE_S)
-                violations.take(np.append(piece.begin, last_s), np.append(piece.violated, False))
-            else:
-                violations.take(piece.begin, piece.violated)
+            if piece.anew:
+                violations, opened, self.closest = self._episodes(), _Runs(self.stretch.end_s), None
+            violations.take(piece.begin, piece.violated)
             opened.take(piece)
+            last_s = float(piece.begin[-1])
             least = int(np.argmin(piece.lower))
             if self.closest is None or piece.lower[least] < self.closest[1]:
                 self.closest = (
                     float(piece.begin[least]),
-                    float(piece.lower[least]),
+                    float(piece.lower[least]) + 0.0,  # a zero without its sign, which hangs on windows
                     bool(piece.violated[least]),
                 )
-        self.violations = [replace(one, span=self._within(one.span)) for one in violations.end()]
+        if self.monitor.time == "dense" and last_s > -math.inf:  # the last step lasts as long as it is judged
+            end_s = max(self.stretch.end_s, last_s + TOLERANCE_S)
+            violations.take(np.array([end_s]), np.array([False]))
+        self.violations = violations.end()
         self.open_spans = [self._settled(span) for span in opened.found]
 
     def _episodes(self) -> Episodes:
@@ -319,8 +321,7 @@ class Judged:
 
     def findings(self) -> Iterator[Finding]:
         """Every violation, everything undecided, or that the formula holds."""
-        for broken in self._broken():
-            yield self._violation(broken)
+        yield from self._violations()
         undecided = self._undecided()
         yield from undecided
         beyond = self._beyond()
@@ -328,6 +329,13 @@ class Judged:
             yield beyond
         if not self.violations and not undecided and beyond is None:
             yield self._kept()
+
+    def _violations(self) -> Iterator[Finding]:
+        """A finding for each violation, in order of time."""
+        found = [self._violation(broken) for broken in self._broken()]
+        units = self._units_anywhere({size for _, size in found if size is not None})
+        for finding, size in found:
+            yield finding if size is None else replace(finding, unit=units.get(size, ""))
 
     def _broken(self) -> Iterator[_Broken]:
         """The violations in order of time, measured."""
@@ -377,26 +385,31 @@ class Judged:
     def _durations_s(self, piece: Piece) -> FloatArray:
         """How long the moments that are judged stand for, s."""
         if self.monitor.time == "dense":
-            return np.diff(piece.begin, append=max(self.stretch.end_s, float(piece.begin[-1])))
+            end_s = piece.until_s
+            if end_s is None:
+                end_s = max(self.stretch.end_s, float(piece.begin[-1]))
+            return np.diff(piece.begin, append=end_s)
         if piece.until_s is None:
             return sample_durations(piece.begin, longest_s=self.monitor.max_gap_s)
         begin = np.append(piece.begin, piece.until_s)
         return sample_durations(begin, longest_s=self.monitor.max_gap_s)[:-1]
 
-    def _violation(self, broken: _Broken) -> Finding:
+    def _violation(self, broken: _Broken) -> tuple[Finding, float | None]:
+        """The finding; with the size of its robustness where its unit is to be looked for anywhere."""
         worst_s, robustness = self._moment(broken.worst_s), broken.margin
-        span = self._settled(broken.span)
+        span = self._settled(self._within(broken.span))
         judgement = self.judgement
         evaluated = judgement.evaluated if robustness < 0 else judgement.decided
         chain = causes(evaluated, self.body, worst_s)
         finite = math.isfinite(robustness)
-        return Finding(
+        unit = self._unit(chain, robustness) if finite else ""
+        finding = Finding(
             self.subject,
             Verdict.VIOLATED,
             f"{self._how_long(span, worst_s)}: {self._told(chain)}",
             span=span,
             robustness=robustness if finite else None,
-            unit=self._unit(chain, robustness) if finite else "",
+            unit=unit or "",
             quantities={
                 "time_in_violation_s": broken.time_s,
                 "failed_at_s": self._moment(chain[-1].t_s),
@@ -406,6 +419,7 @@ class Judged:
             clause=self.monitor.clause,
             critical=self.monitor.critical,
         )
+        return finding, abs(robustness) if unit is None else None
 
     def _how_long(self, span: Span, worst_s: float) -> str:
         if self.monitor.tree.operator != "always":
@@ -423,10 +437,10 @@ class Judged:
             words[-1] += f" by {margin:.6g} {self.monitor.margin_units[last.node]}".rstrip()
         return ", for ".join(words)
 
-    def _unit(self, chain: list[Cause], robustness: float) -> str:
+    def _unit(self, chain: list[Cause], robustness: float) -> str | None:
         last = chain[-1]
         known = self.monitor.margin_units.get(last.node)
-        return self._deciding_unit(robustness, last.t_s) if known is None else known
+        return self._unit_at(robustness, last.t_s) if known is None else known
 
     def _row(self, t_s: float) -> int:
         return max(self.track.row(math.nextafter(t_s + TOLERANCE_S, math.inf)) - 1, 0)
@@ -498,7 +512,9 @@ class Judged:
             message = f"holds throughout, at its closest at {at_s:.3f} s"
         else:
             message = "holds"
-        unit = self._deciding_unit(robustness, at_s) if finite else ""
+        unit = self._unit_at(robustness, at_s) if finite else ""
+        if unit is None:
+            unit = self._units_anywhere([abs(robustness)]).get(abs(robustness), "")
         return Finding(
             self.subject,
             Verdict.SATISFIED,
@@ -516,17 +532,28 @@ class Judged:
         message = "no sample lies in the window of its outermost 'always'"
         return Finding.inconclusive(self.subject, message, span=self.stretch, clause=self.monitor.clause)
 
-    def _deciding_unit(self, robustness: float, at_s: float) -> str:
-        """The unit all predicates share; of different ones that of the predicate that is as far."""
+    def _unit_at(self, robustness: float, at_s: float) -> str | None:
+        """The unit all predicates share; of different ones that of the predicate that is as far then."""
         units = self.monitor.margin_units
         if len(set(units.values())) == 1:
             return next(iter(units.values()))
         row = self._row(at_s)
-        for node, unit in units.items():
-            if abs(self.judgement.predicate(node, row)) == abs(robustness):
-                return unit
-        near = (u for n, u in units.items() if self.judgement.anywhere(n, abs(robustness)))
-        return next(near, "")
+        far = (u for n, u in units.items() if abs(self.judgement.predicate(n, row)) == abs(robustness))
+        return next(far, None)
+
+    def _units_anywhere(self, sizes: Collection[float]) -> dict[float, str]:
+        """The units of the first predicates that are as far at any sample."""
+        wanted, units = np.array(sorted(sizes)), self.monitor.margin_units
+        found: dict[float, int] = {}
+        for window in self.track.windows() if len(wanted) else ():
+            leaves = self.asked.leaves(self.track, *window)
+            for number, node in enumerate(units):
+                size = np.abs(leaves[node])
+                at = np.minimum(wanted.searchsorted(size), len(wanted) - 1)
+                for one in wanted[np.unique(at[wanted[at] == size])].tolist():
+                    found[one] = min(found.get(one, number), number)
+        names = list(units.values())
+        return {size: names[number] for size, number in found.items()}
 
 
 class _Broken:
@@ -563,7 +590,7 @@ class _Broken:
         if upper[worst] >= 0:  # broken by < where <= would have been kept
             worst = int(broken.argmax())
         if math.isnan(self.worst_s) or upper[worst] < min(self.margin, 0.0):
-            self.worst_s, self.margin = float(piece.begin[first + worst]), float(upper[worst])
+            self.worst_s, self.margin = float(piece.begin[first + worst]), float(upper[worst]) + 0.0
 
     def _add(self, broken_s: FloatArray) -> None:
         """Add up how long it lasts; most violations are in one piece."""

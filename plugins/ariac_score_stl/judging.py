@@ -1,20 +1,23 @@
-"""A formula at every moment it is judged at: in discrete time window by window, in dense time at once."""
+"""A formula at every moment it is judged at, window by window: in discrete and in dense time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
+from math import inf
 
 import numpy as np
 
 from ariac_score import Span
-from ariac_score_stl.dense import Dense
+from ariac_score_stl.dense import Steps
+from ariac_score_stl.dense_windows import DenseWindows
 from ariac_score_stl.explain import Evaluated
-from ariac_score_stl.robustness import Beyond, margins, truths
+from ariac_score_stl.robustness import Beyond, Margin, margins, truths
 from ariac_score_stl.rows import TOLERANCE_S, BoolArray
-from ariac_score_stl.sliding import FloatArray, IntArray
+from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import Node
-from ariac_score_stl.windows import Line, Track, Windows
+from ariac_score_stl.windows import Line, RowWindows, Track
 
 __all__ = ["Asked", "DenseTime", "DiscreteTime", "Judgement", "Piece"]
 
@@ -34,6 +37,7 @@ class Piece:
         open: Where it cannot be decided, shape (n,).
         hole: Which moments stand for a hole, shape (n,); `None`: none does.
         until_s: The moment after the last one of these; `None`: there is none.
+        anew: Whether this is the first one again, and what came before is to be forgotten.
     """
 
     begin: FloatArray
@@ -43,6 +47,7 @@ class Piece:
     open: BoolArray
     hole: BoolArray | None = None
     until_s: float | None = None
+    anew: bool = False
 
     @classmethod
     def of(
@@ -54,10 +59,45 @@ class Piece:
 
     @property
     def size(self) -> int:
-        """How many bytes are held by keeping it."""
-        parts = {id(part): part for part in (self.lower, self.upper)}.values()
-        bases = (part if part.base is None else part.base for part in parts)
-        return sum(getattr(base, "nbytes", 0) for base in bases) + 2 * len(self.begin)
+        """How many bytes are held by keeping it, beside its beginnings."""
+        return _held_bytes(self.lower, self.upper) + 2 * len(self.begin)
+
+
+def _held_bytes(*columns: FloatArray) -> int:
+    """How many bytes are held by keeping some columns, parts of larger ones maybe."""
+    bases = [column if column.base is None else column.base for column in columns]
+    return sum(getattr(base, "nbytes", 0) for base in {id(base): base for base in bases}.values())
+
+
+class _Kept:
+    """Pieces that were judged first, for as long as there is room."""
+
+    def __init__(self) -> None:
+        self._pieces: dict[int, Piece] = {}
+        self._bytes = 0
+
+    def get(self, k: int) -> Piece | None:
+        """The piece of window k, if it is here."""
+        return self._pieces.get(k)
+
+    def put(self, k: int, piece: Piece, size: int) -> Piece:
+        """The piece of window k, which stays here if there is room for so many bytes."""
+        if self._bytes + size <= KEPT_BYTES:
+            self._pieces[k], self._bytes = piece, self._bytes + size
+        return piece
+
+
+def _linked(pieces: Iterable[Piece]) -> Iterator[Piece]:
+    """Pieces that know when the next one begins; not those without any moment."""
+    before: Piece | None = None
+    for piece in pieces:
+        if not len(piece.begin):
+            continue
+        if before is not None:
+            yield replace(before, until_s=float(piece.begin[0]))
+        before = piece
+    if before is not None:
+        yield before
 
 
 @dataclass(frozen=True)
@@ -114,27 +154,22 @@ class Judgement:
         """The margin of a predicate at a sample."""
         raise NotImplementedError
 
-    def anywhere(self, node: Node, size: float) -> bool:
-        """Whether the margin of a predicate is of some size at any sample."""
-        raise NotImplementedError
-
 
 class DiscreteTime(Judgement):
     """Of the samples and the holes between them."""
 
     def __init__(self, asked: Asked, track: Track, line: Line) -> None:
         self._asked, self._line = asked, line
-        evaluated = Windows(
+        evaluated = RowWindows(
             asked.body, line, lambda _, first, last: asked.leaves(track, first, last), asked.beyond
         )
 
         def leaves(k: int, *_: int) -> Mapping[Node, FloatArray]:
             return truths(evaluated.window(k).evaluated.predicates)
 
-        self.evaluated: Windows = evaluated
-        self.decided: Windows = Windows(asked.body, line, leaves, asked.beyond)
-        self._kept: dict[int, Piece] = {}
-        self._kept_bytes = 0
+        self.evaluated: RowWindows = evaluated
+        self.decided: RowWindows = RowWindows(asked.body, line, leaves, asked.beyond)
+        self._kept = _Kept()
 
     @property
     def _rows(self) -> tuple[int, int]:
@@ -149,20 +184,17 @@ class DiscreteTime(Judgement):
 
     def pieces(self) -> Iterator[Piece]:
         """As of any judgement."""
+        return _linked(self._pieces())
+
+    def _pieces(self) -> Iterator[Piece]:
         first, last = self._rows
-        before: Piece | None = None
         for k in range(len(self.evaluated)):
             begin, end = self.evaluated.rows_of(k)
             rows = max(first, begin), min(last, end)
             if rows[0] >= rows[1]:
                 self.evaluated.window(k)  # where a predicate has no value all of the trial counts
                 continue
-            piece = self._kept.get(k) or self._piece(k, *rows)
-            if before is not None:
-                yield replace(before, until_s=float(piece.begin[0]))
-            before = piece
-        if before is not None:
-            yield before
+            yield self._kept.get(k) or self._piece(k, *rows)
 
     def _piece(self, k: int, first: int, last: int) -> Piece:
         body = self._asked.body
@@ -178,9 +210,7 @@ class DiscreteTime(Judgement):
         holes = window.evaluated.rows.hole
         piece = Piece.of(window.evaluated.begin[rows], lower, upper, decided)
         piece = replace(piece, hole=None if holes is None else holes[rows])
-        if self._kept_bytes + piece.size <= KEPT_BYTES:
-            self._kept[k], self._kept_bytes = piece, self._kept_bytes + piece.size
-        return piece
+        return self._kept.put(k, piece, piece.size)
 
     def predicate(self, node: Node, sample: int) -> float:
         """As of any judgement."""
@@ -188,69 +218,94 @@ class DiscreteTime(Judgement):
         first, _ = self._line.samples(window.at, window.stop)
         return float(window.evaluated.predicates[node][sample - first])
 
-    def anywhere(self, node: Node, size: float) -> bool:
-        """As of any judgement."""
-        found = (self.evaluated.window(k).evaluated.predicates[node] for k in range(len(self.evaluated)))
-        return any(bool((np.abs(margin) == size).any()) for margin in found)
-
 
 class DenseTime(Judgement):
-    """Of every moment, all at once."""
+    """Of every moment."""
 
     def __init__(self, asked: Asked, track: Track, longest_s: float) -> None:
-        self._asked = asked
-        self._t = track.times(0, len(track))
-        self._longest_s = longest_s
-        self._predicates = asked.leaves(track, 0, len(track))
-        self.evaluated: Dense = self._evaluate(self._predicates)
-        self.decided: Dense = self.evaluated
-        self._piece = self._judged()
+        self._asked, self._track = asked, track
 
-    def _evaluate(self, predicates: Mapping[Node, FloatArray]) -> Dense:
-        return Dense(self._t, self._asked.span, predicates, self._asked.beyond, self._longest_s)
+        def windows(leaves: Callable[[int, int, int], Mapping[Node, FloatArray]]) -> DenseWindows:
+            return DenseWindows(asked.body, track, asked.span, leaves, asked.beyond, longest_s)
 
-    def _judged(self) -> Piece:
-        begin, lower, upper = self._bounds(self.evaluated)
-        if lower.all() and upper.all():
-            return Piece.of(begin, lower, upper, (lower, upper))
-        # Where a margin is exactly 0 it does not tell < from <=.
-        self.decided = self._evaluate(truths(self._predicates))
-        on, *decided = self._bounds(self.decided)
-        if len(on) != len(begin):  # steps are as long as nothing changes
-            begin, both = _on_all_steps(begin, on)
-            lower, upper = lower[both[0]], upper[both[0]]
-            decided = [bound[both[1]] for bound in decided]
-        return Piece.of(begin, lower, upper, (decided[0], decided[1]))
+        def leaves(k: int, *_: int) -> Mapping[Node, FloatArray]:
+            return truths(evaluated.window(k).evaluated.predicates)
 
-    def _bounds(self, evaluated: Dense) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Moments at which the body is judged, and its bounds there."""
-        stretch, steps = self._asked.stretch, evaluated.of(self._asked.body)
-        begin = steps.begin
-        first = max(int(np.searchsorted(begin, stretch.start_s + TOLERANCE_S, side="right")) - 1, 0)
-        last = int(np.searchsorted(begin, stretch.end_s + TOLERANCE_S, side="right"))
-        if self._asked.tree.operator != "always":
-            first, last = 0, 1
-        rows = slice(0, 0) if self._asked.late else slice(first, last)
-        begin = begin[rows]
-        if len(begin) and begin[0] < stretch.start_s:
-            begin = np.concatenate(([stretch.start_s], begin[1:]))
-        return begin, steps.margin.lower[rows], steps.margin.upper[rows]
+        evaluated = windows(lambda _, first, last: asked.leaves(track, first, last))
+        self.evaluated: DenseWindows = evaluated
+        self.decided: DenseWindows = windows(leaves)
+        self._kept = _Kept()
+        self._exact = False
+        """Whether a margin that is judged is exactly 0, which does not tell < from <=."""
+
+    @property
+    def _stretch(self) -> tuple[float, float] | None:
+        """From when to when steps are judged, s, both included; `None`: never."""
+        asked = self._asked
+        if asked.late:
+            return None
+        if asked.tree.operator != "always":
+            return -inf, asked.span.start_s
+        return asked.stretch.start_s + TOLERANCE_S, asked.stretch.end_s + TOLERANCE_S
 
     def pieces(self) -> Iterator[Piece]:
         """As of any judgement."""
-        if len(self._piece.begin):
-            yield self._piece
+        exact = self._exact
+        yield from _linked(self._pieces())
+        if self._exact is not exact:
+            # Where truth decides, every step that it has counts, before that moment too.
+            pieces = _linked(self._pieces())
+            yield from (replace(piece, anew=True) for piece in islice(pieces, 1))
+            yield from pieces
+
+    def _pieces(self) -> Iterator[Piece]:
+        stretch = self._stretch
+        for k in range(len(self.evaluated)):
+            begin_s, end_s = self.evaluated.time_of(k)
+            if stretch is None or stretch[1] < begin_s or end_s <= stretch[0]:
+                # Where a predicate has no value all of the trial counts.
+                self._asked.leaves(self._track, *self.evaluated.rows_of(k))
+                continue
+            piece = self._kept.get(k) or self._piece(k, stretch)
+            if piece is None:
+                return
+            yield piece
+
+    def _piece(self, k: int, stretch: tuple[float, float]) -> Piece | None:
+        """What is judged in window k; `None` where a first margin of 0 turns up."""
+        if self._exact:
+            begin, (margin, decided) = self._judged(k, stretch, self.evaluated, self.decided)
+        else:
+            begin, (margin,) = self._judged(k, stretch, self.evaluated)
+            decided = margin
+            if not (margin.lower.all() and margin.upper.all()):
+                self._exact, self._kept = True, _Kept()
+                return None
+        piece = Piece.of(begin, margin.lower, margin.upper, (decided.lower, decided.upper))
+        return self._kept.put(k, piece, piece.size + _held_bytes(begin))
+
+    def _judged(
+        self, k: int, stretch: tuple[float, float], *several: DenseWindows
+    ) -> tuple[FloatArray, list[Margin]]:
+        """Moments of window k at which the body is judged, and its margins there."""
+        found = [windows.of(k).evaluated.of(self._asked.body) for windows in several]
+        rows = [self.evaluated.steps_of(k, steps.begin, stretch) for steps in found]
+        begins = [self._begin(steps, some) for steps, some in zip(found, rows, strict=True)]
+        if len(several) == 1:
+            return begins[0], [found[0].margin.apply(lambda values: values[rows[0]])]
+        begin = np.unique(np.concatenate(begins))
+        within = stretch[0] < self.evaluated.time_of(k)[0]
+        firsts = [0 if within else some.start for some in rows]
+        return begin, [steps.on(begin, first) for steps, first in zip(found, firsts, strict=True)]
+
+    def _begin(self, steps: Steps, rows: slice) -> FloatArray:
+        """When steps that are judged begin; the first one no earlier than that."""
+        begin, start_s = steps.begin[rows], self._asked.stretch.start_s
+        if len(begin) and begin[0] < start_s:
+            return np.concatenate(([start_s], begin[1:]))
+        return begin
 
     def predicate(self, node: Node, sample: int) -> float:
         """As of any judgement."""
-        return float(self._predicates[node][sample])
-
-    def anywhere(self, node: Node, size: float) -> bool:
-        """As of any judgement."""
-        return bool((np.abs(self._predicates[node]) == size).any())
-
-
-def _on_all_steps(a: FloatArray, b: FloatArray) -> tuple[FloatArray, tuple[IntArray, IntArray]]:
-    """Steps that fit both, and the row of each in both."""
-    begin = np.unique(np.concatenate((a, b)))
-    return begin, (np.searchsorted(a, begin, side="right") - 1, np.searchsorted(b, begin, side="right") - 1)
+        window = self.evaluated.window(self.evaluated.number_of(sample))
+        return float(window.evaluated.predicates[node][sample - window.at])

@@ -18,7 +18,18 @@ from ariac_score_stl.rows import TOLERANCE_S, Extent, Rows, Window
 from ariac_score_stl.sliding import FloatArray, chained
 from ariac_score_stl.syntax import Node
 
-__all__ = ["Beyond", "Discrete", "Entering", "Key", "Margin", "entered", "margins", "truths"]
+__all__ = [
+    "Beyond",
+    "Discrete",
+    "Entering",
+    "Key",
+    "Margin",
+    "among",
+    "entered",
+    "margins",
+    "to_the_end",
+    "truths",
+]
 
 Beyond = Literal["undecided", "weak", "strong", "cut"]
 """What is beyond the trial: not known; what keeps the formula; what breaks it; not part of any window."""
@@ -261,7 +272,7 @@ class Discrete:
     def _so_far(self, part: Margin, key: Key, *, smallest: bool, ahead: bool) -> Margin:
         """The extremum up to each row, or from it on."""
         rows, outer = self.entering(key)
-        free = part.apply(lambda values: _to_the_end(values, rows, smallest=smallest, ahead=ahead))
+        free = part.apply(lambda values: to_the_end(values, rows, smallest=smallest, ahead=ahead))
         if outer is not None:
             join = np.minimum if smallest else np.maximum
             lower = join(free.lower, outer[0])
@@ -373,21 +384,21 @@ def _highest(values: FloatArray, extent: Extent) -> FloatArray:
     return -extent.lowest(-values)
 
 
-def _to_the_end(values: FloatArray, rows: slice, *, smallest: bool, ahead: bool) -> FloatArray:
+def to_the_end(values: FloatArray, rows: slice, *, smallest: bool, ahead: bool) -> FloatArray:
     """The extremum over some rows, up to each or from it on; other rows as they are."""
     accumulate = np.minimum.accumulate if smallest else np.maximum.accumulate
     some = values[rows]
     found = accumulate(some[::-1])[::-1] if ahead else accumulate(some)
-    return _among(found, values, rows)
+    return among(found, values, rows)
 
 
 def _chained(first: FloatArray, second: FloatArray, rows: slice, start: float, *, ahead: bool) -> FloatArray:
     if ahead:
-        return _among(chained(first[rows][::-1], second[rows][::-1], start)[::-1], second, rows)
-    return _among(chained(first[rows], second[rows], start), second, rows)
+        return among(chained(first[rows][::-1], second[rows][::-1], start)[::-1], second, rows)
+    return among(chained(first[rows], second[rows], start), second, rows)
 
 
-def _among(found: FloatArray, values: FloatArray, rows: slice) -> FloatArray:
+def among(found: FloatArray, values: FloatArray, rows: slice) -> FloatArray:
     """What was found of some rows, among what other rows have."""
     if len(found) == len(values):
         return found

@@ -1,10 +1,11 @@
-"""A formula over a trial whose rows come window by window: what is held does not grow with the trial.
+"""A formula over a trial whose samples come window by window: what is held does not grow with the trial.
 
 A window of rows is judged with as many rows around it as the bounds of the formula
-reach. What looks back or ahead without bounds enters a window as a number: what it
-was at the row before, or is at the row after. These numbers are found by going through
-the windows once, forwards for what looks back, backwards for what looks ahead, inner
-sub-formulas first. All margins are those of one window as long as the trial, to the bit.
+reach; in discrete time a row is a sample or a hole, in dense time a sample. What looks
+back or ahead without bounds enters a window as a number: what it was at the row before,
+or is at the row after. These numbers are found by going through the windows once,
+forwards for what looks back, backwards for what looks ahead, inner sub-formulas first.
+All margins are those of one window as long as the trial, to the bit.
 """
 
 from __future__ import annotations
@@ -15,17 +16,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from math import inf, nextafter
-from typing import Literal
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
 
 from ariac_score import Signal, Span, TimeBase
-from ariac_score_stl.robustness import Beyond, Discrete, Entering, Key, entered
+from ariac_score_stl.robustness import Beyond, Discrete, Entering, Key, Margin, entered
 from ariac_score_stl.rows import TOLERANCE_S, Rows
 from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import FUTURE, Node
 
-__all__ = ["Line", "Track", "Windows"]
+__all__ = ["Line", "RowWindows", "Track", "Windows"]
 
 WINDOW_ROWS = 65_536
 """So many rows are judged at once: ten minutes at 100 Hz."""
@@ -101,10 +102,14 @@ class Track:
             found[name] = parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
         return found
 
+    def windows(self) -> Iterator[tuple[int, int]]:
+        """All samples, some thousand at a time: from one to before another."""
+        for first in range(0, len(self), WINDOW_ROWS):
+            yield first, min(first + WINDOW_ROWS, len(self))
+
     def stretches(self) -> Iterator[FloatArray]:
         """All times, some thousand at a time."""
-        for first in range(0, len(self), WINDOW_ROWS):
-            yield self.times(first, min(first + WINDOW_ROWS, len(self)))
+        return (self.times(first, last) for first, last in self.windows())
 
     def _parts(self, first: int, last: int) -> Iterator[tuple[int, slice]]:
         k = bisect_right(self._rows, first) - 1
@@ -204,8 +209,152 @@ class Window:
         return slice(self.first - self.at, self.last - self.at)
 
 
-class Windows:
+W = TypeVar("W")
+
+
+class Windows(Generic[W]):
     """Margins of a formula and its parts, window by window.
+
+    Args:
+        body: The formula.
+        beyond: What is beyond the trial.
+        rows: How many rows there are.
+        span: The trial.
+        hangs: Whether a sub-formula enters windows as a number.
+    """
+
+    def __init__(
+        self,
+        body: Node,
+        beyond: Beyond,
+        rows: int,
+        span: Span,
+        *,
+        hangs: Callable[[Node], bool] = entered,
+    ) -> None:
+        self.body, self._beyond, self._count = body, beyond, rows
+        self._rows = _window_rows(body, rows, span.duration_s)
+        self._windows: OrderedDict[int, W] = OrderedDict()
+        self._entering: dict[tuple[Key, int], tuple[float, float]] = {}
+        self._extremes: dict[tuple[Node, int, str, bool, int], tuple[float, float | None]] = {}
+        self._passes = _passes(body, 1, beyond in ("weak", "strong"), hangs)
+        self._begun, self._gone = False, 0
+
+    def __len__(self) -> int:
+        return (self._count + self._rows - 1) // self._rows
+
+    def rows_of(self, k: int) -> tuple[int, int]:
+        """The rows that are judged in window k."""
+        return k * self._rows, min((k + 1) * self._rows, self._count)
+
+    def number_of(self, row: int) -> int:
+        """The window in which a row is judged."""
+        return row // self._rows
+
+    def window(self, k: int) -> W:
+        """Window k."""
+        if k in self._windows:
+            self._windows.move_to_end(k)
+            return self._windows[k]
+        found = self._windows[k] = self._made(k)
+        while len(self._windows) > 2 and sum(map(self._size, self._windows.values())) > KEPT_BYTES:
+            self._windows.popitem(last=False)
+        return found
+
+    def of(self, k: int) -> W:
+        """Window k, once all that enters it is known."""
+        self._begin()
+        while self._gone < k:
+            self._go_on(self._gone, self._passes[-1], 1)
+            self._gone += 1
+        return self.window(k)
+
+    def _made(self, k: int) -> W:
+        raise NotImplementedError
+
+    def _size(self, window: W) -> int:
+        """How many bytes a window holds, about, or will."""
+        raise NotImplementedError
+
+    # What enters a window ----------------------------------------------------------------
+
+    def _begin(self) -> None:
+        if self._begun:
+            return
+        self._begun = True
+        for number, keys in enumerate(self._passes[:-1]):
+            ahead = number % 2 == 1
+            windows = range(len(self) - 1, 0, -1) if ahead else range(len(self) - 1)
+            for k in windows if keys else ():
+                self._go_on(k, keys, -1 if ahead else 1)
+
+    def _go_on(self, k: int, keys: Sequence[Key], by: int) -> None:
+        """Find what enters the next window, after window k or before it."""
+        for key, left in self._left(k, keys, by) if keys else ():
+            state = self._entering.get((key, k)) if left is None else left
+            if state is not None:
+                self._entering[key, k + by] = state
+
+    def _left(self, k: int, keys: Sequence[Key], by: int) -> Iterator[tuple[Key, tuple[float, float] | None]]:
+        """What sub-formulas leave window k with; `None`: with what they entered it with."""
+        raise NotImplementedError
+
+    # The worst of many moments -----------------------------------------------------------
+
+    def extreme(
+        self,
+        node: Node,
+        sign: int,
+        window: tuple[float, float],
+        *,
+        of: Literal["lower", "upper"],
+        least: bool,
+    ) -> float | None:
+        """When a bound of a sub-formula is first least or greatest within a stretch of time."""
+        best, when = inf, None
+        for k, some in self._within(window):
+            value, begin_s = self._extreme(node, sign, k, some, of, least=least)
+            if when is None or value < best:
+                best, when = value, begin_s
+        return when
+
+    def _within(self, window: tuple[float, float]) -> Iterator[tuple[int, tuple[float, float] | None]]:
+        """The windows of a stretch of time, and what of each is in it; `None`: all of it."""
+        raise NotImplementedError
+
+    def _margins(
+        self, node: Node, sign: int, k: int, some: tuple[float, float] | None
+    ) -> tuple[FloatArray, Margin]:
+        """When margins of a sub-formula in window k begin, and the margins."""
+        raise NotImplementedError
+
+    def _extreme(
+        self,
+        node: Node,
+        sign: int,
+        k: int,
+        some: tuple[float, float] | None,
+        of: Literal["lower", "upper"],
+        *,
+        least: bool,
+    ) -> tuple[float, float | None]:
+        """The least value (or the greatest, negated) in window k; and when."""
+        key = node, sign, of, least, k
+        if some is None and key in self._extremes:
+            return self._extremes[key]
+        begin, margin = self._margins(node, sign, k, some)
+        values: FloatArray = getattr(margin, of)
+        found: tuple[float, float | None] = inf, None
+        if len(values):
+            row = int(values.argmin() if least else values.argmax())
+            found = float(values[row] if least else -values[row]), float(begin[row])
+        if some is None:
+            self._extremes[key] = found
+        return found
+
+
+class RowWindows(Windows[Window]):
+    """Margins of a formula in discrete time, window by window.
 
     Args:
         body: The formula.
@@ -221,38 +370,11 @@ class Windows:
         leaves: Callable[[int, int, int], Mapping[Node, FloatArray]],
         beyond: Beyond,
     ) -> None:
-        self.body, self.line, self._leaves, self._beyond = body, line, leaves, beyond
-        self._rows = self._window_rows()
-        self._windows: OrderedDict[int, Window] = OrderedDict()
-        self._kept = max(KEPT_BYTES // (self._rows * 16 * sum(1 for _ in body.walk())), 2)
-        self._entering: dict[tuple[Key, int], tuple[float, float]] = {}
-        self._extremes: dict[tuple[Node, int, str, bool, int], tuple[float, float]] = {}
-        self._passes = _passes(body, 1, beyond in ("weak", "strong"))
-        self._begun, self._gone = False, 0
+        super().__init__(body, beyond, len(line), line.span)
+        self.line, self._leaves = line, leaves
+        self._bytes = self._rows * 16 * sum(1 for _ in body.walk())
 
-    def _window_rows(self) -> int:
-        """How many rows a window has: many beside those that are looked at around it."""
-        span_s = self.line.span.duration_s
-        around_s = _bounds_s(self.body)
-        around = 0.0 if span_s <= 0 else min(around_s / span_s, 1.0) * len(self.line)
-        return max(WINDOW_ROWS, int(ROWS_FOR_ONE_AROUND * around))
-
-    def __len__(self) -> int:
-        return (len(self.line) + self._rows - 1) // self._rows
-
-    def rows_of(self, k: int) -> tuple[int, int]:
-        """The rows that are judged in window k."""
-        return k * self._rows, min((k + 1) * self._rows, len(self.line))
-
-    def number_of(self, row: int) -> int:
-        """The window in which a row is judged."""
-        return row // self._rows
-
-    def window(self, k: int) -> Window:
-        """Window k."""
-        if k in self._windows:
-            self._windows.move_to_end(k)
-            return self._windows[k]
+    def _made(self, k: int) -> Window:
         first, last = self.rows_of(k)
         reach: dict[Node, tuple[int, int]] = {}
         self._reaching(self.body, first, last, reach)
@@ -261,18 +383,10 @@ class Windows:
         leaves = self._leaves(k, *self.line.samples(at, stop))
         found = Window(first, last, at, stop, reach, Discrete(rows, leaves, self._beyond))
         found.evaluated.entering = self._entered(k, at, reach)
-        self._windows[k] = found
-        while len(self._windows) > self._kept:
-            self._windows.popitem(last=False)
         return found
 
-    def of(self, k: int) -> Window:
-        """Window k, once all that enters it is known."""
-        self._begin()
-        while self._gone < k:
-            self._go_on(self._gone, self._passes[-1], 1)
-            self._gone += 1
-        return self.window(k)
+    def _size(self, _: Window) -> int:
+        return self._bytes
 
     # How far is looked -------------------------------------------------------------------
 
@@ -315,24 +429,10 @@ class Windows:
 
         return entering
 
-    def _begin(self) -> None:
-        if self._begun:
-            return
-        self._begun = True
-        for number, keys in enumerate(self._passes[:-1]):
-            ahead = number % 2 == 1
-            windows = range(len(self) - 1, 0, -1) if ahead else range(len(self) - 1)
-            for k in windows if keys else ():
-                self._go_on(k, keys, -1 if ahead else 1)
-
-    def _go_on(self, k: int, keys: Sequence[Key], by: int) -> None:
-        """Find what enters the next window, after window k or before it."""
-        if not keys:
-            return
-        window, following = self.window(k), k + by
-        first, last = self.rows_of(following)
+    def _left(self, k: int, keys: Sequence[Key], by: int) -> Iterator[tuple[Key, tuple[float, float] | None]]:
+        window = self.window(k)
         reach: dict[Node, tuple[int, int]] = {}
-        self._reaching(self.body, first, last, reach)
+        self._reaching(self.body, *self.rows_of(k + by), reach)
         for key in keys:
             node, sign = key
             window.evaluated.of(node, sign)
@@ -340,12 +440,12 @@ class Windows:
             # The last row that the next window does not go through, on its way to it.
             low, high = _gone_through(reach, node)
             row = low - 1 if by > 0 else high
-            if begin <= row < end:
-                free = window.evaluated.free[window.evaluated.key(node, sign)]
-                at = row - window.at
-                self._entering[key, following] = float(free.lower[at]), float(free.upper[at])
-            elif (key, k) in self._entering:
-                self._entering[key, following] = self._entering[key, k]
+            if not begin <= row < end:
+                yield key, None
+                continue
+            free = window.evaluated.free[window.evaluated.key(node, sign)]
+            at = row - window.at
+            yield key, (float(free.lower[at]), float(free.upper[at]))
 
     # Single moments ----------------------------------------------------------------------
 
@@ -356,52 +456,21 @@ class Windows:
         margin, at = window.evaluated.of(node, sign), row - window.at
         return float(margin.lower[at]), float(margin.upper[at])
 
-    def extreme(
-        self,
-        node: Node,
-        sign: int,
-        window: tuple[float, float],
-        *,
-        of: Literal["lower", "upper"],
-        least: bool,
-    ) -> float | None:
-        """When a bound of a sub-formula is least or greatest within a stretch of time."""
+    def _within(self, window: tuple[float, float]) -> Iterator[tuple[int, tuple[float, float] | None]]:
         first, last = self.line.ending(window[0] - TOLERANCE_S), self.line.beginning(window[1] + TOLERANCE_S)
-        if first >= last:
-            return None
-        best, when = inf, None
-        for k in range(self.number_of(first), self.number_of(last - 1) + 1):
-            value, begin_s = self._extreme(node, sign, k, first, last, of, least=least)
-            if when is None or value < best:
-                best, when = value, begin_s
-        return when
+        for k in range(self.number_of(first), self.number_of(last - 1) + 1) if first < last else ():
+            begin, end = self.rows_of(k)
+            whole = first <= begin and end <= last
+            yield k, None if whole else (max(first, begin), min(last, end))
 
-    def _extreme(
-        self,
-        node: Node,
-        sign: int,
-        k: int,
-        first: int,
-        last: int,
-        of: Literal["lower", "upper"],
-        *,
-        least: bool,
-    ) -> tuple[float, float]:
-        """The least value (or the greatest, negated) in window k, among some rows; and when."""
-        begin, end = self.rows_of(k)
-        key = node, sign, of, least, k
-        whole = first <= begin and end <= last
-        if whole and key in self._extremes:
-            return self._extremes[key]
+    def _margins(
+        self, node: Node, sign: int, k: int, some: tuple[float, float] | None
+    ) -> tuple[FloatArray, Margin]:
         window = self.of(k)
-        values, at = getattr(window.evaluated.of(node, sign), of), window.at
-        start = max(first, begin) - at
-        here = values[start : min(last, end) - at]
-        row = start + int(here.argmin() if least else here.argmax())
-        found = float(values[row] if least else -values[row]), float(window.evaluated.begin[row])
-        if whole:
-            self._extremes[key] = found
-        return found
+        first, last = some or self.rows_of(k)
+        rows = slice(int(first) - window.at, int(last) - window.at)
+        margin = window.evaluated.of(node, sign).apply(lambda values: values[rows])
+        return window.evaluated.begin[rows], margin
 
 
 # Which sub-formulas enter windows ------------------------------------------------------------
@@ -412,21 +481,27 @@ def _gone_through(reach: Mapping[Node, tuple[int, int]], node: Node) -> tuple[in
     return reach[node.parts[0]]
 
 
-def _passes(body: Node, sign: int, signed: bool) -> list[list[Key]]:
+def _passes(body: Node, sign: int, signed: bool, hangs: Callable[[Node], bool]) -> list[list[Key]]:
     """The sub-formulas that enter windows, by the pass that finds what does: forwards, backwards, forwards …
 
     The last pass is forwards: it is the one in which the formula is judged.
     """
     found: dict[int, dict[Key, None]] = {}
-    _sort(body, sign, signed, found)
+    _sort(body, sign, signed, hangs, found)
     passes = [list(found.get(number, ())) for number in range(max(found, default=0) + 1)]
     return passes if len(passes) % 2 else [*passes, []]
 
 
-def _sort(node: Node, sign: int, signed: bool, found: dict[int, dict[Key, None]]) -> int:
+def _sort(
+    node: Node,
+    sign: int,
+    signed: bool,
+    hangs: Callable[[Node], bool],
+    found: dict[int, dict[Key, None]],
+) -> int:
     """Sort a sub-formula and its parts; the earliest pass in which all that enters it is known."""
-    earliest = max((_sort(part, s, signed, found) for part, s in _parts(node, sign)), default=0)
-    if not entered(node):
+    earliest = max((_sort(part, s, signed, hangs, found) for part, s in _parts(node, sign)), default=0)
+    if not hangs(node):
         return earliest
     number = earliest + (earliest % 2 != (node.operator in FUTURE))
     found.setdefault(number, {})[node, sign if signed else 1] = None
@@ -441,6 +516,12 @@ def _parts(node: Node, sign: int) -> Iterator[tuple[Node, int]]:
             yield part, -sign
         else:
             yield part, -sign if node.operator == "not" or (node.operator == "->" and not number) else sign
+
+
+def _window_rows(body: Node, rows: int, span_s: float) -> int:
+    """How many rows a window has: many beside those that are looked at around it."""
+    around = 0.0 if span_s <= 0 else min(_bounds_s(body) / span_s, 1.0) * rows
+    return max(WINDOW_ROWS, int(ROWS_FOR_ONE_AROUND * around))
 
 
 def _bounds_s(node: Node) -> float:

@@ -12,8 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Signal, Span, Trial, Verdict
+from ariac_score import Body, Finding, Signal, Span, Trial, Verdict
 from ariac_score_stl import StlFormula, judging, windows
+from ariac_score_stl.dense import Dense
+from ariac_score_stl.dense_windows import DenseWindows
+from ariac_score_stl.robustness import margins
 from ariac_score_stl.rows import Rows
 from ariac_score_stl.windows import Line, Track
 
@@ -34,6 +37,17 @@ FORMULAS = (
     "eventually[0,2] always[0,0.4] (d > 0.8 xor v > 1.1)",
     "not (once[0,0.1] d < 0.5) and eventually (v > 1 <-> d > 1)",
 )
+DENSE_FORMULAS = (
+    *(formula for formula in FORMULAS if "next" not in formula),
+    "always (d >= 1 and v > 1 or once[0.3,0.3] v == 1)",
+    "always ((d > 1 or v >= 0.5) since[0,0.3] eventually[0.1,0.2] v > 1)",
+    "always eventually ((v > 1 since[0.2,0.5] d > 1) until[0.1,0.7] d != 1)",
+)
+JUDGED = [
+    *(("discrete", formula) for formula in FORMULAS),
+    *(("dense", formula) for formula in DENSE_FORMULAS),
+]
+either_time = pytest.mark.parametrize("time", ["discrete", "dense"])
 
 
 @contextmanager
@@ -63,7 +77,7 @@ def trial(t: Any, d: Any = 5.0, v: Any = 0.0, *, t_of_v: Any = None) -> Trial:
 
 
 def wild(seed: int) -> Trial:
-    """Regular samples or not, with gaps, on one time base or on two."""
+    """Regular samples or not, with gaps, on one time base or on two; any values, or some that are limits."""
     rng = np.random.default_rng(seed)
 
     def times() -> Any:
@@ -73,8 +87,12 @@ def wild(seed: int) -> Trial:
         return np.cumsum(steps)
 
     t = times()
+
+    def values(n: int) -> Any:
+        return rng.uniform(0.1, 2, n) if rng.random() < 0.7 else rng.choice([0.25, 0.5, 1.0, 1.5], n)
+
     other = t if rng.random() < 0.6 else times()
-    return trial(t, rng.uniform(0.1, 2, len(t)), rng.uniform(0.1, 2, len(other)), t_of_v=other)
+    return trial(t, values(len(t)), values(len(other)), t_of_v=other)
 
 
 def monitor(formula: str, **more: Any) -> StlFormula:
@@ -91,7 +109,7 @@ def said(asked: StlFormula, log: Trial) -> list[Any]:
     return [*map(repr, asked.watch(log)), *courses]
 
 
-@pytest.mark.parametrize("formula", FORMULAS)
+@pytest.mark.parametrize(("time", "formula"), JUDGED)
 @settings(max_examples=8, derandomize=True, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
@@ -100,21 +118,22 @@ def said(asked: StlFormula, log: Trial) -> list[Any]:
     st.sampled_from([0.0, 0.25]),
 )
 def test_what_is_said_does_not_depend_on_windows(
-    formula: str, seed: int, rows: int, beyond: Any, t_off_s: float
+    time: Any, formula: str, seed: int, rows: int, beyond: Any, t_off_s: float
 ) -> None:
-    asked, log = monitor(formula, beyond=beyond, t_off_s=t_off_s), wild(seed)
+    asked, log = monitor(formula, time=time, beyond=beyond, t_off_s=t_off_s), wild(seed)
     whole = said(asked, log)  # which has fewer samples than one window
 
     with window_rows(rows):
         assert said(asked, log) == whole
 
 
+@either_time
 @pytest.mark.parametrize("rows", [1, 2, 3, 100])
-def test_what_came_long_ago_is_remembered_and_what_never_came_is_missed(rows: int) -> None:
+def test_what_came_long_ago_is_remembered_and_what_never_came_is_missed(rows: int, time: Any) -> None:
     t = np.arange(20) / 10
     once_far = trial(t, [2.0] + [0.5] * 19, [0.0] * 15 + [1.0] * 5)
     never_far = trial(t, 0.5, [0.0] * 15 + [1.0] * 5)
-    asked = monitor("always (v > 0.5 -> once d > 1)")
+    asked = monitor("always (v > 0.5 -> once d > 1)", time=time)
 
     with window_rows(rows):
         (kept,) = asked.watch(once_far)
@@ -125,10 +144,11 @@ def test_what_came_long_ago_is_remembered_and_what_never_came_is_missed(rows: in
     assert broken.robustness == -0.5  # v and d are both 0.5 from where they would have kept it
 
 
+@either_time
 @pytest.mark.parametrize("rows", [1, 2, 3, 100])
-def test_what_comes_much_later_counts_and_what_never_comes_does_not(rows: int) -> None:
+def test_what_comes_much_later_counts_and_what_never_comes_does_not(rows: int, time: Any) -> None:
     t = np.arange(20) / 10
-    asked = monitor("always (d < 1 -> eventually v < 0.25)")
+    asked = monitor("always (d < 1 -> eventually v < 0.25)", time=time)
 
     with window_rows(rows):
         (kept,) = asked.watch(trial(t, [0.5] + [5.0] * 19, [1.0] * 19 + [0.0]))
@@ -140,27 +160,168 @@ def test_what_comes_much_later_counts_and_what_never_comes_does_not(rows: int) -
     assert broken.robustness == -0.25
 
 
+@either_time
 @pytest.mark.parametrize("rows", [1, 2, 5, 100])
-def test_a_violation_over_many_windows_is_one_and_adds_up(rows: int) -> None:
+def test_a_violation_over_many_windows_is_one_and_adds_up(rows: int, time: Any) -> None:
     t = np.arange(30) / 10
     with window_rows(rows):
-        (broken,) = monitor("always d > 1").watch(trial(t, [2.0] * 3 + [0.5] * 20 + [2.0] * 7))
+        (broken,) = monitor("always d > 1", time=time).watch(trial(t, [2.0] * 3 + [0.5] * 20 + [2.0] * 7))
 
     assert broken.span is not None
     assert (broken.span.start_s, broken.span.end_s) == pytest.approx((0.3, 2.3))
     assert broken.quantities["time_in_violation_s"] == pytest.approx(2.0)
 
 
+@either_time
 @pytest.mark.parametrize("rows", [1, 2, 100])
-def test_a_predicate_without_value_is_told_by_its_row_among_all_samples(rows: int) -> None:
+@pytest.mark.parametrize("outermost", ["always", "always[0,0.1]", ""])
+def test_a_predicate_without_value_is_told_by_its_row_among_all_samples(
+    rows: int, time: Any, outermost: str
+) -> None:
     t = np.arange(12) / 10
-    asked = monitor("always (1 / d > 0 and 1 / v > 0)")
+    asked = monitor(f"{outermost} (1 / d > 0 and 1 / v > 0)", time=time)
     with window_rows(rows):
         # The first predicate is without a value in row 9, the second in row 2 already: the first is named.
         (finding,) = asked.watch(trial(t, [1.0] * 9 + [0.0] * 3, [1.0] * 2 + [0.0] * 10))
 
     assert finding.verdict is Verdict.INCONCLUSIVE
     assert "row 9" in finding.message
+
+
+# Dense time ----------------------------------------------------------------------------
+
+SECONDS = np.arange(5.0)
+each_rows = pytest.mark.parametrize("rows", [1, 2, 3, 100])
+
+
+def dense(formula: str, log: Trial, rows: int, **more: Any) -> list[Finding]:
+    """What is found of samples that stand for a second each."""
+    with window_rows(rows):
+        return list(monitor(formula, time="dense", max_gap_s=1.0, **more).watch(log))
+
+
+@each_rows
+def test_a_window_of_time_that_begins_between_two_samples_sees_into_the_next_windows(rows: int) -> None:
+    log = trial(SECONDS, [5.0, 5.0, 0.5, 5.0, 5.0])
+
+    (ahead,) = dense("always always[0,0.25] d > 1", log, rows, beyond="cut")
+    (far,) = dense("always always[1.5,1.75] d > 1", log, rows, beyond="cut")
+    (back,) = dense("always historically[0,0.25] d > 1", log, rows, beyond="cut")
+
+    # d is 0.5 m from 2 s to before 3 s.
+    assert ahead.span == Span(1.75, 3.0)
+    assert far.span == Span(0.25, 1.5)
+    assert back.span == Span(2.0, 3.25)
+    for broken in (ahead, far, back):
+        assert broken.span is not None
+        assert broken.quantities["time_in_violation_s"] == broken.span.duration_s
+        assert broken.quantities["failed_at_s"] == 2.0
+        assert broken.robustness == -0.5
+
+
+@each_rows
+def test_what_is_left_between_two_windows_must_have_been_held_to_its_end(rows: int) -> None:
+    came = [5.0, 0.0, 0.0, 0.0, 0.0]
+
+    (kept,) = dense("always (v > 1 since d > 1)", trial(SECONDS, came, [5.0] * 5), rows)
+    (broken,) = dense("always (v > 1 since d > 1)", trial(SECONDS, came, [0.0] + [5.0] * 4), rows)
+    (late,) = dense("always[1,4] (v > 1 since[1,1] d > 1)", trial(SECONDS, came, [5.0] * 5), rows)
+
+    assert kept.verdict is Verdict.SATISFIED
+    assert (broken.verdict, broken.span) == (Verdict.VIOLATED, Span(1.0, 4.0))  # v gave way before 1 s
+    assert (late.verdict, late.span) == (Verdict.VIOLATED, Span(2.0, 4.0))  # a second after d did
+
+
+@each_rows
+def test_a_hole_between_two_windows_is_undecided_from_where_its_sample_no_longer_stands(rows: int) -> None:
+    t = [0.0, 1.0, 2.0, 5.0, 6.0]
+
+    (hole,) = dense("always d > 1", trial(t), rows)
+    (once,) = dense("always once[0,0.5] d > 1", trial(t, [0.0, 5.0, 5.0, 5.0, 5.0]), rows, beyond="strong")[
+        1:
+    ]
+
+    assert (hole.verdict, hole.span) == (Verdict.INCONCLUSIVE, Span(3.0, 5.0))
+    assert (once.verdict, once.span) == (Verdict.INCONCLUSIVE, Span(3.5, 5.0))
+
+
+@each_rows
+def test_a_margin_of_0_counts_by_truth_wherever_the_first_one_is(rows: int) -> None:
+    log = trial(SECONDS, [0.5, 2.0, 2.0, 1.0, 2.0])
+
+    first, limit = dense("always d > 1", log, rows)
+    (below,) = dense("always d >= 1", log, rows)
+
+    assert [first.span, limit.span, below.span] == [Span(0.0, 1.0), Span(3.0, 4.0), Span(0.0, 1.0)]
+    assert [first.robustness, limit.robustness, below.robustness] == [-0.5, 0.0, -0.5]
+    assert limit.quantities == {"time_in_violation_s": 1.0, "failed_at_s": 3.0}
+
+
+@each_rows
+def test_steps_of_truth_and_of_margins_that_are_as_many_are_not_the_same_steps(rows: int) -> None:
+    # At 0 s d is at its limit, which > does not allow; at 1 s v is, which >= does.
+    log = trial(SECONDS, [1.0, 6.0, 6.0, 6.0, 6.0], [6.0, 1.0, 4.0, 4.0, 4.0])
+
+    (broken,) = dense("always (d > 1 and v >= 1)", log, rows)
+
+    assert (broken.verdict, broken.span) == (Verdict.VIOLATED, Span(0.0, 1.0))
+
+
+@each_rows
+def test_a_violation_lasts_to_a_step_that_only_rounding_puts_after_the_last_moment(rows: int) -> None:
+    t = [0.0, 0.1, 0.2, 0.1 + 0.2, 0.4]  # 0.30000000000000004
+    log = trial(t, [0.5, 0.4, 0.3, 0.2, 5.0])
+
+    (broken,) = dense("always[0,0.3] d > 1", log, rows)
+
+    assert broken.span is not None
+    assert (broken.verdict, broken.robustness) == (Verdict.VIOLATED, -0.8)
+    assert (broken.span.start_s, broken.span.end_s) == pytest.approx((0.0, 0.3))
+    assert broken.quantities["time_in_violation_s"] == pytest.approx(0.3)
+
+
+@each_rows
+def test_the_unit_is_that_of_a_predicate_that_is_as_far_in_any_window(rows: int) -> None:
+    # No sample of d or v is at 0 s what decides there: d at 3 s does, by 0.75 m.
+    log = trial(SECONDS, [5.0, 4.0, 3.0, 1.75, 9.0], [7.0] * 5)
+
+    (kept,) = dense("always (d > 0 until[3,3] d > 1) or v < 1", log, rows, beyond="weak")
+    (broken,) = dense("eventually[0,1] (d < 0.5 until[3,3] d > 2.5) or v < 1", log, rows, beyond="strong")
+
+    assert (kept.verdict, kept.unit) == (Verdict.SATISFIED, "m")
+    assert (broken.verdict, broken.unit) == (Verdict.VIOLATED, "m")
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(DENSE_FORMULAS), st.sampled_from([1, 2, 5, 64]))
+@settings(max_examples=60, derandomize=True, deadline=None)
+def test_steps_of_all_windows_are_those_of_the_whole_trial(seed: int, formula: str, rows: int) -> None:
+    log, asked = wild(seed), monitor(formula, time="dense")
+    span, tree = log.window, asked.tree
+    assert span is not None
+    found = {name: log.signals[f"{source.quantity}/r/h"] for name, source in asked.sources.items()}
+    track = Track(found, span, max_gap_s=0.25)
+
+    def leaves(_: int, first: int, last: int) -> Any:
+        return margins(tree, track.columns(first, last), last - first)
+
+    samples = len(track)
+    whole = Dense(track.times(0, samples), span, leaves(0, 0, samples), "undecided", 0.25)
+    with window_rows(rows):
+        parts = DenseWindows(tree, track, span, leaves, "undecided", 0.25)
+
+        for node in tree.walk():
+            steps = whole.of(node)
+            told: list[tuple[float, float, float]] = []
+            for k in range(len(parts)):
+                some = parts.of(k).evaluated.of(node)
+                at = parts.steps_of(k, some.begin)
+                columns = some.begin[at], some.margin.lower[at], some.margin.upper[at]
+                told += zip(*(column.tolist() for column in columns), strict=True)
+            bounds = steps.margin.lower.tolist(), steps.margin.upper.tolist()
+            assert told == list(zip(steps.begin.tolist(), *bounds, strict=True))
+
+
+# Rows ----------------------------------------------------------------------------------
 
 
 @given(st.integers(0, 2**32 - 1), st.data())

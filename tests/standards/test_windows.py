@@ -110,6 +110,17 @@ WINDOWED: dict[str, Any] = {
         {"gap": {"d": "separation/{robot}/{human} [m]"}, "arm": {"v": "speed/{robot}"}},
         after_violation="restart",
     ),
+    "stl.formula, dense": StlFormula(
+        formula="always (d < 1 -> eventually[0,0.1] v < 0.5)", signals=OF_PAIR, time="dense"
+    ),
+    "stl.formula, dense, until and since": StlFormula(
+        formula="always ((d > 0.3 until[0.05,0.1] v < 2) or (v < 0.1 since[0.1,0.3] d > 0.2))",
+        signals=OF_PAIR,
+        time="dense",
+    ),
+    "stl.formula, dense, to the end": StlFormula(
+        formula="always (d < 0.5 -> eventually (v < 0.1 and once d > 1))", signals=OF_PAIR, time="dense"
+    ),
     "formula.always": Always(holds="d >= 0.5 * v + 0.3", signals=DISTANCE, unit="m"),
     "formula.never": Never(holds="v > 1", signals={"v": "speed/{robot}"}, unit="m/s"),
     "formula.within": Within(trigger="d < 0.5", response="v < 0.1", signals=DISTANCE, within_s=0.2),
