@@ -99,6 +99,7 @@ class Course:
         *,
         times: Callable[[], Iterable[FloatArray]],
         max_gap_s: float,
+        at_most: bool = False,
     ) -> Course:
         """A course that is made part by part whenever it is looked at, and never held as a whole.
 
@@ -109,8 +110,9 @@ class Course:
             made: The parts, one after the other.
             times: Their times alone.
             max_gap_s: As of any course.
+            at_most: Likewise.
         """
-        return _Late(subject, what, unit, made, times, max_gap_s)
+        return _Late(subject, what, unit, made, times, max_gap_s, at_most)
 
     def parts(self) -> Iterable[Course]:
         """The course in parts, one after the other."""
@@ -143,8 +145,9 @@ class _Late(Course):
         made: Callable[[], Iterable[Course]],
         times: Callable[[], Iterable[FloatArray]],
         max_gap_s: float,
+        at_most: bool,
     ) -> None:
-        known = {"subject": subject, "what": what, "unit": unit, "max_gap_s": max_gap_s}
+        known = {"subject": subject, "what": what, "unit": unit, "max_gap_s": max_gap_s, "at_most": at_most}
         for name, value in {**known, "_made": made, "_times": times}.items():
             object.__setattr__(self, name, value)
 

@@ -120,19 +120,27 @@ class Judgement:
 
 
 class DiscreteTime(Judgement):
-    """Of the samples and the holes between them."""
+    """Of the samples and the holes between them.
 
-    def __init__(self, asked: Asked, track: Track, line: Line) -> None:
+    Args:
+        asked: What is judged.
+        track: The samples.
+        line: The rows.
+        kept: Whether windows stay for a while, to be looked at again.
+    """
+
+    def __init__(self, asked: Asked, track: Track, line: Line, *, kept: bool = True) -> None:
         self._asked, self._line = asked, line
         evaluated = Windows(
-            asked.body, line, lambda _, first, last: asked.leaves(track, first, last), asked.beyond
+            asked.body, line, lambda _, first, last: asked.leaves(track, first, last), asked.beyond, kept=kept
         )
 
         def leaves(k: int, *_: int) -> Mapping[Node, FloatArray]:
             return truths(evaluated.window(k).evaluated.predicates)
 
         self.evaluated: Windows = evaluated
-        self.decided: Windows = Windows(asked.body, line, leaves, asked.beyond)
+        self.decided: Windows = Windows(asked.body, line, leaves, asked.beyond, kept=kept)
+        self._room_bytes = KEPT_BYTES if kept else 0
         self._kept: dict[int, Piece] = {}
         self._kept_bytes = 0
 
@@ -178,7 +186,7 @@ class DiscreteTime(Judgement):
         holes = window.evaluated.rows.hole
         piece = Piece.of(window.evaluated.begin[rows], lower, upper, decided)
         piece = replace(piece, hole=None if holes is None else holes[rows])
-        if self._kept_bytes + piece.size <= KEPT_BYTES:
+        if self._kept_bytes + piece.size <= self._room_bytes:
             self._kept[k], self._kept_bytes = piece, self._kept_bytes + piece.size
         return piece
 

@@ -212,6 +212,7 @@ class Windows:
         line: The rows.
         leaves: The margin of every predicate at the samples from one to before another, of window k.
         beyond: What is beyond the trial.
+        kept: Whether windows stay for a while, to be looked at again.
     """
 
     def __init__(
@@ -220,11 +221,14 @@ class Windows:
         line: Line,
         leaves: Callable[[int, int, int], Mapping[Node, FloatArray]],
         beyond: Beyond,
+        *,
+        kept: bool = True,
     ) -> None:
         self.body, self.line, self._leaves, self._beyond = body, line, leaves, beyond
         self._rows = self._window_rows()
         self._windows: OrderedDict[int, Window] = OrderedDict()
-        self._kept = max(KEPT_BYTES // (self._rows * 16 * sum(1 for _ in body.walk())), 2)
+        room_bytes = KEPT_BYTES if kept else 0
+        self._kept = max(room_bytes // (self._rows * 16 * sum(1 for _ in body.walk())), 2)
         self._entering: dict[tuple[Key, int], tuple[float, float]] = {}
         self._extremes: dict[tuple[Node, int, str, bool, int], tuple[float, float]] = {}
         self._passes = _passes(body, 1, beyond in ("weak", "strong"))
