@@ -9,24 +9,33 @@ Source: visualization_msgs/MarkerArray and rcl_interfaces/Log of ROS 2; MCAP ver
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from heapq import merge
-from math import nan
+from itertools import repeat, starmap
+from math import inf, nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ariac_score.errors import LogError
 from ariac_score.findings import Finding, Verdict
 from ariac_score.logs.types import bundled_typestore
-from ariac_score.margins import Track
+from ariac_score.margins import SAID, Part, Track
 from ariac_score.result import Result
 from ariac_score.scoring.steward import with_verdicts
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import FloatArray
 
-__all__ = ["Annotation", "mcap_bytes", "messages_of", "origin_ns", "without_margins"]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from ariac_score.later import numpy as np
+
+__all__ = ["Annotation", "mcap_bytes", "messages_of", "origin_ns", "recorded", "without_margins"]
 
 ROOT = "/ariac_score"
 _STATES = {
@@ -36,6 +45,8 @@ _STATES = {
     Verdict.NOT_APPLICABLE: 3,
     None: 4,
 }
+_NUMBERS = np.array([_STATES[verdict] for verdict in SAID], dtype=np.uint8)
+"""How the message numbers them."""
 _INFO, _WARNING, _ERROR = 20, 30, 40
 _SPHERE, _TEXT = 2, 9
 _ADD, _DELETE = 0, 2
@@ -43,23 +54,27 @@ _LONGEST = 1000
 """Characters of a message; a label in a scene holds no more."""
 _SHORTEST_S = 0.5
 """A marker that stood for less could not be seen."""
+AT_ONCE = 50_000
+"""About so many messages are made before the first of them is written."""
+_END_NS = 2**31 * 10**9
+"""ROS counts seconds with 31 bits."""
+_STATE = "ariac_score_msgs/msg/MonitorState"
 
 
-@dataclass(frozen=True)
-class Annotation:
+class Annotation(NamedTuple):
     """One message of the recording.
 
     Attributes:
         t_ns: Its stamp on the clock of the log, ns.
         topic: Name with leading slash.
         type: `package/msg/Name`.
-        fields: Field values by name; what is left out is zero or empty.
+        payload: Its bytes.
     """
 
     t_ns: int
     topic: str
     type: str
-    fields: Mapping[str, Any]
+    payload: bytes
 
 
 def origin_ns(clock: str) -> int:
@@ -75,6 +90,8 @@ def origin_ns(clock: str) -> int:
 def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: str) -> Iterator[Annotation]:
     """Everything the recording holds, in order of time, one after the other: there can be a million.
 
+    What monitors say over time is made as it is asked for, for all of them up to the same time.
+
     Args:
         result: The result.
         trial: Its trial, for the places of bodies and the clock.
@@ -82,15 +99,23 @@ def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: 
         frame: The tf frame positions are in.
 
     Raises:
-        LogError: The log's clock is before its own zero.
+        LogError: The log's clock is before its own zero; while messages are made, it is beyond
+            what a stamp can tell.
     """
     clock = _Clock(origin_ns(trial.clock), frame)
-    told = [*_markers(result, trial, clock), *_log(result, clock, without_margins(found))]
-    first_ns = [clock.ns(track.moments[0].t_s) for track in found if track.moments]
+    store = bundled_typestore(2)
+    told = [
+        Annotation(t_ns, topic, kind, _serialized(store, kind, fields))
+        for t_ns, topic, kind, fields in (
+            *_markers(result, trial, clock),
+            *_log(result, clock, without_margins(found)),
+        )
+    ]
+    voices = [_Voice(track, topic, clock, store) for track, topic in zip(found, _topics(found), strict=True)]
+    first_ns = [voice.first_ns for voice in voices if voice.first_ns is not None]
     if min((*first_ns, *(message.t_ns for message in told)), default=0) < 0:
         raise LogError("times before the zero of the log's clock cannot be recorded", hint="check its stamps")
-    states = [_states(track, topic, clock) for track, topic in zip(found, _topics(found), strict=True)]
-    return merge(*states, sorted(told, key=_place_in_time), key=_place_in_time)
+    return _merged(voices, sorted(told, key=_place_in_time))
 
 
 def _place_in_time(message: Annotation) -> tuple[int, str]:
@@ -105,6 +130,15 @@ class _Clock:
     def ns(self, t_s: float) -> int:
         return self.origin_ns + round(t_s * 1e9)
 
+    def all_ns(self, t_s: FloatArray) -> NDArray[np.int64]:
+        """The same of increasing times, shape (n,).
+
+        Raises:
+            LogError: The last one is beyond what a stamp can tell.
+        """
+        _time(self.ns(float(t_s[-1])))
+        return self.origin_ns + np.rint(t_s * 1e9).astype(np.int64)
+
     def stamp(self, t_s: float) -> dict[str, int]:
         return _time(self.ns(t_s))
 
@@ -113,6 +147,8 @@ class _Clock:
 
 
 def _time(t_ns: int) -> dict[str, int]:
+    if t_ns >= _END_NS:
+        raise LogError("times after the year 2038 cannot be recorded", hint="check the stamps of the log")
     return {"sec": t_ns // 10**9, "nanosec": t_ns % 10**9}
 
 
@@ -151,22 +187,8 @@ def _part(text: str) -> str:
 # What it holds -------------------------------------------------------------------------
 
 
-def _states(track: Track, topic: str, clock: _Clock) -> Iterator[Annotation]:
-    for moment in track.moments:
-        yield Annotation(
-            clock.ns(moment.t_s),
-            topic,
-            "ariac_score_msgs/msg/MonitorState",
-            {
-                "header": clock.header(moment.t_s),
-                "check": track.check,
-                "subject": _text(track.subject),
-                "state": _STATES[moment.verdict],
-                "margin": nan if moment.margin is None else moment.margin,
-                "unit": track.unit,
-                "message": _text(moment.message),
-            },
-        )
+_Told = tuple[int, str, str, Mapping[str, Any]]
+"""Stamp in ns, topic, type, and field values by name; what is left out is zero or empty."""
 
 
 def _text(text: str) -> str:
@@ -179,7 +201,7 @@ def _final(result: Result) -> Mapping[str, Finding]:
     return with_verdicts(result.measured.findings, decisions)
 
 
-def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[Annotation]:
+def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[_Told]:
     """For each violation with a time: a sphere where its bodies were, words above; gone when it ends."""
     number = 0
     for key, finding in _final(result).items():
@@ -202,8 +224,8 @@ def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[Annotation
             {"header": clock.header(end_s), "ns": m["ns"], "id": m["id"], "action": _DELETE} for m in shown
         ]
         kind = "visualization_msgs/msg/MarkerArray"
-        yield Annotation(clock.ns(start_s), f"{ROOT}/violations", kind, {"markers": shown})
-        yield Annotation(clock.ns(end_s), f"{ROOT}/violations", kind, {"markers": gone})
+        yield clock.ns(start_s), f"{ROOT}/violations", kind, {"markers": shown}
+        yield clock.ns(end_s), f"{ROOT}/violations", kind, {"markers": gone}
 
 
 _Place = tuple[float, float, float]
@@ -258,7 +280,7 @@ def _words(number: int, key: str, finding: Finding, place: _Place, header: Any) 
     }
 
 
-def _log(result: Result, clock: _Clock, without: Sequence[str]) -> Iterator[Annotation]:
+def _log(result: Result, clock: _Clock, without: Sequence[str]) -> Iterator[_Told]:
     """Every violation and undecided finding at its start, then at the end the score and who changed it."""
     window = result.measured.window
     end_s = window.end_s if window else 0.0
@@ -284,7 +306,7 @@ def _amount(score: object) -> str:
     return "withheld" if score is None else f"{score:f}"
 
 
-def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words: str) -> Annotation:
+def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words: str) -> _Told:
     fields = {
         "stamp": clock.stamp(t_s),
         "level": level,
@@ -292,14 +314,172 @@ def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words
         "msg": _text(words),
         "function": function,
     }
-    return Annotation(clock.ns(t_s), f"{ROOT}/log", "rcl_interfaces/msg/Log", fields)
+    return clock.ns(t_s), f"{ROOT}/log", "rcl_interfaces/msg/Log", fields
+
+
+# What monitors say over time -----------------------------------------------------------
+
+
+class _Voice:
+    """The messages of one track, some of which wait to be said.
+
+    Attributes:
+        topic: Of all of them.
+        first_ns: The stamp of the first; `None` where there is none.
+        last_ns: The stamp of the last one that waits.
+        ended: Whether nothing comes after those that wait.
+    """
+
+    def __init__(self, track: Track, topic: str, clock: _Clock, store: Any) -> None:
+        self.topic, self._clock = topic, clock
+        self._stencil = _Stencil(track, clock, store)
+        self._parts = track.parts()
+        self._waiting = Part.of([])
+        self._t_ns = np.zeros(0, dtype=np.int64)
+        self.ended, self.last_ns = False, -1
+        self.listen()
+        self.first_ns = int(self._t_ns[0]) if len(self._t_ns) else None
+
+    def listen(self) -> None:
+        """Wait for more, until something comes later than what waited before."""
+        before_ns = self.last_ns
+        while not self.ended and self.last_ns <= before_ns:
+            part = next(self._parts, None)
+            if part is None:
+                self.ended = True
+            else:
+                t_ns = self._clock.all_ns(part.t_s)
+                self._waiting = _joined(self._waiting, part)
+                self._t_ns = np.concatenate([self._t_ns, t_ns])
+                self.last_ns = int(t_ns[-1])
+
+    def until_ns(self, rows: int) -> float:
+        """Before when nothing else can come, and there are about so many rows."""
+        if len(self._t_ns) > rows:
+            return int(max(self._t_ns[rows], self._t_ns[0] + 1))
+        return inf if self.ended else self.last_ns
+
+    def say(self, before_ns: float) -> list[Annotation]:
+        """The messages that wait and come before a time."""
+        count = len(self._t_ns) if before_ns == inf else int(self._t_ns.searchsorted(before_ns))
+        if not count:
+            return []
+        said, t_ns = self._waiting, self._t_ns[:count]
+        payloads = self._stencil.filled(t_ns, said.said[:count], said.margin[:count], said.messages)
+        self._waiting, self._t_ns = _after(said, count), self._t_ns[count:]
+        messages = zip(t_ns.tolist(), repeat(self.topic), repeat(_STATE), payloads, strict=False)
+        return list(starmap(Annotation, messages))
+
+
+def _joined(one: Part, other: Part) -> Part:
+    count = len(one.t_s)
+    if not count:
+        return other
+    return Part(
+        np.concatenate([one.t_s, other.t_s]),
+        np.concatenate([one.said, other.said]),
+        np.concatenate([one.margin, other.margin]),
+        {**one.messages, **{row + count: text for row, text in other.messages.items()}},
+    )
+
+
+def _after(part: Part, count: int) -> Part:
+    """A part without its first moments."""
+    messages = {row - count: text for row, text in part.messages.items() if row >= count}
+    return Part(part.t_s[count:], part.said[count:], part.margin[count:], messages)
+
+
+def _merged(voices: Sequence[_Voice], told: Sequence[Annotation]) -> Iterator[Annotation]:
+    """All messages by time, then by topic.
+
+    Args:
+        voices: What the monitors say.
+        told: All other messages, in order.
+    """
+    topics = [*(voice.topic for voice in voices), *(message.topic for message in told)]
+    ranks = {topic: rank for rank, topic in enumerate(sorted(set(topics)))}
+    rows = max(AT_ONCE // max(len(voices), 1), 1)
+    done = 0
+    while True:
+        until_ns = min((voice.until_ns(rows) for voice in voices), default=inf)
+        last = bisect_left(told, until_ns, lo=done, key=lambda message: message.t_ns)
+        spoken = [*(voice.say(until_ns) for voice in voices), told[done:last]]
+        messages = [message for of_one in spoken for message in of_one]
+        done = last
+        place = np.array([(message.t_ns, ranks[message.topic]) for message in messages], dtype=np.int64)
+        order = np.lexsort(place.reshape(len(messages), 2).T[::-1])
+        yield from map(messages.__getitem__, order.tolist())
+        if until_ns == inf:
+            return
+        for voice in voices:
+            if voice.last_ns == until_ns:
+                voice.listen()
+
+
+class _Stencil:
+    """The bytes of the messages of a track, in which only some numbers change from one to the next."""
+
+    def __init__(self, track: Track, clock: _Clock, store: Any) -> None:
+        self._store, self._clock = store, clock
+        self._same = {"check": track.check, "subject": _text(track.subject), "unit": track.unit}
+        plain = np.frombuffer(self._message(0, 0, 0.0, ""), dtype=np.uint8)
+        self._plain = plain
+
+        def place(t_ns: int = 0, said: int = 0, margin: float = 0.0) -> NDArray[np.intp]:
+            """Where a number stands, given one of which no byte is 0."""
+            other = np.frombuffer(self._message(t_ns, said, margin, ""), dtype=np.uint8)
+            return np.flatnonzero(plain != other)
+
+        ones = 0x01010101
+        self._seconds, self._rest = place(ones * 10**9), place(ones)
+        self._said = place(said=1)
+        self._margin = place(margin=float(np.full(8, 1, dtype=np.uint8).view("<f8")[0]))
+
+    def _message(self, t_ns: int, said: int, margin: float, text: str) -> bytes:
+        header = {"stamp": _time(t_ns), "frame_id": self._clock.frame}
+        fields = {**self._same, "header": header, "state": said, "margin": margin, "message": _text(text)}
+        return _serialized(self._store, _STATE, fields)
+
+    def filled(
+        self,
+        t_ns: NDArray[np.int64],
+        said: NDArray[np.uint8],
+        margin: FloatArray,
+        messages: Mapping[int, str],
+    ) -> list[bytes]:
+        """The bytes of some messages.
+
+        Args:
+            t_ns: Their stamps, shape (n,).
+            said: What holds, shape (n,).
+            margin: NaN without one, shape (n,).
+            messages: By row, where there is one; rows beyond n may be among them.
+        """
+        count, size = len(t_ns), len(self._plain)
+        table = np.tile(self._plain, (count, 1))
+        margin = np.where(np.isnan(margin), nan, margin)  # one NaN, for there are many
+        for place, numbers in (
+            (self._seconds, (t_ns // 10**9).astype("<i4")),
+            (self._rest, (t_ns % 10**9).astype("<u4")),
+            (self._said, _NUMBERS[said]),
+            (self._margin, margin.astype("<f8")),
+        ):
+            table[:, place] = numbers.view(np.uint8).reshape(count, len(place))
+        whole = table.tobytes()
+        payloads = [whole[first : first + size] for first in range(0, count * size, size)]
+        for row, text in messages.items():
+            if row < count:
+                number = int(_NUMBERS[said[row]])
+                payloads[row] = self._message(int(t_ns[row]), number, float(margin[row]), text)
+        return payloads
 
 
 # Writing -------------------------------------------------------------------------------
 
 
-def mcap_bytes(messages: Iterable[Annotation]) -> bytes:
-    """The recording as the bytes of one MCAP file, with its message definitions.
+@contextmanager
+def recorded(messages: Iterable[Annotation]) -> Iterator[Path]:
+    """The recording as an MCAP file with its message definitions, there for as long as this lasts.
 
     Args:
         messages: In order of time.
@@ -314,17 +494,23 @@ def mcap_bytes(messages: Iterable[Annotation]) -> bytes:
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:
             connections: dict[str, Any] = {}
-            for message in messages:
-                if message.topic not in connections:
-                    connections[message.topic] = writer.add_connection(
-                        message.topic, message.type, typestore=store
-                    )
-                built = _built(store, message.type, message.fields)
-                # Little-endian by name, so that the bytes do not depend on the machine.
-                payload = store.serialize_cdr(built, message.type, little_endian=True)
-                writer.write(connections[message.topic], message.t_ns, payload)
+            for t_ns, topic, kind, payload in messages:
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(topic, kind, typestore=store)
+                writer.write(connections[topic], t_ns, payload)
         (file,) = folder.glob("*.mcap")
+        yield file
+
+
+def mcap_bytes(messages: Iterable[Annotation]) -> bytes:
+    """The bytes of this file."""
+    with recorded(messages) as file:
         return file.read_bytes()
+
+
+def _serialized(store: Any, kind: str, fields: Mapping[str, Any]) -> bytes:
+    """A message; little-endian by name, so that the bytes do not depend on the machine."""
+    return bytes(store.serialize_cdr(_built(store, kind, fields), kind, little_endian=True))
 
 
 def _built(store: Any, type_: str, given: Mapping[str, Any]) -> Any:
