@@ -11,17 +11,14 @@ from __future__ import annotations
 import re
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import repeat, starmap
-from math import inf, nan
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from math import inf
+from typing import TYPE_CHECKING, Any
 
+from ariac_score.annotations_mcap import MONITOR_STATE, Annotation, States, serialized, stamp
 from ariac_score.errors import LogError
 from ariac_score.findings import Finding, Verdict
-from ariac_score.logs.types import bundled_typestore
 from ariac_score.margins import SAID, Part, Track
 from ariac_score.result import Result
 from ariac_score.scoring.steward import with_verdicts
@@ -35,7 +32,7 @@ if TYPE_CHECKING:
 else:
     from ariac_score.later import numpy as np
 
-__all__ = ["Annotation", "mcap_bytes", "messages_of", "origin_ns", "recorded", "without_margins"]
+__all__ = ["messages_of", "origin_ns", "without_margins"]
 
 ROOT = "/ariac_score"
 _STATES = {
@@ -56,25 +53,6 @@ _SHORTEST_S = 0.5
 """A marker that stood for less could not be seen."""
 AT_ONCE = 50_000
 """About so many messages are made before the first of them is written."""
-_END_NS = 2**31 * 10**9
-"""ROS counts seconds with 31 bits."""
-_STATE = "ariac_score_msgs/msg/MonitorState"
-
-
-class Annotation(NamedTuple):
-    """One message of the recording.
-
-    Attributes:
-        t_ns: Its stamp on the clock of the log, ns.
-        topic: Name with leading slash.
-        type: `package/msg/Name`.
-        payload: Its bytes.
-    """
-
-    t_ns: int
-    topic: str
-    type: str
-    payload: bytes
 
 
 def origin_ns(clock: str) -> int:
@@ -103,15 +81,14 @@ def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: 
             what a stamp can tell.
     """
     clock = _Clock(origin_ns(trial.clock), frame)
-    store = bundled_typestore(2)
     told = [
-        Annotation(t_ns, topic, kind, _serialized(store, kind, fields))
+        Annotation(t_ns, topic, kind, serialized(kind, fields))
         for t_ns, topic, kind, fields in (
             *_markers(result, trial, clock),
             *_log(result, clock, without_margins(found)),
         )
     ]
-    voices = [_Voice(track, topic, clock, store) for track, topic in zip(found, _topics(found), strict=True)]
+    voices = [_Voice(track, topic, clock) for track, topic in zip(found, _topics(found), strict=True)]
     first_ns = [voice.first_ns for voice in voices if voice.first_ns is not None]
     if min((*first_ns, *(message.t_ns for message in told)), default=0) < 0:
         raise LogError("times before the zero of the log's clock cannot be recorded", hint="check its stamps")
@@ -136,20 +113,14 @@ class _Clock:
         Raises:
             LogError: The last one is beyond what a stamp can tell.
         """
-        _time(self.ns(float(t_s[-1])))
+        stamp(self.ns(float(t_s[-1])))
         return self.origin_ns + np.rint(t_s * 1e9).astype(np.int64)
 
     def stamp(self, t_s: float) -> dict[str, int]:
-        return _time(self.ns(t_s))
+        return stamp(self.ns(t_s))
 
     def header(self, t_s: float) -> dict[str, Any]:
         return {"stamp": self.stamp(t_s), "frame_id": self.frame}
-
-
-def _time(t_ns: int) -> dict[str, int]:
-    if t_ns >= _END_NS:
-        raise LogError("times after the year 2038 cannot be recorded", hint="check the stamps of the log")
-    return {"sec": t_ns // 10**9, "nanosec": t_ns % 10**9}
 
 
 # Topics --------------------------------------------------------------------------------
@@ -219,7 +190,7 @@ def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[_Told]:
         above = places[0] if places else (0.0, 0.0, 0.3 * number)
         shown.append(_words(number, key, finding, above, clock.header(start_s)))
         for marker in shown:
-            marker["lifetime"] = _time(round((end_s - start_s) * 1e9))
+            marker["lifetime"] = stamp(round((end_s - start_s) * 1e9))
         gone = [
             {"header": clock.header(end_s), "ns": m["ns"], "id": m["id"], "action": _DELETE} for m in shown
         ]
@@ -330,9 +301,10 @@ class _Voice:
         ended: Whether nothing comes after those that wait.
     """
 
-    def __init__(self, track: Track, topic: str, clock: _Clock, store: Any) -> None:
+    def __init__(self, track: Track, topic: str, clock: _Clock) -> None:
         self.topic, self._clock = topic, clock
-        self._stencil = _Stencil(track, clock, store)
+        same = {"check": track.check, "subject": _text(track.subject), "unit": track.unit}
+        self._states = States(same, clock.frame)
         self._parts = track.parts()
         self._waiting = Part.of([])
         self._t_ns = np.zeros(0, dtype=np.int64)
@@ -365,9 +337,10 @@ class _Voice:
         if not count:
             return []
         said, t_ns = self._waiting, self._t_ns[:count]
-        payloads = self._stencil.filled(t_ns, said.said[:count], said.margin[:count], said.messages)
+        texts = {row: _text(text) for row, text in said.messages.items() if row < count}
+        payloads = self._states.serialized(t_ns, _NUMBERS[said.said[:count]], said.margin[:count], texts)
         self._waiting, self._t_ns = _after(said, count), self._t_ns[count:]
-        messages = zip(t_ns.tolist(), repeat(self.topic), repeat(_STATE), payloads, strict=False)
+        messages = zip(t_ns.tolist(), repeat(self.topic), repeat(MONITOR_STATE), payloads, strict=False)
         return list(starmap(Annotation, messages))
 
 
@@ -414,129 +387,3 @@ def _merged(voices: Sequence[_Voice], told: Sequence[Annotation]) -> Iterator[An
         for voice in voices:
             if voice.last_ns == until_ns:
                 voice.listen()
-
-
-class _Stencil:
-    """The bytes of the messages of a track, in which only some numbers change from one to the next."""
-
-    def __init__(self, track: Track, clock: _Clock, store: Any) -> None:
-        self._store, self._clock = store, clock
-        self._same = {"check": track.check, "subject": _text(track.subject), "unit": track.unit}
-        plain = np.frombuffer(self._message(0, 0, 0.0, ""), dtype=np.uint8)
-        self._plain = plain
-
-        def place(t_ns: int = 0, said: int = 0, margin: float = 0.0) -> NDArray[np.intp]:
-            """Where a number stands, given one of which no byte is 0."""
-            other = np.frombuffer(self._message(t_ns, said, margin, ""), dtype=np.uint8)
-            return np.flatnonzero(plain != other)
-
-        ones = 0x01010101
-        self._seconds, self._rest = place(ones * 10**9), place(ones)
-        self._said = place(said=1)
-        self._margin = place(margin=float(np.full(8, 1, dtype=np.uint8).view("<f8")[0]))
-
-    def _message(self, t_ns: int, said: int, margin: float, text: str) -> bytes:
-        header = {"stamp": _time(t_ns), "frame_id": self._clock.frame}
-        fields = {**self._same, "header": header, "state": said, "margin": margin, "message": _text(text)}
-        return _serialized(self._store, _STATE, fields)
-
-    def filled(
-        self,
-        t_ns: NDArray[np.int64],
-        said: NDArray[np.uint8],
-        margin: FloatArray,
-        messages: Mapping[int, str],
-    ) -> list[bytes]:
-        """The bytes of some messages.
-
-        Args:
-            t_ns: Their stamps, shape (n,).
-            said: What holds, shape (n,).
-            margin: NaN without one, shape (n,).
-            messages: By row, where there is one; rows beyond n may be among them.
-        """
-        count, size = len(t_ns), len(self._plain)
-        table = np.tile(self._plain, (count, 1))
-        margin = np.where(np.isnan(margin), nan, margin)  # one NaN, for there are many
-        for place, numbers in (
-            (self._seconds, (t_ns // 10**9).astype("<i4")),
-            (self._rest, (t_ns % 10**9).astype("<u4")),
-            (self._said, _NUMBERS[said]),
-            (self._margin, margin.astype("<f8")),
-        ):
-            table[:, place] = numbers.view(np.uint8).reshape(count, len(place))
-        whole = table.tobytes()
-        payloads = [whole[first : first + size] for first in range(0, count * size, size)]
-        for row, text in messages.items():
-            if row < count:
-                number = int(_NUMBERS[said[row]])
-                payloads[row] = self._message(int(t_ns[row]), number, float(margin[row]), text)
-        return payloads
-
-
-# Writing -------------------------------------------------------------------------------
-
-
-@contextmanager
-def recorded(messages: Iterable[Annotation]) -> Iterator[Path]:
-    """The recording as an MCAP file with its message definitions, there for as long as this lasts.
-
-    Args:
-        messages: In order of time.
-    """
-    # Imported here, as everywhere: rosbags is slow to load.
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer  # noqa: PLC0415
-
-    store = bundled_typestore(2)
-    with TemporaryDirectory() as parent:
-        folder = Path(parent, "annotations")
-        writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        with writer:
-            connections: dict[str, Any] = {}
-            for t_ns, topic, kind, payload in messages:
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, kind, typestore=store)
-                writer.write(connections[topic], t_ns, payload)
-        (file,) = folder.glob("*.mcap")
-        yield file
-
-
-def mcap_bytes(messages: Iterable[Annotation]) -> bytes:
-    """The bytes of this file."""
-    with recorded(messages) as file:
-        return file.read_bytes()
-
-
-def _serialized(store: Any, kind: str, fields: Mapping[str, Any]) -> bytes:
-    """A message; little-endian by name, so that the bytes do not depend on the machine."""
-    return bytes(store.serialize_cdr(_built(store, kind, fields), kind, little_endian=True))
-
-
-def _built(store: Any, type_: str, given: Mapping[str, Any]) -> Any:
-    """A message object with the given fields, all others zero or empty."""
-    fields = store.fielddefs[type_][1]
-    return store.types[type_](*(_value(store, kind, given.get(name)) for name, kind in fields))
-
-
-def _value(store: Any, description: Any, given: Any) -> Any:
-    from rosbags.interfaces import Nodetype  # noqa: PLC0415  # see mcap_bytes
-
-    kind, detail = description
-    if kind == Nodetype.NAME:
-        return _built(store, detail, given or {})
-    if kind == Nodetype.BASE:
-        if given is not None:
-            return given
-        return "" if detail[0] == "string" else False if detail[0] == "bool" else 0
-    element, _ = detail
-    if element[0] == Nodetype.BASE:
-        import numpy as np  # noqa: PLC0415  # only for arrays of numbers, which stay empty
-
-        return (
-            [] if element[1][0] == "string" else np.zeros(0, dtype=_DTYPES.get(element[1][0], element[1][0]))
-        )
-    return [_value(store, element, each) for each in given or ()]
-
-
-_DTYPES: Mapping[str, str] = {"byte": "uint8", "char": "uint8", "octet": "uint8"}

@@ -29,7 +29,8 @@ from ariac_score import (
     load_rule_set,
     score_trial,
 )
-from ariac_score.annotations import mcap_bytes, messages_of, origin_ns
+from ariac_score.annotations import messages_of, origin_ns
+from ariac_score.annotations_mcap import mcap_bytes
 from ariac_score.cli import main
 from ariac_score.margins import Moment, Track, read_again, tracks
 from ariac_score.registry import Registry

@@ -31,7 +31,8 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the log again, watch it, write."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.annotations import messages_of, recorded, without_margins  # noqa: PLC0415
+    from ariac_score.annotations import messages_of, without_margins  # noqa: PLC0415
+    from ariac_score.annotations_mcap import recorded  # noqa: PLC0415
     from ariac_score.cli.output import refuse_inputs, write_copy  # noqa: PLC0415
     from ariac_score.logmap import load_log_map  # noqa: PLC0415
     from ariac_score.margins import read_again, tracks  # noqa: PLC0415
