@@ -9,24 +9,30 @@ Source: visualization_msgs/MarkerArray and rcl_interfaces/Log of ROS 2; MCAP ver
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from heapq import merge
-from math import nan
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from itertools import repeat, starmap
+from math import inf
+from typing import TYPE_CHECKING, Any
 
+from ariac_score.annotations_mcap import MONITOR_STATE, Annotation, States, serialized, stamp
 from ariac_score.errors import LogError
 from ariac_score.findings import Finding, Verdict
-from ariac_score.logs.types import bundled_typestore
-from ariac_score.margins import Track
+from ariac_score.margins import SAID, Part, Track
 from ariac_score.result import Result
 from ariac_score.scoring.steward import with_verdicts
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import FloatArray
 
-__all__ = ["Annotation", "mcap_bytes", "messages_of", "origin_ns", "without_margins"]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from ariac_score.later import numpy as np
+
+__all__ = ["messages_of", "origin_ns", "without_margins"]
 
 ROOT = "/ariac_score"
 _STATES = {
@@ -36,6 +42,8 @@ _STATES = {
     Verdict.NOT_APPLICABLE: 3,
     None: 4,
 }
+_NUMBERS = np.array([_STATES[verdict] for verdict in SAID], dtype=np.uint8)
+"""How the message numbers them."""
 _INFO, _WARNING, _ERROR = 20, 30, 40
 _SPHERE, _TEXT = 2, 9
 _ADD, _DELETE = 0, 2
@@ -43,23 +51,8 @@ _LONGEST = 1000
 """Characters of a message; a label in a scene holds no more."""
 _SHORTEST_S = 0.5
 """A marker that stood for less could not be seen."""
-
-
-@dataclass(frozen=True)
-class Annotation:
-    """One message of the recording.
-
-    Attributes:
-        t_ns: Its stamp on the clock of the log, ns.
-        topic: Name with leading slash.
-        type: `package/msg/Name`.
-        fields: Field values by name; what is left out is zero or empty.
-    """
-
-    t_ns: int
-    topic: str
-    type: str
-    fields: Mapping[str, Any]
+AT_ONCE = 50_000
+"""About so many messages are made before the first of them is written."""
 
 
 def origin_ns(clock: str) -> int:
@@ -75,6 +68,8 @@ def origin_ns(clock: str) -> int:
 def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: str) -> Iterator[Annotation]:
     """Everything the recording holds, in order of time, one after the other: there can be a million.
 
+    What monitors say over time is made as it is asked for, for all of them up to the same time.
+
     Args:
         result: The result.
         trial: Its trial, for the places of bodies and the clock.
@@ -82,15 +77,22 @@ def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: 
         frame: The tf frame positions are in.
 
     Raises:
-        LogError: The log's clock is before its own zero.
+        LogError: The log's clock is before its own zero; while messages are made, it is beyond
+            what a stamp can tell.
     """
     clock = _Clock(origin_ns(trial.clock), frame)
-    told = [*_markers(result, trial, clock), *_log(result, clock, without_margins(found))]
-    first_ns = [clock.ns(track.moments[0].t_s) for track in found if track.moments]
+    told = [
+        Annotation(t_ns, topic, kind, serialized(kind, fields))
+        for t_ns, topic, kind, fields in (
+            *_markers(result, trial, clock),
+            *_log(result, clock, without_margins(found)),
+        )
+    ]
+    voices = [_Voice(track, topic, clock) for track, topic in zip(found, _topics(found), strict=True)]
+    first_ns = [voice.first_ns for voice in voices if voice.first_ns is not None]
     if min((*first_ns, *(message.t_ns for message in told)), default=0) < 0:
         raise LogError("times before the zero of the log's clock cannot be recorded", hint="check its stamps")
-    states = [_states(track, topic, clock) for track, topic in zip(found, _topics(found), strict=True)]
-    return merge(*states, sorted(told, key=_place_in_time), key=_place_in_time)
+    return _merged(voices, sorted(told, key=_place_in_time))
 
 
 def _place_in_time(message: Annotation) -> tuple[int, str]:
@@ -105,15 +107,20 @@ class _Clock:
     def ns(self, t_s: float) -> int:
         return self.origin_ns + round(t_s * 1e9)
 
+    def all_ns(self, t_s: FloatArray) -> NDArray[np.int64]:
+        """The same of increasing times, shape (n,).
+
+        Raises:
+            LogError: The last one is beyond what a stamp can tell.
+        """
+        stamp(self.ns(float(t_s[-1])))
+        return self.origin_ns + np.rint(t_s * 1e9).astype(np.int64)
+
     def stamp(self, t_s: float) -> dict[str, int]:
-        return _time(self.ns(t_s))
+        return stamp(self.ns(t_s))
 
     def header(self, t_s: float) -> dict[str, Any]:
         return {"stamp": self.stamp(t_s), "frame_id": self.frame}
-
-
-def _time(t_ns: int) -> dict[str, int]:
-    return {"sec": t_ns // 10**9, "nanosec": t_ns % 10**9}
 
 
 # Topics --------------------------------------------------------------------------------
@@ -151,22 +158,8 @@ def _part(text: str) -> str:
 # What it holds -------------------------------------------------------------------------
 
 
-def _states(track: Track, topic: str, clock: _Clock) -> Iterator[Annotation]:
-    for moment in track.moments:
-        yield Annotation(
-            clock.ns(moment.t_s),
-            topic,
-            "ariac_score_msgs/msg/MonitorState",
-            {
-                "header": clock.header(moment.t_s),
-                "check": track.check,
-                "subject": _text(track.subject),
-                "state": _STATES[moment.verdict],
-                "margin": nan if moment.margin is None else moment.margin,
-                "unit": track.unit,
-                "message": _text(moment.message),
-            },
-        )
+_Told = tuple[int, str, str, Mapping[str, Any]]
+"""Stamp in ns, topic, type, and field values by name; what is left out is zero or empty."""
 
 
 def _text(text: str) -> str:
@@ -179,7 +172,7 @@ def _final(result: Result) -> Mapping[str, Finding]:
     return with_verdicts(result.measured.findings, decisions)
 
 
-def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[Annotation]:
+def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[_Told]:
     """For each violation with a time: a sphere where its bodies were, words above; gone when it ends."""
     number = 0
     for key, finding in _final(result).items():
@@ -197,13 +190,13 @@ def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[Annotation
         above = places[0] if places else (0.0, 0.0, 0.3 * number)
         shown.append(_words(number, key, finding, above, clock.header(start_s)))
         for marker in shown:
-            marker["lifetime"] = _time(round((end_s - start_s) * 1e9))
+            marker["lifetime"] = stamp(round((end_s - start_s) * 1e9))
         gone = [
             {"header": clock.header(end_s), "ns": m["ns"], "id": m["id"], "action": _DELETE} for m in shown
         ]
         kind = "visualization_msgs/msg/MarkerArray"
-        yield Annotation(clock.ns(start_s), f"{ROOT}/violations", kind, {"markers": shown})
-        yield Annotation(clock.ns(end_s), f"{ROOT}/violations", kind, {"markers": gone})
+        yield clock.ns(start_s), f"{ROOT}/violations", kind, {"markers": shown}
+        yield clock.ns(end_s), f"{ROOT}/violations", kind, {"markers": gone}
 
 
 _Place = tuple[float, float, float]
@@ -258,7 +251,7 @@ def _words(number: int, key: str, finding: Finding, place: _Place, header: Any) 
     }
 
 
-def _log(result: Result, clock: _Clock, without: Sequence[str]) -> Iterator[Annotation]:
+def _log(result: Result, clock: _Clock, without: Sequence[str]) -> Iterator[_Told]:
     """Every violation and undecided finding at its start, then at the end the score and who changed it."""
     window = result.measured.window
     end_s = window.end_s if window else 0.0
@@ -284,7 +277,7 @@ def _amount(score: object) -> str:
     return "withheld" if score is None else f"{score:f}"
 
 
-def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words: str) -> Annotation:
+def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words: str) -> _Told:
     fields = {
         "stamp": clock.stamp(t_s),
         "level": level,
@@ -292,65 +285,105 @@ def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words
         "msg": _text(words),
         "function": function,
     }
-    return Annotation(clock.ns(t_s), f"{ROOT}/log", "rcl_interfaces/msg/Log", fields)
+    return clock.ns(t_s), f"{ROOT}/log", "rcl_interfaces/msg/Log", fields
 
 
-# Writing -------------------------------------------------------------------------------
+# What monitors say over time -----------------------------------------------------------
 
 
-def mcap_bytes(messages: Iterable[Annotation]) -> bytes:
-    """The recording as the bytes of one MCAP file, with its message definitions.
+class _Voice:
+    """The messages of one track, some of which wait to be said.
+
+    Attributes:
+        topic: Of all of them.
+        first_ns: The stamp of the first; `None` where there is none.
+        last_ns: The stamp of the last one that waits.
+        ended: Whether nothing comes after those that wait.
+    """
+
+    def __init__(self, track: Track, topic: str, clock: _Clock) -> None:
+        self.topic, self._clock = topic, clock
+        same = {"check": track.check, "subject": _text(track.subject), "unit": track.unit}
+        self._states = States(same, clock.frame)
+        self._parts = track.parts()
+        self._waiting = Part.of([])
+        self._t_ns = np.zeros(0, dtype=np.int64)
+        self.ended, self.last_ns = False, -1
+        self.listen()
+        self.first_ns = int(self._t_ns[0]) if len(self._t_ns) else None
+
+    def listen(self) -> None:
+        """Wait for more, until something comes later than what waited before."""
+        before_ns = self.last_ns
+        while not self.ended and self.last_ns <= before_ns:
+            part = next(self._parts, None)
+            if part is None:
+                self.ended = True
+            else:
+                t_ns = self._clock.all_ns(part.t_s)
+                self._waiting = _joined(self._waiting, part)
+                self._t_ns = np.concatenate([self._t_ns, t_ns])
+                self.last_ns = int(t_ns[-1])
+
+    def until_ns(self, rows: int) -> float:
+        """Before when nothing else can come, and there are about so many rows."""
+        if len(self._t_ns) > rows:
+            return int(max(self._t_ns[rows], self._t_ns[0] + 1))
+        return inf if self.ended else self.last_ns
+
+    def say(self, before_ns: float) -> list[Annotation]:
+        """The messages that wait and come before a time."""
+        count = len(self._t_ns) if before_ns == inf else int(self._t_ns.searchsorted(before_ns))
+        if not count:
+            return []
+        said, t_ns = self._waiting, self._t_ns[:count]
+        texts = {row: _text(text) for row, text in said.messages.items() if row < count}
+        payloads = self._states.serialized(t_ns, _NUMBERS[said.said[:count]], said.margin[:count], texts)
+        self._waiting, self._t_ns = _after(said, count), self._t_ns[count:]
+        messages = zip(t_ns.tolist(), repeat(self.topic), repeat(MONITOR_STATE), payloads, strict=False)
+        return list(starmap(Annotation, messages))
+
+
+def _joined(one: Part, other: Part) -> Part:
+    count = len(one.t_s)
+    if not count:
+        return other
+    return Part(
+        np.concatenate([one.t_s, other.t_s]),
+        np.concatenate([one.said, other.said]),
+        np.concatenate([one.margin, other.margin]),
+        {**one.messages, **{row + count: text for row, text in other.messages.items()}},
+    )
+
+
+def _after(part: Part, count: int) -> Part:
+    """A part without its first moments."""
+    messages = {row - count: text for row, text in part.messages.items() if row >= count}
+    return Part(part.t_s[count:], part.said[count:], part.margin[count:], messages)
+
+
+def _merged(voices: Sequence[_Voice], told: Sequence[Annotation]) -> Iterator[Annotation]:
+    """All messages by time, then by topic.
 
     Args:
-        messages: In order of time.
+        voices: What the monitors say.
+        told: All other messages, in order.
     """
-    # Imported here, as everywhere: rosbags is slow to load.
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer  # noqa: PLC0415
-
-    store = bundled_typestore(2)
-    with TemporaryDirectory() as parent:
-        folder = Path(parent, "annotations")
-        writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        with writer:
-            connections: dict[str, Any] = {}
-            for message in messages:
-                if message.topic not in connections:
-                    connections[message.topic] = writer.add_connection(
-                        message.topic, message.type, typestore=store
-                    )
-                built = _built(store, message.type, message.fields)
-                # Little-endian by name, so that the bytes do not depend on the machine.
-                payload = store.serialize_cdr(built, message.type, little_endian=True)
-                writer.write(connections[message.topic], message.t_ns, payload)
-        (file,) = folder.glob("*.mcap")
-        return file.read_bytes()
-
-
-def _built(store: Any, type_: str, given: Mapping[str, Any]) -> Any:
-    """A message object with the given fields, all others zero or empty."""
-    fields = store.fielddefs[type_][1]
-    return store.types[type_](*(_value(store, kind, given.get(name)) for name, kind in fields))
-
-
-def _value(store: Any, description: Any, given: Any) -> Any:
-    from rosbags.interfaces import Nodetype  # noqa: PLC0415  # see mcap_bytes
-
-    kind, detail = description
-    if kind == Nodetype.NAME:
-        return _built(store, detail, given or {})
-    if kind == Nodetype.BASE:
-        if given is not None:
-            return given
-        return "" if detail[0] == "string" else False if detail[0] == "bool" else 0
-    element, _ = detail
-    if element[0] == Nodetype.BASE:
-        import numpy as np  # noqa: PLC0415  # only for arrays of numbers, which stay empty
-
-        return (
-            [] if element[1][0] == "string" else np.zeros(0, dtype=_DTYPES.get(element[1][0], element[1][0]))
-        )
-    return [_value(store, element, each) for each in given or ()]
-
-
-_DTYPES: Mapping[str, str] = {"byte": "uint8", "char": "uint8", "octet": "uint8"}
+    topics = [*(voice.topic for voice in voices), *(message.topic for message in told)]
+    ranks = {topic: rank for rank, topic in enumerate(sorted(set(topics)))}
+    rows = max(AT_ONCE // max(len(voices), 1), 1)
+    done = 0
+    while True:
+        until_ns = min((voice.until_ns(rows) for voice in voices), default=inf)
+        last = bisect_left(told, until_ns, lo=done, key=lambda message: message.t_ns)
+        spoken = [*(voice.say(until_ns) for voice in voices), told[done:last]]
+        messages = [message for of_one in spoken for message in of_one]
+        done = last
+        place = np.array([(message.t_ns, ranks[message.topic]) for message in messages], dtype=np.int64)
+        order = np.lexsort(place.reshape(len(messages), 2).T[::-1])
+        yield from map(messages.__getitem__, order.tolist())
+        if until_ns == inf:
+            return
+        for voice in voices:
+            if voice.last_ns == until_ns:
+                voice.listen()

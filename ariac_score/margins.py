@@ -8,8 +8,9 @@ and end, and the samples they rest on.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,16 +30,25 @@ from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal
 from ariac_score.trial.sketch import Course
-from ariac_score.trial.spans import Span
+from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import quantity_of
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.typing import NDArray
 else:
     from ariac_score.later import numpy as np
 
-__all__ = ["Moment", "Track", "read_again", "tracks"]
+__all__ = ["SAID", "Moment", "Part", "Track", "read_again", "tracks"]
 
+SAID: tuple[Verdict | None, ...] = (
+    Verdict.SATISFIED,
+    Verdict.VIOLATED,
+    Verdict.INCONCLUSIVE,
+    Verdict.NOT_APPLICABLE,
+    None,
+)
+"""What a monitor can say of an instant, by number; `None`: nothing."""
 
 JUST_AFTER_S = 1e-9
 """What lacks samples is undecided from the last one on, which itself was judged."""
@@ -61,6 +71,40 @@ class Moment:
     message: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Moments of a track, one after the other.
+
+    Attributes:
+        t_s: As of a moment, shape (n,).
+        said: The verdict of each, as its number in `SAID`, shape (n,).
+        margin: Likewise; NaN without one.
+        messages: By row, where there is one.
+    """
+
+    t_s: FloatArray
+    said: NDArray[np.uint8]
+    margin: FloatArray
+    messages: Mapping[int, str]
+
+    @classmethod
+    def of(cls, moments: Sequence[Moment]) -> Part:
+        """Some moments as columns."""
+        return cls(
+            np.array([moment.t_s for moment in moments], dtype=np.float64),
+            np.array([SAID.index(moment.verdict) for moment in moments], dtype=np.uint8),
+            np.array([math.nan if m.margin is None else m.margin for m in moments], dtype=np.float64),
+            {row: moment.message for row, moment in enumerate(moments) if moment.message},
+        )
+
+    def moments(self) -> Iterator[Moment]:
+        """The same one by one."""
+        columns = self.t_s.tolist(), self.said.tolist(), self.margin.tolist()
+        for row, (t_s, said, margin) in enumerate(zip(*columns, strict=True)):
+            known = None if math.isnan(margin) else margin
+            yield Moment(t_s, SAID[said], known, self.messages.get(row, ""))
+
+
 @dataclass(frozen=True)
 class Track:
     """What one monitor says about one subject, in order of time.
@@ -80,6 +124,33 @@ class Track:
     moments: tuple[Moment, ...]
     what: str = ""
     sampled: bool = False
+
+    def parts(self) -> Iterator[Part]:
+        """The moments in parts, one after the other; each has some."""
+        if self.moments:
+            yield Part.of(self.moments)
+
+
+class _Sampled(Track):
+    """A track that is made part by part whenever it is looked at, and never held as a whole."""
+
+    _made: Callable[[], Iterator[Part]]
+
+    def __init__(
+        self, check: str, subject: str, unit: str, what: str, made: Callable[[], Iterator[Part]]
+    ) -> None:
+        known = {"check": check, "subject": subject, "unit": unit, "what": what, "sampled": True}
+        for name, value in {**known, "_made": made}.items():
+            object.__setattr__(self, name, value)
+
+    def parts(self) -> Iterator[Part]:
+        """The moments in parts, made anew."""
+        return self._made()
+
+    @property
+    def moments(self) -> tuple[Moment, ...]:
+        """All moments."""
+        return tuple(moment for part in self._made() for moment in part.moments())
 
 
 def read_again(result: Result, path: Path, rule_set: RuleSet, *, log_map: str, registry: Registry) -> Trial:
@@ -149,15 +220,56 @@ def tracks(result: Result, trial: Trial, rule_set: RuleSet, *, registry: Registr
 
 def _with_undecided(track: Track, findings: Sequence[Finding]) -> Track:
     """A track that says between its samples, where they lack, what is undecided."""
-    said = {moment.t_s for moment in track.moments}
-    more: dict[float, Moment] = {}
-    for f in findings:
-        if f.subject == track.subject and f.verdict is Verdict.INCONCLUSIVE and f.span is not None:
-            start_s = f.span.start_s
-            t_s = start_s + JUST_AFTER_S if start_s in said else start_s
-            more[t_s] = Moment(t_s, f.verdict, None, f.message)
-    moments = sorted((*track.moments, *more.values()), key=lambda moment: moment.t_s)
-    return replace(track, moments=tuple(moments)) if more else track
+    undecided = [
+        Moment(f.span.start_s, f.verdict, None, f.message)
+        for f in findings
+        if f.subject == track.subject and f.verdict is Verdict.INCONCLUSIVE and f.span is not None
+    ]
+    if not undecided:
+        return track
+    made = partial(_among, track.parts, undecided)
+    return _Sampled(track.check, track.subject, track.unit, track.what, made)
+
+
+def _among(parts: Callable[[], Iterator[Part]], undecided: Sequence[Moment]) -> Iterator[Part]:
+    """Parts with what is undecided among them: just after the sample where it begins at one."""
+    waiting = sorted(enumerate(undecided), key=lambda one: (one[1].t_s, one[0]))
+    more: dict[float, tuple[int, Moment]] = {}
+    for part in parts():
+        last_s = float(part.t_s[-1])
+        while waiting and waiting[0][1].t_s <= last_s:
+            number, moment = waiting.pop(0)
+            begins_s = moment.t_s
+            row = int(part.t_s.searchsorted(begins_s))
+            _put(more, number, moment, begins_s + JUST_AFTER_S if part.t_s[row] == begins_s else begins_s)
+        ready = sorted(t_s for t_s in more if t_s < last_s)
+        yield _inserted(part, [more.pop(t_s)[1] for t_s in ready])
+    for number, moment in waiting:
+        _put(more, number, moment, moment.t_s)
+    if more:
+        yield Part.of([more[t_s][1] for t_s in sorted(more)])
+
+
+def _put(more: dict[float, tuple[int, Moment]], number: int, moment: Moment, t_s: float) -> None:
+    """Say something of an instant, unless something that comes later is said of it."""
+    if t_s not in more or more[t_s][0] < number:
+        more[t_s] = number, replace(moment, t_s=t_s)
+
+
+def _inserted(part: Part, moments: Sequence[Moment]) -> Part:
+    """A part with more moments, after those of the same time."""
+    if not moments:
+        return part
+    new = Part.of(moments)
+    rows = part.t_s.searchsorted(new.t_s, side="right")
+    told = {row + int(np.searchsorted(rows, row, side="right")): m for row, m in part.messages.items()}
+    told |= {int(rows[k]) + k: moments[k].message for k in range(len(moments)) if moments[k].message}
+    return Part(
+        np.insert(part.t_s, rows, new.t_s),
+        np.insert(part.said, rows, new.said),
+        np.insert(part.margin, rows, new.margin),
+        told,
+    )
 
 
 # Monitors that tell their margins ------------------------------------------------------
@@ -167,7 +279,7 @@ def _sampled(name: str, courses: Sequence[Course], findings: Sequence[Finding]) 
     """The margins of a monitor with the state at each; in the order of its subjects."""
     found: list[Track] = []
     for course in courses:
-        if not len(course.t):
+        if not any(len(t) for t in course.times()):
             continue
         several = any(track.subject == course.subject for track in found)
         violations = [
@@ -175,36 +287,46 @@ def _sampled(name: str, courses: Sequence[Course], findings: Sequence[Finding]) 
             for f in findings
             if f.span is not None and f.subject == course.subject and f.verdict is Verdict.VIOLATED
         ]
-        moments = tuple(_news(_states(course, violations)))
         what = course.what if several else ""
-        found.append(Track(name, course.subject, course.unit, moments, what, sampled=True))
+        made = partial(_states, course, violations)
+        found.append(_Sampled(name, course.subject, course.unit, what, made))
     return found
 
 
-def _states(course: Course, violations: Sequence[Span]) -> Iterator[Moment]:
+def _states(course: Course, violations: Sequence[Span]) -> Iterator[Part]:
+    """What holds at each sample, in words where that changes."""
+    before = -1
+    for part in course.parts():
+        if len(part.t):
+            margin, said = part.margin, _said(part, violations)
+            changed = np.flatnonzero(np.diff(said, prepend=np.array([before], dtype=np.int8)))
+            before = int(said[-1])
+            messages = {row: _words(part, row, margin) for row in changed.tolist()}
+            yield Part(part.t, said.astype(np.uint8), margin, messages)
+
+
+_SATISFIED, _VIOLATED, _IDLE = (
+    SAID.index(verdict) for verdict in (Verdict.SATISFIED, Verdict.VIOLATED, Verdict.NOT_APPLICABLE)
+)
+
+
+def _said(course: Course, violations: Sequence[Span]) -> NDArray[np.int8]:
     """What holds at each sample; a margin of exactly 0 is broken where it counted so."""
-    margins = course.margin
-    broken = margins < 0
-    for span in violations:
-        broken |= (margins == 0) & (course.t >= span.start_s) & (course.t <= span.end_s)
+    t, margin = course.t, course.margin
+    broken, unsure = margin < 0, margin == 0
+    for span in violations if unsure.any() else ():
+        broken |= unsure & (t >= span.start_s) & (t <= span.end_s)
+    said = np.where(broken, _VIOLATED, _SATISFIED)
+    return np.where(np.isnan(margin), _IDLE, said).astype(np.int8)
+
+
+def _words(course: Course, row: int, margin: FloatArray) -> str:
+    """What was, beside what may be."""
+    if math.isnan(margin[row]):
+        return "the limit does not apply"
+    actual, limit = float(course.actual[row]), float(course.limit[row])
     relation = "at most" if course.at_most else "at least"
-    before: Verdict | None = None
-    for t_s, margin, actual, limit, violated in zip(
-        course.t.tolist(),
-        margins.tolist(),
-        course.actual.tolist(),
-        course.limit.tolist(),
-        broken.tolist(),
-        strict=True,
-    ):
-        if math.isnan(margin):
-            verdict, words = Verdict.NOT_APPLICABLE, "the limit does not apply"
-        else:
-            verdict, words = Verdict.VIOLATED if violated else Verdict.SATISFIED, ""
-        if verdict is not before and not words:
-            words = f"{course.what} {actual:.3f} {course.unit} ({relation} {limit:.3f})"
-        before = verdict
-        yield Moment(t_s, verdict, None if math.isnan(margin) else margin, words)
+    return f"{course.what} {actual:.3f} {course.unit} ({relation} {limit:.3f})"
 
 
 # Monitors that watch online ------------------------------------------------------------

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from ariac_score import (
     Finding,
+    LogError,
     Result,
     Sample,
     Span,
@@ -28,7 +29,8 @@ from ariac_score import (
     load_rule_set,
     score_trial,
 )
-from ariac_score.annotations import mcap_bytes, messages_of, origin_ns
+from ariac_score.annotations import messages_of, origin_ns
+from ariac_score.annotations_mcap import mcap_bytes
 from ariac_score.cli import main
 from ariac_score.margins import Moment, Track, read_again, tracks
 from ariac_score.registry import Registry
@@ -383,7 +385,7 @@ def test_a_margin_that_is_none_is_not_a_number() -> None:
     assert math.isnan(next(m for m in messages if m.topic == "/ariac_score/c/s").message.margin)
 
 
-@given(st.integers(0, 2**62), st.integers(0, 86_400 * 10**9))
+@given(st.integers(0, 2_000_000_000 * 10**9), st.integers(0, 86_400 * 10**9))
 def test_a_stamp_of_the_log_comes_back_to_the_nanosecond(origin: int, since_ns: int) -> None:
     track = Track("c", "s", "", (Moment(since_ns / 1e9, Verdict.SATISFIED, 0.0),))
     trial = Trial("t", clock=f"log time, origin {origin} ns")
@@ -460,3 +462,15 @@ def test_a_time_before_the_clocks_zero_is_refused() -> None:
 
     with pytest.raises(Exception, match="before the zero of the log's clock"):
         messages_of(_empty(), Trial("t"), [track], frame="")
+
+
+def test_a_time_that_ros_cannot_count_is_refused() -> None:
+    # sec of builtin_interfaces/Time is an int32: 2038-01-19, 03:14:07 UTC is the last one.
+    def stamps(t_s: float) -> list[int]:
+        track = Track("c", "s", "", (Moment(t_s, Verdict.SATISFIED, 0.0),))
+        messages = messages_of(_empty(), Trial("t"), [track], frame="")
+        return [m.t_ns for m in messages if m.topic == "/ariac_score/c/s"]
+
+    assert stamps(2**31 - 1.0) == [(2**31 - 1) * 10**9]
+    with pytest.raises(LogError, match="after the year 2038"):
+        stamps(2.0**31)

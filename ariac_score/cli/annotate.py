@@ -31,8 +31,9 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the log again, watch it, write."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.annotations import mcap_bytes, messages_of, without_margins  # noqa: PLC0415
-    from ariac_score.cli.output import refuse_inputs, write_bytes  # noqa: PLC0415
+    from ariac_score.annotations import messages_of, without_margins  # noqa: PLC0415
+    from ariac_score.annotations_mcap import recorded  # noqa: PLC0415
+    from ariac_score.cli.output import refuse_inputs, write_copy  # noqa: PLC0415
     from ariac_score.logmap import load_log_map  # noqa: PLC0415
     from ariac_score.margins import read_again, tracks  # noqa: PLC0415
     from ariac_score.registry import Registry  # noqa: PLC0415
@@ -51,7 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
     mapping = load_log_map(arguments.log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
     trial = read_again(result, arguments.path, rule_set, log_map=arguments.log_map, registry=registry)
     found = tracks(result, trial, rule_set, registry=registry)
-    write_bytes(mcap_bytes(messages_of(result, trial, found, frame=mapping.root_frame)), arguments.output)
+    with recorded(messages_of(result, trial, found, frame=mapping.root_frame)) as recording:
+        write_copy(recording, arguments.output)
     bare = without_margins(found)
     if bare:
         sys.stderr.write(

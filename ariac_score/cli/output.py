@@ -7,12 +7,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from shutil import copyfileobj
 from tempfile import NamedTemporaryFile
+from typing import IO
 
 from ariac_score.errors import UsageError
 from ariac_score.report.style import plain
 
-__all__ = ["counting_bar", "progress_bar", "refuse_inputs", "write", "write_bytes"]
+__all__ = ["counting_bar", "progress_bar", "refuse_inputs", "write", "write_bytes", "write_copy"]
 
 
 def write(text: str, file: Path | None) -> None:
@@ -35,13 +37,27 @@ def write_bytes(content: bytes, file: Path) -> None:
     Raises:
         UsageError: The file cannot be written.
     """
+    _put(lambda out: out.write(content), file)
+
+
+def write_copy(source: Path, file: Path) -> None:
+    """Put what another file holds into a file that is either complete or not there; see `write`.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
+    with source.open("rb") as content:
+        _put(lambda out: copyfileobj(content, out), file)
+
+
+def _put(fill: Callable[[IO[bytes]], object], file: Path) -> None:
     try:
         target = file.resolve()
         if target.exists() and not target.is_file():
             with target.open("wb") as out:
-                out.write(content)
+                fill(out)
         else:
-            _replace(target, content)
+            _replace(target, fill)
     except (OSError, RuntimeError) as cause:
         reason = getattr(cause, "strerror", None) or str(cause)
         raise UsageError(
@@ -49,12 +65,12 @@ def write_bytes(content: bytes, file: Path) -> None:
         ) from cause
 
 
-def _replace(target: Path, content: bytes) -> None:
+def _replace(target: Path, fill: Callable[[IO[bytes]], object]) -> None:
     temporary = ""
     try:
         with NamedTemporaryFile(dir=target.parent, prefix=".part-", delete=False) as out:
             temporary = out.name
-            out.write(content)
+            fill(out)
         mask = os.umask(0)
         os.umask(mask)
         Path(temporary).chmod(0o666 & ~mask)  # a temporary file is private, a result is not

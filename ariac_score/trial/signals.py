@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, uncovered_spans
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, gaps_between, uncovered_spans
 
 if TYPE_CHECKING:
     import numpy as np
@@ -15,6 +15,8 @@ else:
     from ariac_score.later import numpy as np
 
 __all__ = ["LARGEST_VALUE", "Sample", "Signal", "align", "settle"]
+
+_PART_SAMPLES = 4096
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,12 @@ class Signal:
 
     def gaps(self, window: Span, *, max_gap_s: float) -> list[Span]:
         """The stretches of a window this signal says nothing about."""
-        return uncovered_spans(self.t, window, max_gap_s=max_gap_s)
+        first, last = self.row(window.start_s), self.row(math.nextafter(window.end_s, math.inf))
+        if first == last:
+            around = self.times(max(first - 1, 0), min(first + 1, len(self)))
+            return uncovered_spans(around, window, max_gap_s=max_gap_s)
+        parts = (self.times(k, min(k + _PART_SAMPLES, last)) for k in range(first, last, _PART_SAMPLES))
+        return gaps_between(parts, window, max_gap_s=max_gap_s)
 
     def sample(self, i: int) -> Sample:
         """The i-th sample, as evidence."""

@@ -50,6 +50,7 @@ MOST_DETAIL_STRETCHES, FEWEST_DETAIL_STRETCHES = 100, 10
 """Those around violations are shared by all curves as well."""
 
 ROUTE_STRETCHES = 300
+_ROUTE_HOLE_S = 1.0
 MOST_HOLES = 500
 PART_SAMPLES = 16_384
 
@@ -99,6 +100,7 @@ class Course:
         *,
         times: Callable[[], Iterable[FloatArray]],
         max_gap_s: float,
+        at_most: bool = False,
     ) -> Course:
         """A course that is made part by part whenever it is looked at, and never held as a whole.
 
@@ -109,8 +111,9 @@ class Course:
             made: The parts, one after the other.
             times: Their times alone.
             max_gap_s: As of any course.
+            at_most: Likewise.
         """
-        return _Late(subject, what, unit, made, times, max_gap_s)
+        return _Late(subject, what, unit, made, times, max_gap_s, at_most)
 
     def parts(self) -> Iterable[Course]:
         """The course in parts, one after the other."""
@@ -143,8 +146,9 @@ class _Late(Course):
         made: Callable[[], Iterable[Course]],
         times: Callable[[], Iterable[FloatArray]],
         max_gap_s: float,
+        at_most: bool,
     ) -> None:
-        known = {"subject": subject, "what": what, "unit": unit, "max_gap_s": max_gap_s}
+        known = {"subject": subject, "what": what, "unit": unit, "max_gap_s": max_gap_s, "at_most": at_most}
         for name, value in {**known, "_made": made, "_times": times}.items():
             object.__setattr__(self, name, value)
 
@@ -348,27 +352,22 @@ class _Plain:
     subject: str
     window: Span | None
 
-    def _rows(self) -> Iterator[tuple[int, int]]:
-        first, last = 0, len(self.signal)
-        if self.window is not None:
-            first = self.signal.row(self.window.start_s)
-            last = self.signal.row(math.nextafter(self.window.end_s, math.inf))
-        return ((row, min(row + PART_SAMPLES, last)) for row in range(first, last, PART_SAMPLES))
-
     def times(self) -> Iterator[FloatArray]:
-        return (self.signal.times(*rows) for rows in self._rows())
+        return (self.signal.times(*rows) for rows in _rows(self.signal, self.window))
 
     def parts(self) -> Iterator[Course]:
-        for rows in self._rows():
+        for rows in _rows(self.signal, self.window):
             t, values = self.signal.stretch(*rows)
             yield Course(self.subject, self.what, self.signal.unit, t, values, np.full(len(t), np.nan))
 
 
-def _inside(t: FloatArray, window: Span | None) -> NDArray[np.bool_]:
-    if window is None:
-        return np.ones(len(t), dtype=bool)
-    inside: NDArray[np.bool_] = (t >= window.start_s) & (t <= window.end_s)
-    return inside
+def _rows(signal: Signal, window: Span | None) -> Iterator[tuple[int, int]]:
+    """The rows of a signal in a window of time, some thousand at a time."""
+    first, last = 0, len(signal)
+    if window is not None:
+        first = signal.row(window.start_s)
+        last = signal.row(math.nextafter(window.end_s, math.inf))
+    return ((row, min(row + PART_SAMPLES, last)) for row in range(first, last, PART_SAMPLES))
 
 
 def _share(room: int, fewest: int, most: int) -> int:
@@ -560,14 +559,6 @@ def _numbers(values: FloatArray) -> tuple[float, ...]:
     return tuple(float(v) for v in np.round(values, DECIMALS) + 0.0)
 
 
-def _beside_holes(t: FloatArray, max_gap_s: float) -> NDArray[np.intp]:
-    """The samples after which too long nothing comes; of very many the longest."""
-    gaps = np.diff(t)
-    (holes,) = np.nonzero(gaps > max_gap_s + 1e-9)
-    longest = np.argsort(-gaps[holes], kind="stable")[:MOST_HOLES]
-    return np.sort(holes[longest])
-
-
 def extremes(t: FloatArray, columns: Iterable[FloatArray], stretches: int) -> NDArray[np.intp]:
     """The rows that a drawing needs: of each stretch of time the least and the largest of every column.
 
@@ -617,20 +608,33 @@ def _routes(trial: Trial) -> Iterable[Route]:
         name = next((p for p in points if len(trial.signals.get(f"position/{p}", ()))), None)
         if name is None:
             continue
-        signal = trial.signals[f"position/{name}"]
-        inside = _inside(signal.t, trial.window)
-        t, places = signal.t[inside], np.round(signal.values[inside], DECIMALS) + 0.0
-        if not len(t):
-            continue
-        beside = _beside_holes(t, 1.0)
-        rows = distinct(
-            np.concatenate([extremes(t, [places[:, 0], places[:, 1]], ROUTE_STRETCHES), beside, beside + 1])
-        )
-        yield Route(
-            name,
-            body.kind,
-            _numbers(t[rows]),
-            _numbers(places[rows, 0]),
-            _numbers(places[rows, 1]),
-            _numbers(t[beside]),
-        )
+        route = _route(name, body.kind, trial.signals[f"position/{name}"], trial.window)
+        if route is not None:
+            yield route
+
+
+def _route(name: str, kind: str, signal: Signal, window: Span | None) -> Route | None:
+    """Where something went, reduced; `None` where it has no sample. Likewise gone through part by part."""
+    laid_out = _LaidOut([], _ROUTE_HOLE_S)
+    for rows in _rows(signal, window):
+        laid_out.take(signal.times(*rows))
+    if not laid_out.count:
+        return None
+    ((_, (from_s, to_s)),) = laid_out.stretches
+    beside, first = laid_out.beside, 0
+    found: list[tuple[FloatArray, FloatArray, NDArray[np.intp]]] = []
+    for rows in _rows(signal, window):
+        t, places = signal.stretch(*rows)
+        places, n = np.round(places, DECIMALS) + 0.0, len(t)
+        stretch = _stretch_of(t, from_s, to_s, ROUTE_STRETCHES)
+        kept = [np.array([0, n - 1]), _extremes_of(stretch, [places[:, 0], places[:, 1]])]
+        kept += [near[(near >= 0) & (near < n)] for near in (beside - first, beside + 1 - first)]
+        own = distinct(np.concatenate(kept))
+        found.append((t[own], places[own], own + first))
+        first += n
+    t, places, numbers = (np.concatenate(column) for column in zip(*found, strict=True))
+    x, y = places[:, 0], places[:, 1]
+    around = [numbers.searchsorted(beside), numbers.searchsorted(beside + 1)]
+    shown = distinct(np.concatenate([extremes(t, [x, y], ROUTE_STRETCHES), *around]))
+    holes = t[numbers.searchsorted(beside)]
+    return Route(name, kind, _numbers(t[shown]), _numbers(x[shown]), _numbers(y[shown]), _numbers(holes))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from ariac_score import (
@@ -593,16 +592,7 @@ class SsmSeparation(SsmFormula, Sampled):
         for pair, watched in seen(
             trial, pairs, self._wanted, max_gap_s=self.max_gap_s, optional=self._optional
         ):
-            shown = Seen(pair.name, watched, lambda: self._bound)
-            words = self._distance.replace("_", " ")
-            yield Course.late(
-                pair.name,
-                words,
-                "m",
-                partial(_courses, shown),
-                times=partial(_times, watched),
-                max_gap_s=self.max_gap_s,
-            )
+            yield Seen(pair.name, watched, lambda: self._bound).course
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the distance is enough there."""
@@ -693,14 +683,6 @@ class SsmSeparation(SsmFormula, Sampled):
             evidence=worst.evidence,
             clause=_CLAUSE,
         )
-
-
-def _courses(shown: Seen) -> Iterator[Course]:
-    return shown.courses()
-
-
-def _times(watched: Watching) -> Iterator[FloatArray]:
-    return (window.t for window in watched)
 
 
 class _Energy(Gathered):

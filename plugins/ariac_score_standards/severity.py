@@ -205,14 +205,25 @@ class Seen:
     @property
     def course(self) -> Course:
         """The same over time; without a limit where it does not apply."""
-        judge = self.begin()
-        windows = [(watched, judge(watched)) for watched in self.watched]
-        return course_of(self.subject, windows)
+        first = next(self._courses())
+        if next(iter(self.watched)).following is None:
+            return first
+        return Course.late(
+            self.subject,
+            first.what,
+            first.unit,
+            self._courses,
+            times=self._times,
+            max_gap_s=first.max_gap_s,
+            at_most=first.at_most,
+        )
 
-    def courses(self) -> Iterator[Course]:
-        """The same window by window."""
+    def _courses(self) -> Iterator[Course]:
         judge = self.begin()
-        return (course_of(self.subject, [(watched, judge(watched))]) for watched in self.watched)
+        return (_course_of(self.subject, watched, judge(watched)) for watched in self.watched)
+
+    def _times(self) -> Iterator[FloatArray]:
+        return (watched.t for watched in self.watched)
 
 
 def limited_by(bound: Bound) -> BoolArray:
@@ -221,24 +232,19 @@ def limited_by(bound: Bound) -> BoolArray:
     return limited if bound.applies is None else limited & bound.applies
 
 
-def course_of(subject: str, windows: Sequence[tuple[Watched, Bound]]) -> Course:
-    """What was beside what may be, of judged windows."""
-    limits = [np.where(limited_by(bound), bound.limit, np.nan) for _, bound in windows]
-    first = windows[0][1]
+def _course_of(subject: str, watched: Watched, bound: Bound) -> Course:
+    """What was beside what may be, of a judged window."""
+    limit = np.where(limited_by(bound), bound.limit, np.nan)
     return Course(
         subject,
-        first.what,
-        first.unit,
-        _joined([watched.t for watched, _ in windows]),
-        _joined([bound.actual for _, bound in windows]),
-        _joined(limits),
-        first.at_most,
-        windows[0][0].max_gap_s,
+        bound.what,
+        bound.unit,
+        watched.t,
+        bound.actual,
+        limit,
+        bound.at_most,
+        watched.max_gap_s,
     )
-
-
-def _joined(parts: Sequence[FloatArray]) -> FloatArray:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 Said = Finding | Seen

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
@@ -15,13 +15,12 @@ from ariac_score import (
     Span,
     Trial,
     Verdict,
-    align,
     check_parameters,
     parameter,
-    uncovered_spans,
 )
-from ariac_score_standards.severity import EXPOSURE_DISTANCE_M, STANDSTILL_SPEED_M_S, covered_share
-from ariac_score_standards.watching import BoolArray, FloatArray, Subject, looked_for, nobody, pairs_of
+from ariac_score_standards.exposed_time import ExposedTime
+from ariac_score_standards.severity import EXPOSURE_DISTANCE_M, covered_share
+from ariac_score_standards.watching import FloatArray, looked_for, nobody, pairs_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -93,26 +92,39 @@ class SignalCoverage:
         if self.share_of == "exposure" and not pairs_of(trial):
             yield nobody(trial, _CLAUSE)
             return
-        seen = [self._seen(trial, subject) for subject in pairs_of(trial)] if self._of_exposure else []
+        asked = {quantity: self._asked(trial, quantity) for quantity in self.quantities}
+        exposed = self._exposed_s(trial, [one for of_one in asked.values() for one in of_one])
         for quantity in self.quantities:
-            signals = [s for name, s in sorted(trial.signals.items()) if name.startswith(f"{quantity}/")]
-            for signal in signals:
-                yield self._judge(trial, signal, seen)
-            if not signals:
+            for one in asked[quantity]:
+                yield self._judge(trial, one, exposed.get(one.signal.name))
+            if not asked[quantity]:
                 message = f"there is no signal of {quantity!r}{looked_for(trial)}"
                 yield Finding.inconclusive(quantity, message, span=trial.window, clause=_CLAUSE)
         if not self.quantities:
             yield Finding.not_applicable("trial", "no quantity is asked for", clause=_CLAUSE)
 
-    @property
-    def _of_exposure(self) -> bool:
-        return self.share_of == "exposure"
+    def _asked(self, trial: Trial, quantity: str) -> list[_Asked]:
+        """The signals of a quantity, each with its gaps."""
+        found = []
+        for _, signal in sorted((n, s) for n, s in trial.signals.items() if n.startswith(f"{quantity}/")):
+            window = trial.window or signal.span or Span(0.0, 0.0)
+            found.append(_Asked(signal, window, signal.gaps(window, max_gap_s=self.max_gap_s)))
+        return found
 
-    def _judge(self, trial: Trial, signal: Signal, seen: Sequence[tuple[FloatArray, BoolArray]]) -> Finding:
-        window = trial.window or signal.span or Span(0.0, 0.0)
-        gaps = uncovered_spans(signal.t, window, max_gap_s=self.max_gap_s)
-        if self.share_of == "exposure":
-            whole_s, missing_s = self._exposed_s(seen, window, gaps)
+    def _exposed_s(self, trial: Trial, asked: Sequence[_Asked]) -> Mapping[str, tuple[float, float]]:
+        """How long somebody was exposed, and how much of that lies in gaps, s; by signal, where asked for."""
+        if self.share_of != "exposure" or not asked:
+            return {}
+        time = ExposedTime(
+            trial, pairs_of(trial), within_m=self.exposure_distance_m, max_gap_s=self.max_gap_s
+        )
+        found = time.of([(one.window, one.gaps) for one in asked])
+        return {one.signal.name: times for one, times in zip(asked, found, strict=True)}
+
+    def _judge(self, trial: Trial, asked: _Asked, exposed_s: tuple[float, float] | None) -> Finding:
+        signal, window, gaps = asked.signal, asked.window, asked.gaps
+        if exposed_s is not None:
+            whole_s, missing_s = exposed_s
         else:
             whole_s = window.duration_s
             missing_s = float(np.array([gap.duration_s for gap in gaps]).sum())
@@ -124,9 +136,9 @@ class SignalCoverage:
             sum(d.count for d in trial.log_defects if (d.kind, d.where) == (_BACKWARDS, signal.name))
         )
         if signal.name.startswith("position/") and len(signal):
-            tracks = [
+            tracks = (
                 tracks_of(*part, teleport_speed_m_s=self.teleport_speed_m_s) for part in _parts(signal, 1)
-            ]
+            )
             quantities["jumps"] = float(sum(len(found) - 1 for found in tracks))
         return Finding(
             signal.name,
@@ -139,29 +151,20 @@ class SignalCoverage:
             clause=_CLAUSE,
         )
 
-    def _exposed_s(
-        self, seen: Sequence[tuple[FloatArray, BoolArray]], window: Span, gaps: Sequence[Span]
-    ) -> tuple[float, float]:
-        """How long somebody was exposed, and how much of that lies in gaps, s."""
-        ends = [end for gap in gaps for end in (gap.start_s, gap.end_s)]
-        marks = np.unique(np.concatenate([[window.start_s, window.end_s, *ends], *(t for t, _ in seen)]))
-        marks = marks[(marks >= window.start_s) & (marks <= window.end_s)]
-        lasts, begins = np.diff(marks), marks[:-1]
-        exposed = np.zeros(len(begins), dtype=bool)
-        for t, safe in seen:
-            exposed |= ~_holds_over(t, safe, begins, self.max_gap_s)
-        starts, stops = (np.array([getattr(gap, end) for gap in gaps]) for end in ("start_s", "end_s"))
-        hidden = np.searchsorted(starts, begins, "right") > np.searchsorted(stops, begins, "right")
-        return float(lasts[exposed].sum()), float(lasts[exposed & hidden].sum())
 
-    def _seen(self, trial: Trial, subject: Subject) -> tuple[FloatArray, BoolArray]:
-        """When a pair is seen to be apart or the robot at rest: times, and whether it is so there."""
-        names = [subject.fill(template) for template in ("separation/{robot}/{human}", "speed/{robot}")]
-        signals = [trial.signals[name] for name in names if name in trial.signals]
-        if len(signals) < len(names):
-            return np.zeros(0), np.zeros(0, dtype=bool)
-        t, (distance, speed) = align(signals, max_gap_s=self.max_gap_s)
-        return t, (distance > self.exposure_distance_m) | (speed <= STANDSTILL_SPEED_M_S)
+@dataclass(frozen=True)
+class _Asked:
+    """A signal whose coverage is asked for.
+
+    Attributes:
+        signal: The signal.
+        window: What it should cover.
+        gaps: What of that it does not.
+    """
+
+    signal: Signal
+    window: Span
+    gaps: Sequence[Span]
 
 
 def _parts(signal: Signal, shared: int) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -180,19 +183,3 @@ def _stalest_s(signal: Signal, window: Span) -> float:
             longest_s = max(longest_s, float(inside[0]) - before, float(np.diff(inside).max(initial=0.0)))
             before = float(inside[-1])
     return max(longest_s, window.end_s - before)
-
-
-def _holds_over(t: FloatArray, holds: BoolArray, begins: FloatArray, longest_s: float) -> BoolArray:
-    """Whether something holds over the stretch from each mark on; a sample counts until the next.
-
-    >>> t, holds = np.array([0.0, 1.0, 5.0]), np.array([True, True, True])
-    >>> _holds_over(t, holds, np.array([0.5, 1.0, 6.0]), 1.0).tolist()
-    [True, False, False]
-    """
-    at = np.searchsorted(t, begins, side="right") - 1
-    known = (at >= 0) & (at < len(t) - 1)
-    row = np.clip(at, 0, max(len(t) - 2, 0))
-    result = np.zeros(len(begins), dtype=bool)
-    if len(t) > 1:
-        result = known & holds[row] & (t[row + 1] - t[row] <= longest_s + 1e-9)
-    return result

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
@@ -235,16 +235,33 @@ def _looked_for(trial: Trial) -> str:
 class Judged:
     """A formula on the signals of one subject.
 
+    Args:
+        monitor: The formula.
+        subject: Whom it is about.
+        track: The signals, sample by sample.
+        signals: The same by the name that the formula has for them.
+        span: The trial.
+        kept: Whether what is judged stays for a while, to be looked at again.
+        exact: What `Judgement` says of it, where it is judged anew.
+
     Attributes:
         body: What is judged at every moment of `stretch`: all of the formula, or what follows its `always`.
         stretch: When it is judged.
     """
 
     def __init__(
-        self, monitor: StlFormula, subject: str, track: Track, signals: Mapping[str, Signal], span: Span
+        self,
+        monitor: StlFormula,
+        subject: str,
+        track: Track,
+        signals: Mapping[str, Signal],
+        span: Span,
+        *,
+        kept: bool = True,
+        exact: bool = False,
     ) -> None:
         self.monitor, self.subject, self.span = monitor, subject, span
-        self.track, self.signals = track, signals
+        self.track, self.signals, self._stays, self._exact = track, signals, kept, exact
         self.gaps = gaps_between(track.stretches(), span, max_gap_s=monitor.max_gap_s)
         tree = monitor.tree
         self.body = tree.parts[0] if tree.operator == "always" else tree
@@ -261,8 +278,10 @@ class Judged:
     def judgement(self) -> Judgement:
         """The formula at every moment."""
         if self.monitor.time == "dense":
-            return DenseTime(self.asked, self.track, self.monitor.max_gap_s)
-        return DiscreteTime(self.asked, self.track, Line(self.track, self.span, self.gaps))
+            longest_s = self.monitor.max_gap_s
+            return DenseTime(self.asked, self.track, longest_s, kept=self._stays, exact=self._exact)
+        line = Line(self.track, self.span, self.gaps)
+        return DiscreteTime(self.asked, self.track, line, kept=self._stays)
 
     def judge(self) -> FormulaError | None:
         """Go through all moments; why that cannot be, where a predicate has no value."""
@@ -357,12 +376,31 @@ class Judged:
         units = {*self.monitor.margin_units.values()}
         if len(units) != 1 or self.closest is None:
             return None
-        parts = [_course(piece) for piece in self.judgement.pieces()]
-        t, margin, known = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-        return Course(
+        first = next(self.judgement.pieces())
+        if first.until_s is None:
+            return self._course(first)
+        about = self.monitor, self.subject, self.track, self.signals, self.span
+        anew = partial(Judged, *about, kept=False, exact=self.judgement.exact)
+        return Course.late(
             self.subject,
             f"robustness of {self.body.text}",
             units.pop(),
+            lambda: anew().courses(),
+            times=lambda: (course.t for course in anew().courses()),
+            max_gap_s=self.monitor.max_gap_s,
+        )
+
+    def courses(self) -> Iterator[Course]:
+        """The same in parts, one after the other."""
+        return (self._course(piece) for piece in self.judgement.pieces())
+
+    def _course(self, piece: Piece) -> Course:
+        t, margin, known = _margins(piece)
+        (unit,) = {*self.monitor.margin_units.values()}
+        return Course(
+            self.subject,
+            f"robustness of {self.body.text}",
+            unit,
             t,
             np.where(known, margin, 0.0),
             np.where(known, 0.0, np.nan),
@@ -625,7 +663,7 @@ class _Runs:
             self.found.append(Span(start_s, end_s))
 
 
-def _course(piece: Piece) -> tuple[FloatArray, FloatArray, BoolArray]:
+def _margins(piece: Piece) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Times of samples, margins there, and whether they are known."""
     margin = np.where(piece.upper < 0, piece.upper, piece.lower)
     known = np.isfinite(margin) & ~piece.open

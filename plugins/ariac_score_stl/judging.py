@@ -72,9 +72,9 @@ def _held_bytes(*columns: FloatArray) -> int:
 class _Kept:
     """Pieces that were judged first, for as long as there is room."""
 
-    def __init__(self) -> None:
+    def __init__(self, room_bytes: int) -> None:
         self._pieces: dict[int, Piece] = {}
-        self._bytes = 0
+        self._room_bytes, self._bytes = room_bytes, 0
 
     def get(self, k: int) -> Piece | None:
         """The piece of window k, if it is here."""
@@ -82,7 +82,7 @@ class _Kept:
 
     def put(self, k: int, piece: Piece, size: int) -> Piece:
         """The piece of window k, which stays here if there is room for so many bytes."""
-        if self._bytes + size <= KEPT_BYTES:
+        if self._bytes + size <= self._room_bytes:
             self._pieces[k], self._bytes = piece, self._bytes + size
         return piece
 
@@ -137,10 +137,12 @@ class Judgement:
     Attributes:
         evaluated: The margins of its parts.
         decided: The same as truth.
+        exact: Whether moments are told apart by truth besides, for a margin is exactly 0.
     """
 
     evaluated: Evaluated
     decided: Evaluated
+    exact: bool = False
 
     def pieces(self) -> Iterator[Piece]:
         """All moments at which it is judged; one piece has some, unless there are none at all.
@@ -156,20 +158,27 @@ class Judgement:
 
 
 class DiscreteTime(Judgement):
-    """Of the samples and the holes between them."""
+    """Of the samples and the holes between them.
 
-    def __init__(self, asked: Asked, track: Track, line: Line) -> None:
+    Args:
+        asked: What is judged.
+        track: The samples.
+        line: The rows.
+        kept: Whether windows stay for a while, to be looked at again.
+    """
+
+    def __init__(self, asked: Asked, track: Track, line: Line, *, kept: bool = True) -> None:
         self._asked, self._line = asked, line
         evaluated = RowWindows(
-            asked.body, line, lambda _, first, last: asked.leaves(track, first, last), asked.beyond
+            asked.body, line, lambda _, first, last: asked.leaves(track, first, last), asked.beyond, kept=kept
         )
 
         def leaves(k: int, *_: int) -> Mapping[Node, FloatArray]:
             return truths(evaluated.window(k).evaluated.predicates)
 
         self.evaluated: RowWindows = evaluated
-        self.decided: RowWindows = RowWindows(asked.body, line, leaves, asked.beyond)
-        self._kept = _Kept()
+        self.decided: RowWindows = RowWindows(asked.body, line, leaves, asked.beyond, kept=kept)
+        self._kept = _Kept(KEPT_BYTES if kept else 0)
 
     @property
     def _rows(self) -> tuple[int, int]:
@@ -220,13 +229,23 @@ class DiscreteTime(Judgement):
 
 
 class DenseTime(Judgement):
-    """Of every moment."""
+    """Of every moment.
 
-    def __init__(self, asked: Asked, track: Track, longest_s: float) -> None:
+    Args:
+        asked: What is judged.
+        track: The samples.
+        longest_s: A sample stands for no longer than this, s.
+        kept: Whether windows stay for a while, to be looked at again.
+        exact: Whether a margin that is judged is known to be exactly 0.
+    """
+
+    def __init__(
+        self, asked: Asked, track: Track, longest_s: float, *, kept: bool = True, exact: bool = False
+    ) -> None:
         self._asked, self._track = asked, track
 
         def windows(leaves: Callable[[int, int, int], Mapping[Node, FloatArray]]) -> DenseWindows:
-            return DenseWindows(asked.body, track, asked.span, leaves, asked.beyond, longest_s)
+            return DenseWindows(asked.body, track, asked.span, leaves, asked.beyond, longest_s, kept=kept)
 
         def leaves(k: int, *_: int) -> Mapping[Node, FloatArray]:
             return truths(evaluated.window(k).evaluated.predicates)
@@ -234,8 +253,9 @@ class DenseTime(Judgement):
         evaluated = windows(lambda _, first, last: asked.leaves(track, first, last))
         self.evaluated: DenseWindows = evaluated
         self.decided: DenseWindows = windows(leaves)
-        self._kept = _Kept()
-        self._exact = False
+        self._room_bytes = KEPT_BYTES if kept else 0
+        self._kept = _Kept(self._room_bytes)
+        self.exact = exact
         """Whether a margin that is judged is exactly 0, which does not tell < from <=."""
 
     @property
@@ -250,9 +270,9 @@ class DenseTime(Judgement):
 
     def pieces(self) -> Iterator[Piece]:
         """As of any judgement."""
-        exact = self._exact
+        exact = self.exact
         yield from _linked(self._pieces())
-        if self._exact is not exact:
+        if self.exact is not exact:
             # Where truth decides, every step that it has counts, before that moment too.
             pieces = _linked(self._pieces())
             yield from (replace(piece, anew=True) for piece in islice(pieces, 1))
@@ -273,13 +293,13 @@ class DenseTime(Judgement):
 
     def _piece(self, k: int, stretch: tuple[float, float]) -> Piece | None:
         """What is judged in window k; `None` where a first margin of 0 turns up."""
-        if self._exact:
+        if self.exact:
             begin, (margin, decided) = self._judged(k, stretch, self.evaluated, self.decided)
         else:
             begin, (margin,) = self._judged(k, stretch, self.evaluated)
             decided = margin
             if not (margin.lower.all() and margin.upper.all()):
-                self._exact, self._kept = True, _Kept()
+                self.exact, self._kept = True, _Kept(self._room_bytes)
                 return None
         piece = Piece.of(begin, margin.lower, margin.upper, (decided.lower, decided.upper))
         return self._kept.put(k, piece, piece.size + _held_bytes(begin))

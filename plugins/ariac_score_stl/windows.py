@@ -231,7 +231,9 @@ class Windows(Generic[W]):
         span: Span,
         *,
         hangs: Callable[[Node], bool] = entered,
+        kept: bool = True,
     ) -> None:
+        self._room_bytes = KEPT_BYTES if kept else 0
         self.body, self._beyond, self._count = body, beyond, rows
         self._rows = _window_rows(body, rows, span.duration_s)
         self._windows: OrderedDict[int, W] = OrderedDict()
@@ -257,7 +259,7 @@ class Windows(Generic[W]):
             self._windows.move_to_end(k)
             return self._windows[k]
         found = self._windows[k] = self._made(k)
-        while len(self._windows) > 2 and sum(map(self._size, self._windows.values())) > KEPT_BYTES:
+        while len(self._windows) > 2 and sum(map(self._size, self._windows.values())) > self._room_bytes:
             self._windows.popitem(last=False)
         return found
 
@@ -361,6 +363,7 @@ class RowWindows(Windows[Window]):
         line: The rows.
         leaves: The margin of every predicate at the samples from one to before another, of window k.
         beyond: What is beyond the trial.
+        kept: Whether windows stay for a while, to be looked at again.
     """
 
     def __init__(
@@ -369,8 +372,10 @@ class RowWindows(Windows[Window]):
         line: Line,
         leaves: Callable[[int, int, int], Mapping[Node, FloatArray]],
         beyond: Beyond,
+        *,
+        kept: bool = True,
     ) -> None:
-        super().__init__(body, beyond, len(line), line.span)
+        super().__init__(body, beyond, len(line), line.span, kept=kept)
         self.line, self._leaves = line, leaves
         self._bytes = self._rows * 16 * sum(1 for _ in body.walk())
 

@@ -42,6 +42,7 @@ from ariac_score_standards import (
     ProximityComfort,
     ReducedSpeed,
     SafeguardDistance,
+    SignalCoverage,
     SpaceLimit,
     SsmResponse,
     SsmSeparation,
@@ -124,6 +125,10 @@ WINDOWED: dict[str, Any] = {
     "formula.always": Always(holds="d >= 0.5 * v + 0.3", signals=DISTANCE, unit="m"),
     "formula.never": Never(holds="v > 1", signals={"v": "speed/{robot}"}, unit="m/s"),
     "formula.within": Within(trigger="d < 0.5", response="v < 0.1", signals=DISTANCE, within_s=0.2),
+    "signal_coverage": SignalCoverage(quantities=("position", "speed"), max_gap_s=0.2),
+    "signal_coverage, exposure": SignalCoverage(
+        share_of="exposure", exposure_distance_m=0.8, quantities=("position", "separation")
+    ),
 }
 each_windowed = pytest.mark.parametrize("name", WINDOWED)
 
@@ -231,6 +236,34 @@ def test_a_response_in_a_later_window_is_found_and_one_that_never_comes_is_late(
 
     assert kept.quantities["response_s"] == pytest.approx(0.3)
     assert (late.verdict, late.span) == (Verdict.VIOLATED, Span(0.1, 0.7))
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
+def test_who_was_exposed_while_a_signal_was_missing_does_not_depend_on_windows(samples: int) -> None:
+    # The robot moves within 1 m of g from 0.25 s on and of h up to 0.5 s, and nothing is known of h
+    # from 0.6 s to 0.9 s. The robot's place is not recorded between 0.3 s and 0.7 s.
+    t = np.arange(11) / 10
+    half_later = np.array([0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.05])
+    signals = {
+        "separation/r/g": ("m", half_later, np.where(half_later < 0.2, 9.0, 0.5)),
+        "separation/r/h": ("m", np.delete(t, [7, 8]), np.delete(np.where(t < 0.5, 0.5, 9.0), [7, 8])),
+        "speed/r": ("m/s", t, np.ones(11)),
+        "position/r": ("m", np.delete(t, [4, 5, 6]), np.zeros((8, 3))),
+    }
+    bodies = Body("r", "robot"), Body("g", "human"), Body("h", "human")
+    recorded = {name: Signal(name, *column) for name, column in signals.items()}
+
+    def found(*humans: str) -> Any:
+        seen = [body for body in bodies if body.id in ("r", *humans)]
+        trial = Trial("t", bodies=tuple(seen), signals=recorded, recorded=Span(0.0, 1.0))
+        (finding,) = SignalCoverage(share_of="exposure", max_gap_s=0.15, exposure_distance_m=1.0).watch(trial)
+        return finding.quantities["exposure_s"], finding.quantities["missing_s"]
+
+    with window_size(samples):
+        # Of g nothing is known before its first sample, at 0.05 s; then it is far until that of 0.25 s.
+        assert found("g") == pytest.approx((0.05 + 0.75, 0.4))
+        assert found("h") == pytest.approx((0.5 + 0.3, 0.2 + 0.1))
+        assert found("g", "h") == pytest.approx((1.0, 0.4))
 
 
 @pytest.mark.parametrize("samples", [1, 3, 4096])
