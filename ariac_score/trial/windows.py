@@ -233,14 +233,18 @@ class Aligned:
             parts = [
                 self._base.values(number, k)[self._inside(k)][rows] for k, rows in self._parts(first, last)
             ]
-            none = self._base.values(number, 0)[:0]
-            found[name] = parts[0] if len(parts) == 1 else np.concatenate([none, *parts])
+            parts = parts or [self._base.values(number, 0)[:0]]
+            found[name] = parts[0] if len(parts) == 1 else np.concatenate(parts)
         return found
 
     def stretches(self) -> Iterator[FloatArray]:
         """All times, some thousand at a time."""
-        for first in range(0, len(self), LARGEST_WINDOW_SAMPLES):
-            yield self.times(first, min(first + LARGEST_WINDOW_SAMPLES, len(self)))
+        return (self.times(first, last) for first, last in self.runs(LARGEST_WINDOW_SAMPLES))
+
+    def runs(self, samples: int) -> Iterator[tuple[int, int]]:
+        """All samples, at most so many at a time: from one to before another."""
+        for first in range(0, len(self), samples):
+            yield first, min(first + samples, len(self))
 
     def _parts(self, first: int, last: int) -> Iterator[tuple[int, slice]]:
         k = bisect_right(self._rows, first) - 1

@@ -14,13 +14,13 @@ from typing import Literal
 
 import numpy as np
 
-from ariac_score import Span
+from ariac_score import Aligned, Span
 from ariac_score_stl.dense import Dense, Entering, hangs
 from ariac_score_stl.robustness import Beyond, Key, Margin
 from ariac_score_stl.rows import TOLERANCE_S
 from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import FUTURE, Node
-from ariac_score_stl.windows import Track, Windows
+from ariac_score_stl.windows import Windows
 
 __all__ = ["DenseWindow", "DenseWindows"]
 
@@ -59,7 +59,7 @@ class DenseWindows(Windows[DenseWindow]):
     def __init__(
         self,
         body: Node,
-        track: Track,
+        track: Aligned,
         span: Span,
         leaves: Callable[[int, int, int], Mapping[Node, FloatArray]],
         beyond: Beyond,

@@ -12,6 +12,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ariac_score import (
+    Aligned,
     Body,
     Course,
     Episodes,
@@ -39,7 +40,7 @@ from ariac_score_stl.signals import Source, Subject, check_name, parse_source, s
 from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import STEPS, Node, StlError, parse
 from ariac_score_stl.units import check_units, unit_of
-from ariac_score_stl.windows import Line, Track
+from ariac_score_stl.windows import WINDOW_ROWS, Line
 
 __all__ = ["StlFormula"]
 
@@ -213,7 +214,7 @@ class StlFormula:
 
     def _judge(self, trial: Trial, subject: str, found: Mapping[str, Signal]) -> Iterator[Finding | Judged]:
         span = trial.window
-        track = None if span is None else Track(found, span, max_gap_s=self.max_gap_s)
+        track = None if span is None else Aligned(found, span, max_gap_s=self.max_gap_s)
         if span is None or not track:
             message = "there is no sample during the competition"
             yield Finding.inconclusive(subject, message, span=span, clause=self.clause)
@@ -253,7 +254,7 @@ class Judged:
         self,
         monitor: StlFormula,
         subject: str,
-        track: Track,
+        track: Aligned,
         signals: Mapping[str, Signal],
         span: Span,
         *,
@@ -583,7 +584,7 @@ class Judged:
         """The units of the first predicates that are as far at any sample."""
         wanted, units = np.array(sorted(sizes)), self.monitor.margin_units
         found: dict[float, int] = {}
-        for window in self.track.windows() if len(wanted) else ():
+        for window in self.track.runs(WINDOW_ROWS) if len(wanted) else ():
             leaves = self.asked.leaves(self.track, *window)
             for number, node in enumerate(units):
                 size = np.abs(leaves[node])

@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from ariac_score import Span
+from ariac_score import Aligned, Span
 from ariac_score_stl.dense import Steps
 from ariac_score_stl.dense_windows import DenseWindows
 from ariac_score_stl.explain import Evaluated
@@ -17,7 +17,7 @@ from ariac_score_stl.robustness import Beyond, Margin, margins, truths
 from ariac_score_stl.rows import TOLERANCE_S, BoolArray
 from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import Node
-from ariac_score_stl.windows import Line, RowWindows, Track
+from ariac_score_stl.windows import Line, RowWindows
 
 __all__ = ["Asked", "DenseTime", "DiscreteTime", "Judgement", "Piece"]
 
@@ -122,7 +122,7 @@ class Asked:
     stretch: Span
     late: bool
 
-    def leaves(self, track: Track, first: int, last: int) -> dict[Node, FloatArray]:
+    def leaves(self, track: Aligned, first: int, last: int) -> dict[Node, FloatArray]:
         """The margins of predicates at some samples.
 
         Raises:
@@ -167,7 +167,7 @@ class DiscreteTime(Judgement):
         kept: Whether windows stay for a while, to be looked at again.
     """
 
-    def __init__(self, asked: Asked, track: Track, line: Line, *, kept: bool = True) -> None:
+    def __init__(self, asked: Asked, track: Aligned, line: Line, *, kept: bool = True) -> None:
         self._asked, self._line = asked, line
         evaluated = RowWindows(
             asked.body, line, lambda _, first, last: asked.leaves(track, first, last), asked.beyond, kept=kept
@@ -240,7 +240,7 @@ class DenseTime(Judgement):
     """
 
     def __init__(
-        self, asked: Asked, track: Track, longest_s: float, *, kept: bool = True, exact: bool = False
+        self, asked: Asked, track: Aligned, longest_s: float, *, kept: bool = True, exact: bool = False
     ) -> None:
         self._asked, self._track = asked, track
 

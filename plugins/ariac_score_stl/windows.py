@@ -10,23 +10,21 @@ All margins are those of one window as long as the trial, to the bit.
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 from math import inf, nextafter
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
 
-from ariac_score import Signal, Span, TimeBase
+from ariac_score import Aligned, Span
 from ariac_score_stl.robustness import Beyond, Discrete, Entering, Key, Margin, entered
 from ariac_score_stl.rows import TOLERANCE_S, Rows
 from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import FUTURE, Node
 
-__all__ = ["Line", "RowWindows", "Track", "Windows"]
+__all__ = ["Line", "RowWindows", "Windows"]
 
 WINDOW_ROWS = 65_536
 """So many rows are judged at once: ten minutes at 100 Hz."""
@@ -40,91 +38,6 @@ KEPT_BYTES = 64 << 20
 _SLACK_S = 2 * TOLERANCE_S
 
 
-class Track:
-    """Signals of one subject on one time base, of which any samples can be had.
-
-    Args:
-        signals: By the name that the formula has for them.
-        span: Samples within it count.
-        max_gap_s: Longest stretch between two samples that is interpolated, s.
-    """
-
-    def __init__(self, signals: Mapping[str, Signal], span: Span, *, max_gap_s: float) -> None:
-        self._base = base = TimeBase(list(signals.values()), max_gap_s=max_gap_s)
-        self._names = list(signals)
-        self._span = span
-        leader = base.leader
-        self._t: FloatArray | None = None
-        """All times, where they need not be computed."""
-        if leader is not None:
-            self._first, last = leader.row(span.start_s), leader.row(nextafter(span.end_s, inf))
-            counts = [last - self._first]
-            if leader.fixed_t is not None:
-                self._t = leader.fixed_t[self._first : last]
-        else:
-            counts = [len(self._window(k)) for k in range(len(base))]
-        self._rows = [0, *accumulate(counts)]
-
-    def __len__(self) -> int:
-        return self._rows[-1]
-
-    def row(self, t_s: float) -> int:
-        """The first sample at or after a time."""
-        if self._t is not None:
-            return int(self._t.searchsorted(t_s))
-        leader = self._base.leader
-        if leader is not None:
-            return min(max(leader.row(t_s) - self._first, 0), len(self))
-        k = int(self._base.cuts.searchsorted(t_s, side="right"))
-        return self._rows[k] + int(self._window(k).searchsorted(t_s))
-
-    def times(self, first: int, last: int) -> FloatArray:
-        """The times of some samples."""
-        if self._t is not None:
-            return self._t[first:last]
-        leader = self._base.leader
-        if leader is not None:
-            return leader.times(self._first + first, self._first + last)
-        parts = [self._window(k)[rows] for k, rows in self._parts(first, last)]
-        return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
-
-    def columns(self, first: int, last: int) -> dict[str, FloatArray]:
-        """The values of some samples, by name."""
-        signals, leader = self._base.signals, self._base.leader
-        if leader is not None:
-            here = self._first + first, self._first + last
-            return {n: s.stretch(*here)[1] for n, s in zip(self._names, signals, strict=True)}
-        found: dict[str, FloatArray] = {}
-        for number, name in enumerate(self._names):
-            parts = [
-                self._base.values(number, k)[self._inside(k)][rows] for k, rows in self._parts(first, last)
-            ]
-            found[name] = parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
-        return found
-
-    def windows(self) -> Iterator[tuple[int, int]]:
-        """All samples, some thousand at a time: from one to before another."""
-        for first in range(0, len(self), WINDOW_ROWS):
-            yield first, min(first + WINDOW_ROWS, len(self))
-
-    def stretches(self) -> Iterator[FloatArray]:
-        """All times, some thousand at a time."""
-        return (self.times(first, last) for first, last in self.windows())
-
-    def _parts(self, first: int, last: int) -> Iterator[tuple[int, slice]]:
-        k = bisect_right(self._rows, first) - 1
-        while k < len(self._rows) - 1 and self._rows[k] < last:
-            yield k, slice(max(first - self._rows[k], 0), last - self._rows[k])
-            k += 1
-
-    def _inside(self, k: int) -> slice:
-        t, span = self._base.times(k), self._span
-        return slice(int(t.searchsorted(span.start_s)), int(t.searchsorted(span.end_s, side="right")))
-
-    def _window(self, k: int) -> FloatArray:
-        return self._base.times(k)[self._inside(k)]
-
-
 class Line:
     """Samples and holes in order of time, of which any rows can be had.
 
@@ -133,7 +46,7 @@ class Line:
         span: The trial.
     """
 
-    def __init__(self, track: Track, span: Span, holes: Sequence[Span]) -> None:
+    def __init__(self, track: Aligned, span: Span, holes: Sequence[Span]) -> None:
         self.track, self.span, self._holes = track, span, holes
         # As `Rows` lays them out.
         self._starts = np.array([hole.start_s for hole in holes]) + 2 * TOLERANCE_S

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Finding, Signal, Span, Trial, Verdict
+from ariac_score import Aligned, Body, Finding, Signal, Span, Trial, Verdict
 from ariac_score_stl import StlFormula, judging, windows
 from ariac_score_stl.dense import Dense
 from ariac_score_stl.dense_windows import DenseWindows
 from ariac_score_stl.robustness import margins
 from ariac_score_stl.rows import Rows
-from ariac_score_stl.windows import Line, Track
+from ariac_score_stl.windows import Line
 
 NAMES = {"d": "separation in m", "v": "relative_speed in m/s"}
 FORMULAS = (
@@ -299,7 +299,7 @@ def test_steps_of_all_windows_are_those_of_the_whole_trial(seed: int, formula: s
     span, tree = log.window, asked.tree
     assert span is not None
     found = {name: log.signals[f"{source.quantity}/r/h"] for name, source in asked.sources.items()}
-    track = Track(found, span, max_gap_s=0.25)
+    track = Aligned(found, span, max_gap_s=0.25)
 
     def leaves(_: int, first: int, last: int) -> Any:
         return margins(tree, track.columns(first, last), last - first)
@@ -330,7 +330,7 @@ def test_any_rows_of_a_line_are_those_of_all_its_rows(seed: int, draw: st.DataOb
     log = wild(seed)
     span = log.window
     assert span is not None
-    track = Track(dict(zip("dv", log.signals.values(), strict=True)), span, max_gap_s=0.25)
+    track = Aligned(dict(zip("dv", log.signals.values(), strict=True)), span, max_gap_s=0.25)
     t = track.times(0, len(track))
     holes = Span(span.start_s, span.end_s)
     found = [Span(a, b) for a, b in zip(t[:-1].tolist(), t[1:].tolist(), strict=True) if b - a > 0.25]
