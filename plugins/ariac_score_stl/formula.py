@@ -505,17 +505,16 @@ class Judged:
         ]
 
     def _why(self, span: Span) -> str:
+        back_s, ahead_s = self._reach(back=True), self._reach()
+        undecided = self.monitor.beyond == "undecided"
         reasons = [
             f"no samples for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
             for gap in self.gaps
-            if gap.end_s > span.start_s - self._reach(back=True) and gap.start_s < span.end_s + self._reach()
+            if gap.end_s > span.start_s - back_s and gap.start_s < span.end_s + ahead_s
         ]
-        if self.monitor.beyond == "undecided" and span.end_s + self._reach() > self.span.end_s + TOLERANCE_S:
+        if undecided and span.end_s + ahead_s > self.span.end_s + TOLERANCE_S:
             reasons.append(f"it looks beyond the end of the trial at {self.span.end_s:.3f} s")
-        if (
-            self.monitor.beyond == "undecided"
-            and span.start_s - self._reach(back=True) < self.span.start_s - TOLERANCE_S
-        ):
+        if undecided and span.start_s - back_s < self.span.start_s - TOLERANCE_S:
             reasons.append(f"it looks back beyond the start of the trial at {self.span.start_s:.3f} s")
         return "; ".join(reasons) or "its bounds are shorter than the time between two samples"
 

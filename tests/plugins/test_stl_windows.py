@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from ariac_score import Aligned, Body, Finding, Signal, Span, Trial, Verdict
 from ariac_score_stl import StlFormula, judging, windows
 from ariac_score_stl.dense import Dense
-from ariac_score_stl.dense_windows import DenseWindows
+from ariac_score_stl.dense_windows import SLACK_S, DenseWindows
 from ariac_score_stl.robustness import margins
 from ariac_score_stl.rows import Rows
 from ariac_score_stl.windows import Line
@@ -195,9 +195,9 @@ each_rows = pytest.mark.parametrize("rows", [1, 2, 3, 100])
 
 
 def dense(formula: str, log: Trial, rows: int, **more: Any) -> list[Finding]:
-    """What is found of samples that stand for a second each."""
+    """What is found of samples that stand for a second at most."""
     with window_rows(rows):
-        return list(monitor(formula, time="dense", max_gap_s=1.0, **more).watch(log))
+        return list(monitor(formula, **{"time": "dense", "max_gap_s": 1.0, **more}).watch(log))
 
 
 @each_rows
@@ -233,6 +233,30 @@ def test_what_is_left_between_two_windows_must_have_been_held_to_its_end(rows: i
 
 
 @each_rows
+def test_what_is_left_just_where_a_window_begins_to_look_must_have_been_held_too(rows: int) -> None:
+    t = [0.0, 2.0 - SLACK_S, 2.0, 3.0, 4.0]
+    log = trial(t, [5.0] + [0.0] * 4, [0.0, 5.0, 5.0, 4.0, 4.0])
+
+    (broken,) = dense("always (v > 1 since d > 1)", log, rows, max_gap_s=2.0)
+
+    assert (broken.verdict, broken.span) == (Verdict.VIOLATED, Span(2.0 - SLACK_S, 4.0))
+    assert broken.robustness == -1.0  # both: v was 1 m/s too slow at 0 s, d is 1 m too small since
+
+
+@each_rows
+def test_what_only_rounding_parts_is_the_same_to_the_bit(rows: int) -> None:
+    # What d was from 0.125 s on leaves the window at 0.375 s; what it is then comes a little later.
+    t = [0.0, 0.0625, 0.125, 0.359375, float(np.nextafter(0.375, 1)), 0.5]
+    log = trial(t, [2, 0, 0.5, 0.5, 5, 5], 4.0)
+
+    (broken,) = dense("always[0.25,0.5] (v > 1 since[0,0.25] d > 1)", log, rows)
+
+    # Within the tolerance it is there already, and v has always been high enough since d was, at 0 s.
+    assert broken.span == Span(0.3125, t[4])  # said as the sample that it is next to
+    assert broken.quantities["time_in_violation_s"] == 0.0625
+
+
+@each_rows
 def test_a_hole_between_two_windows_is_undecided_from_where_its_sample_no_longer_stands(rows: int) -> None:
     t = [0.0, 1.0, 2.0, 5.0, 6.0]
 
@@ -251,10 +275,12 @@ def test_a_margin_of_0_counts_by_truth_wherever_the_first_one_is(rows: int) -> N
 
     first, limit = dense("always d > 1", log, rows)
     (below,) = dense("always d >= 1", log, rows)
+    negated = dense("always not d <= 1", log, rows)
 
     assert [first.span, limit.span, below.span] == [Span(0.0, 1.0), Span(3.0, 4.0), Span(0.0, 1.0)]
     assert [first.robustness, limit.robustness, below.robustness] == [-0.5, 0.0, -0.5]
     assert limit.quantities == {"time_in_violation_s": 1.0, "failed_at_s": 3.0}
+    assert [str(finding.robustness) for finding in negated] == ["-0.5", "0.0"]
 
 
 @each_rows
