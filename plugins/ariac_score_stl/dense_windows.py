@@ -53,7 +53,6 @@ class DenseWindows(Windows[DenseWindow]):
         leaves: The margin of every predicate at the samples from one to before another, of window k.
         beyond: What is beyond the trial.
         longest_s: A sample stands for no longer than this, s.
-        kept: Whether windows stay for a while, to be looked at again.
     """
 
     def __init__(
@@ -64,10 +63,8 @@ class DenseWindows(Windows[DenseWindow]):
         leaves: Callable[[int, int, int], Mapping[Node, FloatArray]],
         beyond: Beyond,
         longest_s: float,
-        *,
-        kept: bool = True,
     ) -> None:
-        super().__init__(body, beyond, len(track), span, hangs=hangs, kept=kept)
+        super().__init__(body, beyond, len(track), span, hangs=hangs)
         self._track, self._span, self._leaves, self._longest_s = track, span, leaves, longest_s
         firsts = [self.rows_of(k)[0] for k in range(1, len(self))]
         self._cuts = np.array([float(track.times(row, row + 1)[0]) for row in firsts])

@@ -243,7 +243,6 @@ class Judged:
         signals: The same by the name that the formula has for them.
         span: The trial.
         kept: Whether what is judged stays for a while, to be looked at again.
-        exact: What `Judgement` says of it, where it is judged anew.
 
     Attributes:
         body: What is judged at every moment of `stretch`: all of the formula, or what follows its `always`.
@@ -259,10 +258,9 @@ class Judged:
         span: Span,
         *,
         kept: bool = True,
-        exact: bool = False,
     ) -> None:
         self.monitor, self.subject, self.span = monitor, subject, span
-        self.track, self.signals, self._stays, self._exact = track, signals, kept, exact
+        self.track, self.signals, self._stays = track, signals, kept
         self.gaps = gaps_between(track.stretches(), span, max_gap_s=monitor.max_gap_s)
         tree = monitor.tree
         self.body = tree.parts[0] if tree.operator == "always" else tree
@@ -279,8 +277,7 @@ class Judged:
     def judgement(self) -> Judgement:
         """The formula at every moment."""
         if self.monitor.time == "dense":
-            longest_s = self.monitor.max_gap_s
-            return DenseTime(self.asked, self.track, longest_s, kept=self._stays, exact=self._exact)
+            return DenseTime(self.asked, self.track, self.monitor.max_gap_s)
         line = Line(self.track, self.span, self.gaps)
         return DiscreteTime(self.asked, self.track, line, kept=self._stays)
 
@@ -381,7 +378,7 @@ class Judged:
         if first.until_s is None:
             return self._course(first)
         about = self.monitor, self.subject, self.track, self.signals, self.span
-        anew = partial(Judged, *about, kept=False, exact=self.judgement.exact)
+        anew = partial(Judged, *about, kept=False)
         return Course.late(
             self.subject,
             f"robustness of {self.body.text}",

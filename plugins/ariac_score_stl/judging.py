@@ -137,12 +137,10 @@ class Judgement:
     Attributes:
         evaluated: The margins of its parts.
         decided: The same as truth.
-        exact: Whether moments are told apart by truth besides, for a margin is exactly 0.
     """
 
     evaluated: Evaluated
     decided: Evaluated
-    exact: bool = False
 
     def pieces(self) -> Iterator[Piece]:
         """All moments at which it is judged; one piece has some, unless there are none at all.
@@ -229,23 +227,13 @@ class DiscreteTime(Judgement):
 
 
 class DenseTime(Judgement):
-    """Of every moment.
+    """Of every moment."""
 
-    Args:
-        asked: What is judged.
-        track: The samples.
-        longest_s: A sample stands for no longer than this, s.
-        kept: Whether windows stay for a while, to be looked at again.
-        exact: Whether a margin that is judged is known to be exactly 0.
-    """
-
-    def __init__(
-        self, asked: Asked, track: Aligned, longest_s: float, *, kept: bool = True, exact: bool = False
-    ) -> None:
+    def __init__(self, asked: Asked, track: Aligned, longest_s: float) -> None:
         self._asked, self._track = asked, track
 
         def windows(leaves: Callable[[int, int, int], Mapping[Node, FloatArray]]) -> DenseWindows:
-            return DenseWindows(asked.body, track, asked.span, leaves, asked.beyond, longest_s, kept=kept)
+            return DenseWindows(asked.body, track, asked.span, leaves, asked.beyond, longest_s)
 
         def leaves(k: int, *_: int) -> Mapping[Node, FloatArray]:
             return truths(evaluated.window(k).evaluated.predicates)
@@ -253,9 +241,8 @@ class DenseTime(Judgement):
         evaluated = windows(lambda _, first, last: asked.leaves(track, first, last))
         self.evaluated: DenseWindows = evaluated
         self.decided: DenseWindows = windows(leaves)
-        self._room_bytes = KEPT_BYTES if kept else 0
-        self._kept = _Kept(self._room_bytes)
-        self.exact = exact
+        self._kept = _Kept(KEPT_BYTES)
+        self._exact = False
         """Whether a margin that is judged is exactly 0, which does not tell < from <=."""
 
     @property
@@ -270,9 +257,9 @@ class DenseTime(Judgement):
 
     def pieces(self) -> Iterator[Piece]:
         """As of any judgement."""
-        exact = self.exact
+        exact = self._exact
         yield from _linked(self._pieces())
-        if self.exact is not exact:
+        if self._exact is not exact:
             # Where truth decides, every step that it has counts, before that moment too.
             pieces = _linked(self._pieces())
             yield from (replace(piece, anew=True) for piece in islice(pieces, 1))
@@ -293,13 +280,13 @@ class DenseTime(Judgement):
 
     def _piece(self, k: int, stretch: tuple[float, float]) -> Piece | None:
         """What is judged in window k; `None` where a first margin of 0 turns up."""
-        if self.exact:
+        if self._exact:
             begin, (margin, decided) = self._judged(k, stretch, self.evaluated, self.decided)
         else:
             begin, (margin,) = self._judged(k, stretch, self.evaluated)
             decided = margin
             if not (margin.lower.all() and margin.upper.all()):
-                self.exact, self._kept = True, _Kept(self._room_bytes)
+                self._exact, self._kept = True, _Kept(KEPT_BYTES)
                 return None
         piece = Piece.of(begin, margin.lower, margin.upper, (decided.lower, decided.upper))
         return self._kept.put(k, piece, piece.size + _held_bytes(begin))
