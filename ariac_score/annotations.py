@@ -214,10 +214,10 @@ def _places(subject: str, trial: Trial, t_s: float) -> list[_Place]:
 
 def _place(signal: Signal, t_s: float) -> _Place:
     """The recorded place nearest in time."""
-    index = min(int(signal.t.searchsorted(t_s)), len(signal) - 1)
-    if index > 0 and t_s - signal.t[index - 1] < signal.t[index] - t_s:
-        index -= 1
-    x, y, z = (float(value) for value in signal.values[index])
+    row = min(signal.row(t_s), len(signal) - 1)
+    t, places = signal.stretch(max(row - 1, 0), row + 1)
+    nearest = 0 if t_s - t[0] < t[-1] - t_s else -1
+    x, y, z = (float(value) for value in places[nearest])
     return x, y, z
 
 
