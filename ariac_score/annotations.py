@@ -17,7 +17,6 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 from ariac_score.annotations_mcap import MONITOR_STATE, Annotation, States, serialized, stamp
-from ariac_score.errors import LogError
 from ariac_score.findings import Finding, Verdict
 from ariac_score.margins import SAID, Part, Track
 from ariac_score.result import Result
@@ -77,8 +76,8 @@ def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: 
         frame: The tf frame positions are in.
 
     Raises:
-        LogError: The log's clock is before its own zero; while messages are made, it is beyond
-            what a stamp can tell.
+        LogError: The log's clock is before its own zero, or beyond what a stamp can tell; the latter
+            also while messages are made.
     """
     clock = _Clock(origin_ns(trial.clock), frame)
     told = [
@@ -89,9 +88,6 @@ def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: 
         )
     ]
     voices = [_Voice(track, topic, clock) for track, topic in zip(found, _topics(found), strict=True)]
-    first_ns = [voice.first_ns for voice in voices if voice.first_ns is not None]
-    if min((*first_ns, *(message.t_ns for message in told)), default=0) < 0:
-        raise LogError("times before the zero of the log's clock cannot be recorded", hint="check its stamps")
     return _merged(voices, sorted(told, key=_place_in_time))
 
 
@@ -111,9 +107,10 @@ class _Clock:
         """The same of increasing times, shape (n,).
 
         Raises:
-            LogError: The last one is beyond what a stamp can tell.
+            LogError: One of them is none that a stamp can tell.
         """
-        stamp(self.ns(float(t_s[-1])))
+        for end_s in (t_s[0], t_s[-1]):
+            stamp(self.ns(float(end_s)))
         return self.origin_ns + np.rint(t_s * 1e9).astype(np.int64)
 
     def stamp(self, t_s: float) -> dict[str, int]:
@@ -214,10 +211,10 @@ def _places(subject: str, trial: Trial, t_s: float) -> list[_Place]:
 
 def _place(signal: Signal, t_s: float) -> _Place:
     """The recorded place nearest in time."""
-    index = min(int(signal.t.searchsorted(t_s)), len(signal) - 1)
-    if index > 0 and t_s - signal.t[index - 1] < signal.t[index] - t_s:
-        index -= 1
-    x, y, z = (float(value) for value in signal.values[index])
+    row = min(signal.row(t_s), len(signal) - 1)
+    t, places = signal.stretch(max(row - 1, 0), row + 1)
+    nearest = 0 if t_s - t[0] < t[-1] - t_s else -1
+    x, y, z = (float(value) for value in places[nearest])
     return x, y, z
 
 
@@ -296,7 +293,6 @@ class _Voice:
 
     Attributes:
         topic: Of all of them.
-        first_ns: The stamp of the first; `None` where there is none.
         last_ns: The stamp of the last one that waits.
         ended: Whether nothing comes after those that wait.
     """
@@ -310,7 +306,6 @@ class _Voice:
         self._t_ns = np.zeros(0, dtype=np.int64)
         self.ended, self.last_ns = False, -1
         self.listen()
-        self.first_ns = int(self._t_ns[0]) if len(self._t_ns) else None
 
     def listen(self) -> None:
         """Wait for more, until something comes later than what waited before."""

@@ -46,8 +46,10 @@ def stamp(t_ns: int) -> dict[str, int]:
     """A time as a message has it.
 
     Raises:
-        LogError: It has no room for it.
+        LogError: It is before the clock's zero, or later than a message can tell.
     """
+    if t_ns < 0:
+        raise LogError("times before the zero of the log's clock cannot be recorded", hint="check its stamps")
     if t_ns >= _END_S * 10**9:
         raise LogError("times after the year 2038 cannot be recorded", hint="check the stamps of the log")
     return {"sec": t_ns // 10**9, "nanosec": t_ns % 10**9}

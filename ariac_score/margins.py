@@ -8,14 +8,14 @@ and end, and the samples they rest on.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ariac_score.asking import margins_of
-from ariac_score.contracts import OnlineMonitor
+from ariac_score.contracts import OnlineMonitor, Standing
 from ariac_score.engine import file_hashes, find_trial, read_trial
 from ariac_score.errors import ResultError
 from ariac_score.findings import Finding, Verdict
@@ -32,6 +32,7 @@ from ariac_score.trial.signals import Sample, Signal
 from ariac_score.trial.sketch import Course
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import quantity_of
+from ariac_score.trial.windows import cuts_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -337,45 +338,65 @@ def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) ->
     wanted = {need.quantity for need in needs_of(plugin, name, monitor)}
     signals = [s for key, s in sorted(trial.signals.items()) if quantity_of(key) in wanted]
     window = trial.window
-    moments: dict[str, list[Moment]] = {}
-    units: dict[str, str] = {}
+    heard: dict[str, _Heard] = {}
     try:
         with quiet(plugin.origin):
             watch = monitor.begin()
             for samples in _steps(signals):
                 for standing in watch.step(samples):
                     if window is not None and window.start_s <= standing.t_s <= window.end_s:
-                        moments.setdefault(standing.subject, []).append(
-                            Moment(standing.t_s, standing.verdict, standing.robustness, standing.message)
-                        )
-                        units[standing.subject] = standing.unit
+                        heard.setdefault(standing.subject, _Heard()).take(standing)
     except Exception as cause:
         raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
-    return [
-        Track(name, subject, units[subject], tuple(_news(own)), sampled=True)
-        for subject, own in moments.items()
-    ]
+    return [_Sampled(name, subject, one.unit, "", one.parts) for subject, one in heard.items()]
+
+
+class _Heard:
+    """What was said of one subject, kept as columns; in words only where the state changes."""
+
+    def __init__(self) -> None:
+        self.unit = ""
+        self._parts: list[Part] = []
+        self._moments: list[Moment] = []
+        self._before: Verdict | None = None
+
+    def take(self, standing: Standing) -> None:
+        """Keep what was just said."""
+        words = standing.message if standing.verdict is not self._before else ""
+        self._moments.append(Moment(standing.t_s, standing.verdict, standing.robustness, words))
+        self.unit, self._before = standing.unit, standing.verdict
+        if len(self._moments) == _PART_MOMENTS:
+            self._parts, self._moments = [*self.parts()], []
+
+    def parts(self) -> Iterator[Part]:
+        """All of it, in parts."""
+        yield from self._parts
+        if self._moments:
+            yield Part.of(self._moments)
+
+
+_PART_MOMENTS = 4096
 
 
 def _steps(signals: Sequence[Signal]) -> Iterator[list[Sample]]:
     """All samples, those of one instant together."""
-    if not signals:
-        return
-    times = np.concatenate([signal.t for signal in signals])
-    which = np.concatenate([np.full(len(signal), i) for i, signal in enumerate(signals)])
-    index = np.concatenate([np.arange(len(signal)) for signal in signals])
-    order = np.lexsort((which, times))
-    cuts = np.flatnonzero(np.diff(times[order])) + 1
-    for group in np.split(order, cuts):
-        yield [signals[which[i]].sample(int(index[i])) for i in group]
+    cuts = cuts_of(signals).tolist()
+    for low_s, high_s in zip([-math.inf, *cuts], [*cuts, math.inf], strict=True):
+        parts = [signal.stretch(signal.row(low_s), signal.row(high_s)) for signal in signals]
+        times = np.concatenate([np.zeros(0), *(t for t, _ in parts)])
+        which = np.repeat(np.arange(len(parts)), [len(t) for t, _ in parts])
+        index = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(len(t)) for t, _ in parts)])
+        order = np.lexsort((which, times))
+        groups = np.split(order, np.flatnonzero(np.diff(times[order])) + 1)
+        for group in groups if len(order) else ():
+            places = zip(which[group].tolist(), index[group].tolist(), strict=True)
+            yield [_sample(signals[number], parts[number], row) for number, row in places]
 
 
-def _news(moments: Iterable[Moment]) -> Iterator[Moment]:
-    """The moments, with their words only where the state changes."""
-    before: Verdict | None = None
-    for moment in moments:
-        yield moment if moment.verdict is not before else Moment(moment.t_s, moment.verdict, moment.margin)
-        before = moment.verdict
+def _sample(signal: Signal, part: tuple[FloatArray, FloatArray], row: int) -> Sample:
+    t, values = part
+    value = float(values[row]) if values.ndim == 1 else tuple(values[row].tolist())
+    return Sample(signal.name, float(t[row]), value, signal.unit)
 
 
 # Monitors of which only the findings are known ------------------------------------------

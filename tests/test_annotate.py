@@ -449,6 +449,28 @@ def test_nothing_is_written_over_what_it_is_made_from(
     assert "would overwrite" in capsys.readouterr().err
 
 
+def test_where_nothing_can_be_written_that_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "r.json").write_text(as_json(scored(EXAMPLE)), encoding="utf-8")
+
+    command = ["annotate", str(EXAMPLE), str(tmp_path / "r.json"), "-o", str(tmp_path / "missing/o.mcap")]
+    assert main(command) == 4
+    assert "cannot be written" in capsys.readouterr().err
+
+
+def test_a_link_keeps_pointing_where_it_did_and_nothing_else_is_left(tmp_path: Path) -> None:
+    (tmp_path / "r.json").write_text(as_json(scored(EXAMPLE)), encoding="utf-8")
+    (tmp_path / "out.mcap").symlink_to(tmp_path / "really.mcap")
+    (tmp_path / "really.mcap").write_bytes(b"what was there before")
+
+    assert main(["annotate", str(EXAMPLE), str(tmp_path / "r.json"), "-o", str(tmp_path / "out.mcap")]) == 0
+
+    assert (tmp_path / "out.mcap").is_symlink()
+    assert [m.t_ns for m in read((tmp_path / "really.mcap").read_bytes())] == [m.t_ns for m in example()]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["out.mcap", "r.json", "really.mcap"]
+
+
 def test_an_edited_result_is_refused(tmp_path: Path) -> None:
     data = json.loads(as_json(scored(EXAMPLE)))
     data["score"] = 30.0

@@ -138,9 +138,10 @@ class Signal:
 
     def sample(self, i: int) -> Sample:
         """The i-th sample, as evidence."""
-        value = self.values[i]
-        plain = float(value) if self.values.ndim == 1 else tuple(float(v) for v in value)
-        return Sample(self.name, float(self.t[i]), plain, self.unit)
+        row = range(len(self))[i]
+        t, values = self.stretch(row, row + 1)
+        plain = float(values[0]) if values.ndim == 1 else tuple(float(v) for v in values[0])
+        return Sample(self.name, float(t[0]), plain, self.unit)
 
 
 def covered(samples_s: FloatArray, t: FloatArray, *, max_gap_s: float) -> BoolArray:

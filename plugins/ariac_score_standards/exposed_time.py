@@ -73,15 +73,18 @@ class ExposedTime:
         Args:
             asked: Each window with its gaps in order of time.
         """
-        counts = [(0, 0) for _ in asked]
-        for number, *lasts in self._lasting(asked):
+        same = [(window, tuple(gaps)) for window, gaps in asked]
+        different = list(dict.fromkeys(same))  # most signals have no gap at all
+        counts = [(0, 0) for _ in different]
+        for number, *lasts in self._lasting(different):
             before = counts[number]
             counts[number] = before[0] + len(lasts[0]), before[1] + len(lasts[1])
         totals = [(Total(whole), Total(missing)) for whole, missing in counts]
-        for number, *lasts in self._lasting(asked):
+        for number, *lasts in self._lasting(different):
             for total, some in zip(totals[number], lasts, strict=True):
                 total.take(some)
-        return [(whole.value, missing.value) for whole, missing in totals]
+        found = {one: (t[0].value, t[1].value) for one, t in zip(different, totals, strict=True)}
+        return [found[one] for one in same]
 
     def _lasting(
         self, asked: Sequence[tuple[Span, Sequence[Span]]]

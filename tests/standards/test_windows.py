@@ -593,3 +593,12 @@ def test_what_a_curve_is_made_of_does_not_grow_with_the_trial() -> None:
 
     curves(long_trial(1000))
     assert held_bytes(curves, 4 * SAMPLES) - held_bytes(curves, SAMPLES) < GROWTH_BYTES
+
+
+@pytest.mark.usefixtures("small_windows")
+def test_what_a_route_is_made_of_does_not_grow_with_the_trial() -> None:
+    def routes(trial: Trial) -> object:
+        return sketch_of(Trial("t", bodies=trial.bodies_of("human"), signals=trial.signals), {}, {}).routes
+
+    routes(long_trial(1000))
+    assert held_bytes(routes, 4 * SAMPLES) - held_bytes(routes, SAMPLES) < GROWTH_BYTES

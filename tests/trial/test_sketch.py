@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Course, Signal, Span, Trial, as_json, load_result, score_trial
+from ariac_score import Body, Course, Signal, Span, Trial, as_json, load_result, score_trial
 from ariac_score.errors import ResultError
 from ariac_score.testing import NEAR_MISS, kitting_trial, write_trial_log
+from ariac_score.trial import sketch as sketch_module
 from ariac_score.trial.sketch import DECIMALS, extremes, sketch_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
@@ -124,6 +127,55 @@ def test_a_pair_that_nobody_has_a_limit_for_is_drawn_without_one() -> None:
     (curve,) = sketch.curves
     assert (curve.check, curve.subject, set(curve.limit)) == ("", "robot/human", {None})
     assert min(curve.actual) == pytest.approx(NEAR_MISS.closest_m, abs=0.005)
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([0.1, 1.0, 1.5, 3.0]), st.integers(-2, 2), st.integers(-2, 2)),
+        min_size=1,
+        max_size=60,
+    ),
+    st.sampled_from([1, 2, 7, 16_384]),
+    st.integers(1, 4),
+    st.sampled_from([0, 1, 3, 500]),
+    st.none() | st.tuples(st.floats(-1, 40), st.floats(0, 60)),
+)
+@settings(max_examples=120, derandomize=True, deadline=None)
+def test_a_route_does_not_depend_on_the_parts_in_which_it_is_gone_through(
+    steps: list[tuple[float, int, int]],
+    samples: int,
+    stretches: int,
+    holes: int,
+    window: tuple[float, float] | None,
+) -> None:
+    t = np.cumsum([step for step, *_ in steps])
+    places = np.array([(x / 3, y / 3, 0.0) for _, x, y in steps])
+    recorded = None if window is None else Span(window[0], window[0] + window[1])
+    signals = {"position/r": Signal("position/r", "m", t, places)}
+    trial = Trial("t", bodies=(Body("r", "robot"),), signals=signals, recorded=recorded)
+    with ExitStack() as changed:
+        sizes = {"PART_SAMPLES": samples, "ROUTE_STRETCHES": stretches, "MOST_HOLES": holes}
+        for name, number in sizes.items():
+            changed.enter_context(patch.object(sketch_module, name, number))
+        routes = sketch_of(trial, {}, {}).routes
+
+    inside = [k for k in range(len(t)) if recorded is None or recorded.start_s <= t[k] <= recorded.end_s]
+    if not inside:
+        assert routes == ()
+        return
+    t, places = t[inside], np.round(places[inside], DECIMALS)
+    ends = sorted(range(len(t) - 1), key=lambda k: -(t[k + 1] - t[k]))
+    longest = sorted([k for k in ends if t[k + 1] - t[k] > 1.0 + 1e-9][:holes])
+    rows = {
+        *extremes(t, [places[:, 0], places[:, 1]], stretches).tolist(),
+        *longest,
+        *(k + 1 for k in longest),
+    }
+    (route,) = routes
+    assert (route.body, route.kind, len(route.t_s)) == ("r", "robot", len(rows))
+    assert route.t_s == tuple(float(v) for v in np.round(t[sorted(rows)], DECIMALS))
+    assert (route.x_m, route.y_m) == tuple(tuple(places[sorted(rows), axis].tolist()) for axis in (0, 1))
+    assert route.holes_s == tuple(float(v) for v in np.round(t[longest], DECIMALS))
 
 
 def test_routes_orders_and_submissions_are_taken_along() -> None:
@@ -268,3 +320,14 @@ def test_a_curve_does_not_depend_on_the_parts_in_which_its_course_is_made(
 
     assert sketch_of(Trial("t"), {"c": [late]}, near) == sketch_of(Trial("t"), {"c": [whole]}, near)
     assert late.actual.tolist() == whole.actual.tolist()
+
+
+def test_a_course_that_is_made_late_knows_which_side_of_its_limit_is_broken() -> None:
+    def parts(*, at_most: bool) -> Course:
+        part = _course([0.0, 1.0], [2.0, 4.0], [3.0, 3.0], at_most=at_most)
+        return Course.late(
+            "r", "speed", "m", lambda: [part], times=lambda: [part.t], max_gap_s=1.0, at_most=at_most
+        )
+
+    assert parts(at_most=True).margin.tolist() == [1.0, -1.0]
+    assert parts(at_most=False).margin.tolist() == [-1.0, 1.0]
