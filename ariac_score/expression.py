@@ -213,8 +213,12 @@ class Expression:
         """
         return _Evaluator(self, environment).visit(self._root)
 
-    def columns(self, values: Mapping[str, NDArray[Any] | Number]) -> NDArray[Any]:
+    def columns(self, values: Mapping[str, NDArray[Any] | Number], *, first: int = 0) -> NDArray[Any]:
         """The formula on columns of equal length, shape (n,) in, (n,) float64 out.
+
+        Args:
+            values: Columns and numbers, by name.
+            first: What the first row is called in an error, where these are some of more.
 
         Raises:
             FormulaError: Division by zero or a result that is not finite, with the
@@ -222,13 +226,13 @@ class Expression:
         """
         shape = np.broadcast_shapes(*(np.shape(column) for column in values.values()))
         if len(shape) != 1 or shape[0] <= _BLOCK_ROWS:
-            result = _ColumnEvaluator(self, values).visit(self._root)
+            result = _ColumnEvaluator(self, values, first).visit(self._root)
             return np.array(np.broadcast_to(result, shape))
         found = np.empty(shape)
-        for first in range(0, shape[0], _BLOCK_ROWS):
-            rows = slice(first, first + _BLOCK_ROWS)
+        for at in range(0, shape[0], _BLOCK_ROWS):
+            rows = slice(at, at + _BLOCK_ROWS)
             here = {name: column[rows] if np.ndim(column) else column for name, column in values.items()}  # type: ignore[index]  # what has a dimension is an array
-            found[rows] = _ColumnEvaluator(self, here, first).visit(self._root)
+            found[rows] = _ColumnEvaluator(self, here, first + at).visit(self._root)
         return found
 
 

@@ -285,12 +285,8 @@ class Judged:
         """Go through all moments; why that cannot be, where a predicate has no value."""
         try:
             self._go_through()
-        except FormulaError as first:
-            try:  # the first one to be said is the first of all samples, not of a window
-                self.asked.leaves(self.track, 0, len(self.track))
-            except FormulaError as error:
-                return error
-            return first
+        except FormulaError as first:  # of a window; of all samples another may be the first
+            return self.asked.fault(self.track) or first
         return None
 
     def _go_through(self) -> None:

@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from ariac_score import Aligned, Span
+from ariac_score import Aligned, FormulaError, Span
 from ariac_score_stl.dense import Steps
 from ariac_score_stl.dense_windows import DenseWindows
 from ariac_score_stl.explain import Evaluated
@@ -20,6 +20,9 @@ from ariac_score_stl.syntax import Node
 from ariac_score_stl.windows import Line, RowWindows
 
 __all__ = ["Asked", "DenseTime", "DiscreteTime", "Judgement", "Piece"]
+
+FAULT_ROWS = 65_536
+"""So many samples are looked at together to say which one is at fault."""
 
 KEPT_BYTES = 8 << 20
 """So much of what was judged first stays, whatever the length of the trial, to be looked at again."""
@@ -129,6 +132,16 @@ class Asked:
             FormulaError: One has no value.
         """
         return margins(self.tree, {**track.columns(first, last), **self.constants}, last - first)
+
+    def fault(self, track: Aligned) -> FormulaError | None:
+        """Why a predicate has no value, of the first one that has none: at its first such sample of all."""
+        for node in self.tree.walk():
+            for first, last in track.runs(FAULT_ROWS) if node.margin is not None else ():
+                try:
+                    margins(node, {**track.columns(first, last), **self.constants}, last - first, first=first)
+                except FormulaError as error:
+                    return error
+        return None
 
 
 class Judgement:

@@ -68,13 +68,16 @@ class Margin:
         return Margin(lower, lower if known else change(self.upper, other.upper))
 
 
-def margins(formula: Node, columns: Mapping[str, FloatArray | float], n: int) -> dict[Node, FloatArray]:
+def margins(
+    formula: Node, columns: Mapping[str, FloatArray | float], n: int, *, first: int = 0
+) -> dict[Node, FloatArray]:
     """The margin of every predicate at every sample.
 
     Args:
         formula: The formula.
         columns: Values of signals, shape (n,), and constants, by name.
         n: Number of samples.
+        first: Which sample of all the first of them is.
 
     Raises:
         FormulaError: Division by zero, or a result that is not finite.
@@ -84,7 +87,7 @@ def margins(formula: Node, columns: Mapping[str, FloatArray | float], n: int) ->
         if node.margin is not None:
             names = node.names
             used = {name: column for name, column in columns.items() if name in names}
-            difference = np.broadcast_to(node.margin.columns(used), n)
+            difference = np.broadcast_to(node.margin.columns(used, first=first), n)
             if node.comparison in ("==", "!="):
                 difference = np.abs(difference) if node.comparison == "!=" else -np.abs(difference)
             found[node] = difference

@@ -350,6 +350,16 @@ def test_steps_of_all_windows_are_those_of_the_whole_trial(seed: int, formula: s
 # Rows ----------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("time", ["discrete", "dense"])
+def test_a_predicate_without_value_late_in_a_long_trial_is_told_by_its_row(time: Any) -> None:
+    d = np.ones(70_000)
+    d[[66_000, 69_000]] = 0.0
+    (finding,) = monitor("always 1 / d > 0", time=time).watch(trial(np.arange(70_000) / 100, d))
+
+    assert finding.verdict is Verdict.INCONCLUSIVE
+    assert "row 66000" in finding.message
+
+
 @given(st.integers(0, 2**32 - 1), st.data())
 @settings(max_examples=60, derandomize=True, deadline=None)
 def test_any_rows_of_a_line_are_those_of_all_its_rows(seed: int, draw: st.DataObject) -> None:
