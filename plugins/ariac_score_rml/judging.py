@@ -1,19 +1,18 @@
 """What a specification says of the events of one subject, gone through window by window.
 
-The windows are gone through once, to find what is rejected and what came closest; those
-in which something is rejected once more, to measure it.
+The windows are gone through once, to find what is rejected and what came closest. What is
+rejected stays, up to a number of bytes, to be measured; where there was no room for it the
+window is judged again.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ariac_score import Course, Episodes, Finding, Sample, Span, Total, Trial, Verdict
 from ariac_score_rml.automaton import MAX_TABLES, AfterViolation, Between, PartByPart, Watch, margins
@@ -25,7 +24,8 @@ from ariac_score_rml.windows import Events, Part
 
 __all__ = ["Asked", "Judged"]
 
-_Bits: TypeAlias = "NDArray[np.uint8]"
+KEPT_BYTES = 8 << 20
+"""So much of the events that are rejected first stays, whatever the length of the trial."""
 
 KEPT_WINDOWS = 2
 """What was judged last stays in about so many windows, to be looked at again."""
@@ -71,6 +71,58 @@ class _Window:
     field: IntArray
 
 
+@dataclass(frozen=True, eq=False)
+class _Rejected:
+    """The events of a window that were rejected, each of shape (m,).
+
+    Attributes:
+        t: When each was, s.
+        topic: Which topic it is of.
+        field: As of a window.
+        margin: Likewise.
+        bound: Likewise.
+        lasts_s: How long it stands for, until the next event of its topic.
+    """
+
+    t: FloatArray
+    topic: IntArray
+    field: IntArray
+    margin: FloatArray
+    bound: FloatArray
+    lasts_s: FloatArray
+
+    @classmethod
+    def of(cls, window: _Window, max_gap_s: float) -> _Rejected:
+        """Those of a window; none stands for longer than `max_gap_s`."""
+        stream, rows = window.part.stream, np.flatnonzero(window.rejected)
+        topic, lasts_s = stream.topic[rows], np.zeros(len(rows))
+        for index, until_s in enumerate(window.part.until_s):
+            t = stream.topics[index].t
+            here = topic == index
+            row = stream.row[rows[here]]
+            last_s = (t[-1] if until_s is None else until_s) if len(row) else 0.0
+            following = np.where(row + 1 < len(t), t[np.minimum(row + 1, len(t) - 1)], last_s)
+            lasts_s[here] = np.minimum(following - t[row], max_gap_s)
+        columns = window.field[rows], window.margin[rows], window.bound[rows]
+        return cls(stream.t[rows], topic, *columns, lasts_s)
+
+    def unmeasured(self) -> _Rejected:
+        """The same without margins."""
+        nothing = np.full(len(self.t), nan)
+        return replace(self, margin=nothing, bound=nothing, field=np.full(len(self.t), -1))
+
+    @property
+    def size(self) -> int:
+        """How many bytes are held by keeping them."""
+        return 6 * self.t.nbytes
+
+    def moment(self, row: int) -> _Moment:
+        """One of them."""
+        columns = self.t, self.topic, self.field, self.margin, self.bound
+        t_s, topic, field, margin, bound = (column[row].item() for column in columns)
+        return _Moment(t_s, topic, field, margin, bound)
+
+
 class _Windows:
     """The windows of a subject, judged; the first time in order, then any that is asked for.
 
@@ -113,11 +165,6 @@ class _Windows:
         while len(self._kept) > KEPT_WINDOWS:
             self._kept.popitem(last=False)
         return found
-
-    def part(self, number: int) -> Part:
-        """The events of a window."""
-        kept = self._kept.get(number)
-        return self.events.part(number) if kept is None else kept.part
 
     def _judge(self, number: int) -> _Window:
         part = self.events.part(number)
@@ -202,12 +249,15 @@ class Judged:
         self._asked, self._subject, self._events, self._decided = asked, subject, events, decided
         self._labels = {"spec_sha256": asked.spec_sha256}
         self._windows = _Windows(asked.machine(), events, asked.after)
-        self._rejecting: dict[int, _Bits] = {}
-        """The windows in which something is rejected, and what, one bit for each event."""
+        self._rejecting: dict[int, _Rejected | None] = {}
+        """The windows in which something is rejected, and what; `None` where there was no room for it."""
+        self._room_bytes = KEPT_BYTES
         self._closest: _Moment | None = None
         self._spans = self._go_through()
         if not self._windows.measured:
             self._closest = None
+            kept = {number: one and one.unmeasured() for number, one in self._rejecting.items()}
+            self._rejecting = kept
 
     def _go_through(self) -> list[Span]:
         """Judge all events; returns the episodes of rejected ones: of each topic, then joined."""
@@ -221,7 +271,7 @@ class Judged:
             for index, one in enumerate(episodes):
                 one.take(stream.topics[index].t, window.rejected[stream.rows_of(index)])
             if window.rejected.any():
-                self._rejecting[window.part.number] = np.packbits(window.rejected)
+                self._keep(window)
             self._look_at(window)
         joined: list[Span] = []
         for span in sorted(stretch.span for one in episodes for stretch in one.end()):
@@ -232,6 +282,18 @@ class Judged:
             else:
                 joined.append(span)
         return joined
+
+    def _keep(self, window: _Window) -> None:
+        """Keep what is rejected, where there is room for it."""
+        found = _Rejected.of(window, self._asked.max_gap_s)
+        fits = found.size <= self._room_bytes
+        self._room_bytes -= found.size if fits else 0
+        self._rejecting[window.part.number] = found if fits else None
+
+    def _rejected(self) -> Iterator[_Rejected]:
+        """What is rejected, window by window."""
+        for number, kept in self._rejecting.items():
+            yield _Rejected.of(self._windows[number], self._asked.max_gap_s) if kept is None else kept
 
     def _look_at(self, window: _Window) -> None:
         """Remember what comes closest."""
@@ -316,37 +378,26 @@ class Judged:
             yield self._kept()
 
     def _violations(self) -> Iterator[Finding]:
+        if not self._spans:
+            return iter(())
+        starts_s = np.array([span.start_s for span in self._spans])
+        ends_s = np.array([span.end_s for span in self._spans])
+
+        def within(rejected: _Rejected) -> Iterator[tuple[int, int, int]]:
+            """The violations that have some of these events, and from which to before which."""
+            first, last = rejected.t.searchsorted(starts_s), rejected.t.searchsorted(ends_s, side="right")
+            some = np.flatnonzero(first < last)
+            return zip(some.tolist(), first[some].tolist(), last[some].tolist(), strict=True)
+
         counts = [0] * len(self._spans)
-        for number, bits in self._rejecting.items() if self._spans else ():
-            stream = self._windows.part(number).stream
-            rejected = np.unpackbits(bits, count=len(stream)).astype(bool)
-            for span, first, last in self._within_spans(stream.t[rejected]):
-                counts[span] += last - first
+        for rejected in self._rejected():
+            for span, begin, end in within(rejected):
+                counts[span] += end - begin
         found = [_Violation(span, count) for span, count in zip(self._spans, counts, strict=True)]
-        for number in self._rejecting if self._spans else ():
-            window = self._windows[number]
-            rows = np.flatnonzero(window.rejected)
-            weights_s = self._weights_s(window, rows)
-            for span, first, last in self._within_spans(window.part.stream.t[rows]):
-                found[span].take(window, rows[first:last], weights_s[first:last])
+        for rejected in self._rejected():
+            for span, begin, end in within(rejected):
+                found[span].take(rejected, slice(begin, end))
         return map(self._violation, found)
-
-    def _within_spans(self, t: FloatArray) -> Iterator[tuple[int, int, int]]:
-        """The violations that some times are within; and from which time to before which other."""
-        first = t.searchsorted([span.start_s for span in self._spans])
-        last = t.searchsorted([span.end_s for span in self._spans], side="right")
-        return ((i, int(first[i]), int(last[i])) for i in np.flatnonzero(first < last).tolist())
-
-    def _weights_s(self, window: _Window, rows: IntArray) -> FloatArray:
-        """How long events stand for, each until the next one of its topic."""
-        stream, weights_s = window.part.stream, np.zeros(len(rows))
-        for index, until_s in enumerate(window.part.until_s):
-            t = stream.topics[index].t
-            following = np.append(t[1:], t[-1:] if until_s is None else until_s)
-            here = stream.topic[rows] == index
-            row = stream.row[rows[here]]
-            weights_s[here] = np.minimum(following[row] - t[row], self._asked.max_gap_s)
-        return weights_s
 
     def _violation(self, found: _Violation) -> Finding:
         worst = found.worst
@@ -438,28 +489,28 @@ class _Violation:
         self._time_s, self._depth, self._relative_s = Total(count), Total(count), Total(count)
         self._depth_max = self._relative_max = -inf
 
-    def take(self, window: _Window, rows: IntArray, weights_s: FloatArray) -> None:
-        """Take those of its events that are in a window, and how long each stands for, s."""
-        margin, bound = window.margin[rows], window.bound[rows]
+    def take(self, rejected: _Rejected, rows: slice) -> None:
+        """Take those of its events that are in a window."""
+        margin, lasts_s = rejected.margin[rows], rejected.lasts_s[rows]
         known = np.isfinite(margin)
         self._measured = self._measured and bool(known.all())
         if known.any():
-            worst = _Moment.of(window, int(rows[np.nanargmin(margin)]))
+            worst = rejected.moment(rows.start + int(np.nanargmin(margin)))
             if not self._begun or not self.worst.margin <= worst.margin:
                 self.worst = worst
         elif not self._begun:
-            self.worst = _Moment.of(window, int(rows[0]))
+            self.worst = rejected.moment(rows.start)
         self._begun = True
-        self._time_s.take(weights_s)
+        self._time_s.take(lasts_s)
         if self._measured:
-            self._take_depths(np.maximum(-margin, 0.0), bound, weights_s)
+            self._take_depths(np.maximum(-margin, 0.0), rejected.bound[rows], lasts_s)
 
-    def _take_depths(self, depth: FloatArray, bound: FloatArray, weights_s: FloatArray) -> None:
+    def _take_depths(self, depth: FloatArray, bound: FloatArray, lasts_s: FloatArray) -> None:
         with np.errstate(over="ignore"):  # it is told only where it is in metres
             share = np.divide(depth, bound, out=np.ones_like(depth), where=bound > 0)
             relative = np.clip(share, 0.0, 1.0)
-            self._depth.take(depth * weights_s)
-            self._relative_s.take(relative * weights_s)
+            self._depth.take(depth * lasts_s)
+            self._relative_s.take(relative * lasts_s)
         self._depth_max = max(self._depth_max, float(depth.max()))
         self._relative_max = max(self._relative_max, float(relative.max()))
 

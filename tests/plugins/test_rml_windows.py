@@ -54,12 +54,13 @@ SOURCES = {
 
 
 @contextmanager
-def window_size(events: int) -> Iterator[None]:
-    """Windows of so few events, of which the last one is kept."""
+def window_size(events: int, kept_bytes: int = 0) -> Iterator[None]:
+    """Windows of so few events, of which the last one is kept, and so much of what is rejected."""
     with ExitStack() as stack:
         for module, name, value in (
             (windows, "WINDOW_EVENTS", events),
             (judging, "KEPT_WINDOWS", 1),
+            (judging, "KEPT_BYTES", kept_bytes),
             (core_windows, "LARGEST_WINDOW_SAMPLES", max(events // 2, 1)),
         ):
             stack.enter_context(patch.object(module, name, value))
@@ -118,9 +119,10 @@ def wild(seed: int) -> Trial:
     st.sampled_from([1, 2, 7, 20]),
     st.sampled_from(["resume", "restart", "once"]),
     st.sampled_from([(0.0, 0.0), (0.0, 0.5), (0.15, 0.1)]),
+    st.sampled_from([0, 200, 1 << 20]),
 )
 def test_what_is_said_does_not_depend_on_windows(
-    main: str, seed: int, size: int, after: Any, on_off_s: tuple[float, float]
+    main: str, seed: int, size: int, after: Any, on_off_s: tuple[float, float], kept_bytes: int
 ) -> None:
     text = TYPES + f"Main = {main}; G<n> = if (n > 0) low G<n - 1> else high;"
     monitor = RmlSpec(
@@ -129,7 +131,7 @@ def test_what_is_said_does_not_depend_on_windows(
     trial = wild(seed)
     whole = said(monitor, trial)  # which has fewer events than one window
 
-    with window_size(size):
+    with window_size(size, kept_bytes):
         assert said(monitor, trial) == whole
 
 
@@ -231,11 +233,12 @@ def test_a_margin_that_an_event_has_not_is_missing_there_alone(size: int) -> Non
     assert np.isnan(course.limit).tolist() == [False] * 6 + [True, False]
 
 
+@pytest.mark.parametrize("kept_bytes", [0, 1 << 20])
 @pytest.mark.parametrize("size", SIZES)
-def test_margins_that_an_event_would_need_to_be_judged_are_told_nowhere(size: int) -> None:
+def test_margins_that_an_event_would_need_to_be_judged_are_told_nowhere(size: int, kept_bytes: int) -> None:
     text = "a matches {topic: 's', x: v} with v ^ 0.5 > 0.9; Main = a*;"
     trial = steps_of_100_ms([1.0, 0.25, 1.0, 1.0, 4.0, 9.0, -1.0, 1.0])
-    with window_size(size):
+    with window_size(size, kept_bytes):
         rejected, open_ = spec(text).watch(trial)
         courses = list(spec(text).margins(trial))
 

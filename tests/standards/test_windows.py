@@ -148,6 +148,7 @@ def window_size(samples: int, kept_bytes: int = 0) -> Iterator[None]:
             (stl_judging, "KEPT_BYTES", kept_bytes),
             (rml_windows, "WINDOW_EVENTS", samples),
             (rml_judging, "KEPT_WINDOWS", 1),
+            (rml_judging, "KEPT_BYTES", kept_bytes),
         ):
             stack.enter_context(patch.object(module, name, value))
         yield
