@@ -202,6 +202,11 @@ class Aligned:
     def __len__(self) -> int:
         return self._rows[-1]
 
+    @property
+    def cuts(self) -> FloatArray:
+        """Times between which no signal has more than some thousand samples, s."""
+        return self._base.cuts
+
     def row(self, t_s: float) -> int:
         """The first sample at or after a time."""
         if self._t is not None:

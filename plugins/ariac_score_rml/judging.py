@@ -8,7 +8,7 @@ window is judged again.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
 
@@ -115,6 +115,13 @@ class _Rejected:
     def size(self) -> int:
         """How many bytes are held by keeping them."""
         return 6 * self.t.nbytes
+
+    def depths(self, rows: slice) -> tuple[FloatArray, FloatArray]:
+        """How far some are beyond their limit, and as a share of it, at most all of it."""
+        depth, bound = np.maximum(-self.margin[rows], 0.0), self.bound[rows]
+        with np.errstate(over="ignore"):
+            share = np.divide(depth, bound, out=np.ones_like(depth), where=bound > 0)
+        return depth, share.clip(0.0, 1.0)
 
     def moment(self, row: int) -> _Moment:
         """One of them."""
@@ -393,11 +400,20 @@ class Judged:
         for rejected in self._rejected():
             for span, begin, end in within(rejected):
                 counts[span] += end - begin
-        found = [_Violation(span, count) for span, count in zip(self._spans, counts, strict=True)]
+        return self._measured(within, counts)
+
+    def _measured(
+        self, within: Callable[[_Rejected], Iterator[tuple[int, int, int]]], counts: Sequence[int]
+    ) -> Iterator[Finding]:
+        """The violations, each as soon as all of its events have come."""
+        going: dict[int, _Violation] = {}
         for rejected in self._rejected():
             for span, begin, end in within(rejected):
-                found[span].take(rejected, slice(begin, end))
-        return map(self._violation, found)
+                found = going.pop(span, None) or _Violation(self._spans[span], counts[span])
+                if found.take(rejected, slice(begin, end)):
+                    yield self._violation(found)
+                else:
+                    going[span] = found
 
     def _violation(self, found: _Violation) -> Finding:
         worst = found.worst
@@ -485,44 +501,82 @@ class _Violation:
 
     def __init__(self, span: Span, count: int) -> None:
         self.span, self.count = span, count
-        self._begun, self._measured = False, True
-        self._time_s, self._depth, self._relative_s = Total(count), Total(count), Total(count)
+        self._left, self._measured = count, True
+        self._last: tuple[_Rejected, slice] | None = None
+        """Its events, where they came together."""
+
+    def take(self, rejected: _Rejected, rows: slice) -> bool:
+        """Take those of its events that are in a window; whether all have come."""
+        begun = self._left < self.count
+        self._left -= rows.stop - rows.start
+        margin = rejected.margin[rows]
+        known = np.isfinite(margin)
+        if known.all():
+            worst = rejected.moment(rows.start + int(margin.argmin()))
+        else:
+            self._measured = False
+            worst = rejected.moment(rows.start + (int(np.nanargmin(margin)) if known.any() else 0))
+        if (
+            not begun
+            or worst.margin < self.worst.margin
+            or (isfinite(worst.margin) > isfinite(self.worst.margin))
+        ):
+            self.worst = worst
+        if begun or self._left:
+            if not begun:
+                self._sums = _Sums(self.count)
+            self._sums.take(rejected, rows, measured=self._measured)
+        else:
+            self._last = rejected, rows
+        return not self._left
+
+    def quantities(self, *, in_metres: bool) -> dict[str, float]:
+        """What is measured of it, once all of its events have come."""
+        measured = in_metres and self._measured
+        if self._last is None:
+            return self._sums.told(measured=measured)
+        rejected, rows = self._last
+        lasts_s = rejected.lasts_s[rows]
+        found = {"time_in_violation_s": float(lasts_s.sum())}
+        if measured:
+            depth, relative = rejected.depths(rows)
+            found["depth_max_m"] = float(depth.max())
+            found["depth_integral_m_s"] = float((depth * lasts_s).sum())
+            found["relative_depth_max"] = float(relative.max())
+            found["relative_depth_integral_s"] = float((relative * lasts_s).sum())
+        return found
+
+
+class _Sums:
+    """What adds up over a violation whose events come in parts.
+
+    Args:
+        count: How many there will be.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._time_s, self._depth_s, self._relative_s = Total(count), Total(count), Total(count)
         self._depth_max = self._relative_max = -inf
 
-    def take(self, rejected: _Rejected, rows: slice) -> None:
-        """Take those of its events that are in a window."""
-        margin, lasts_s = rejected.margin[rows], rejected.lasts_s[rows]
-        known = np.isfinite(margin)
-        self._measured = self._measured and bool(known.all())
-        if known.any():
-            worst = rejected.moment(rows.start + int(np.nanargmin(margin)))
-            if not self._begun or not self.worst.margin <= worst.margin:
-                self.worst = worst
-        elif not self._begun:
-            self.worst = rejected.moment(rows.start)
-        self._begun = True
+    def take(self, rejected: _Rejected, rows: slice, *, measured: bool) -> None:
+        """Take some events, with depths where they are measured."""
+        lasts_s = rejected.lasts_s[rows]
         self._time_s.take(lasts_s)
-        if self._measured:
-            self._take_depths(np.maximum(-margin, 0.0), rejected.bound[rows], lasts_s)
-
-    def _take_depths(self, depth: FloatArray, bound: FloatArray, lasts_s: FloatArray) -> None:
+        if not measured:
+            return
+        depth, relative = rejected.depths(rows)
         with np.errstate(over="ignore"):  # it is told only where it is in metres
-            share = np.divide(depth, bound, out=np.ones_like(depth), where=bound > 0)
-            relative = np.clip(share, 0.0, 1.0)
-            self._depth.take(depth * lasts_s)
+            self._depth_s.take(depth * lasts_s)
             self._relative_s.take(relative * lasts_s)
         self._depth_max = max(self._depth_max, float(depth.max()))
         self._relative_max = max(self._relative_max, float(relative.max()))
 
-    def quantities(self, *, in_metres: bool) -> dict[str, float]:
-        """What is measured of it, once all of its events have come."""
+    def told(self, *, measured: bool) -> dict[str, float]:
+        """The quantities of the violation."""
         found = {"time_in_violation_s": self._time_s.value}
-        if not in_metres or not self._measured:
-            return found
-        return {
-            **found,
-            "depth_max_m": self._depth_max,
-            "depth_integral_m_s": self._depth.value,
-            "relative_depth_max": self._relative_max,
-            "relative_depth_integral_s": self._relative_s.value,
-        }
+        if measured:
+            found["depth_max_m"] = self._depth_max
+            found["depth_integral_m_s"] = self._depth_s.value
+            found["relative_depth_max"] = self._relative_max
+            found["relative_depth_integral_s"] = self._relative_s.value
+        return found

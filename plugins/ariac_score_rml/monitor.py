@@ -180,7 +180,7 @@ class RmlSpec:
             return
         undecided = list(_undecided(trial, subject, recorded))
         yield from undecided
-        events = Events(recorded, max_gap_s=self.max_gap_s)
+        events = Events(recorded)
         if len(events):
             yield Judged(self._asked(), subject, events, decided=not undecided)
 

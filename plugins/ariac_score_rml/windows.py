@@ -10,7 +10,7 @@ from math import inf
 
 import numpy as np
 
-from ariac_score import Aligned, Sample, Signal, Span, TimeBase, gaps_between
+from ariac_score import Aligned, Sample, Signal, Span, gaps_between
 from ariac_score_rml.columns import FloatArray, Stream, Topic
 
 __all__ = ["WINDOW_EVENTS", "Events", "Part", "Recorded"]
@@ -77,24 +77,23 @@ class Events:
 
     Args:
         recorded: The topics.
-        max_gap_s: Longest stretch between two samples that is interpolated, s.
 
     Attributes:
         recorded: As given.
     """
 
-    def __init__(self, recorded: Sequence[Recorded], *, max_gap_s: float) -> None:
+    def __init__(self, recorded: Sequence[Recorded]) -> None:
         self.recorded = tuple(recorded)
         counts = self._before(inf)
         self._rows = [(0,) * len(counts)]
         """Of each topic the first sample of each window; at last the number of samples."""
         if sum(counts) > WINDOW_EVENTS:
-            self._cut([signal for one in recorded for signal in one.signals.values()], max_gap_s)
+            self._cut()
         self._rows.append(counts)
 
-    def _cut(self, signals: Sequence[Signal], max_gap_s: float) -> None:
+    def _cut(self) -> None:
         """Begin a window where the one before has enough events."""
-        cuts_s = TimeBase(signals, max_gap_s=max_gap_s).cuts.tolist()
+        cuts_s = np.unique(np.concatenate([one.aligned.cuts for one in self.recorded])).tolist()
         begun, last = 0, self._rows[0]
         for rows in (*(self._before(cut_s) for cut_s in cuts_s), self._before(inf)):
             if sum(rows) - begun > WINDOW_EVENTS and sum(last) > begun:

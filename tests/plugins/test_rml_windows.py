@@ -269,7 +269,7 @@ def test_windows_hold_every_event_once_and_those_of_one_time_together(size: int)
             Recorded(name, {name: trial.signals[name]}, trial.window, max_gap_s=0.5)
             for name in ("a/r", "b/r", "c/r")
         ]
-        events = Events(recorded, max_gap_s=0.5)
+        events = Events(recorded)
         parts = [events.part(number) for number in range(events.windows)]
 
     assert events.windows > 1
