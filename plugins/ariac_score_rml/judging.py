@@ -11,6 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
+from typing import NamedTuple
 
 import numpy as np
 
@@ -116,18 +117,34 @@ class _Rejected:
         """How many bytes are held by keeping them."""
         return 6 * self.t.nbytes
 
-    def depths(self, rows: slice) -> tuple[FloatArray, FloatArray]:
-        """How far some are beyond their limit, and as a share of it, at most all of it."""
-        depth, bound = np.maximum(-self.margin[rows], 0.0), self.bound[rows]
-        with np.errstate(over="ignore"):
-            share = np.divide(depth, bound, out=np.ones_like(depth), where=bound > 0)
-        return depth, share.clip(0.0, 1.0)
+    def depths(self) -> _Depths:
+        """How far they are beyond their limits."""
+        depth, bound = np.maximum(-self.margin, 0.0), self.bound
+        with np.errstate(over="ignore"):  # it is told only where it is in metres
+            share = np.divide(depth, bound, out=np.ones_like(depth), where=bound > 0).clip(0.0, 1.0)
+            return _Depths(depth, share, depth * self.lasts_s, share * self.lasts_s)
 
     def moment(self, row: int) -> _Moment:
         """One of them."""
         columns = self.t, self.topic, self.field, self.margin, self.bound
         t_s, topic, field, margin, bound = (column[row].item() for column in columns)
         return _Moment(t_s, topic, field, margin, bound)
+
+
+class _Depths(NamedTuple):
+    """How far rejected events are beyond their limits, each of shape (m,); NaN where no inequality decides.
+
+    Attributes:
+        depth: In the unit of the limit.
+        share: As a share of the limit, at most all of it.
+        depth_s: By how long each event lasts.
+        share_s: Likewise.
+    """
+
+    depth: FloatArray
+    share: FloatArray
+    depth_s: FloatArray
+    share_s: FloatArray
 
 
 class _Windows:
@@ -408,9 +425,10 @@ class Judged:
         """The violations, each as soon as all of its events have come."""
         going: dict[int, _Violation] = {}
         for rejected in self._rejected():
+            depths = rejected.depths()
             for span, begin, end in within(rejected):
                 found = going.pop(span, None) or _Violation(self._spans[span], counts[span])
-                if found.take(rejected, slice(begin, end)):
+                if found.take(rejected, depths, slice(begin, end)):
                     yield self._violation(found)
                 else:
                     going[span] = found
@@ -502,10 +520,10 @@ class _Violation:
     def __init__(self, span: Span, count: int) -> None:
         self.span, self.count = span, count
         self._left, self._measured = count, True
-        self._last: tuple[_Rejected, slice] | None = None
+        self._last: tuple[_Rejected, _Depths, slice] | None = None
         """Its events, where they came together."""
 
-    def take(self, rejected: _Rejected, rows: slice) -> bool:
+    def take(self, rejected: _Rejected, depths: _Depths, rows: slice) -> bool:
         """Take those of its events that are in a window; whether all have come."""
         begun = self._left < self.count
         self._left -= rows.stop - rows.start
@@ -525,9 +543,9 @@ class _Violation:
         if begun or self._left:
             if not begun:
                 self._sums = _Sums(self.count)
-            self._sums.take(rejected, rows, measured=self._measured)
+            self._sums.take(rejected, depths, rows, measured=self._measured)
         else:
-            self._last = rejected, rows
+            self._last = rejected, depths, rows
         return not self._left
 
     def quantities(self, *, in_metres: bool) -> dict[str, float]:
@@ -535,15 +553,13 @@ class _Violation:
         measured = in_metres and self._measured
         if self._last is None:
             return self._sums.told(measured=measured)
-        rejected, rows = self._last
-        lasts_s = rejected.lasts_s[rows]
-        found = {"time_in_violation_s": float(lasts_s.sum())}
+        rejected, depths, rows = self._last
+        found = {"time_in_violation_s": float(rejected.lasts_s[rows].sum())}
         if measured:
-            depth, relative = rejected.depths(rows)
-            found["depth_max_m"] = float(depth.max())
-            found["depth_integral_m_s"] = float((depth * lasts_s).sum())
-            found["relative_depth_max"] = float(relative.max())
-            found["relative_depth_integral_s"] = float((relative * lasts_s).sum())
+            found["depth_max_m"] = float(depths.depth[rows].max())
+            found["depth_integral_m_s"] = float(depths.depth_s[rows].sum())
+            found["relative_depth_max"] = float(depths.share[rows].max())
+            found["relative_depth_integral_s"] = float(depths.share_s[rows].sum())
         return found
 
 
@@ -555,21 +571,17 @@ class _Sums:
     """
 
     def __init__(self, count: int) -> None:
-        self._time_s, self._depth_s, self._relative_s = Total(count), Total(count), Total(count)
-        self._depth_max = self._relative_max = -inf
+        self._time_s, self._depth_s, self._share_s = Total(count), Total(count), Total(count)
+        self._depth_max = self._share_max = -inf
 
-    def take(self, rejected: _Rejected, rows: slice, *, measured: bool) -> None:
+    def take(self, rejected: _Rejected, depths: _Depths, rows: slice, *, measured: bool) -> None:
         """Take some events, with depths where they are measured."""
-        lasts_s = rejected.lasts_s[rows]
-        self._time_s.take(lasts_s)
-        if not measured:
-            return
-        depth, relative = rejected.depths(rows)
-        with np.errstate(over="ignore"):  # it is told only where it is in metres
-            self._depth_s.take(depth * lasts_s)
-            self._relative_s.take(relative * lasts_s)
-        self._depth_max = max(self._depth_max, float(depth.max()))
-        self._relative_max = max(self._relative_max, float(relative.max()))
+        self._time_s.take(rejected.lasts_s[rows])
+        if measured:
+            self._depth_s.take(depths.depth_s[rows])
+            self._share_s.take(depths.share_s[rows])
+            self._depth_max = max(self._depth_max, float(depths.depth[rows].max()))
+            self._share_max = max(self._share_max, float(depths.share[rows].max()))
 
     def told(self, *, measured: bool) -> dict[str, float]:
         """The quantities of the violation."""
@@ -577,6 +589,6 @@ class _Sums:
         if measured:
             found["depth_max_m"] = self._depth_max
             found["depth_integral_m_s"] = self._depth_s.value
-            found["relative_depth_max"] = self._relative_max
-            found["relative_depth_integral_s"] = self._relative_s.value
+            found["relative_depth_max"] = self._share_max
+            found["relative_depth_integral_s"] = self._share_s.value
         return found
