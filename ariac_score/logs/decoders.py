@@ -27,8 +27,12 @@ __all__ = [
     "OsrfGear2018",
 ]
 
-_STATES = {"go": COMPETITION_STARTED, "end_game": COMPETITION_ENDED}
-"""`done` is left out: it follows `end_game`, once everything has been scored."""
+_STATES = {"go": COMPETITION_STARTED, "end_game": COMPETITION_ENDED, "done": COMPETITION_ENDED}
+"""Words of 2017 to 2022, besides `init` and `ready`.
+
+Either of the last two ends the competition: `end_game` lasts one step of the simulation, 1 ms, and the
+state is published ten times a second, so most recordings go from `go` to `done`.
+"""
 
 _HIGH_PRIORITY = 3
 
@@ -266,8 +270,12 @@ _TYPES = {10: "battery", 11: "pump", 12: "sensor", 13: "regulator"}
 _DESTINATIONS = {0: "kitting", 1: "assembly_front", 2: "assembly_back", 3: "warehouse"}
 _NUMBERS = {n: str(n) for n in (1, 2, 3, 4)}
 """AGVs, stations and quadrants alike."""
-_COMPETITION_STATES = {2: COMPETITION_STARTED, 4: COMPETITION_ENDED}
-"""3 says that all orders have been announced: the competition goes on."""
+_COMPETITION_STATES = {2: COMPETITION_STARTED, 3: COMPETITION_STARTED, 4: COMPETITION_ENDED}
+"""Numbers of 2023 and 2024, besides 0, idle, and 1, ready.
+
+3 says that all orders have been announced: the competition goes on. Where no order waits for anything, 2
+lasts one or two steps of the simulation, and 3 is the first state that anybody sees.
+"""
 
 
 def _named(names: dict[int, str], number: int, what: str) -> str:

@@ -38,7 +38,8 @@ from ariac_score.trial.vocabulary import quantity_of, subject_of
 __all__ = ["LARGEST_CLOCK_DIFFERENCE_S", "Gathering", "Route"]
 
 _STATES = frozenset({COMPETITION_STARTED, COMPETITION_ENDED})
-"""Simulators publish the state ten times a second; an event is its first message in a row."""
+"""Simulators publish the state ten times a second, and several states mean that the competition runs, or is
+over; an event is the first message of each such row."""
 
 _POSE_TYPES = {
     "frames": ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"),

@@ -13,7 +13,7 @@ import pytest
 
 from ariac_score.contracts import Decoder, LogDescription, Reader, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs.decoders import AriacScoreRecords, NistGear2020
+from ariac_score.logs.decoders import AriacMsgs2023, AriacScoreRecords, NistGear2020
 from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
@@ -60,7 +60,11 @@ def wanted(
 ) -> Wanted:
     bodies = (Body("gantry", "robot", 0.3), Body("human", "human", 0.3), Body("absent", "agv"))
     log_map = LogMap("test", channels, bodies=bodies, **more)
-    decoders: dict[str, Decoder] = {"gear": NistGear2020(), "records": AriacScoreRecords()}
+    decoders: dict[str, Decoder] = {
+        "gear": NistGear2020(),
+        "msgs": AriacMsgs2023(),
+        "records": AriacScoreRecords(),
+    }
     return Wanted(log_map, frozenset(quantities), decoders)
 
 
@@ -489,14 +493,39 @@ def test_of_two_channels_on_one_topic_the_other_type_is_not_missed(tmp_path: Pat
     assert len(trial.events) == 1
 
 
-def test_the_states_of_a_competition_count_where_they_change(tmp_path: Path) -> None:
-    told = ["init", "go", "go", "end_game", "end_game", "done"]
+@pytest.mark.parametrize(
+    ("told", "ended_s"),
+    [
+        (["init", "go", "go", "end_game", "end_game", "done"], 3.0),
+        (["init", "go", "go", "go", "done", "done"], 4.0),
+        (["init", "go", "go", "go", "go", "go"], None),
+    ],
+)
+def test_the_states_of_a_competition_count_where_they_change(
+    tmp_path: Path, told: list[str], ended_s: float | None
+) -> None:
     messages = [Recorded("/state", "std_msgs/msg/String", i * 10**9, {"data": s}) for i, s in enumerate(told)]
     path = write_bag(tmp_path / "x.mcap", messages, storage="mcap")
 
     trial = RosbagReader().read(path, wanted(Channel("/state", decoder="gear")))
 
-    assert (trial.started_s, trial.ended_s) == (1.0, 3.0)
+    assert (trial.started_s, trial.ended_s) == (1.0, ended_s)
+    assert len(trial.events) == (1 if ended_s is None else 2)
+
+
+@pytest.mark.parametrize("told", [(1, 2, 2, 3, 4, 4), (1, 3, 3, 3, 4, 4)])
+def test_a_competition_of_2023_starts_once_whether_or_not_its_first_state_was_seen(
+    tmp_path: Path, told: tuple[int, ...]
+) -> None:
+    type_ = "ariac_msgs/msg/CompetitionState"
+    messages = [
+        Recorded("/state", type_, i * 10**9, {"competition_state": state}) for i, state in enumerate(told)
+    ]
+    path = write_bag(tmp_path / "x.mcap", messages, storage="mcap")
+
+    trial = RosbagReader().read(path, wanted(Channel("/state", decoder="msgs")))
+
+    assert (trial.started_s, trial.ended_s) == (1.0, 4.0)
     assert len(trial.events) == 2
 
 
