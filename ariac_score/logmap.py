@@ -138,7 +138,7 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
     return Channel(
         topic=topic if topic.startswith("/") else f"/{topic}",
         type=data.get("type", ""),
-        stamp=data.get("stamp", "log"),
+        stamp=data.get("stamp", ""),
         signals=signals,
         poses=data.get("poses", ""),
         decoder=data.get("decoder", ""),

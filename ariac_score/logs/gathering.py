@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, fields, is_dataclass
+from dataclasses import field, fields, is_dataclass, replace
+from functools import partial
 from keyword import iskeyword
 from operator import attrgetter
 from pathlib import Path
@@ -12,15 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from ariac_score.contracts import Wanted
+from ariac_score.logs.clocks import CLOCK_TOPIC, CLOCK_TYPE, Clocks, TrialClock
 from ariac_score.logs.columnar import ColumnDecoder
 from ariac_score.logs.columnar.columns import IntArray
 from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.gathering_columns import (
-    LARGEST_CLOCK_DIFFERENCE_S,
     Decoded,
-    MixedClocksError,
     Needs,
     Together,
+    by_header,
+    clock_key,
     columns_for,
 )
 from ariac_score.logs.kit_from_poses import ModelFrames
@@ -30,12 +32,12 @@ from ariac_score.logs.transforms import ModelPoses, TransformTree, times_s
 from ariac_score.logs.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.records import dataclass
 from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.channels import Channel, FieldMap
+from ariac_score.trial.channels import Channel, FieldMap, LogMap
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
-__all__ = ["LARGEST_CLOCK_DIFFERENCE_S", "Gathering", "Route"]
+__all__ = ["Gathering", "Route"]
 
 _STATES = frozenset({COMPETITION_STARTED, COMPETITION_ENDED})
 """Simulators publish the state ten times a second, and several states mean that the competition runs, or is
@@ -57,33 +59,42 @@ class Gathering:
     Args:
         wanted: What the log map and the checks ask for.
         file: The recording, for error messages.
+        stamped_by_reader: Whether the reader gives all messages their times, so that a message's own stamp
+            counts only where the log map asks for it.
     """
 
-    def __init__(self, wanted: Wanted, file: Path) -> None:
+    def __init__(self, wanted: Wanted, file: Path, *, stamped_by_reader: bool = False) -> None:
         self._wanted, self._file = wanted, file
+        self._clocks, self._stamped_by_reader = Clocks(file), stamped_by_reader
         log_map = wanted.log_map
         self._tree = TransformTree(log_map.root_frame, file=file)
         self._models = ModelPoses(log_map.models)
         # Links first: they are recorded as exactly, and trays that are nested are links alone.
         self._kits = {True: ModelFrames(log_map.kits), False: ModelFrames(log_map.kits)}
-        self._intakes = [_Intake(channel, wanted) for channel in log_map.channels_for(wanted.quantities)]
+        channels = [self._stamped(channel) for channel in log_map.channels_for(wanted.quantities)]
+        self._intakes = [_Intake(channel, wanted) for channel in channels]
+        self._ticks = _Ticks(self._clocks) if any(map(by_header, channels)) else None
         self._routes: dict[Connection, Route] = {}
         self._pending = Pending()
         self._number = 0
         self.share = 0.0
 
+    def _stamped(self, channel: Channel) -> Channel:
+        if self._stamped_by_reader and not channel.stamp:
+            return replace(channel, stamp="log")
+        return channel
+
     @property
     def topics(self) -> frozenset[str]:
         """The topics it takes messages of, with and without leading slash."""
-        names = {intake.channel.topic.lstrip("/") for intake in self._intakes}
+        names = {intake.channel.topic.lstrip("/") for intake in self._everyone()}
         return frozenset(name for plain in names for name in (plain, f"/{plain}"))
 
-    def take(self, item: Connection | Message | Batch) -> None:
-        """Take one item of a scan, in recorded order.
+    def _everyone(self) -> list[_Intake]:
+        return [*self._intakes, self._ticks] if self._ticks else self._intakes
 
-        Raises:
-            LogError: Header and log stamps come from two clocks.
-        """
+    def take(self, item: Connection | Message | Batch) -> None:
+        """Take one item of a scan, in recorded order."""
         if isinstance(item, Connection):
             self._connect(item)
             return
@@ -103,7 +114,7 @@ class Gathering:
             self._decode_waiting(waiting)
 
     def _connect(self, connection: Connection) -> None:
-        intakes = [intake for intake in self._intakes if intake.accepts(connection)]
+        intakes = [intake for intake in self._everyone() if intake.accepts(connection)]
         if not intakes:
             return
         alone = ""
@@ -121,29 +132,16 @@ class Gathering:
         self._routes[connection] = Route(intakes, decode, columns, connection.topic, alone)
 
     def flush(self) -> None:
-        """Decode what waits.
-
-        Raises:
-            LogError: Header and log stamps come from two clocks.
-        """
+        """Decode what waits."""
         self._decode_waiting(self._pending.empty())
 
     def _decode_waiting(self, waiting: Mapping[Connection, Waiting]) -> None:
         alone = self._one_by_one(waiting)
-        errors: list[MixedClocksError] = []
         together = Together()
         for connection, messages in waiting.items():
             if connection not in alone:
-                try:
-                    self._decode_columns(connection, messages, together)
-                except MixedClocksError as error:
-                    errors.append(error)
-        try:
-            self._decode_each({connection: waiting[connection] for connection in alone})
-        except MixedClocksError as error:
-            errors.append(error)
-        if errors:
-            raise min(errors, key=lambda error: error.number).told(self._file)
+                self._decode_columns(connection, messages, together)
+        self._decode_each({connection: waiting[connection] for connection in alone})
         for intake in self._intakes:
             intake.settle_columns()
         kits = self._kits if self._wanted.log_map.kits.trays else {}
@@ -169,7 +167,7 @@ class Gathering:
         decoded = Decoded.of(route.columns, messages)
         for intake in route.intakes:
             poses = intake.channel.poses
-            stamps_ns = decoded.stamps_ns(intake.channel)
+            stamps_ns = decoded.stamps_ns(intake.channel, self._clocks)
             refused: dict[int, str] = {}
             if poses == "frames":
                 together.add_frames(decoded, stamps_ns, static=intake.channel.topic.endswith("tf_static"))
@@ -215,10 +213,10 @@ class Gathering:
         if channel.poses == "frames":
             static = channel.topic.endswith("tf_static")
             for transform in message.transforms:  # type: ignore[attr-defined]  # rosbags makes the class
-                stamp_ns = item.stamp_ns if static else _stamp_ns(item, number, transform, channel)
+                stamp_ns = item.stamp_ns if static else self._stamp_ns(item, number, transform, channel)
                 self._tree.add(transform, None if static else stamp_ns)
             return
-        stamp_ns = _stamp_ns(item, number, message, channel)
+        stamp_ns = self._stamp_ns(item, number, message, channel)
         if channel.poses == "models":
             links = item.connection.type.endswith("LinkStates")
             self._models.add(message, stamp_ns, links=links)
@@ -227,13 +225,51 @@ class Gathering:
             return
         intake.take(message, item.connection.type, stamp_ns)
 
+    def _stamp_ns(self, item: Message, number: int, message: object, channel: Channel) -> int:
+        """The stamp that counts: the message's own, or that of the recorder."""
+        if not by_header(channel):
+            self._clocks.without_header(clock_key(channel), 1)
+            return item.stamp_ns
+        stamp = getattr(getattr(message, "header", None), "stamp", None)
+        sec, nanosec = getattr(stamp, "sec", None), getattr(stamp, "nanosec", None)
+        if not isinstance(sec, int | np.integer) or not isinstance(nanosec, int | np.integer):
+            if channel.stamp == "header":
+                raise TypeError("its header has no stamp")
+            self._clocks.without_header(clock_key(channel), 1)
+            return item.stamp_ns
+        header_ns = int(sec) * 10**9 + int(nanosec)
+        return self._clocks.stamp_ns(clock_key(channel), number, header_ns, item.stamp_ns)
+
+    def clock(self, first_ns: int, last_ns: int) -> TrialClock:
+        """The clock of the trial, once all messages were taken.
+
+        Args:
+            first_ns: The earliest log time of the recording.
+            last_ns: The latest.
+
+        Raises:
+            LogError: Stamps come from clocks that nothing relates to each other.
+        """
+        self.flush()
+        self._clocks.settle()
+        return self._clocks.trial_clock(first_ns, last_ns)
+
     def settle(self, builder: TrialBuilder, origin_ns: int) -> None:
         """Hand everything to the builder, in trial time.
 
+        Args:
+            builder: Takes it.
+            origin_ns: Trial time 0 on the clock of the trial, ns.
+
         Raises:
-            LogError: A signal comes twice or its time runs backwards; frames contradict each other.
+            LogError: A signal comes twice or its time runs backwards; frames contradict each other; stamps
+                come from clocks that nothing relates to each other.
         """
         self.flush()
+        self._clocks.settle()
+        self._clocks.note(builder)
+        if self._clocks.simulated:
+            self._retime()
         for route in self._routes.values():
             if route.slow:
                 cause = f"its messages were decoded one by one, which is slower: {route.slow}"
@@ -256,24 +292,22 @@ class Gathering:
         records = (frames.record(origin_ns) for frames in self._kits.values())
         builder.kit_records.extend(record for record in records if record is not None)
 
+    def _retime(self) -> None:
+        """Put all stamps that were kept on the clock of the trial."""
+        self._tree.retime(partial(self._clocks.on_trial_clock, "/tf"))
+        of_models = partial(self._clocks.on_trial_clock, "poses of models")
+        self._models.retime(of_models)
+        for frames in self._kits.values():
+            frames.retime(of_models)
+        for intake in self._intakes:
+            intake.retime(partial(self._clocks.on_trial_clock, clock_key(intake.channel)))
+
 
 def _when_needed(connection: Connection) -> Decode:
     def decode(payload: bytes | memoryview) -> object:
         return decoder_for(connection)(payload)  # which remembers definitions it has compiled
 
     return decode
-
-
-def _stamp_ns(item: Message, number: int, message: object, channel: Channel) -> int:
-    """The stamp the channel asks for: that of the recorder, or the message's own."""
-    if channel.stamp != "header":
-        return item.stamp_ns
-    stamp = message.header.stamp  # type: ignore[attr-defined]  # rosbags makes the class
-    stamp_ns = int(stamp.sec) * 10**9 + int(stamp.nanosec)
-    apart_s = (stamp_ns - item.stamp_ns) / 1e9
-    if abs(apart_s) > LARGEST_CLOCK_DIFFERENCE_S or stamp_ns >= 2**63:
-        raise MixedClocksError(number, channel.topic, stamp_ns, item.stamp_ns)
-    return stamp_ns
 
 
 @dataclass(frozen=True)
@@ -364,6 +398,16 @@ class _Intake:
         """What it needs of a message."""
         paths = tuple(path for column in self._columns for path in column.field_map.fields)
         return Needs(self.channel, paths)
+
+    def retime(self, retimed: Callable[[IntArray], IntArray]) -> None:
+        """Put its stamps on another clock."""
+        for column in self._columns:
+            column.stamps_ns = array("q", retimed(np.array(column.stamps_ns, dtype=np.int64)).tobytes())
+        kept_ns = np.array([stamp_ns for _, _, stamp_ns in self._items], dtype=np.int64)
+        self._items = [
+            (type_, message, stamp_ns)
+            for (type_, message, _), stamp_ns in zip(self._items, retimed(kept_ns).tolist(), strict=True)
+        ]
 
     def take_columns(self, decoded: Decoded, stamps_ns: IntArray) -> None:
         """Keep the wanted fields of many messages."""
@@ -487,6 +531,29 @@ class _Intake:
                 f"decoder {self.channel.decoder!r} cannot use messages; the first: {reasons[0]}",
             )
         return len(reasons)
+
+
+class _Ticks(_Intake):
+    """Takes the messages of `/clock`."""
+
+    def __init__(self, clocks: Clocks) -> None:
+        signal = FieldMap("clock/simulation", "s", ("clock.sec", "clock.nanosec"))
+        channel = Channel(CLOCK_TOPIC, CLOCK_TYPE, stamp="log", signals=(signal,))
+        super().__init__(channel, Wanted(LogMap("clock"), frozenset({"clock"})))
+        self._clocks = clocks
+
+    def take_columns(self, decoded: Decoded, stamps_ns: IntArray) -> None:
+        """Take what many messages say."""
+        sec, nanosec = (decoded.columns[path].values.astype(np.int64) for path in self.needs.signals)
+        self._clocks.tick(stamps_ns, sec * 10**9 + nanosec)
+
+    def take(self, message: object, type_: str, stamp_ns: int) -> None:
+        """Take what one message says."""
+        super().take(message, type_, stamp_ns)
+        (column,) = self._columns
+        for sec, nanosec in np.frombuffer(column.values).reshape(-1, 2).astype(np.int64).tolist():
+            self._clocks.tick(np.array([stamp_ns]), np.array([sec * 10**9 + nanosec]))
+        column.stamps_ns, column.values = array("q"), array("d")
 
 
 def _getter(path: str) -> Callable[[object], object]:

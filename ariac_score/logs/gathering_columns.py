@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.errors import LogError
+from ariac_score.logs.clocks import Clocks
 from ariac_score.logs.columnar import Column, ColumnDecoder
 from ariac_score.logs.columnar.columns import IntArray
 from ariac_score.logs.kit_from_poses import ModelFrames
@@ -23,16 +22,13 @@ from ariac_score.trial.channels import Channel
 from ariac_score.trial.spans import FloatArray
 
 __all__ = [
-    "LARGEST_CLOCK_DIFFERENCE_S",
     "Decoded",
-    "MixedClocksError",
     "Needs",
     "Together",
+    "by_header",
+    "clock_key",
     "columns_for",
 ]
-
-LARGEST_CLOCK_DIFFERENCE_S = 60.0
-"""Header and log stamps further apart than this come from two clocks."""
 
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 _AT = tuple(f"transforms.transform.translation.{axis}" for axis in "xyz")
@@ -44,30 +40,7 @@ _VELOCITY = tuple(f"twist.linear.{axis}" for axis in "xyz")
 
 
 _Wanted = tuple[str, tuple[str, ...]]
-
-
-class MixedClocksError(Exception):
-    """The header of a message and the recorder tell times of two clocks.
-
-    Attributes:
-        number: The message.
-    """
-
-    def __init__(self, number: int, topic: str, stamp_ns: int, log_ns: int) -> None:
-        self.number = number
-        self._topic, self._stamp_ns, self._log_ns = topic, stamp_ns, log_ns
-        super().__init__(number, topic, stamp_ns, log_ns)
-
-    def told(self, file: Path) -> LogError:
-        """The error for the user."""
-        apart_s = (self._stamp_ns - self._log_ns) / 1e9
-        return LogError(
-            f"two clocks are mixed: on topic {self._topic} the header says {self._stamp_ns} ns, "
-            f"the recorder {self._log_ns} ns, {apart_s:.3f} s apart",
-            file=file,
-            hint="record with simulation time (`rosbag record` with /use_sim_time, `ros2 bag record "
-            "--use-sim-time`), or let the log map stamp this topic with `stamp: log`",
-        )
+"""What must be there, and the sequences it must lie in."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +57,6 @@ class Needs:
             inside = ("transforms",)
             found |= dict.fromkeys((*_AT, *_TURN), ("number", inside))
             found |= dict.fromkeys((_PARENT, _CHILD), ("text", inside))
-            if self._has_header:
-                found |= {f"transforms.{path}": ("stamp", inside) for path in _STAMP}
             return found
         if poses == "models":
             found |= {"name": ("text", ("name",))}
@@ -93,13 +64,14 @@ class Needs:
             found |= dict.fromkeys((*_POSITION, *_ORIENTATION), ("number", ("pose",)))
         else:
             found |= dict.fromkeys(self.signals, ("number", ()))
-        if self._has_header:
-            found |= dict.fromkeys(_STAMP, ("stamp", ()))
         return found
 
-    @property
-    def _has_header(self) -> bool:
-        return self.channel.stamp == "header" and not self.channel.topic.endswith("tf_static")
+    def stamps(self) -> dict[str, _Wanted]:
+        """The paths of its stamp, likewise; none where the time of recording counts."""
+        if not by_header(self.channel):
+            return {}
+        prefix, inside = ("transforms.", ("transforms",)) if self.channel.poses == "frames" else ("", ())
+        return {f"{prefix}{path}": ("stamp", inside) for path in _STAMP}
 
 
 def columns_for(connection: Connection, needs: Sequence[Needs]) -> ColumnDecoder | None:
@@ -114,13 +86,35 @@ def columns_for(connection: Connection, needs: Sequence[Needs]) -> ColumnDecoder
     """
     if any(need.channel.decoder for need in needs):
         return None
-    fields = [item for need in needs for item in need.fields().items()]
-    decoder = column_decoder_for(connection, dict(fields))
-    for path, (what, levels) in fields:
-        shape = decoder.shape(path)
-        if shape is None or shape[1] != levels or not _is(what, shape[0]):
+    fields = {path: what for need in needs for path, what in need.fields().items()}
+    stamps = {path: what for need in needs for path, what in need.stamps().items()}
+    must = any(need.channel.stamp == "header" and need.stamps() for need in needs)
+    decoder = column_decoder_for(connection, fields | stamps)
+    if not _has(decoder, stamps):
+        if must:
             return None
-    return decoder
+        decoder = column_decoder_for(connection, fields)
+    return decoder if _has(decoder, fields) else None
+
+
+def by_header(channel: Channel) -> bool:
+    """Whether a channel's messages count by their own stamps, where they have some."""
+    if channel.poses == "frames" and channel.topic.endswith("tf_static"):
+        return False  # it holds at all times
+    return channel.stamp == "header" or (not channel.stamp and channel.poses != "models")
+
+
+def clock_key(channel: Channel) -> str:
+    """What must be on one clock: what a channel takes of a topic, or all frames, which positions join."""
+    if channel.poses == "frames":
+        return "/tf_static" if channel.topic.endswith("tf_static") else "/tf"
+    return channel.topic if by_header(channel) else f"{channel.topic} by times of recording"
+
+
+def _has(decoder: ColumnDecoder, fields: Mapping[str, _Wanted]) -> bool:
+    """Whether fields are there, and are what they must be."""
+    shapes = ((decoder.shape(path), wanted) for path, wanted in fields.items())
+    return all(s is not None and s[1] == levels and _is(what, s[0]) for s, (what, levels) in shapes)
 
 
 def _is(what: str, kind: str) -> bool:
@@ -158,28 +152,19 @@ class Decoded:
             return self.columns[paths[0]].values.astype(np.float64)
         return _side_by_side(self.columns, paths)
 
-    def stamps_ns(self, channel: Channel) -> IntArray:
-        """The stamps that a channel asks for: one for each message, or for each transform.
-
-        Raises:
-            MixedClocksError: A header and the recorder are of two clocks.
-        """
+    def stamps_ns(self, channel: Channel, clocks: Clocks) -> IntArray:
+        """The stamps that count for a channel: one for each message, or for each transform."""
         frames = channel.poses == "frames"
+        log_ns, numbers = self.log_ns, self.numbers
         if frames:
             counts = self.columns[_CHILD].per_message()
-            log_ns, numbers = np.repeat(self.log_ns, counts), np.repeat(self.numbers, counts)
-        else:
-            log_ns, numbers = self.log_ns, self.numbers
-        if channel.stamp != "header" or (frames and channel.topic.endswith("tf_static")):
+            log_ns, numbers = np.repeat(log_ns, counts), np.repeat(numbers, counts)
+        paths = [f"transforms.{path}" if frames else path for path in _STAMP]
+        if not by_header(channel) or not all(path in self.columns for path in paths):
+            clocks.without_header(clock_key(channel), len(log_ns))
             return log_ns
-        prefix = "transforms." if frames else ""
-        sec, nanosec = (self.columns[prefix + path].values.astype(np.int64) for path in _STAMP)
-        stamps_ns: IntArray = sec * 10**9 + nanosec
-        apart = np.abs((stamps_ns - log_ns) / 1e9) > LARGEST_CLOCK_DIFFERENCE_S
-        if apart.any():
-            i = int(np.argmax(apart))
-            raise MixedClocksError(int(numbers[i]), channel.topic, int(stamps_ns[i]), int(log_ns[i]))
-        return stamps_ns
+        sec, nanosec = (self.columns[path].values.astype(np.int64) for path in paths)
+        return clocks.stamps_ns(clock_key(channel), numbers, sec * 10**9 + nanosec, log_ns)
 
 
 def _side_by_side(columns: Mapping[str, Column], paths: Sequence[str]) -> FloatArray:

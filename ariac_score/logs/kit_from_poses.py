@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from fnmatch import fnmatchcase
 from typing import Any
@@ -359,6 +359,10 @@ class ModelFrames:
                 own = found == code
                 column.frames.frombytes(frame[own].tobytes())
                 column.numbers.frombytes(rows[own].tobytes())
+
+    def retime(self, retimed: Callable[[IntArray], IntArray]) -> None:
+        """Put all stamps on another clock."""
+        self._stamps_ns = retimed(np.array(self._stamps_ns, dtype=np.int64)).tolist()
 
     def record(self, origin_ns: int) -> KitPoses | None:
         """What the messages show of kits; `None` when there was none."""

@@ -13,7 +13,6 @@ from ariac_score.logs.salvage import Batch, Connection, Message, Scan
 from ariac_score.logs.survey import Survey
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.model import LogDefect, Trial
-from ariac_score.trial.spans import Span
 
 __all__ = ["RosbagReader"]
 
@@ -24,8 +23,10 @@ _CONTRADICTING = "chunks whose index contradicts their records were read without
 class RosbagReader:
     """Reads ROS 1 bags (`.bag`) and ROS 2 bags (`.db3`, `.mcap`, or a rosbag2 folder).
 
-    Trial time 0 is the earliest log time of any message, so that the same
-    messages give the same trial in every format, to the bit.
+    A message is where its header's stamp says, and one without a header where it was recorded; the log map
+    may choose the latter for all. Trial time 0 is the earliest log time of any message, so that the same
+    messages give the same trial in every format, to the bit; or the simulator's own zero, where headers are
+    on simulated time and log times are not. Then `/clock` says which simulated time it was when.
 
     Reads:
         The topics that the log map leads to signals, orders, submissions or events.
@@ -93,16 +94,17 @@ class RosbagReader:
             gathering.flush()  # what is wrong with the messages before the damage is told first
             raise
         wanted.progress(1.0)
-        origin_ns = survey.first_ns
-        if origin_ns is None:
+        first_ns, last_ns = survey.first_ns, survey.last_ns
+        if first_ns is None or last_ns is None:
             raise NothingToScoreError(
                 "the recording holds no message",
                 file=path,
                 hint="was the simulation running, and did the recorder see its topics?",
             )
-        builder = TrialBuilder(_trial_id(path), file=path, clock=_clock(survey))
-        builder.recorded = Span(0.0, survey.duration_s)
-        gathering.settle(builder, origin_ns)
+        clock = gathering.clock(first_ns, last_ns)
+        builder = TrialBuilder(_trial_id(path), file=path, clock=clock.words)
+        builder.recorded = clock.recorded
+        gathering.settle(builder, clock.origin_ns)
         for defect in _contradicting(scan, path):
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         return builder.build()

@@ -24,7 +24,6 @@ import numpy as np
 from ariac_score.contracts import LogDescription, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.gathering import Gathering, Route
-from ariac_score.logs.gathering_columns import MixedClocksError
 from ariac_score.logs.salvage import Batch, Connection, Message, normalised_type
 from ariac_score.records import dataclass
 from ariac_score.trial.build import TrialBuilder
@@ -360,10 +359,7 @@ class _EventGathering(Gathering):
             return
         self._number += 1
         if item.connection in self._routes:
-            try:
-                self._decode(item, self._number, self._routes[item.connection])
-            except MixedClocksError as error:
-                raise error.told(self._file) from None
+            self._decode(item, self._number, self._routes[item.connection])
 
     def _connect(self, connection: Connection) -> None:
         intakes = [intake for intake in self._intakes if intake.accepts(connection)]
@@ -410,7 +406,9 @@ class _Intake:
         name = clock_of(time_s)
         clock = self.clocks.get(name)
         if clock is None:
-            clock = self.clocks[name] = _Clock(_EventGathering(self._wanted, self._path))
+            clock = self.clocks[name] = _Clock(
+                _EventGathering(self._wanted, self._path, stamped_by_reader=True)
+            )
         clock.events += 1
         stamp_ns = 0 if time_s is None else round(time_s * 1e9)
         if time_s is not None:

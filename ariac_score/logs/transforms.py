@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
@@ -31,6 +31,9 @@ LARGEST_NORM_ERROR = 0.01
 """How far the norm of a rotation may be from 1. Source: tf2, QUATERNION_NORMALIZATION_TOLERANCE."""
 
 IntArray = NDArray[np.int64]
+
+Retimed = Callable[[IntArray], IntArray]
+"""Turns stamps, ns, into those of another clock."""
 
 _Row = tuple[float, float, float, float, float, float, float]
 
@@ -81,6 +84,10 @@ class _Edge:
     def columns(self) -> FloatArray:
         """What it was at these, shape (7, n)."""
         return self._columns[:, : self._used]
+
+    def retime(self, retimed: Retimed) -> None:
+        """Put its stamps on another clock."""
+        self._stamps_ns[: self._used] = retimed(self.stamps_ns)
 
     def add(self, stamp_ns: int, row: _Row) -> None:
         """Take one sample."""
@@ -274,6 +281,11 @@ class TransformTree:
         for number, column in enumerate(columns):
             for own, rooms in taken:
                 rooms[number] = column[own]
+
+    def retime(self, retimed: Retimed) -> None:
+        """Put all stamps on another clock."""
+        for edge in (edge for parents in self._edges.values() for edge in parents.values()):
+            edge.retime(retimed)
 
     def settle(self, builder: TrialBuilder, origin_ns: int, matches: Sequence[BodyMatch]) -> None:
         """Hand the positions of all matching frames to the builder, with their bodies.
@@ -596,6 +608,13 @@ class ModelPoses:
                 self._matched.add(match.match)
                 return _Track(replace(body, links=(link.replace("/", "_"),)) if link else body)
         return None
+
+    def retime(self, retimed: Retimed) -> None:
+        """Put all stamps on another clock."""
+        for track in self._tracks.values():
+            if track is not None:
+                stamps_ns = retimed(np.array(track.stamps_ns, dtype=np.int64))
+                track.stamps_ns = array("q", stamps_ns.tobytes())
 
     def settle(self, builder: TrialBuilder, origin_ns: int) -> None:
         """Hand positions, velocities and bodies to the builder."""

@@ -39,7 +39,8 @@ class Channel:
     Attributes:
         topic: Name with leading slash.
         type: Message type, `package/msg/Name`; empty accepts any.
-        stamp: `log` (time of recording) or `header` (the message's own stamp).
+        stamp: `log` (time of recording) or `header` (the message's own stamp); empty: the message's own where
+            it has one, otherwise the time of recording.
         signals: Fields that are signals.
         poses: `frames` for tf messages, `models` for Gazebo model states; empty otherwise.
         decoder: Name of the plugin that turns its messages into orders, submissions, events.
@@ -49,7 +50,7 @@ class Channel:
 
     topic: str
     type: str = ""
-    stamp: str = "log"
+    stamp: str = ""
     signals: tuple[FieldMap, ...] = ()
     poses: str = ""
     decoder: str = ""

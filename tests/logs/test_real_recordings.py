@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ariac_score import Result, Trial, Verdict, load_log_map, score_trial
 from ariac_score.engine import find_trial, read_trial
 from ariac_score.registry import Registry
+from ariac_score.trial.derive import Derivation, derive_signals
 
 REAL = Path(__file__).parents[2].parent / "shared" / "real"
 
@@ -47,3 +49,25 @@ def test_a_gap_behind_the_end_of_the_competition_leaves_nothing_open() -> None:
     assert gap.start_s > trial.ended_s
     assert result.status == "scored"
     assert Verdict.INCONCLUSIVE not in {finding.verdict for finding in result.measured.findings.values()}
+
+
+def test_motion_is_timed_by_the_stamps_of_the_node_not_by_the_recorder() -> None:
+    wanted = [Derivation(quantity, 0.2) for quantity in ("speed", "centre_distance")]
+    signals = derive_signals(read("walk_tf_only.bag", "position"), wanted).signals
+    human, robot = signals["speed/human"], signals["speed/robot"]
+
+    assert len(human) == 1482
+    np.testing.assert_allclose(human.values, 0.5, atol=1e-6)
+    # x = 1.5 sin(0.4 t): at most 0.6 m/s, so d_min is at most 0.5 (1.0 + 1.5) + 0.6 * 1.0 + 2.6 = 4.45 m
+    assert float(robot.values.max()) == pytest.approx(0.6, abs=1e-3)
+
+
+def test_snapshots_and_frames_of_one_motion_agree() -> None:
+    """The recordings differ, but tell of one walk: what was nearest to the limit is the same in both."""
+    of_frames, of_snapshots = (score(name) for name in ("walk_tf_only.bag", "walk_jitter.bag"))
+    worst = [
+        min(f.robustness for f in result.measured.of("separation").values() if f.robustness is not None)
+        for result in (of_frames, of_snapshots)
+    ]
+
+    assert worst[0] == pytest.approx(worst[1], abs=2e-3)

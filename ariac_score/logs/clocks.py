@@ -1,0 +1,314 @@
+"""Which clock the stamps of a recording are from, and how two clocks are brought together.
+
+A message that its sender stamps is where the stamp says, whatever the way to the recorder took. One without
+is where it was recorded. In a recording of a simulation the former may be simulated and the latter wall
+time; `/clock`, where it is recorded, says which simulated time it was when.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ariac_score.errors import LogError
+from ariac_score.logs.columnar.columns import IntArray
+from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
+from ariac_score.trial.spans import Span
+
+__all__ = ["CLOCK_TOPIC", "CLOCK_TYPE", "LARGEST_CLOCK_DIFFERENCE_S", "Clocks", "TrialClock"]
+
+CLOCK_TOPIC, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
+
+LARGEST_CLOCK_DIFFERENCE_S = 60.0
+"""Header and log stamps further apart than this come from two clocks."""
+
+LARGEST_DELAY_S = 1.0
+"""No message takes longer on one machine: where all of a topic do, some clock may not be set."""
+
+LARGEST_SILENCE_S = 1.0
+"""Between clock messages further apart than this nobody knows how late it was."""
+
+_UNSET_BEYOND_NS = 10**9
+"""A stamp of zero is no stamp, except in the first second of a simulation."""
+
+_LATEST_NS = 2**63 - 1
+
+_REMEDY = (
+    "let the recorder stamp with simulated time (`rosbag record` with /use_sim_time, `ros2 bag record "
+    "--use-sim-time`) or record /clock too; in a log map, `stamp: log` reads a topic by times of recording"
+)
+
+
+@dataclass(frozen=True)
+class TrialClock:
+    """The clock that trial times are from.
+
+    Attributes:
+        words: What it is.
+        origin_ns: Trial time 0 on it, ns.
+        recorded: The recording's first to last message, trial time.
+    """
+
+    words: str
+    origin_ns: int
+    recorded: Span
+
+
+@dataclass(frozen=True)
+class _Stamped:
+    """A message with the number it has in the recording: its own stamp and the recorder's, ns."""
+
+    number: int
+    stamp_ns: int
+    log_ns: int
+
+    @property
+    def apart_s(self) -> float:
+        return (self.stamp_ns - self.log_ns) / 1e9
+
+
+@dataclass
+class _Topic:
+    """What the headers of one topic are.
+
+    Attributes:
+        near: How many are on the recorder's clock.
+        unset: How many are zero.
+        plain: How many messages have no header.
+        far: The first that is on neither; `None` without any.
+        last_far: The last such.
+        least_delay_s: The smallest difference between the recorder's clock and a stamp near it.
+    """
+
+    near: int = 0
+    unset: int = 0
+    plain: int = 0
+    far: _Stamped | None = None
+    last_far: _Stamped | None = None
+    least_delay_s: float = np.inf
+
+    @property
+    def mixed(self) -> bool:
+        return self.far is not None and self.near + self.unset + self.plain > 0
+
+
+class Clocks:
+    """Takes the stamps of a recording's messages and decides which clock the trial is on.
+
+    Args:
+        file: The recording, for error messages.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._topics: dict[str, _Topic] = {}
+        self._ticks: list[tuple[IntArray, IntArray]] = []
+        self._simulated: _SimulatedTime | None = None
+
+    def stamps_ns(self, topic: str, numbers: IntArray, header_ns: IntArray, log_ns: IntArray) -> IntArray:
+        """Which stamps of some messages count: their own, or the recorder's where those are zero.
+
+        Args:
+            topic: Its name; all of its stamps must be on one clock.
+            numbers: The messages, shape (n,).
+            header_ns: What their headers say, ns, shape (n,).
+            log_ns: When they were recorded, ns, shape (n,).
+        """
+        found = self._topics.setdefault(topic, _Topic())
+        delay_s = (log_ns - header_ns) / 1e9
+        unset = (header_ns == 0) & (log_ns > _UNSET_BEYOND_NS)
+        near = ~unset & (np.abs(delay_s) <= LARGEST_CLOCK_DIFFERENCE_S)
+        found.unset += int(unset.sum())
+        found.near += int(near.sum())
+        if near.any():
+            found.least_delay_s = min(found.least_delay_s, float(delay_s[near].min()))
+        far = np.flatnonzero(~unset & ~near)
+        for i in far[[0, -1]].tolist() if len(far) else ():
+            one = _Stamped(int(numbers[i]), int(header_ns[i]), int(log_ns[i]))
+            if found.far is None or one.number < found.far.number:
+                found.far = one
+            if found.last_far is None or one.number >= found.last_far.number:
+                found.last_far = one
+        stamps_ns: IntArray = np.where(unset, log_ns, header_ns)
+        return stamps_ns
+
+    def stamp_ns(self, topic: str, number: int, header_ns: int, log_ns: int) -> int:
+        """As `stamps_ns`, of one message.
+
+        Raises:
+            LogError: No clock is ever so late.
+        """
+        if not -_LATEST_NS <= header_ns <= _LATEST_NS:
+            raise self._mixed(topic, _Stamped(number, header_ns, log_ns))
+        one = (np.array([value], dtype=np.int64) for value in (number, header_ns, log_ns))
+        return int(self.stamps_ns(topic, *one)[0])
+
+    def without_header(self, topic: str, count: int) -> None:
+        """Take note of messages of a topic that their sender did not stamp."""
+        self._topics.setdefault(topic, _Topic()).plain += count
+
+    def tick(self, log_ns: IntArray, simulated_ns: IntArray) -> None:
+        """Take messages of `/clock`: when they were recorded, and what time they say it is, ns."""
+        # Where the recorder's clock is the simulated one, they say nothing new, a thousand times a second.
+        told = np.abs((log_ns - simulated_ns) / 1e9) > LARGEST_CLOCK_DIFFERENCE_S
+        if told.any():
+            self._ticks.append((log_ns[told], simulated_ns[told]))
+
+    def settle(self) -> None:
+        """Decide which clock the trial is on, once all messages were taken.
+
+        Raises:
+            LogError: The stamps of a topic are on two clocks, or on one that nothing relates to the
+                recorder's; or the simulation was reset.
+        """
+        mixed = {name: t.far for name, t in self._topics.items() if t.far is not None and t.mixed}
+        if mixed:
+            raise self._first_of(mixed)
+        others = {name: t.far for name, t in self._topics.items() if t.far is not None}
+        if not others:
+            return
+        if not self._ticks:
+            raise self._first_of(others)
+        simulated = _SimulatedTime.of_ticks(self._ticks, self._file)
+        strange = {
+            name: one
+            for name, topic in self._topics.items()
+            for one in (topic.last_far, topic.far)
+            if one is not None and not simulated.agrees(one)
+        }
+        if strange:
+            raise self._first_of(strange)
+        self._simulated = simulated
+
+    def trial_clock(self, first_ns: int, last_ns: int) -> TrialClock:
+        """The clock of a trial that was recorded from a first to a last log time.
+
+        Simulated time has a zero of its own, which other logs of the run share; log time has none.
+        """
+        if self._simulated is None:
+            words, origin_ns = f"log time, origin {first_ns} ns", first_ns
+        else:
+            words, origin_ns = "simulated time", 0
+        ends_ns = self.of_log(np.array([first_ns, last_ns], dtype=np.int64)).tolist()
+        start_s, end_s = ((int(end_ns) - origin_ns) / 1e9 for end_ns in ends_ns)
+        return TrialClock(words, origin_ns, Span(start_s, end_s))
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the trial is on simulated time and log times are not."""
+        return self._simulated is not None
+
+    def on_trial_clock(self, topic: str, stamps_ns: IntArray) -> IntArray:
+        """The stamps that were kept of a topic, on the clock of the trial.
+
+        Raises:
+            LogError: Nobody knows which simulated time it was when a message was recorded.
+        """
+        if self._simulated is None or not len(stamps_ns):
+            return stamps_ns
+        known = self._topics.get(topic)
+        if known is not None and known.far is not None:
+            return stamps_ns
+        self._simulated.refuse_unknown(topic, stamps_ns)
+        return self.of_log(stamps_ns)
+
+    def of_log(self, log_ns: IntArray) -> IntArray:
+        """Log times on the clock of the trial; before its first message a clock has not begun."""
+        return log_ns if self._simulated is None else self._simulated.at(log_ns)
+
+    def note(self, builder: TrialBuilder) -> None:
+        """Tell of topics whose stamps are odd."""
+        for name, topic in sorted(self._topics.items()):
+            builder.defect(
+                "unset_stamps", name, topic.unset, "headers without a stamp; the times of recording were used"
+            )
+            if topic.near and abs(topic.least_delay_s) > LARGEST_DELAY_S:
+                side = "before" if topic.least_delay_s > 0 else "after"
+                message = (
+                    f"its stamps are {abs(topic.least_delay_s):.3f} s or more {side} the times of recording, "
+                    "as if a clock was not set; they were used as they are"
+                )
+                builder.defect("clock_offset", name, topic.near, message)
+
+    def _first_of(self, wrong: dict[str, _Stamped]) -> LogError:
+        topic, one = min(wrong.items(), key=lambda item: item[1].number)
+        return self._mixed(topic, one)
+
+    def _mixed(self, topic: str, one: _Stamped) -> LogError:
+        found = self._topics.get(topic, _Topic())
+        others = found.near + found.unset + found.plain
+        also = f"; {others} messages of that topic are on the recorder's clock or have no stamp"
+        return LogError(
+            f"two clocks are mixed: on topic {topic} the header says {one.stamp_ns} ns, "
+            f"the recorder {one.log_ns} ns, {one.apart_s:.3f} s apart{also if others else ''}",
+            file=self._file,
+            hint=_REMEDY,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _SimulatedTime:
+    """Which simulated time it was at which log time.
+
+    Attributes:
+        log_ns: When clock messages were recorded, increasing, shape (n,).
+        ns: What they said, increasing, shape (n,).
+    """
+
+    log_ns: IntArray
+    ns: IntArray
+    file: Path = field(default_factory=Path)
+
+    @classmethod
+    def of_ticks(cls, ticks: list[tuple[IntArray, IntArray]], file: Path) -> _SimulatedTime:
+        log_ns, ns = (np.concatenate(part) for part in zip(*ticks, strict=True))
+        order = np.lexsort((ns, log_ns))
+        log_ns, ns = log_ns[order], ns[order]
+        latest_ns = np.maximum.accumulate(ns)
+        back_s = float((latest_ns - ns).max()) / 1e9
+        if back_s > LARGEST_STEP_BACK_S:
+            raise LogError(
+                f"simulated time runs backwards by {back_s:.3f} s on topic {CLOCK_TOPIC}",
+                file=file,
+                hint="the simulation was reset: record, and score, the runs one by one",
+            )
+        return cls(log_ns, latest_ns, file)
+
+    def at(self, log_ns: IntArray) -> IntArray:
+        """By straight lines between clock messages; before the first and after the last it stands still."""
+        first_log_ns, first_ns = int(self.log_ns[0]), int(self.ns[0])
+        # From the first message on, so that a float holds every nanosecond.
+        since_ns = np.interp(log_ns - first_log_ns, self.log_ns - first_log_ns, self.ns - first_ns)
+        found: IntArray = np.rint(since_ns).astype(np.int64) + first_ns
+        return found
+
+    def agrees(self, one: _Stamped) -> bool:
+        """Whether a stamp is on this clock."""
+        now_ns = int(self.at(np.array([one.log_ns], dtype=np.int64))[0])
+        return abs(one.stamp_ns - now_ns) / 1e9 <= LARGEST_CLOCK_DIFFERENCE_S
+
+    def refuse_unknown(self, topic: str, log_ns: IntArray) -> None:
+        """Refuse times at which the clock was not heard.
+
+        What lies between two clock messages is known as well as they are near in simulated time, and
+        what lies before the first as well as that is near the zero of the simulation.
+        """
+        after = np.searchsorted(self.log_ns, log_ns, side="left")
+        last = len(self.ns) - 1
+        before_ns = np.where(after > 0, self.ns[np.maximum(after - 1, 0)], 0)
+        step_ns = np.where(after <= last, self.ns[np.minimum(after, last)] - before_ns, _LATEST_NS)
+        near_ns = np.minimum(
+            np.abs(log_ns - self.log_ns[np.maximum(after - 1, 0)]),
+            np.abs(log_ns - self.log_ns[np.minimum(after, last)]),
+        )
+        unknown = np.flatnonzero(np.minimum(step_ns, near_ns) / 1e9 > LARGEST_SILENCE_S)
+        if len(unknown):
+            i = int(unknown[0])
+            raise LogError(
+                f"nobody knows the simulated time of a message on topic {topic}: it was recorded at "
+                f"{int(log_ns[i])} ns, {near_ns[i] / 1e9:.3f} s from the nearest message on {CLOCK_TOPIC}",
+                file=self.file,
+                hint=f"record {CLOCK_TOPIC} from before the trial to behind its end",
+            )
