@@ -37,6 +37,16 @@ MAGIC = b"#ROSBAG V2.0\n"
 
 _MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _READ = frozenset({_MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION})
+_PART_ONLY = "'ariac-score info' shows what is left, but a score may not rest on part of a log"
+_NOT_CLOSED = (
+    "the bag has no index, so its recorder was killed before it closed the file: record again, and stop the "
+    f"recorder with SIGINT (Ctrl-C); {_PART_ONLY}"
+)
+_CUT_OFF = (
+    "the bag had an index, at byte {index}, and lost it: the disk was full or a copy did not finish; take "
+    f"another copy, or record again; {_PART_ONLY}"
+)
+
 _WHAT = {
     _MESSAGE: "message",
     _BAG: "bag header",
@@ -224,6 +234,10 @@ class Ros1Scan(FileScan):
             if header.get(b"encryptor"):
                 raise ValueError("the bag is encrypted")
             self._index_at = int.from_bytes(_field(header, b"index_pos", 8), "little")
+            if not self._index_at:
+                source.hint = _NOT_CLOSED
+            elif self._index_at >= source.size:
+                source.hint = _CUT_OFF.format(index=self._index_at)
             connections, chunks = (_number(header, name) for name in (b"conn_count", b"chunk_count"))
         except ValueError as error:
             raise source.damaged(str(error), what="bag header", at=start) from error

@@ -194,6 +194,7 @@ class Source:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.hint = _RE_RECORD
         self._file: BinaryIO = open_log(path, 0)
         self._parts = ranged(path)
         self.size = path.stat().st_size
@@ -216,7 +217,7 @@ class Source:
     def damaged(self, cause: str, *, what: str = "", at: int | None = None) -> LogError:
         """The error for something unreadable at a byte offset (default: the next one)."""
         place = f"byte {self.offset if at is None else at}"
-        return LogError(cause, file=self.path, place=f"{what} at {place}" if what else place, hint=_RE_RECORD)
+        return LogError(cause, file=self.path, place=f"{what} at {place}" if what else place, hint=self.hint)
 
     def take(self, count: int, what: str) -> bytes:
         """The next bytes.

@@ -301,6 +301,19 @@ def test_header_and_log_stamps_of_two_clocks_are_refused(
     assert "stamp: log" in refusal.value.hint
 
 
+def test_a_bag_that_its_recorder_never_closed_says_so(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "t.bag", [Recorded("/x", "std_msgs/msg/String", 1, {})], storage="ros1")
+    whole = path.read_bytes()
+    at = whole.index(b"index_pos=") + len(b"index_pos=")
+    index = int.from_bytes(whole[at : at + 8], "little")
+    path.write_bytes((whole[:at] + bytes(8) + whole[at + 8 :])[: index - 20])
+
+    with pytest.raises(LogError) as refusal:
+        READER.read(path, wanted())
+    assert "recorder was killed" in refusal.value.hint
+    assert "SIGINT" in refusal.value.hint
+
+
 @pytest.mark.parametrize("name", ["t.bag", "t.db3", "t.mcap"])
 def test_an_empty_file_is_nothing_to_score(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
