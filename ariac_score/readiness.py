@@ -5,7 +5,7 @@ For teams before they submit: the same reading and the same checks as for the sc
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from ariac_score.result import Result
 from ariac_score.ruleset import RuleSet
 from ariac_score.trial.channels import Channel, LogMap
 from ariac_score.trial.derive import source_quantities
+from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import quantity_of
 
 __all__ = ["Lack", "Readiness", "check_log"]
@@ -109,17 +110,32 @@ def _lacks(
     policies = {assumption.check: assumption.policy for assumption in result.assumptions}
     everywhere = "; not in the log: " + ", ".join(result.measured.unrecorded)
     causes: dict[str, str] = {}
+    spans: dict[str, list[Span]] = {}
     for finding in result.measured.findings.values():
         if finding.verdict is Verdict.INCONCLUSIVE:
             message = finding.message.removesuffix(everywhere)  # the remedy names the topics that matter
             causes.setdefault(finding.check, f"{finding.subject}: {message}")
+            if finding.span is not None:
+                spans.setdefault(finding.check, []).append(finding.span)
     recorded = _recorded(path, registry) if causes else frozenset()
     for check, cause in causes.items():
         policy = policies.get(check)
         effect = "nothing" if policy is None else "withholds" if policy == "withhold" else "costs"
-        yield Lack(check, effect, cause, _remedy(check, rule_set, log_map, registry, recorded))
+        words = cause + _and_others(spans.get(check, []))
+        yield Lack(check, effect, words, _remedy(check, rule_set, log_map, registry, recorded))
     if result.status == "incomplete" and result.missing:
         yield Lack("score", "withholds", result.missing, "add the trial configuration, or record the orders")
+
+
+def _and_others(spans: Sequence[Span]) -> str:
+    """How often a check is undecided, and for how long, where the first time is not the only one."""
+    if len(spans) < 2:
+        return ""
+    longest = max(spans, key=lambda span: span.duration_s)
+    return (
+        f"; undecided {len(spans)} times, {sum(span.duration_s for span in spans):.3f} s in all, "
+        f"the longest {longest.duration_s:.3f} s from {longest.start_s:.3f} s"
+    )
 
 
 def _recorded(path: Path, registry: Registry) -> frozenset[str]:

@@ -217,16 +217,21 @@ def _undecided(result: Result, style: Style) -> Iterator[str]:
     # What the log lacks as a whole stands once, with the log, and not behind every check.
     everywhere = "; not in the log: " + ", ".join(result.measured.unrecorded)
     reasons: dict[tuple[str, str, str], list[str]] = {}
+    since_s: dict[str, float] = {}
     for key, finding in result.measured.findings.items():
         if finding.verdict in (Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE):
             policy = _POLICY_WORDS.get(policies.get(key, ""), "")
             message = finding.message.removesuffix(everywhere)
             reasons.setdefault((finding.verdict.value, policy, message), []).append(finding.check)
+            since_s.setdefault(message, finding.span.start_s if finding.span else 0.0)
     if not reasons:
         return
     yield style("Not judged", "bold")
-    # What is undecided comes first, and what concerns few checks before what concerns many.
-    shown = sorted(reasons.items(), key=lambda item: (item[0][0], len(set(item[1])), item[0][2]))
+    # What is undecided comes first, and what concerns few checks before what concerns many; then by time.
+    shown = sorted(
+        reasons.items(),
+        key=lambda item: (item[0][0], len(set(item[1])), since_s[item[0][2]], item[0][2]),
+    )
     for (verdict, policy, message), checks in shown[:_SHOWN]:
         mark, look = _MARKS[Verdict(verdict)]
         effect = f" → {policy}" if policy else ""

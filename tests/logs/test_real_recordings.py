@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ariac_score import Result, Trial, Verdict, load_log_map, score_trial
+from ariac_score import LogError, Result, Trial, Verdict, load_log_map, load_rule_set, score_trial
 from ariac_score.engine import find_trial, read_trial
+from ariac_score.readiness import check_log
 from ariac_score.registry import Registry
 from ariac_score.trial.derive import Derivation, derive_signals
 
@@ -71,3 +72,24 @@ def test_snapshots_and_frames_of_one_motion_agree() -> None:
     ]
 
     assert worst[0] == pytest.approx(worst[1], abs=2e-3)
+
+
+def test_twelve_gaps_are_said_to_be_what_withholds_a_score() -> None:
+    result = score("walk_jitter.bag")
+    found = check_log(REAL / "walk_jitter.bag", load_rule_set("paper2020"))
+
+    assert (result.status, found.ready) == ("incomplete", False)
+    assert [lack.what for lack in found.lacks] == ["separation", "human_contact"]
+    for lack in found.lacks:
+        assert "undecided 12 times" in lack.cause
+        assert "the longest 0.097 s" in lack.cause
+        assert "without gaps longer than 0.05 s" in lack.remedy
+
+
+def test_a_bag_that_was_cut_off_is_refused_with_what_is_left_and_the_remedy() -> None:
+    left = r"cut off.*readable up to byte 700000: 9 topics, 5450 messages"
+    with pytest.raises(LogError, match=left) as error:
+        score("walk_killed.bag")
+    # It is the beginning of walk_jitter.bag, which was closed: the header says where the index was.
+    assert "had an index, at byte" in error.value.hint
+    assert "another copy" in error.value.hint
