@@ -19,8 +19,8 @@ MARKED = {
     "ariac2018.as_documented": {"second_order", "greedy_poses"},
     "ariac2019.as_documented": {"later_orders", "gantry_models"},
     "ariac2020.as_documented": {"pose_of_wrong_color", "later_orders", "shipped_tests", "collisions"},
-    "ariac2021.tip_as_documented": {"wrong_color_pose", "assembly_bonus", "floor_penalty"},
-    "ariac2021.qualifiers_as_documented": {"wrong_color_pose", "floor_penalty"},
+    "ariac2021.tip_as_documented": {"wrong_color_pose", "assembly_bonus", "penalty_after_collision"},
+    "ariac2021.qualifiers_as_documented": {"wrong_color_pose", "penalty_after_collision"},
     "ariac2021.finals_as_documented": {"wrong_color_pose", "penalty_after_collision"},
     "ariac2022.as_documented": {
         "no_tray",
