@@ -189,20 +189,25 @@ class QuadrantPart:
         (`flip_vector: axis`), or that axis with the part's position on the tray added
         to it (`axis_and_position`). `sound` asks for faulty parts: recorded marks
         where nothing is known of challenges; else only a challenged quadrant can have
-        one, which without an earlier quality check is any part of right type and
-        colour, and after one a part that the check has marked.
+        one. After an earlier quality check that is a part which the check has marked.
+        Without one the part is faulty as soon as any part in the quadrant has type and
+        colour of a product ordered there (`challenge_marks: quadrant`), or when it has
+        those of its own product (`part`).
     Violated when:
         `type`: the quadrant is empty or its part of another type. `color`: another
         colour. `upright`: the angle is not below `max_tilt_rad`. `sound`: the part is
         faulty. All but `type` are not applicable where the type is wrong.
     Source:
         ARIAC 2023 and 2024 as coded; with the position an upright part further than
-        tan(0.2) (1 + z) from the middle counts as flipped (issue 347).
+        tan(0.2) (1 + z) from the middle counts as flipped (issue 347), and the task
+        manager keeps one fault flag for each quadrant, not for each part. As
+        documented: the axis alone, and `challenge_marks: part`.
     """
 
     compare: Literal["type", "color", "upright", "sound"] = "type"
     flip_vector: Literal["axis", "axis_and_position"] = "axis"
     max_tilt_rad: float = 0.2
+    challenge_marks: Literal["quadrant", "part"] = "quadrant"
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each wanted product of each kitting task."""
@@ -238,34 +243,58 @@ class QuadrantPart:
         assert found is not None  # only parts are seen
         if found[0] != ordered[0]:
             return self._absent(subject, f"a {' '.join(found[::-1])} lies in quadrant {wanted.quadrant}")
-        return self._compared(subject, trial, order, wanted, part, seen.submission)
+        if self.compare == "sound":
+            return self._soundness(subject, trial, order, task, wanted, part, seen)
+        return self._compared(subject, wanted, part)
 
     def _absent(self, subject: str, message: str) -> Finding:
         """The type is wrong or nothing is there, and then nothing else counts."""
         make = Finding.violated if self.compare == "type" else Finding.not_applicable
         return make(subject, message, clause=CLAUSE)
 
-    def _compared(
-        self,
-        subject: str,
-        trial: Trial,
-        order: Order,
-        wanted: WantedProduct,
-        part: Product,
-        submission: Submission,
-    ) -> Finding:
+    def _compared(self, subject: str, wanted: WantedProduct, part: Product) -> Finding:
         """The finding about a part of the right type."""
         assert part.pose is not None  # it was found by its place
         if self.compare == "upright":
             tilt = Limit("tilt", self.tilt_rad(part.pose), "rad", at_most=self.max_tilt_rad, strict=True)
             return Finding.from_limits(subject, tilt, clause=CLAUSE)
-        if self.compare == "sound":
-            return _soundness(subject, trial, order, wanted, part, submission)
         right = self.compare == "type" or part_of(part.type) == part_of(wanted.type)
         make = Finding.satisfied if right else Finding.violated
         return make(
             subject, f"{part.type} in quadrant {wanted.quadrant}, ordered {wanted.type}", clause=CLAUSE
         )
+
+    def _soundness(
+        self,
+        subject: str,
+        trial: Trial,
+        order: Order,
+        task: Task,
+        wanted: WantedProduct,
+        part: Product,
+        seen: Sight,
+    ) -> Finding:
+        """The finding about whether a part of the right type is faulty."""
+        if wanted.challenged is None:
+            return _fault(subject, part, part.faulty, "as recorded")
+        if not wanted.challenged:
+            return _fault(subject, part, False, "its quadrant is not challenged")
+        if _inspected(trial, order, seen):
+            return _fault(subject, part, _marked(part), "as the quality check left it")
+        faulty = self._uninspected(task, wanted, part, seen)
+        if faulty is None:
+            why = "a part as ordered has no usable pose; it might lie in the challenged quadrant"
+            return Finding.inconclusive(subject, why, clause=CLAUSE)
+        if faulty != _marked(part) and QUALITY_CHECK not in trial.witnessed:
+            why = "the log does not show whether its challenged quadrant was inspected"
+            return Finding.inconclusive(subject, why, clause=CLAUSE)
+        return _fault(subject, part, faulty, "its challenged quadrant was not inspected")
+
+    def _uninspected(self, task: Task, wanted: WantedProduct, part: Product, seen: Sight) -> bool | None:
+        """Whether a challenge that meets a part at its submission makes it faulty; `None`: unknown."""
+        if self.challenge_marks == "part":
+            return part_of(part.type) == part_of(wanted.type)
+        return _holds_right_part(wanted.quadrant, task, seen.parts)
 
     def tilt_rad(self, pose: Pose) -> float:
         """The angle that decides whether a part is flipped, in rad."""
@@ -286,31 +315,33 @@ def _last_in(quadrant: int, parts: Sequence[Product]) -> tuple[Product | None, P
     return None, None
 
 
-def _soundness(
-    subject: str, trial: Trial, order: Order, wanted: WantedProduct, part: Product, submission: Submission
-) -> Finding:
-    marked = part.faulty or part.name.endswith(FAULTY_ENDING)
-    as_ordered = part_of(part.type) == part_of(wanted.type)
-    inspected = any(
-        event.subject == order.id and event.t_s <= submission.submitted_s
-        for event in trial.events_of(QUALITY_CHECK)
-    )
-    if wanted.challenged is None:
-        faulty, why = part.faulty, "as recorded"
-    elif not wanted.challenged:
-        faulty, why = False, "its quadrant is not challenged"
-    elif inspected:
-        faulty, why = marked, "as the quality check left it"
-    elif marked != as_ordered and QUALITY_CHECK not in trial.witnessed:
-        return Finding.inconclusive(
-            subject, "the log does not show whether its challenged quadrant was inspected", clause=CLAUSE
-        )
-    else:
-        faulty, why = as_ordered, "its challenged quadrant was not inspected"
-    make = Finding.violated if faulty else Finding.satisfied
-    return make(
-        subject, f"{part.name or part.type} is {'faulty' if faulty else 'sound'}, {why}", clause=CLAUSE
-    )
+def _marked(part: Product) -> bool:
+    """Whether a quality check has marked a part as faulty."""
+    return part.faulty or part.name.endswith(FAULTY_ENDING)
+
+
+def _inspected(trial: Trial, order: Order, seen: Sight) -> bool:
+    """Whether the kit was inspected before it was handed in."""
+    checks = [event for event in trial.events_of(QUALITY_CHECK) if event.subject == order.id]
+    return seen.submission is not None and any(c.t_s <= seen.submission.submitted_s for c in checks)
+
+
+def _fault(subject: str, part: Product, faulty: bool, why: str) -> Finding:
+    make, said = (Finding.violated, "faulty") if faulty else (Finding.satisfied, "sound")
+    return make(subject, f"{part.name or part.type} is {said}, {why}", clause=CLAUSE)
+
+
+def _holds_right_part(quadrant: int, task: Task, parts: Sequence[Product]) -> bool | None:
+    """Whether a quadrant holds a part as ordered there; `None` where one of unknown place might be it.
+
+    Any product ordered in the quadrant will do, and any part in it: neither needs to be
+    the one that its points are given for.
+    """
+    ordered = {part_of(wanted.type) for wanted in task.products if wanted.quadrant == quadrant}
+    alike = [part for part in parts if part_of(part.type) in ordered]
+    if any(part.pose is not None and quadrant_of(part.pose) == quadrant for part in alike):
+        return True
+    return None if any(part.pose is None for part in alike) else False
 
 
 @dataclass(frozen=True)

@@ -355,8 +355,34 @@ def test_without_a_quality_check_the_right_part_in_a_challenged_quadrant_becomes
     order = kit("battery_blue", challenged=True)
 
     assert score(trial(PERFECT[:1], order=order, witnessed=ALL_SEEN), AS_2023) == 3
-    # and only it: a wrong colour stays sound, 3 + 2 = 5
+    # a wrong colour alone stays sound, 3 + 2 = 5
     assert score(trial([part("battery_red", 1)], order=order, witnessed=ALL_SEEN), AS_2023) == 5
+
+
+# One flag for each quadrant: the right part makes the red one on top of it faulty; as documented it does not
+def test_the_right_part_in_a_challenged_quadrant_makes_the_part_that_counts_faulty() -> None:
+    tray = trial(
+        [PERFECT[0], part("battery_red", 1)], order=kit("battery_blue", challenged=True), witnessed=ALL_SEEN
+    )
+
+    assert verdicts(QuadrantPart(compare="sound"), tray) == [VIOLATED]
+    assert verdicts(QuadrantPart(compare="sound", challenge_marks="part"), tray) == [SATISFIED]
+
+
+def test_a_right_part_of_unknown_place_leaves_a_challenged_quadrant_undecided() -> None:
+    lost = Product("battery_blue", None)
+    order = kit("battery_blue", challenged=True)
+    sound = QuadrantPart(compare="sound")
+
+    assert verdicts(sound, trial([lost, part("battery_red", 1)], order=order, witnessed=ALL_SEEN)) == [
+        INCONCLUSIVE
+    ]
+    # whatever its place, it is not the right part, or the right part is there anyhow
+    other = Product("battery_red", None)
+    assert verdicts(sound, trial([other, part("battery_red", 1)], order=order, witnessed=ALL_SEEN)) == [
+        SATISFIED
+    ]
+    assert verdicts(sound, trial([lost, PERFECT[0]], order=order, witnessed=ALL_SEEN)) == [VIOLATED]
 
 
 @pytest.mark.parametrize(("name", "points"), [("battery_blue_faulty", 3), ("battery_blue", 7)])
