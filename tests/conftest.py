@@ -27,6 +27,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="folder of official cases to run (default: ../shared/ariac/cases); it may not be empty",
     )
     parser.addoption(
+        "--official-vectors",
+        metavar="DIR",
+        help="folder of official vectors to run (default: ../shared/ariac/vectors); it may not be empty",
+    )
+    parser.addoption(
         "--standards-cases",
         metavar="FILE",
         help="worked examples of the monitors to run (default: ../shared/standards/worked_examples.json)",
