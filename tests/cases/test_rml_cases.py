@@ -64,10 +64,17 @@ def folder_of(config: pytest.Config) -> Path:
 
 
 def cases_in(folder: Path) -> list[Case]:
-    found = [
-        Case(file, json.loads(file.read_text(encoding="utf-8"))) for file in sorted(folder.rglob("*.json"))
-    ]
-    return [case for case in found if "spec" in case.facts]
+    """The cases below a folder; JSON of another kind, such as a trace, is none."""
+    found = [(file, facts_in(file)) for file in sorted(folder.rglob("*.json"))]
+    return [Case(file, facts) for file, facts in found if "spec" in facts]
+
+
+def facts_in(file: Path) -> dict[str, Any]:
+    try:
+        told = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise pytest.UsageError(f"{file}: no RML case, for it is not JSON: {error}") from error
+    return {"name": file.stem, **told} if isinstance(told, dict) else {}
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -121,3 +128,47 @@ def assert_outcome(run: Run, expected: dict[str, Any]) -> None:
     assert run.accepted is expected["accepted"]
     assert (run.error is not None) is ("error" in expected)
     assert expected.get("rejected_at", 0) == (len(run.letters) if run.end == "F" else 0)
+
+
+# The harness itself --------------------------------------------------------------------
+
+SPEC = "one matches {event: 'one'};\nMain = one;\n"
+
+
+def made(folder: Path, **facts: Any) -> Case:
+    """A specification of the one event `one`, with a trace of it, in a folder of its own."""
+    below = folder / "basic"
+    below.mkdir()
+    (below / "one.rml").write_text(SPEC, encoding="utf-8")
+    (below / "one.jsonl").write_text('{"event": "one"}\n', encoding="utf-8")
+    run = {"trace": "one.jsonl", "initial": "f", "verdicts": "t", "accepted": True}
+    told = {"spec": "one.rml", "compile": {"ok": True}, "runs": [run], **facts}
+    (below / "one.json").write_text(json.dumps(told), encoding="utf-8")
+    (case,) = cases_in(folder)
+    return case
+
+
+def test_a_case_of_a_folder_elsewhere_needs_no_name_and_no_note(tmp_path: Path) -> None:
+    (tmp_path / "trace.json").write_text("[1, 2]", encoding="utf-8")
+    (tmp_path / "number.json").write_text("7", encoding="utf-8")
+    case = made(tmp_path)
+
+    assert case.facts["name"] == "one"
+    test_a_text_is_refused_exactly_when_the_reference_refuses_or_repairs_it(case)
+    test_every_trace_gets_the_letters_of_the_reference(case)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"initial": "t"}, {"verdicts": "F"}, {"accepted": False}, {"error": {"at": 1}}], ids=str
+)
+def test_a_wrong_expectation_fails(wrong: dict[str, Any], tmp_path: Path) -> None:
+    run = {"trace": "one.jsonl", "initial": "f", "verdicts": "t", "accepted": True, **wrong}
+    with pytest.raises(AssertionError):
+        test_every_trace_gets_the_letters_of_the_reference(made(tmp_path, runs=[run]))
+
+
+def test_a_file_that_is_no_json_is_named(tmp_path: Path) -> None:
+    (tmp_path / "broken.json").write_text("{", encoding="utf-8")
+
+    with pytest.raises(pytest.UsageError, match=r"broken\.json: no RML case"):
+        cases_in(tmp_path)

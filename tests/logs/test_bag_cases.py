@@ -2,8 +2,9 @@
 
 `pytest --bag-cases DIR` runs another folder: each recording `FILE` with `FILE.expected.json`
 beside it, which has of each topic its type, count, first and last stamp, and of each field
-the number of its values with their exact sum, or a digest of its texts. A folder of the MCAP
-conformance suite has one `expected.json` for all its files.
+the number of its values with their exact sum, or a digest of its texts, in the order of the
+file or of their stamps. A folder of the MCAP conformance suite has one `expected.json` for all
+its files.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from ariac_score.logs.ros1bag import Ros1Scan
 from ariac_score.logs.salvage import Batch, Connection, Message
 from ariac_score.logs.sqlite_bag import SqliteScan
 from ariac_score.logs.types import column_decoder_for
+from ariac_score.testing.bags import Recorded, write_bag
 
 SCANS = {".bag": Ros1Scan, ".db3": SqliteScan, ".mcap": McapScan}
 ROOT = Path(__file__).parents[2]
@@ -49,22 +51,31 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise pytest.UsageError(f"{path}: no expectations, for it is not JSON: {error}") from error
+    return found if isinstance(found, dict) else {}
 
 
 def _is_conformance(path: Path) -> bool:
     """Whether it speaks of files of the MCAP conformance suite."""
-    return all("messages_topic_log_publish_seq_hex" in facts for facts in _read(path).values())
+    of_files = _read(path).values()
+    return all(
+        isinstance(facts, dict) and "messages_topic_log_publish_seq_hex" in facts for facts in of_files
+    )
 
 
 def described(expected: Path | None) -> tuple[Path, dict[str, Any]]:
     if expected is None:
         pytest.skip("the folder of recordings (../shared/bags, or --bag-cases DIR) is not here")
-    topics = json.loads(expected.read_text(encoding="utf-8"))["first"].get("topics")
+    recording = expected.with_name(expected.name.removesuffix(".expected.json"))
+    if not recording.is_file():
+        pytest.fail(f"{expected} has no recording {recording.name} beside it")
+    topics = _read(expected).get("first", {}).get("topics")
     if topics is None:
         pytest.skip("the reader that made the expectations could not read it")
-    return expected.with_name(expected.name.removesuffix(".expected.json")), topics
+    return recording, topics
 
 
 def recorded(path: Path) -> dict[str, list[Message]]:
@@ -143,11 +154,24 @@ def assert_fields(fields: dict[str, Any], messages: list[Message], topic: str) -
             finite = [v for v in values.tolist() if math.isfinite(v)]
             assert (len(values), math.fsum(finite)) == (facts["n"], facts["fsum"]), f"{topic} {name}"
         elif "sha256_of_joined_nul" in facts:
-            joined = [text for i in sorted(texts[name]) for text in texts[name][i]]
-            digest = hashlib.sha256("\0".join(joined).encode()).hexdigest()[:16]
-            assert (len(joined), digest) == (facts["n"], facts["sha256_of_joined_nul"]), f"{topic} {name}"
+            assert sum(map(len, texts[name].values())) == facts["n"], f"{topic} {name}"
+            digests = digests_of(texts[name], [message.stamp_ns for message in messages])
+            assert facts["sha256_of_joined_nul"] in digests, f"{topic} {name}"
         else:
             raise AssertionError(f"{topic} {name}: nothing is expected of it: {facts}")
+
+
+def digests_of(texts: dict[int, list[str]], stamps_ns: list[int]) -> list[str]:
+    """The digests of texts in the order of the file and in that of their stamps.
+
+    Either is right: some readers give messages as they stand, others sorted by time, and a
+    digest does not say which of them made it.
+    """
+    digests = []
+    for order in (sorted(texts), sorted(texts, key=lambda i: (stamps_ns[i], i))):
+        joined = "\0".join(text for i in order for text in texts[i])
+        digests.append(hashlib.sha256(joined.encode()).hexdigest()[:16])
+    return digests
 
 
 @pytest.mark.parametrize("large", [False, True])
@@ -179,3 +203,59 @@ def told(path: Path, topics: set[str] | None, *, jobs: int) -> tuple[list[tuple[
             found += [message._replace(payload=bytes(message.payload)) for message in batch]
     messages = [(m.connection.topic, m.stamp_ns, bytes(m.payload)) for m in found]
     return messages, scan.index_contradictions
+
+
+# The harness itself --------------------------------------------------------------------
+
+
+def made(folder: Path, suffix: str, joined: str) -> Path:
+    """A recording of `b` at 2 ns and then `a` at 1 ns, with the digest of texts joined as given."""
+    storage = {".bag": "ros1", ".db3": "sqlite3", ".mcap": "mcap"}[suffix]
+    texts = [
+        Recorded("/state", "std_msgs/msg/String", t_ns, {"data": text}) for t_ns, text in ((2, "b"), (1, "a"))
+    ]
+    recording = write_bag(folder / f"made{suffix}", texts, storage=storage)  # type: ignore[arg-type]
+    facts = {"n": 2, "sha256_of_joined_nul": hashlib.sha256(joined.encode()).hexdigest()[:16]}
+    state = {"count": 2, "first_ns": 1, "last_ns": 2, "fields": {"data": facts}}
+    expected = recording.with_name(f"{recording.name}.expected.json")
+    expected.write_text(json.dumps({"first": {"topics": {"/state": state}}}), encoding="utf-8")
+    return expected
+
+
+@pytest.mark.parametrize("suffix", SCANS)
+@pytest.mark.parametrize("joined", ["b\0a", "a\0b"], ids=["as in the file", "by time"])
+def test_the_order_of_texts_in_a_file_does_not_matter(suffix: str, joined: str, tmp_path: Path) -> None:
+    expected = made(tmp_path, suffix, joined)
+
+    test_topics_counts_and_times(expected)
+    test_every_field_of_every_message(expected)
+
+
+@pytest.mark.parametrize("joined", ["a\0c", "a", "a\0b\0b"])
+def test_other_texts_than_expected_fail(joined: str, tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="/state data"):
+        test_every_field_of_every_message(made(tmp_path, ".mcap", joined))
+
+
+def test_expectations_without_their_recording_fail_and_say_so(tmp_path: Path) -> None:
+    expected = made(tmp_path, ".mcap", "a\0b")
+    (tmp_path / "made.mcap").unlink()
+
+    with pytest.raises(pytest.fail.Exception, match=r"has no recording made\.mcap beside it"):
+        described(expected)
+
+
+def test_expectations_that_are_no_json_are_named(tmp_path: Path) -> None:
+    (tmp_path / "expected.json").write_text("{", encoding="utf-8")
+
+    with pytest.raises(pytest.UsageError, match=r"expected\.json: no expectations"):
+        _is_conformance(tmp_path / "expected.json")
+
+
+@pytest.mark.parametrize("text", ['{"speed": 1}', '{"made.mcap": {"topics": 1}}'])
+def test_an_expected_json_of_something_else_is_not_of_the_conformance_suite(
+    text: str, tmp_path: Path
+) -> None:
+    (tmp_path / "expected.json").write_text(text, encoding="utf-8")
+
+    assert not _is_conformance(tmp_path / "expected.json")
