@@ -20,6 +20,9 @@ ROOT = Path(__file__).parents[1]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    # Before pytest has loaded this file it takes the folder of `--rml-cases DIR` for one of tests, and looks
+    # for its configuration there. So name the tests as well, `pytest tests/cases --rml-cases DIR`, or join
+    # both with `=`.
     parser.addoption("--update-golden", action="store_true", help="rewrite golden files; read the diff")
     parser.addoption(
         "--official-cases",

@@ -1,6 +1,6 @@
 """Real recordings against what two independent readers found in them.
 
-`pytest --bag-cases DIR` runs another folder: each recording `FILE` with `FILE.expected.json`
+`pytest tests/logs --bag-cases DIR` runs another folder: each recording `FILE` with `FILE.expected.json`
 beside it, which has of each topic its type, count, first and last stamp, and of each field
 the number of its values with their exact sum, or a digest of its texts, in the order of the
 file or of their stamps. A folder of the MCAP conformance suite has one `expected.json` for all
