@@ -30,7 +30,7 @@ from ariac_score.findings import Finding, Verdict
 from ariac_score.guard import GuardedDecoder, open_readers
 from ariac_score.installed import version_of
 from ariac_score.logmap import load_log_map
-from ariac_score.logs.bundle import Bundle, Part, find_parts, with_parts
+from ariac_score.logs.bundle import Bundle, Part, find_parts, name_from, with_parts
 from ariac_score.logs.config_forms import looks_like, years_in
 from ariac_score.logs.product_types import unknown_products
 from ariac_score.logs.ranged import ranged
@@ -54,6 +54,7 @@ from ariac_score.trial.spans import Span, longest_silence_s
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 
 __all__ = [
+    "check_configuration",
     "check_needs",
     "code_of",
     "decidable",
@@ -94,6 +95,7 @@ def score_trial(
     registry: Registry | None = None,
     progress: Progress = _no_progress,
     also: Sequence[Path] = (),
+    binding: bool = False,
     root: Path | None = None,
     trial_id: str = "",
     team: str = "",
@@ -110,6 +112,7 @@ def score_trial(
         progress: Called with the share done, 0 to 1.
         also: Configurations of the trial or team that lie elsewhere; where the path has
             one of its own, that one counts.
+        binding: Whether those of `also` count even then, as for whoever does not trust the path.
         root: Folder that file names in the result are relative to; needed with `also`.
         trial_id: Name of the trial, where the caller knows it better than the files.
         team: Name of the team, likewise.
@@ -126,7 +129,7 @@ def score_trial(
     checks = rule_set.build(registry)
     mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
     bundle, readers = find_trial(path, registry)
-    bundle = with_parts(bundle, also, root or path, readers)
+    bundle = with_parts(bundle, also, root or path, readers, binding=binding)
     refuse_other_years(bundle, rule_set)
     refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
     needs = needs_of_all(checks, rule_set, registry)
@@ -171,6 +174,26 @@ def refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
                 file=part.path,
                 hint="score under the rules of its year ('rules list'), or give the right configuration",
             )
+
+
+def check_configuration(path: Path, rule_set: RuleSet) -> None:
+    """See that a file can be the configuration of trials under a rule set, before there is a log.
+
+    Raises:
+        LogError: No reader knows it, or it is damaged.
+        DataFileError: It is of another edition.
+    """
+    readers, _ = open_readers(Registry())
+    bundle = with_parts(Bundle(path.stem, path, ()), [path], path, readers)
+    refuse_other_years(bundle, rule_set)
+    (part,) = bundle.parts
+    if part.role != "trial_config":
+        raise LogError(
+            "it is no trial configuration", file=path, hint="give the configuration that says the orders"
+        )
+    damage = readers[part.reader].describe(path).damage
+    if damage:
+        raise LogError(damage, file=path, hint="correct the configuration")
 
 
 def _renamed(trial: Trial, trial_id: str, team: str) -> Trial:
@@ -650,7 +673,7 @@ def _sources(part: Part, root: Path, stopped: Event | None) -> list[Source]:
     return [
         Source(
             part.role,
-            file.relative_to(base).as_posix() + run,
+            name_from(base, file) + run,
             file.stat().st_size,
             *_hashed(file, stopped),
         )

@@ -144,6 +144,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "platforms": {
         "batch",
         "datafiles",
+        "engine",
         "errors",
         "findings",
         "ranking",

@@ -13,6 +13,7 @@ from typing import Any
 from ariac_score.batch.tasks import Task
 from ariac_score.engine import code_of
 from ariac_score.logmap import load_log_map
+from ariac_score.logs.bundle import name_from
 from ariac_score.logs.ranged import ranged
 from ariac_score.registry import Registry
 from ariac_score.ruleset import RuleSet
@@ -35,7 +36,8 @@ def basis_of(rule_set: RuleSet, registry: Registry) -> str:
 
 def measuring_address(task: Task, contents: str, basis: str) -> str:
     """Address of what is measured of a run."""
-    return _hash([contents, task.team, task.trial, basis])
+    binding = ["binding"] if task.binding else []
+    return _hash([contents, task.team, task.trial, basis, *binding])
 
 
 def files_of(task: Task) -> Iterator[tuple[str, Path]]:
@@ -46,9 +48,9 @@ def files_of(task: Task) -> Iterator[tuple[str, Path]]:
     below = sorted(where.rglob("*")) if where.is_dir() else [where]
     for file in below:
         if file.is_symlink() or not file.is_dir():
-            yield f"{_relative(file, root)}{'#run=' + run if run else ''}", file
+            yield f"{name_from(root, file)}{'#run=' + run if run else ''}", file
     for name in task.also:
-        yield _relative(Path(name), root), Path(name)
+        yield name_from(root, Path(name)), Path(name)
 
 
 def signature_of(task: Task) -> str:
@@ -124,10 +126,6 @@ def _content(file: Path) -> tuple[int, str]:
     except OSError as error:
         return -1, f"unreadable: {error.strerror}"
     return size, digest.hexdigest()
-
-
-def _relative(file: Path, root: Path) -> str:
-    return file.relative_to(root).as_posix() if file.is_relative_to(root) else file.name
 
 
 def _hash(value: Any) -> str:

@@ -31,6 +31,7 @@ class Task:
         path: Where it was recorded; a URI where a library reads it from elsewhere.
         root: Folder that names in the result are relative to; empty for the run's own.
         also: Configurations that lie elsewhere.
+        binding: Whether those count even where the run brings its own.
         refused: Why it cannot be told apart from another; empty when it can.
         signature: What a storage said of its files when they were listed, hashed; empty where
             nobody asked or nothing was said.
@@ -44,6 +45,7 @@ class Task:
     path: str
     root: str = ""
     also: tuple[str, ...] = ()
+    binding: bool = False
     refused: str = ""
     signature: str = ""
     earlier: str = ""

@@ -198,6 +198,7 @@ def _scored(task: Task, rule_set: RuleSet, registry: Registry, known: Result | N
             rule_set,
             registry=registry,
             also=[Path(name) for name in task.also],
+            binding=task.binding,
             root=Path(task.root) if task.root else None,
             trial_id=task.trial if task.root else "",
             team=task.team,

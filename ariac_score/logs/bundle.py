@@ -7,7 +7,7 @@ guessed: `bundle.yaml` in the folder says which is meant.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
@@ -18,7 +18,7 @@ from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.config_forms import looks_like
 from ariac_score.records import dataclass
 
-__all__ = ["MAX_DEPTH", "MAX_FILES", "ROLES", "Bundle", "Part", "find_parts", "with_parts"]
+__all__ = ["MAX_DEPTH", "MAX_FILES", "ROLES", "Bundle", "Part", "find_parts", "name_from", "with_parts"]
 
 BUNDLE_FILE = "bundle.yaml"
 MAX_DEPTH = 4
@@ -130,29 +130,55 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
     return _searched_folder(path, readers)
 
 
-def with_parts(bundle: Bundle, paths: Sequence[Path], root: Path, readers: Mapping[str, Reader]) -> Bundle:
+def with_parts(
+    bundle: Bundle, paths: Sequence[Path], root: Path, readers: Mapping[str, Reader], *, binding: bool = False
+) -> Bundle:
     """A bundle with files that lie outside its folder, such as the configuration all runs share.
-
-    Where the bundle has a part of that role already, its own counts.
 
     Args:
         bundle: As found.
         paths: The further files.
         root: Folder that all names are relative to from now on.
         readers: The installed readers by name.
+        binding: Whether the further files replace those parts of the bundle that have the same role, which
+            are then named as ignored; otherwise the bundle's own part counts.
 
     Raises:
         LogError: A file is not recognised.
     """
+    if not paths:
+        return bundle
+    found = [_recognised(path, readers) for path in paths]
+    if binding:
+        bundle = _without_roles(bundle, {part.role for part in found})
     taken = {part.role for part in bundle.parts}
-    parts = list(bundle.parts)
-    for path in paths:
-        part = _as_part(path, readers)
-        if part is None:
-            raise LogError("no reader recognises this file", file=path, hint=f"known formats: {FORMATS}")
-        if part.role not in taken:
-            parts.append(part)
-    return replace(bundle, root=root, parts=tuple(parts)) if paths else bundle
+    added = (part for part in found if part.role not in taken)
+    return replace(bundle, root=root, parts=(*bundle.parts, *added))
+
+
+def _recognised(path: Path, readers: Mapping[str, Reader]) -> Part:
+    part = _as_part(path, readers)
+    if part is None:
+        raise LogError("no reader recognises this file", file=path, hint=f"known formats: {FORMATS}")
+    return part
+
+
+def _without_roles(bundle: Bundle, roles: Set[str]) -> Bundle:
+    """A bundle without the parts of some roles, and without what it states of their files."""
+    left_out = [part.path for part in bundle.parts if part.role in roles]
+    folder = bundle.root if bundle.root.is_dir() else bundle.root.parent
+    names = (f"{name_from(folder, path)} (another configuration is binding)" for path in left_out)
+    return replace(
+        bundle,
+        parts=tuple(part for part in bundle.parts if part.role not in roles),
+        ignored=tuple(sorted([*bundle.ignored, *names])),
+        stated=tuple((path, digest) for path, digest in bundle.stated if path not in left_out),
+    )
+
+
+def name_from(root: Path, file: Path) -> str:
+    """The name of a file as results give it: relative to a folder, or its own where it lies elsewhere."""
+    return file.relative_to(root).as_posix() if file.is_relative_to(root) else file.name
 
 
 def _folder_name(folder: Path) -> str:

@@ -35,6 +35,7 @@ from ariac_score.platforms.submission import (
     HASHES,
     PHASE,
     RULES,
+    check_configurations,
     hashes_text,
     load_phase,
     phase_text,
@@ -431,9 +432,10 @@ def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
             yield Problem(name, words, "write it with 'platform codabench bundle'", severe=False)
         if key == "reference_data" and {PHASE, RULES} <= names:
             try:
-                load_phase(Path(inner)).setting.rule_set()
+                check_configurations(load_phase(Path(inner)))
             except ScoreError as error:
-                yield Problem(name, error.cause, error.hint)
+                place = str(error.file or inner).removeprefix(inner).lstrip("/")
+                yield Problem(f"{name}: {place}" if place else name, error.cause, error.hint)
 
 
 def _command_problems(name: str, text: bytes) -> Iterator[Problem]:

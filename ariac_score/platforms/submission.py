@@ -17,6 +17,7 @@ from ariac_score.batch.outcomes import UNSETTLED, summary_of
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.batch.worker import Done
 from ariac_score.datafiles import strict_json
+from ariac_score.engine import check_configuration
 from ariac_score.errors import LogError, RunEndedError, ScoreError, UsageError
 from ariac_score.findings import Verdict
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
@@ -32,6 +33,7 @@ __all__ = [
     "HASHES",
     "Phase",
     "Scored",
+    "check_configurations",
     "hashes_text",
     "load_phase",
     "phase_text",
@@ -162,6 +164,18 @@ def load_phase(folder: Path) -> Phase:
     return Phase(told["phase"], setting, trials, folder, ArchiveLimits())
 
 
+def check_configurations(phase: Phase) -> None:
+    """See that the configurations of a phase can be read and fit its rules: they are part of every run.
+
+    Raises:
+        ScoreError: One is damaged, is none, or is of another edition.
+    """
+    rule_set = phase.setting.rule_set()
+    for trial in phase.trials:
+        if trial.config is not None:
+            check_configuration(trial.config, rule_set)
+
+
 def score_submission(
     files: Path, phase: Phase, work: Path, *, told: Told = lambda _line: None, jobs: int = 0
 ) -> Scored:
@@ -252,7 +266,9 @@ def _tasks(files: Path, phase: Phase, work: Path) -> Iterator[Task]:
             )
         taken.add((trial, number))
         config = configs.get(trial)
-        yield Task(TEAM, trial, number, str(entry), str(entry.parent), (str(config),) if config else ())
+        also = (str(config),) if config else ()
+        # A team that could bring its own configuration would choose its own orders.
+        yield Task(TEAM, trial, number, str(entry), str(entry.parent), also, binding=True)
 
 
 def _entries(files: Path, phase: Phase, work: Path) -> Iterator[Path]:

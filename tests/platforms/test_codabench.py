@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import re
@@ -27,6 +28,9 @@ from ariac_score.platforms.neutral import COLUMNS, PlatformScores, checked_metri
 from ariac_score.platforms.submission import phase_text
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
+sys.path.insert(0, str(Path(__file__).parent))
+from platform_cases import ORGANISERS, SCORE, trial_config, without_orders
+
 RULES = "ariac2020.as_coded"
 IMAGE = f"example.org/ariac-score@sha256:{'a' * 64}"
 BUNDLE = Bundle("Practice", IMAGE, "2026-09-01", "2026-10-01")
@@ -39,12 +43,14 @@ def log_text(tmp_path_factory: pytest.TempPathFactory) -> str:
     return file.read_text(encoding="utf-8")
 
 
-def reference(folder: Path, *trials: str, limits: Limits | None = None) -> Path:
+def reference(folder: Path, *trials: str, limits: Limits | None = None, config: str = "") -> Path:
     rule_set = load_rule_set(RULES)
     setting = Setting.of(rule_set, limits or Limits(120.0, 0))
     (folder / "ref").mkdir(parents=True)
     (folder / "res").mkdir()
-    names = dict.fromkeys(trials, "")
+    names = dict.fromkeys(trials, "trial.yaml" if config else "")
+    if config:
+        (folder / "ref/trial.yaml").write_text(config, encoding="utf-8")
     (folder / "ref/phase.json").write_text(phase_text("practice", setting, names), encoding="utf-8")
     (folder / "ref/ruleset.yaml").write_text(setting.rules, encoding="utf-8")
     return folder
@@ -550,6 +556,101 @@ def test_the_commands_say_what_they_did(
     (tmp_path / "b.zip").write_bytes(b"no zip")
     assert main([*head, "check", zips[0]]) == 1
     assert main([*head, "dry-run", *zips, "-o", str(tmp_path / "dry")]) == 4
+
+
+# The organiser's configuration ---------------------------------------------------------
+
+EASIER = trial_config("gear_part_green")  # what the log shows on the tray
+
+
+def hosted(tmp_path: Path, log: str, **brought: str) -> Path:
+    """The output of what organiser, team and platform do, by the commands of the documentation."""
+    (tmp_path / "organiser.yaml").write_text(ORGANISERS, encoding="utf-8")
+    recording = tmp_path / "kitting_1"
+    recording.mkdir()
+    for name, text in {"trial.jsonl": log, **brought}.items():
+        (recording / name).write_text(text, encoding="utf-8")
+    zips = [str(tmp_path / name) for name in ("bundle.zip", "submission.zip")]
+    head = ["platform", "codabench"]
+    dates = ["--start", "2026-09-01", "--end", "2026-10-01", "--image", IMAGE]
+    trial = f"kitting={tmp_path / 'organiser.yaml'}"
+    assert (
+        main([*head, "bundle", "--rules", RULES, "--title", "P", *dates, "--trial", trial, "-o", zips[0]])
+        == 0
+    )
+    assert main([*head, "pack", str(recording), "-o", zips[1]]) == 0
+    assert main([*head, "dry-run", *zips, "-o", str(tmp_path / "dry")]) == 0
+    return tmp_path / "dry/output"
+
+
+def test_an_honest_submission_is_scored_by_the_configuration_of_the_organiser(
+    tmp_path: Path, log_text: str
+) -> None:
+    output = hosted(tmp_path, without_orders(log_text))
+
+    assert (told(output)["final"], told(output)["status_code"]) == (SCORE, 0)
+    inputs = json.loads((output / "results/kitting_1.json").read_text(encoding="utf-8"))["provenance"][
+        "inputs"
+    ]
+    assert [source["name"] for source in inputs] == ["kitting_1/trial.jsonl", "kitting.yaml"]
+    assert inputs[1]["sha256"] == hashlib.sha256(ORGANISERS.encode()).hexdigest()
+
+
+NAMED = f"""\
+logs: [trial.jsonl]
+trial_config: mine.yaml
+sha256: {{mine.yaml: {hashlib.sha256(EASIER.encode()).hexdigest()}}}
+"""
+
+
+@pytest.mark.parametrize(
+    "brought",
+    [{"mine.yaml": EASIER}, {"kitting.yaml": EASIER}, {"mine.yaml": EASIER, "bundle.yaml": NAMED}],
+)
+def test_a_configuration_that_a_submission_brings_does_not_count_and_is_named(
+    tmp_path: Path, log_text: str, brought: dict[str, str]
+) -> None:
+    output = hosted(tmp_path, without_orders(log_text), **brought)
+
+    assert told(output)["final"] == SCORE
+    result = json.loads((output / "results/kitting_1.json").read_text(encoding="utf-8"))
+    assert result["provenance"]["ignored"] == [f"{next(iter(brought))} (another configuration is binding)"]
+
+
+def test_a_configuration_alone_is_no_submission(tmp_path: Path) -> None:
+    inputs = reference(tmp_path / "input", "kit", config=ORGANISERS)
+    (inputs / "res/kit_1.yaml").write_text(EASIER, encoding="utf-8")
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    assert (told(tmp_path / "output")["final"], told(tmp_path / "output")["status_code"]) == (-1e6, 2)
+    page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
+    assert "no log of a trial" in page
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        (
+            (Path(__file__).parents[1] / "data/trial_2022.yaml").read_text(encoding="utf-8"),
+            "a trial configuration of 2022",
+        ),
+        ("sensors: {}\narm: {type: ur10}\n", "it is no trial configuration|no reader recognises"),
+        (ORGANISERS.replace("order_0:", "order_0: 1\n  other:"), "trials/kit.yaml"),
+    ],
+)
+def test_a_configuration_under_which_nobody_could_score_is_refused_before_the_upload(
+    tmp_path: Path, config: str, words: str
+) -> None:
+    (tmp_path / "trial.yaml").write_text(config, encoding="utf-8")
+    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+
+    with pytest.raises(UsageError, match=words) as refused:
+        write_bundle(
+            BUNDLE, load_rule_set(RULES), setting, {"kit": tmp_path / "trial.yaml"}, tmp_path / "b.zip"
+        )
+    assert "trials/kit.yaml" in str(refused.value)
+    assert not (tmp_path / "b.zip").exists()
 
 
 def test_the_time_of_the_default_queue_ends_a_dry_run(

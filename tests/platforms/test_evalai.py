@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import sys
 import threading
 import zipfile
 from collections.abc import Iterator
@@ -33,6 +34,9 @@ from ariac_score.platforms.evalai import (
 from ariac_score.platforms.neutral import COLUMNS, PlatformScores
 from ariac_score.platforms.submission import Phase, load_phase, phase_text
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+
+sys.path.insert(0, str(Path(__file__).parent))
+from platform_cases import ORGANISERS, SCORE, trial_config, without_orders
 
 RULES = "ariac2020.as_coded"
 LABELS = [column.key for column in COLUMNS]
@@ -386,6 +390,36 @@ def test_the_platform_may_name_a_submission_as_it_likes(
 
     (row,) = json.loads(platform.taken[0]["result"])
     assert row["accuracies"]["status_code"] == 0
+
+
+def zipped(**members: str) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name, text in members.items():
+            archive.writestr(f"kit_1/{name}", text)
+    return content.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("brought", "alone"),
+    [({}, True), ({}, False), ({"mine.yaml": trial_config("gear_part_green")}, False)],
+)
+def test_the_configuration_of_the_organiser_counts_whatever_a_submission_brings(
+    platform: Platform, phase: Phase, tmp_path: Path, log_text: str, brought: dict[str, str], alone: bool
+) -> None:
+    (phase.folder / "trial.yaml").write_text(ORGANISERS, encoding="utf-8")
+    text = phase_text("finals", phase.setting, {"kit": "trial.yaml"})
+    (phase.folder / "phase.json").write_text(text, encoding="utf-8")
+    log = without_orders(log_text)
+    if alone:
+        message(platform, log.encode())
+    else:
+        message(platform, zipped(**{"trial.jsonl": log}, **brought), "s.zip")
+
+    worker(platform, load_phase(phase.folder), tmp_path)[0].once()
+
+    (row,) = json.loads(platform.taken[0]["result"])
+    assert (row["accuracies"]["final"], row["accuracies"]["status_code"]) == (SCORE, 0)
 
 
 def test_the_answer_is_for_the_split_that_the_platform_knows(
