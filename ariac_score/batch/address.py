@@ -12,16 +12,28 @@ from typing import Any
 
 from ariac_score.batch.tasks import Task
 from ariac_score.engine import code_of
+from ariac_score.errors import ScoreError
 from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import name_from
 from ariac_score.logs.ranged import ranged
 from ariac_score.registry import Registry
 from ariac_score.ruleset import RuleSet
 
-__all__ = ["basis_of", "contents_of", "files_of", "measuring_address", "signature_of"]
+__all__ = [
+    "RunTooLargeError",
+    "basis_of",
+    "contents_of",
+    "files_of",
+    "measuring_address",
+    "refuse_excess",
+    "signature_of",
+    "too_large",
+]
 
 _SCHEMA = "ariac-score/batch/1"
 _BLOCK = 1 << 20
+MOST_ENTRIES = 100_000
+"""Files and folders of one run that are looked at."""
 
 
 def basis_of(rule_set: RuleSet, registry: Registry) -> str:
@@ -40,30 +52,74 @@ def measuring_address(task: Task, contents: str, basis: str) -> str:
     return _hash([contents, task.team, task.trial, basis, *binding])
 
 
+class RunTooLargeError(ScoreError):
+    """The files of a run are more than those of one run may be: nobody would see the end of them."""
+
+
 def files_of(task: Task) -> Iterator[tuple[str, Path]]:
-    """Every file of a run with the name it is known by, sorted; folders that are links are not entered."""
+    """Every file of a run with the name it is known by, sorted; folders that are links are not entered.
+
+    Raises:
+        RunTooLargeError: There are more of them than are looked at.
+    """
     path, _, run = task.path.partition("#run=")
     where = Path(path)
     root = Path(task.root) if task.root else where.parent
-    below = sorted(where.rglob("*")) if where.is_dir() else [where]
+    below = sorted(Path(name) for name, entry, _ in _walk(path) if entry) if where.is_dir() else [where]
     for file in below:
-        if file.is_symlink() or not file.is_dir():
-            yield f"{name_from(root, file)}{'#run=' + run if run else ''}", file
+        yield f"{name_from(root, file)}{'#run=' + run if run else ''}", file
     for name in task.also:
         yield name_from(root, Path(name)), Path(name)
+
+
+def refuse_excess(task: Task, most_bytes: int) -> None:
+    """See that the files of a run can be read in the time it has, by what the file system says of them.
+
+    A sparse file of any size takes no room on a disk, and a day to read.
+
+    Raises:
+        RunTooLargeError: They are larger together than those of one run may be, or too many.
+    """
+    sizes = [(size, name) for name, file in files_of(task) if (size := _size(file))]
+    total = sum(size for size, _ in sizes)
+    if total > most_bytes:
+        largest, name = max(sizes)
+        raise too_large(name, largest, total, most_bytes)
+
+
+def too_large(name: str, size: int, total: int, most_bytes: int) -> RunTooLargeError:
+    """The error that names the largest file of a run whose files are too large together."""
+    others = f", with the other files of the run {total}" if total > size else ""
+    return RunTooLargeError(
+        f"{name} has {size} bytes{others}; all files of a run may have {most_bytes}",
+        hint="remove what is no part of the trial, or raise --input-gb",
+    )
+
+
+def _size(file: Path) -> int:
+    """The bytes that have to be read of a file; 0 of a pipe, a device, or what is fetched in parts."""
+    try:
+        status = file.stat()
+    except OSError:
+        return 0
+    return status.st_size if stat.S_ISREG(status.st_mode) and ranged(file) is None else 0
 
 
 def signature_of(task: Task) -> str:
     """Hash of what the file system says about the files of a run; it changes whenever one of them does.
 
-    Of a run that lies elsewhere it is what its storage said; empty where that is nothing.
+    Of a run that lies elsewhere it is what its storage said. Empty where that is nothing, and of a run
+    with more files than are looked at.
     """
     if task.remote:
         return task.signature
     path = task.path.partition("#run=")[0]
     if not path.startswith("/"):
         path = f"{os.getcwd()}/{path}"  # noqa: PTH109  # as in `_statuses`
-    told = [status for name in (path, *task.also) for status in sorted(_statuses(name))]
+    try:
+        told = [status for name in (path, *task.also) for status in sorted(_statuses(name))]
+    except RunTooLargeError:
+        return ""
     return _hash([task.path, *told])
 
 
@@ -83,23 +139,46 @@ def _statuses(path: str) -> list[_Status]:
 
 
 def _below(folder: str) -> list[_Status]:
-    try:
-        with os.scandir(folder) as entries:
-            found = list(entries)
-    except OSError as error:
-        return [(folder, -2, error.errno or 0, 0, 0)]
     told = []
-    for entry in found:
-        if entry.is_symlink() and os.path.isdir(entry.path):  # noqa: PTH112
-            told.append((entry.path, -3, 0, 0, 0))
-        elif entry.is_dir(follow_symlinks=False):
-            told += _below(entry.path)
+    for path, entry, number in _walk(folder):
+        if entry is None:
+            told.append((path, -2, number, 0, 0))
+        elif entry.is_symlink() and os.path.isdir(path):  # noqa: PTH112
+            told.append((path, -3, 0, 0, 0))
         else:
             try:
-                told.append(_status(entry.path, entry.stat()))
+                told.append(_status(path, entry.stat()))
             except OSError as error:
-                told.append((entry.path, -1, error.errno or 0, 0, 0))
+                told.append((path, -1, error.errno or 0, 0, 0))
     return told
+
+
+def _walk(folder: str) -> Iterator[tuple[str, os.DirEntry[str] | None, int]]:
+    """All below a folder that is no folder, in any order; folders that cannot be listed with an error number.
+
+    Not recursive, and not `Path.rglob`, which is: folders within folders may be deeper than Python's stack.
+
+    Raises:
+        RunTooLargeError: There is more than is looked at.
+    """
+    waiting, seen = [folder], 0
+    while waiting:
+        here = waiting.pop()
+        try:
+            with os.scandir(here) as entries:
+                for entry in entries:
+                    seen += 1
+                    if seen > MOST_ENTRIES:
+                        raise RunTooLargeError(
+                            f"more than {MOST_ENTRIES} files and folders lie in {Path(folder).name}",
+                            hint="name the folder of one run, or remove what is no part of the trial",
+                        )
+                    if entry.is_dir(follow_symlinks=False):
+                        waiting.append(entry.path)
+                    else:
+                        yield entry.path, entry, 0
+        except OSError as error:
+            yield here, None, error.errno or 0
 
 
 def _status(path: str, status: os.stat_result) -> _Status:
@@ -107,7 +186,10 @@ def _status(path: str, status: os.stat_result) -> _Status:
 
 
 def contents_of(task: Task) -> str:
-    """Hash of the names and contents of the files of a run; one that cannot be read counts as such."""
+    """Hash of the names and contents of the files of a run; one that cannot be read counts as such.
+
+    It takes as long as there is to read: only a process that is ended in time may call it.
+    """
     return _hash([[name, *_content(file)] for name, file in files_of(task)])
 
 

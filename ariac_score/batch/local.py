@@ -13,7 +13,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
-from hashlib import sha256
 from multiprocessing import forkserver
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
@@ -27,6 +26,7 @@ from ariac_score.batch.worker import (
     Done,
     kept_apart,
     limit_threads,
+    noted,
     parse_report,
     perform_into,
 )
@@ -186,7 +186,7 @@ class LocalExecutor:
             _stop(process)
         code = process.exitcode
         process.close()
-        contents = _cleared(ended) if task.remote else ""
+        contents, signature = _cleared(ended)
         with suppress(OSError, ValueError, KeyError):
             done = parse_report(task, ended.report.read_bytes())
             ended.report.unlink()
@@ -194,24 +194,24 @@ class LocalExecutor:
         if code == NO_ROOM:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         if late:
-            return replace(too_late(task, setting), contents=contents, signature=task.signature)
+            return replace(too_late(task, setting), contents=contents, signature=signature)
         deaths = ended.deaths.and_one(code)
         if not deaths.given_up:
             return deaths
         done = died(task, *deaths.told())
-        return replace(done, contents=contents, signature=task.signature, put_off=deaths.put_off)
+        return replace(done, contents=contents, signature=signature, put_off=deaths.put_off)
 
 
-def _cleared(ended: _Running) -> str:
-    """Clear away what the process of a run fetched; the hash of that, where it got so far."""
-    shutil.rmtree(kept_apart(ended.report, ".near"), ignore_errors=True)
-    note = kept_apart(ended.report, ".contents")
-    try:
-        contents = note.read_text(encoding="ascii")
-        note.unlink()
-    except OSError:
-        return ""
-    return contents if len(contents) == sha256().digest_size * 2 else ""
+def _cleared(ended: _Running) -> tuple[str, str]:
+    """Clear away what the process of a run fetched and noted; hash and signature, where it got so far.
+
+    Hashing the files here instead would hold up the whole batch: nobody ends the supervisor in time.
+    """
+    if ended.task.remote:
+        shutil.rmtree(kept_apart(ended.report, ".near"), ignore_errors=True)
+    found = noted(ended.report)
+    kept_apart(ended.report, ".contents").unlink(missing_ok=True)
+    return found
 
 
 def too_late(task: Task, setting: Setting) -> Done:

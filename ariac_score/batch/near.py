@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import unquote
 
-from ariac_score.batch.address import contents_of
+from ariac_score.batch.address import contents_of, too_large
 from ariac_score.batch.remote import Storage, Stored, name_of, shown, signature_of_stored
 from ariac_score.batch.tasks import Task
 from ariac_score.errors import ScoreError
 from ariac_score.logs import mcap_ranges, ros1_ranges
 from ariac_score.logs.ranged import RangedFile, reading
+from ariac_score.logs.salvage import LARGEST_FILE_BYTES
 
 __all__ = ["Near", "bring", "mode_of", "name_below", "still_the_same"]
 
@@ -43,7 +44,9 @@ def mode_of(ranges: bool) -> str:
     return "parts" if ranges else "whole"
 
 
-def bring(task: Task, folder: Path, topics: Container[str] | None = None) -> Near:
+def bring(
+    task: Task, folder: Path, topics: Container[str] | None = None, *, most_bytes: int = LARGEST_FILE_BYTES
+) -> Near:
     """Fetch the files of a run into a folder, laid out as they lie elsewhere.
 
     Args:
@@ -51,8 +54,10 @@ def bring(task: Task, folder: Path, topics: Container[str] | None = None) -> Nea
         folder: Where they are put.
         topics: Whose messages are wanted; then only parts of an indexed recording are fetched, where
             its storage gives parts. `None`: everything is.
+        most_bytes: Of all files that are fetched whole, together.
 
     Raises:
+        RunTooLargeError: They have more bytes.
         ScoreError: They cannot be had; the message says why.
         OSError: They cannot be kept here.
     """
@@ -61,6 +66,7 @@ def bring(task: Task, folder: Path, topics: Container[str] | None = None) -> Nea
     parts: list[RangedFile] = []
     stored: list[Stored] = []
     near = []
+    whole_bytes = 0
     for uri in (path, *task.also):
         storage = Storage(uri)
         place = root / name_below(task.root, uri)
@@ -72,7 +78,11 @@ def bring(task: Task, folder: Path, topics: Container[str] | None = None) -> Nea
             files = [(storage.file(), place)]
         for file, into in files:
             stored.append(file)
-            _bring(storage, file, into, topics, parts)
+            if not _in_parts(storage, file, into, topics, parts):
+                left = most_bytes - whole_bytes
+                if file.size > left:
+                    raise too_large(file.name, file.size, whole_bytes + file.size, most_bytes)
+                whole_bytes += storage.fetch(file, into, most_bytes=left)
     here = replace(
         task,
         path=f"{near[0]}{hash_sign}{run}",
@@ -99,20 +109,20 @@ def still_the_same(task: Task, near: Near, *, ranges: bool) -> bool:
     return signature_of_stored(stored, mode_of(ranges)) == near.signature
 
 
-def _bring(
+def _in_parts(
     storage: Storage, file: Stored, into: Path, topics: Container[str] | None, parts: list[RangedFile]
-) -> None:
-    """Fetch one file, in parts where that is wanted, can be done, and pays."""
+) -> bool:
+    """Fetch one file in parts, where that is wanted, can be done, and pays; whether it was."""
     foresee = _FORESEEN.get(into.suffix)
     if topics is not None and foresee is not None and file.size >= _WORTH_PARTS_BYTES:
         try:
             found = storage.ranges(file, into)
             if found is not None and foresee(found, topics):
                 parts.append(found)
-                return
+                return True
         except ScoreError:
             pass  # it may be had whole, or that will say what is wrong
-    storage.fetch(file, into)
+    return False
 
 
 def name_below(root: str, uri: str) -> str:

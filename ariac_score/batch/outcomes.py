@@ -44,7 +44,7 @@ OUTCOMES: Mapping[str, str] = {
     "refused": "it cannot be told apart from another run",
     "timed_out": "it took longer than a run may",
     "out_of_memory": "it needed more memory than a run may",
-    "too_large": "its result is larger than a result may be",
+    "too_large": "its files, or its result, are larger than those of one run may be",
     "killed": "the process that scored it died, as often as it was tried",
     "changing": "its files changed while they were read",
     "failed": "the scorer failed; this is a fault of the scorer, not of the run",

@@ -213,8 +213,16 @@ class Storage:
             if count > MOST_FILES:
                 return
 
-    def fetch(self, file: Stored, into: Path) -> None:
+    def fetch(self, file: Stored, into: Path, *, most_bytes: int = LARGEST_FILE_BYTES) -> int:
         """Fetch a whole file.
+
+        Args:
+            file: Which.
+            into: Where it is put.
+            most_bytes: Where the storage does not say how large it is.
+
+        Returns:
+            Its size.
 
         Raises:
             OSError: The disk is full.
@@ -223,13 +231,14 @@ class Storage:
             UsageError: The storage wants other credentials.
         """
         into.parent.mkdir(parents=True, exist_ok=True)
-        most = file.size if file.size >= 0 else LARGEST_FILE_BYTES
+        most = file.size if file.size >= 0 else most_bytes
         self._told(lambda: self._system.get_file(file.path, str(into), callback=_bounded(most)), file.path)
         size = into.stat().st_size
         if file.size >= 0 and size != file.size:
             raise UnreachableError(
                 f"{size} bytes came instead of {file.size}", file=shown(file.path), hint=_AGAIN
             )
+        return size
 
     def ranges(self, file: Stored, into: Path) -> RangedFile | None:
         """A file of which parts are fetched when they are read; `None` where it can only be had whole.

@@ -16,7 +16,7 @@ from pathlib import Path
 from sys import intern
 from typing import IO, Any, Protocol
 
-from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
+from ariac_score.batch.address import basis_of, measuring_address, signature_of
 from ariac_score.batch.index import RUNS, Row, Rows, Written, read_rows, tables_sha256, write_tables
 from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
 from ariac_score.batch.pricing import Measurement, Priced, Pricing
@@ -329,16 +329,10 @@ def _contradicted(earlier: Written | None, found: Written) -> bool:
 
 
 def _addressed(done: Done, basis: str) -> Done:
-    """What an executor brought, with the address it belongs to, unless nothing of it is to be kept."""
-    if done.address or done.document is None or summary_of(done.document).outcome == "changing":
+    """What an executor brought, with the address it belongs to; empty where its process hashed nothing."""
+    if done.address or done.document is None or not done.contents:
         return done
-    if done.task.remote:  # what was fetched is gone again; its hash may be known
-        address = measuring_address(done.task, done.contents, basis) if done.contents else ""
-        return replace(done, address=address)
-    # The process died before it could say what it read; the files are still there to be hashed.
-    signature, contents = signature_of(done.task), contents_of(done.task)
-    address = measuring_address(done.task, contents, basis)
-    return replace(done, address=address, contents=contents, signature=signature)
+    return replace(done, address=measuring_address(done.task, done.contents, basis))
 
 
 def _kept(done: Done, setting: Setting, store: Store) -> Row:

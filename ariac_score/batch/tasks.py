@@ -70,11 +70,13 @@ class Limits:
         wall_s: Time on the clock, s.
         memory_bytes: Address space; 0 for no limit.
         output_bytes: Size of its result.
+        input_bytes: Size of its files, all together.
     """
 
     wall_s: float = 600.0
     memory_bytes: int = 8 << 30
     output_bytes: int = 64 << 20
+    input_bytes: int = 128 << 30
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,14 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from ariac_score.batch.address import basis_of, contents_of, measuring_address, signature_of
+from ariac_score.batch.address import (
+    RunTooLargeError,
+    basis_of,
+    contents_of,
+    measuring_address,
+    refuse_excess,
+    signature_of,
+)
 from ariac_score.batch.near import Near, bring, still_the_same
 from ariac_score.batch.outcomes import outcome_document, outcome_of, told_within
 from ariac_score.batch.store import Store
@@ -36,6 +43,7 @@ __all__ = [
     "installed",
     "kept_apart",
     "limit_threads",
+    "noted",
     "parse_report",
     "perform",
     "perform_into",
@@ -48,6 +56,7 @@ _ORPHANED_S = 60.0
 
 NO_ROOM = 74
 """With which the process of a run ends when the disk is too full for its report: no fault of the run."""
+_NOTE = ".contents"
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 _BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -77,7 +86,15 @@ class Done:
     put_off: bool = False
 
 
-def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
+Hashed = Callable[[str, str], None]
+"""Called with the hash of the files of a run and with their signature, once both are known."""
+
+
+def _nobody(_contents: str, _signature: str) -> None:
+    """Remember nothing: nobody is left to ask when this process dies."""
+
+
+def perform(task: Task, setting: Setting, out: Path | None = None, hashed: Hashed = _nobody) -> Done:
     """Score one run, or find that it is scored already.
 
     Args:
@@ -85,23 +102,28 @@ def perform(task: Task, setting: Setting, out: Path | None = None) -> Done:
         setting: Rules and limits.
         out: Folder of the batch, where this worker can see it: a stored measurement is priced
             again instead of measured.
+        hashed: For whoever wants to know what was read even when this process does not end well.
     """
     if task.remote:
         with tempfile.TemporaryDirectory(prefix="ariac-score-") as folder:
             return _perform_elsewhere(task, setting, out, Path(folder), lambda _near: None)
-    return _perform_here(task, setting, out, changing=False)
+    return _perform_here(task, setting, out, hashed, changing=False)
 
 
-def _perform_here(task: Task, setting: Setting, out: Path | None, *, changing: bool) -> Done:
+def _perform_here(task: Task, setting: Setting, out: Path | None, hashed: Hashed, *, changing: bool) -> Done:
     """Score a run whose files are here; those with holes change while they are read."""
+    before = signature_of(task)
+    try:
+        refuse_excess(task, setting.limits.input_bytes)
+    except RunTooLargeError as error:
+        return _beyond_size(task, error)
+    contents = contents_of(task)
+    hashed(contents, before)
     try:
         registry, rule_set, basis = prepared(setting)
     except ScoreError as error:  # this machine has not what the one has where the batch began
-        return Done(
-            task, "", "", "", _because(task, "failed", told_within(error, Path(setting.rules_file).parent))
-        )
-    before = signature_of(task)
-    contents = contents_of(task)
+        words = told_within(error, Path(setting.rules_file).parent)
+        return Done(task, "", contents, before, _because(task, "failed", words))
     address = measuring_address(task, contents, basis)
     store = Store(out) if out is not None else None
     if store is not None and _is_result(store.place(address, setting.rules_sha256)):
@@ -126,12 +148,14 @@ def _perform_elsewhere(
     _, rule_set, _ = prepared(setting)
     topics = topics_read(rule_set, installed()) if setting.ranges else None
     try:
-        near = bring(task, folder, topics)
+        near = bring(task, folder, topics, most_bytes=setting.limits.input_bytes)
+    except RunTooLargeError as error:
+        return _beyond_size(task, error)
     except (ScoreError, OSError) as error:
         return _unreachable(task, error)
     brought(near)
     with reading(near.parts):
-        done = _perform_here(near.task, setting, out, changing=bool(near.parts))
+        done = _perform_here(near.task, setting, out, _nobody, changing=bool(near.parts))
         done = replace(done, task=task, signature=near.signature)
     failures = [file.failure for file in near.parts if file.failure is not None]
     if failures:
@@ -143,6 +167,11 @@ def _perform_elsewhere(
     if same:
         return done
     return Done(task, "", "", "", _because(task, "changing", "it changed while it was fetched; call again"))
+
+
+def _beyond_size(task: Task, error: RunTooLargeError) -> Done:
+    """A run with more or larger files than may be; nobody hashed them, so the next call looks again."""
+    return Done(task, "", "", "", _because(task, "too_large", f"{error}; {error.hint}"))
 
 
 def _unreachable(task: Task, error: Exception) -> Done:
@@ -266,21 +295,34 @@ def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -
         gc.collect()
         limit = setting.limits.memory_bytes >> 20
         reason = f"it needed more than {limit} MiB; raise --memory-mb if the log is sound"
-        _leave(Done(task, "", "", "", _because(task, "out_of_memory", reason)), report)
+        _leave(Done(task, "", *noted(report), _because(task, "out_of_memory", reason)), report)
     os._exit(0)  # nothing is left to be tidied up, and taking modules apart takes as long as a small trial
 
 
 def _wherever(task: Task, setting: Setting, out: Path | None, report: Path) -> Done:
     """Score a run that lies here, or fetch it first."""
 
+    def hashed(contents: str, signature: str) -> None:
+        kept_apart(report, _NOTE).write_text(f"{contents} {signature}", encoding="ascii")
+
     def brought(near: Near) -> None:
-        kept_apart(report, ".contents").write_text(near.contents, encoding="ascii")
+        hashed(near.contents, task.signature)
         largest = max((file.size for file in near.parts), default=0)
         _keep(setting.limits, max(largest, setting.limits.output_bytes))
 
     if task.remote:
         return _perform_elsewhere(task, setting, out, kept_apart(report, ".near"), brought)
-    return perform(task, setting, out)
+    return perform(task, setting, out, hashed)
+
+
+def noted(report: Path) -> tuple[str, str]:
+    """Hash and signature of the files of a run, as its process noted them; empty when it got not so far."""
+    try:
+        contents, _, signature = kept_apart(report, _NOTE).read_text(encoding="ascii").partition(" ")
+    except (OSError, ValueError):
+        return "", ""
+    whole = len(contents) == hashlib.sha256().digest_size * 2
+    return (contents, signature) if whole else ("", "")
 
 
 def _leave(done: Done, report: Path) -> None:

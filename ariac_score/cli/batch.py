@@ -53,6 +53,9 @@ def register(commands: Any) -> None:
         "--output-mb", type=int, default=64, metavar="MIB", help="size of one result; default: 64"
     )
     parser.add_argument(
+        "--input-gb", type=int, default=128, metavar="GIB", help="size of the files of one run; default: 128"
+    )
+    parser.add_argument(
         "--again",
         action="store_true",
         help="also try runs again that were late, out of memory, killed or met a fault of the scorer",
@@ -76,11 +79,17 @@ def run(arguments: argparse.Namespace) -> int:
     from ariac_score.errors import UsageError  # noqa: PLC0415
     from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
 
-    if arguments.jobs < 0 or arguments.time_limit_s <= 0 or min(arguments.memory_mb, arguments.output_mb) < 0:
+    sizes = (arguments.memory_mb, arguments.output_mb, arguments.input_gb)
+    if arguments.jobs < 0 or arguments.time_limit_s <= 0 or min(sizes) < 0:
         raise UsageError("a limit is negative, or no time at all", hint="leave it out for the default")
     part = shard(arguments.shard) if arguments.shard else (1, 1)
     _refuse_elsewhere(arguments.output)
-    limits = Limits(arguments.time_limit_s, arguments.memory_mb << 20, arguments.output_mb << 20)
+    limits = Limits(
+        arguments.time_limit_s,
+        arguments.memory_mb << 20,
+        arguments.output_mb << 20,
+        arguments.input_gb << 30,
+    )
     with TemporaryDirectory(prefix="ariac-score-") as laid_out:
         plan = _planned(arguments, Path(laid_out), part)
         rule_set = load_rule_set(plan.rules)

@@ -30,21 +30,21 @@ def dies_at_first(task: Task, setting: Setting, out: Path | None, report: Path) 
 def crashes(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
     """A fault in a library, for one log only."""
     if "bad" in task.trial:
-        os.kill(os.getpid(), signal.SIGSEGV)
+        _when_asked(lambda: os.kill(os.getpid(), signal.SIGSEGV))
     worker.perform_into(task, setting, out, report)
 
 
 def leaves(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
     """Ends without a word, as a plugin might."""
     if "bad" in task.trial:
-        os._exit(0)
+        _when_asked(lambda: os._exit(0))
     worker.perform_into(task, setting, out, report)
 
 
 def never_ends(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
     """Waits for ever on one log."""
     if "bad" in task.trial:
-        threading.Event().wait()
+        _when_asked(threading.Event().wait)
     worker.perform_into(task, setting, out, report)
 
 
@@ -65,15 +65,16 @@ def raises(task: Task, setting: Setting, out: Path | None, report: Path) -> None
 def dies_when_asked(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
     """A fault in a library while one log is scored."""
     if "bad" in task.trial:
-        worker.score_trial = lambda *_, **__: os.kill(os.getpid(), signal.SIGSEGV)  # type: ignore[assignment,return-value]
+        _when_asked(lambda: os.kill(os.getpid(), signal.SIGSEGV))
     worker.perform_into(task, setting, out, report)
 
 
 def dies_of_both(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
     """Killed by strange hands before and between faults of its own, for one log only."""
-    if "bad" not in task.trial:
-        worker.perform_into(task, setting, out, report)
-    os.kill(os.getpid(), signal.SIGSEGV if _tried(task, report) in (1, 4) else signal.SIGKILL)
+    if "bad" in task.trial:
+        own = _tried(task, report) in (1, 4)
+        _when_asked(lambda: os.kill(os.getpid(), signal.SIGSEGV if own else signal.SIGKILL))
+    worker.perform_into(task, setting, out, report)
 
 
 def takes_its_server_along(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
@@ -149,6 +150,11 @@ def is_killed_beside_others(task: Task, setting: Setting, earlier: bytes) -> Don
 def cannot_work(_task: Task, _setting: Setting, _earlier: bytes) -> Done:
     """A worker whose disk is full."""
     return full()
+
+
+def _when_asked(does: Callable[[], object]) -> None:
+    """Have something else done where the log is scored, its files being hashed already."""
+    worker.score_trial = lambda *_, **__: does()  # type: ignore[assignment,return-value]
 
 
 def _tried(task: Task, report: Path) -> int:

@@ -606,6 +606,28 @@ def test_more_than_was_announced_is_not_fetched_to_its_end(web: Web, tmp_path: P
     assert (tmp_path / "into").stat().st_size < 25_000_000
 
 
+@pytest.mark.parametrize("ranges", [False, True])
+@pytest.mark.parametrize("spare_bytes", [0, -1])
+def test_a_run_with_more_bytes_than_a_run_may_have_is_not_fetched(
+    web: Web, spare_bytes: int, ranges: bool
+) -> None:
+    (web.root / "run").mkdir()
+    shutil.copyfile(EXAMPLE, web.root / "run/log.mcap")
+    (web.root / "run/notes.txt").write_bytes(bytes(1000))
+    size = EXAMPLE.stat().st_size + 1000
+    limits = Limits(120.0, 0, input_bytes=size + spare_bytes)
+    setting = Setting.of(load_rule_set(RULES), limits, ranges=ranges)
+
+    done = perform(Task("", "run", 1, f"{web.url}/run/"), setting)
+
+    if spare_bytes == 0:
+        assert document(done)["schema"] == "ariac-score/result/1"
+    else:
+        found = document(done)
+        assert (found["outcome"], done.address) == ("too_large", "")
+        assert f"{size}; all files of a run may have {size - 1}; remove" in found["reason"]
+
+
 def test_a_process_that_dies_leaves_the_hash_of_what_it_read(web: Web, tmp_path: Path) -> None:
     (web.root / "t").mkdir()
     shutil.copyfile(EXAMPLE, web.root / "t" / "bad.mcap")

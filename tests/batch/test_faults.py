@@ -8,6 +8,7 @@ import json
 import os
 import runpy
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -15,12 +16,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
 from ariac_score import load_rule_set
-from ariac_score.batch import local, store
+from ariac_score.batch import address, local, store
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.outcomes import summary_of
 from ariac_score.batch.tasks import Limits, Setting, Task
@@ -399,6 +400,179 @@ def test_a_result_that_a_newer_version_wrote_is_named_as_one_when_joining(
     said = capsys.readouterr().err
     assert "a newer version wrote it, as ariac-score/result/2" in said
     assert "update ariac-score" in said
+
+
+# Files without end ---------------------------------------------------------------------
+
+ENDLESS_BYTES = 400 * 10**9
+
+
+@contextmanager
+def within(seconds: int) -> Iterator[None]:
+    """Fail a test that would otherwise wait for ever."""
+
+    def ring(*_: object) -> NoReturn:
+        pytest.fail(f"it did not end within {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture
+def endless(trials: Path) -> Path:
+    """A run beside the others with a file that is sparse: no room on the disk, and a day to read."""
+    run = trials / "endless"
+    run.mkdir()
+    shutil.copyfile(trials / "a.jsonl", run / "log.jsonl")
+    (run / "camera.bin").touch()
+    try:
+        os.truncate(run / "camera.bin", ENDLESS_BYTES)
+    except OSError as cause:
+        pytest.skip(f"this file system has no sparse files of 400 GB: {cause.strerror}")
+    return run
+
+
+def rows_of(out: Path) -> dict[str, dict[str, Any]]:
+    lines = (out / "runs.jsonl").read_text(encoding="ascii").splitlines()
+    return {row["trial"]: row for row in map(json.loads, lines)}
+
+
+@pytest.mark.usefixtures("endless")
+def test_a_file_without_end_costs_its_run_alone_and_is_named_with_size_and_limit(
+    trials: Path, tmp_path: Path
+) -> None:
+    for _ in range(2):  # resumed, it is looked at again, which takes as little
+        with within(120):
+            assert batch(trials, tmp_path / "out") == 6
+
+    assert outcomes(tmp_path / "out") == {
+        "a.jsonl": "scored",
+        "b.jsonl": "nothing_to_score",
+        "endless": "too_large",
+    }
+    reason = rows_of(tmp_path / "out")["endless"]["reason"]
+    assert reason.startswith(f"endless/camera.bin has {ENDLESS_BYTES} bytes")
+    assert f"all files of a run may have {128 << 30}; remove what is no part of the trial" in reason
+    assert "raise --input-gb" in reason
+
+
+@pytest.mark.usefixtures("endless")
+def test_a_run_that_cannot_be_hashed_in_its_time_is_late_and_holds_up_nobody(
+    trials: Path, tmp_path: Path
+) -> None:
+    options = ["--input-gb", "500", "--time-limit-s", "5"]
+    with within(120):
+        code = main(
+            ["batch", str(trials), "--rules", RULES, "-o", str(tmp_path / "out"), "-j", "1", *options]
+        )
+
+    assert code == 6
+    assert outcomes(tmp_path / "out")["a.jsonl"] == "scored"
+    assert outcomes(tmp_path / "out")["endless"] == "timed_out"
+
+
+@pytest.mark.parametrize("spare_bytes", [0, -1])
+def test_the_files_of_a_run_may_have_exactly_as_many_bytes_as_the_limit_says(
+    trials: Path, spare_bytes: int
+) -> None:
+    run = trials / "run"
+    run.mkdir()
+    shutil.copyfile(trials / "a.jsonl", run / "log.jsonl")
+    (run / "notes.txt").write_bytes(bytes(1000))
+    size = (run / "log.jsonl").stat().st_size
+    limits = Limits(120.0, 0, input_bytes=size + 1000 + spare_bytes)
+
+    done = hands.worker.perform(Task("", "run", 1, str(run)), Setting.of(load_rule_set(RULES), limits))
+
+    found = summary_of(done.document or b"")
+    if spare_bytes == 0:
+        assert found.outcome == "scored"
+    else:
+        assert (found.outcome, done.contents, done.address) == ("too_large", "", "")
+        assert found.reason.startswith(f"run/log.jsonl has {size} bytes, with the other files of the run")
+
+
+def pipe(run: Path) -> None:
+    os.mkfifo(run / "pipe.jsonl")
+
+
+def device(run: Path) -> None:
+    (run / "zeros.bag").symlink_to("/dev/zero")
+
+
+def kernel_log(run: Path) -> None:
+    (run / "kernel.txt").symlink_to("/proc/kmsg")  # a regular file of no size that is read for ever
+
+
+def loops(run: Path) -> None:
+    (run / "self").symlink_to("self")
+    (run / "above").symlink_to(run)
+    (run / "there").symlink_to("back")
+    (run / "back").symlink_to("there")
+
+
+def deep(run: Path) -> None:
+    """Folders within folders, deeper than Python's stack."""
+    here = os.open(run, os.O_RDONLY)
+    for _ in range(1100):
+        os.mkdir("d", dir_fd=here)
+        below = os.open("d", os.O_RDONLY, dir_fd=here)
+        os.close(here)
+        here = below
+    os.close(here)
+
+
+@pytest.mark.parametrize(
+    ("brings", "ends"),
+    [
+        (pipe, {"scored"}),
+        (device, {"scored"}),
+        (kernel_log, {"timed_out", "unreadable"}),  # the latter for whoever may not read it
+        (loops, {"scored"}),
+        (deep, {"scored"}),
+    ],
+)
+def test_what_is_no_plain_file_in_the_folder_of_a_run_holds_up_nobody(
+    trials: Path, tmp_path: Path, brings: Callable[[Path], None], ends: set[str]
+) -> None:
+    run = trials / "odd"
+    run.mkdir()
+    shutil.copyfile(trials / "a.jsonl", run / "log.jsonl")
+    brings(run)
+
+    with within(120):
+        options = ["--rules", RULES, "-o", str(tmp_path / "out"), "-j", "1", "--time-limit-s", "5"]
+        assert main(["batch", str(trials), *options]) == 6
+    if brings is deep:
+        subprocess.run(["/bin/rm", "-rf", str(run)], check=True)  # which `shutil.rmtree` cannot
+
+    found = outcomes(tmp_path / "out")
+    assert found["a.jsonl"] == "scored"
+    assert found["odd"] in ends
+
+
+def test_more_entries_than_a_run_has_are_not_looked_at(trials: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = trials / "many"
+    (run / "below").mkdir(parents=True)
+    shutil.copyfile(trials / "a.jsonl", run / "log.jsonl")
+    for number in range(8):
+        (run / "below" / f"{number}.png").touch()
+    task, setting = Task("", "many", 1, str(run)), Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+
+    monkeypatch.setattr(address, "MOST_ENTRIES", 10)
+    assert address.signature_of(task)
+    assert summary_of(hands.worker.perform(task, setting).document or b"").outcome == "scored"
+
+    monkeypatch.setattr(address, "MOST_ENTRIES", 9)
+    assert address.signature_of(task) == ""
+    found = summary_of(hands.worker.perform(task, setting).document or b"")
+    assert found.outcome == "too_large"
+    assert found.reason.startswith("more than 9 files and folders lie in many; name the folder of one run")
 
 
 # Clusters ------------------------------------------------------------------------------
