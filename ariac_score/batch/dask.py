@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
 
 import distributed
 
 from ariac_score.batch.isolated import absolute, earlier_document, measure_apart
 from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS, lost
+from ariac_score.batch.patience import LOOK_S, Patience
 from ariac_score.batch.tasks import Setting, Task
 from ariac_score.batch.worker import Done
 from ariac_score.errors import BatchError, UsageError
@@ -23,6 +26,9 @@ _AHEAD = 4
 _ALONE = 2
 """How often a run that was there when worker after worker was lost is tried again, with nothing beside it."""
 _CONNECT_S = 20
+_ANSWER_S = 10
+"""How long the scheduler may take to say how many workers it has."""
+_Value = TypeVar("_Value")
 
 
 @dataclass
@@ -48,32 +54,56 @@ class DaskExecutor:
         """Each task's outcome, in the order in which they finish.
 
         Raises:
-            BatchError: The scheduler is lost, or no worker can work.
+            BatchError: The scheduler is lost, no worker can work, or none has been there for minutes.
         """
         waiting, suspects = iter(tasks), list[Task]()
+        finished: SimpleQueue[Any] = SimpleQueue()
+        patience = Patience(self._address(), lambda: len(self._threads()), setting)
+        under_way: dict[Any, Task] = {}
+
+        def begin(count: int) -> None:
+            for task in islice(waiting, count):
+                future = self._submit(task, setting)
+                under_way[future] = task
+                future.add_done_callback(finished.put)
+
         with self.client:
-            threads = sum(self.client.nthreads().values()) or 1
-            under_way = {self._submit(task, setting): task for task in islice(waiting, threads * _AHEAD)}
-            finished = distributed.as_completed(list(under_way), loop=self.client.loop, raise_errors=False)
-            for future in finished:
+            begin((sum(self._threads().values()) or 1) * _AHEAD)
+            while under_way:
+                future = _waited(lambda most_s: finished.get(timeout=most_s), patience)
                 task = under_way.pop(future)
-                done = self._result(future, task)
+                done = self._result(future, task, patience)
                 if done is None or done.put_off:
                     suspects.append(task)
                 else:
                     yield done
                 future.release()
-                for following in islice(waiting, 1):
-                    new = self._submit(following, setting)
-                    under_way[new] = following
-                    finished.add(new)
+                begin(1)
             for task in suspects:
-                yield self._alone(task, setting)
+                yield self._alone(task, setting, patience)
 
-    def _alone(self, task: Task, setting: Setting) -> Done:
+    def _address(self) -> str:
+        return str(self.client.scheduler.address)
+
+    def _threads(self) -> dict[str, int]:
+        """The threads of each worker.
+
+        Raises:
+            BatchError: The scheduler does not say.
+        """
+        try:
+            threads: dict[str, int] = self.client.nthreads(callback_timeout=_ANSWER_S)
+        except (OSError, distributed.TimeoutError) as cause:
+            raise BatchError(
+                f"the scheduler at {self._address()} does not answer",
+                hint=f"start it and its workers, {AND_AGAIN}",
+            ) from cause
+        return threads
+
+    def _alone(self, task: Task, setting: Setting, patience: Patience) -> Done:
         done = None
         for _ in range(_ALONE):
-            done = self._result(self._submit(task, setting), task)
+            done = self._result(self._submit(task, setting), task, patience)
             if done is not None and not done.put_off:
                 break
         return done or lost(task, "killed", "worker after worker that scored it was lost")
@@ -84,16 +114,22 @@ class DaskExecutor:
             measure_apart, absolute(task), setting, earlier, pure=False, retries=STRANGE_HAND_ATTEMPTS
         )
 
-    def _result(self, future: Any, task: Task) -> Done | None:
-        """What came of a task; `None` when all workers that had it were lost."""
-        error = future.exception()
+    def _result(self, future: Any, task: Task, patience: Patience) -> Done | None:
+        """What came of a task; `None` when all workers that had it were lost.
+
+        That it was finished is no promise: a result lies with its worker until it is fetched, and when that
+        worker is lost somebody has to do the work again.
+        """
+        error = _waited(future.exception, patience)
         if future.cancelled():
-            raise BatchError(
-                "the scheduler was lost",
-                hint=f"start it and its workers, {AND_AGAIN}",
-            )
+            raise self._lost()
         if error is None:
-            done: Done = future.result()
+            try:
+                done: Done = _waited(future.result, patience)
+            except distributed.KilledWorker:
+                return None
+            except CancelledError as cause:
+                raise self._lost() from cause
             return replace(done, task=task)
         if isinstance(error, distributed.KilledWorker):
             return None
@@ -101,6 +137,27 @@ class DaskExecutor:
         if isinstance(error, OSError):
             raise BatchError(f"no worker could do its work: {what}", hint=f"see to the workers, {AND_AGAIN}")
         return lost(task, "killed", f"every worker that scored it failed: {what}")
+
+    def _lost(self) -> BatchError:
+        return BatchError(
+            f"the scheduler was lost: {self._address()}", hint=f"start it and its workers, {AND_AGAIN}"
+        )
+
+
+def _waited(ask: Callable[[float], _Value], patience: Patience) -> _Value:
+    """What comes of asking, which takes a time-out, as long as there is somebody to wait for.
+
+    Raises:
+        BatchError: There is nobody.
+    """
+    while True:
+        try:
+            value = ask(LOOK_S)
+        except (Empty, distributed.TimeoutError):
+            patience.look()
+        else:
+            patience.came()
+            return value
 
 
 def dask_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> DaskExecutor:

@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
@@ -21,9 +21,10 @@ from typing import Any, NoReturn
 import pytest
 
 from ariac_score import load_rule_set
-from ariac_score.batch import address, local, store
+from ariac_score.batch import address, local, patience, store
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.outcomes import summary_of
+from ariac_score.batch.patience import Patience
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.batch.worker import Done, parse_report, report_of
 from ariac_score.cli import main
@@ -584,6 +585,7 @@ def cluster(workers: int) -> Iterator[Any]:
     distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     dask = pytest.importorskip("dask")
     with (
+        within(300),
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(
             n_workers=workers,
@@ -671,7 +673,93 @@ def test_a_scheduler_that_is_lost_in_the_middle_ends_the_batch_and_loses_nothing
         results = on_a_cluster(made.scheduler_address, names, trials, tmp_path)
         assert summary_of(next(results).document or b"").outcome == "scored"
         made.close()
-        with pytest.raises(BatchError, match="the scheduler was lost") as caught:
+        with pytest.raises(BatchError, match="the scheduler was lost: tcp://") as caught:
             list(results)
 
     assert "only the rest is done" in caught.value.hint
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(patience, "WITHOUT_WORKERS_S", 1.0)
+    monkeypatch.setattr(patience, "LOOK_S", 0.2)
+    monkeypatch.setattr("ariac_score.batch.dask.LOOK_S", 0.2)
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_cluster_whose_workers_are_gone_ends_the_batch_by_name_and_keeps_what_was_done(
+    trials: Path, tmp_path: Path
+) -> None:
+    names = [f"{number}.jsonl" for number in range(12)]
+    for name in names:
+        shutil.copyfile(trials / "a.jsonl", trials / name)
+
+    with cluster(1) as made:
+        results = on_a_cluster(made.scheduler_address, names, trials, tmp_path)
+        assert summary_of(next(results).document or b"").outcome == "scored"
+        made.scale(0)  # what was finished and not fetched is lost with its worker
+        with pytest.raises(BatchError) as caught:
+            list(results)
+
+    assert f"the cluster at {made.scheduler_address} has had no worker for 1 s" in str(caught.value)
+    assert caught.value.exit_code == 7
+    assert caught.value.hint.startswith("start workers, and call again: what was scored is kept")
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_cluster_that_never_has_a_worker_is_not_waited_for_without_end(
+    trials: Path, tmp_path: Path
+) -> None:
+    with cluster(0) as made, pytest.raises(BatchError, match="has had no worker for"):
+        list(on_a_cluster(made.scheduler_address, ["a.jsonl"], trials, tmp_path))
+
+
+def looked(
+    monkeypatch: pytest.MonkeyPatch, seen: Callable[[], int], times_s: Iterable[float], wall_s: float = 600.0
+) -> str:
+    """What is said when a cluster is looked at, at some times after the last thing came."""
+    clock = [0.0]
+    monkeypatch.setattr(patience.time, "monotonic", lambda: clock[0])
+    one = Patience("tcp://here:1", seen, Setting.of(load_rule_set(RULES), Limits(wall_s)))
+    one.came()
+    try:
+        for clock[0] in times_s:
+            one.look()
+    except BatchError as error:
+        return str(error)
+    return ""
+
+
+def away() -> int:
+    raise OSError("no route")
+
+
+@pytest.mark.parametrize(
+    ("seen", "end_s", "words"),
+    [
+        (lambda: 0, 300, ""),
+        (lambda: 0, 305, "the cluster at tcp://here:1 has had no worker for 305 s"),
+        (away, 305, "the cluster at tcp://here:1 has had no scheduler that answers for 305 s"),
+        (lambda: 3, 12 * 600, ""),
+        (
+            lambda: 3,
+            12 * 600 + 5,
+            "the 3 workers of the cluster at tcp://here:1 have given nothing for 7205 s, "
+            "and a run may take 600 s",
+        ),
+    ],
+)
+def test_a_cluster_is_waited_for_as_long_as_a_run_can_honestly_take(
+    monkeypatch: pytest.MonkeyPatch, seen: Callable[[], int], end_s: int, words: str
+) -> None:
+    assert looked(monkeypatch, seen, range(5, end_s + 1, 5)) == words
+
+
+def test_time_in_which_nobody_looked_is_no_time_without_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert looked(monkeypatch, lambda: 0, [5, 10_000, 20_000]) == ""
+
+
+def test_workers_that_come_back_are_given_their_time_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = iter([0] * 60 + [1] + [0] * 60)
+
+    assert looked(monkeypatch, lambda: next(counts), range(5, 606, 5)) == ""

@@ -1,0 +1,76 @@
+"""How long a batch waits for a cluster of which nothing comes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS
+from ariac_score.batch.tasks import Setting
+from ariac_score.errors import BatchError
+
+__all__ = ["LOOK_S", "Patience"]
+
+LOOK_S = 5.0
+"""Between two looks at a cluster while nothing comes."""
+WITHOUT_WORKERS_S = 300.0
+"""How long workers may be away: a cluster that grows on demand needs minutes to bring its first."""
+
+
+@dataclass
+class Patience:
+    """Ends the wait for a cluster that does not work any more.
+
+    While there are workers, the longest honest wait is that for one run which strange hands kill again
+    and again shortly before its time is up.
+
+    Attributes:
+        cluster: Its address, for whoever has to see to it.
+        workers: Says how many workers it has.
+        setting: With the time that a run may take.
+    """
+
+    cluster: str
+    workers: Callable[[], int]
+    setting: Setting
+    _looked_s: float = field(default_factory=time.monotonic, init=False)
+    _silent_s: float = field(default=0.0, init=False)
+    _without_s: float = field(default=0.0, init=False)
+
+    def came(self) -> None:
+        """Begin anew: something has come."""
+        self._looked_s, self._silent_s, self._without_s = time.monotonic(), 0.0, 0.0
+
+    def look(self) -> None:
+        """See whether waiting on makes sense.
+
+        Raises:
+            BatchError: The cluster has had no worker, or has given nothing, for too long.
+        """
+        now = time.monotonic()
+        # No more than two looks' time: a machine that slept, or was stopped, did not wait.
+        passed_s, self._looked_s = min(now - self._looked_s, 2 * LOOK_S), now
+        self._silent_s += passed_s
+        count = self._count()
+        self._without_s = 0.0 if count else self._without_s + passed_s
+        if self._without_s > WITHOUT_WORKERS_S:
+            seen = "no worker" if count == 0 else "no scheduler that answers"
+            raise BatchError(
+                f"the cluster at {self.cluster} has had {seen} for {self._without_s:.0f} s",
+                hint=f"start workers, {AND_AGAIN}",
+            )
+        longest_s = max(WITHOUT_WORKERS_S, self.setting.limits.wall_s * STRANGE_HAND_ATTEMPTS)
+        if self._silent_s > longest_s:
+            raise BatchError(
+                f"the {count} workers of the cluster at {self.cluster} have given nothing for "
+                f"{self._silent_s:.0f} s, and a run may take {self.setting.limits.wall_s:g} s",
+                hint=f"see what holds them up, {AND_AGAIN}",
+            )
+
+    def _count(self) -> int | None:
+        """How many workers there are; `None` when nobody answers."""
+        try:
+            return self.workers()
+        except Exception:  # noqa: BLE001  # every library has errors of its own for a scheduler that is away
+            return None
