@@ -17,6 +17,7 @@ import ray
 
 from ariac_score.batch.isolated import absolute, earlier_document, measure_apart
 from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS, lost
+from ariac_score.batch.patience import LOOK_S, Patience
 from ariac_score.batch.tasks import Setting, Task
 from ariac_score.batch.worker import Done
 from ariac_score.errors import BatchError, UsageError
@@ -51,7 +52,7 @@ class RayExecutor:
         """Each task's outcome, in the order in which they finish.
 
         Raises:
-            BatchError: No worker can work.
+            BatchError: No worker can work, or none has been there for minutes.
         """
         measure = ray.remote(max_retries=STRANGE_HAND_ATTEMPTS, retry_exceptions=[OSError], num_cpus=1)(
             self.measure
@@ -62,13 +63,17 @@ class RayExecutor:
             return measure.remote(absolute(task), shared, earlier_document(task, self.out))
 
         waiting, suspects = iter(tasks), list[Task]()
+        patience = Patience(ray.get_runtime_context().gcs_address, _workers, setting)
         try:
             room = max(1, int(ray.cluster_resources().get("CPU", 1))) * _AHEAD
             under_way = {submitted(task): task for task in islice(waiting, room)}
             while under_way:
-                (future, *_), _ = ray.wait(list(under_way), num_returns=1)
-                task = under_way.pop(future)
-                done = _result(future, task)
+                finished, _ = ray.wait(list(under_way), num_returns=1, timeout=LOOK_S)
+                if not finished:
+                    patience.look()
+                    continue
+                task = under_way.pop(finished[0])
+                done = _result(finished[0], task, patience)
                 if done.put_off:
                     suspects.append(task)
                 else:
@@ -76,14 +81,36 @@ class RayExecutor:
                 for following in islice(waiting, 1):
                     under_way[submitted(following)] = following
             for task in suspects:  # alone
-                yield _result(submitted(task), task)
+                yield _result(submitted(task), task, patience)
         finally:
             ray.shutdown()
 
 
-def _result(future: Any, task: Task) -> Done:
+def _workers() -> int:
+    """How many machines of the cluster are there to work."""
+    return sum(1 for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU"))
+
+
+def _fetched(future: Any, patience: Patience) -> Done:
+    """What came of a task, as long as there is somebody to wait for.
+
+    Raises:
+        BatchError: There is nobody.
+        RayError: What became of it instead.
+    """
+    while True:
+        try:
+            done: Done = ray.get(future, timeout=LOOK_S)
+        except ray.exceptions.GetTimeoutError:
+            patience.look()
+        else:
+            patience.came()
+            return done
+
+
+def _result(future: Any, task: Task, patience: Patience) -> Done:
     try:
-        done: Done = ray.get(future)
+        done = _fetched(future, patience)
     except ray.exceptions.WorkerCrashedError:  # its words name a process and a machine
         return lost(task, "killed", "worker after worker that scored it was lost")
     except ray.exceptions.RayError as error:

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from ariac_score import load_rule_set
+from ariac_score.batch import patience
 from ariac_score.batch.index import Row
 from ariac_score.batch.isolated import measure_apart
 from ariac_score.batch.store import Store
@@ -21,12 +22,13 @@ from ariac_score.batch.supervise import Executor, Report, run_batch
 from ariac_score.batch.tasks import Limits, Setting, Task, plan_batch
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
-from ariac_score.errors import UsageError
+from ariac_score.errors import BatchError, UsageError
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
 ray = pytest.importorskip("ray", reason="the extra 'ray' is not installed")
 executors = pytest.importorskip("ariac_score.batch.ray")
 
+ray_remote = ray.remote
 RULES = "ariac2020.as_coded"
 NAMES = ("a", "b", "c", "d_bad", "e", "f")
 
@@ -142,6 +144,24 @@ def test_a_run_that_takes_worker_after_worker_with_it_is_given_up_by_name(
     assert found.pop("note.txt") == "nothing_to_score"
     assert set(found.values()) == {"scored"}
     assert len(list(marks.iterdir())) == 3  # not for ever
+
+
+@pytest.mark.usefixtures("cluster")
+def test_a_cluster_without_a_machine_that_works_ends_the_batch_by_name(
+    trials: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # No machine has this much room, so that the run waits as it does when all of them are gone.
+    monkeypatch.setattr(executors.ray, "remote", lambda **told: ray_remote(**{**told, "num_cpus": 64}))
+    monkeypatch.setattr(executors, "_workers", lambda: 0)
+    monkeypatch.setattr(executors, "LOOK_S", 0.2)
+    monkeypatch.setattr(patience, "LOOK_S", 0.2)
+    monkeypatch.setattr(patience, "WITHOUT_WORKERS_S", 1.0)
+    setting = Setting.of(load_rule_set(RULES), Limits(120.0))
+
+    with pytest.raises(BatchError, match=r"the cluster at \S+ has had no worker for 1 s") as caught:
+        list(Staying().run([Task("", "a.jsonl", 1, str(trials / "a.jsonl"))], setting))
+
+    assert caught.value.exit_code == 7
 
 
 def test_a_supervisor_that_is_killed_goes_on_with_the_same_bytes(
