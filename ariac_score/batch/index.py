@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ariac_score.batch.outcomes import Summary, summary_of
-from ariac_score.batch.store import Store
+from ariac_score.batch.store import Store, read_document
 from ariac_score.batch.tasks import TaskKey
 from ariac_score.errors import BatchError
 from ariac_score.result_json import newer_schema
@@ -260,7 +260,7 @@ def _document(row: Row, root: Path) -> bytes:
         raise BatchError(f"{row.object!r} is no place of a result", file=root / RUNS, hint=AGAIN)
     source = root / row.object
     try:
-        document = source.read_bytes()
+        document = read_document(source)
     except OSError as cause:
         raise BatchError(f"cannot be read: {cause.strerror}", file=source, hint=AGAIN) from cause
     if hashlib.sha256(document).hexdigest() != row.sha256:

@@ -41,6 +41,7 @@ __all__ = [
     "fresh_processes",
     "lost",
     "started",
+    "stop",
     "too_late",
     "usable_cores",
 ]
@@ -62,6 +63,8 @@ _STRANGE_HANDS = frozenset(
 )
 _START_ATTEMPTS = 5
 _LONGEST_WAIT_S = 1.0
+_KILLED_S = 10.0
+"""How long a process may take to be gone once it is killed."""
 _SETTING = "ARIAC_SCORE_BATCH_SETTING"
 
 
@@ -159,7 +162,7 @@ class LocalExecutor:
                         (at_last if came.put_off else again).append((ended.task, came))
         finally:
             for one in running:
-                _stop(one.process)
+                stop(one.process)
 
     def _start(self, context: Any, task: Task, deaths: _Deaths, setting: Setting) -> _Running:
         self._serial += 1
@@ -183,9 +186,10 @@ class LocalExecutor:
         process, task = ended.process, ended.task
         late = process.is_alive()
         if late:
-            _stop(process)
+            stop(process)
         code = process.exitcode
-        process.close()
+        with suppress(ValueError):  # it is still there
+            process.close()
         contents, signature = _cleared(ended)
         with suppress(OSError, ValueError, KeyError):
             done = parse_report(task, ended.report.read_bytes())
@@ -255,10 +259,11 @@ def started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...
     raise AssertionError("unreachable")
 
 
-def _stop(process: BaseProcess) -> None:
+def stop(process: BaseProcess) -> None:
+    """Kill a process; one that the kernel holds, as for a disk that does not answer, is left behind."""
     with suppress(ValueError, OSError):
         process.kill()
-        process.join()
+        process.join(_KILLED_S)
 
 
 def fresh_processes(work: Path, setting: Setting) -> Any:

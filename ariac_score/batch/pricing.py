@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.index import Row, Written
-from ariac_score.batch.local import begin_server, fresh_processes, started, usable_cores
+from ariac_score.batch.local import begin_server, fresh_processes, started, stop, usable_cores
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Setting, Task, TaskKey
 from ariac_score.batch.worker import prepared
@@ -33,6 +33,8 @@ __all__ = ["Measurement", "Priced", "Pricing"]
 _AT_A_TIME = 32
 _AHEAD = 1024
 """So many are looked for while the processes start, and are known at a time."""
+_AT_LEAST_S = 60.0
+"""How long an answer may take where the limit of a run is shorter: these are some at a time."""
 _GOING_S = 10.0
 """How long a process may take to finish what it has begun when nobody wants more of it."""
 
@@ -115,15 +117,26 @@ class Pricing:
         if not self._pricers:  # nobody is left to price them
             yield from ((self._waiting.popleft(), None) for _ in range(len(self._waiting)))
             return
-        for connection in wait([place for place, pricer in self._pricers.items() if pricer.asked]):
+        at_work = [place for place, pricer in self._pricers.items() if pricer.asked]
+        ready = wait(at_work, timeout=max(self._setting.limits.wall_s, _AT_LEAST_S))
+        for connection in () if ready else at_work:  # they are stopped or stuck: somebody else has to do it
+            yield from self._without(connection)
+        for connection in ready:
             pricer = self._pricers[connection]
             asked, rows = pricer.asked, pricer.answer()
             if rows is None:
-                del self._pricers[connection]
-                pricer.end()
+                pricer.asked = asked
+                yield from self._without(connection)
             else:
                 self._hand_out(pricer)
-            yield from zip(asked, rows or [None] * len(asked), strict=True)
+                yield from zip(asked, rows, strict=True)
+
+    def _without(self, connection: Any) -> Iterator[Priced]:
+        """Go on without a process; what it was asked for has no price."""
+        pricer = self._pricers.pop(connection)
+        asked, pricer.asked = pricer.asked, ()
+        pricer.end()
+        yield from ((one, None) for one in asked)
 
     def _start(self) -> None:
         self._started = True
@@ -174,8 +187,7 @@ class _Pricer:
         """Let the process finish what it writes, and go."""
         self.connection.close()
         self._process.join(_GOING_S)
-        self._process.kill()
-        self._process.join()
+        stop(self._process)
 
 
 def _serve(connection: Connection, setting: Setting, out: str) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,12 +14,13 @@ from pathlib import Path
 
 from ariac_score.errors import UsageError
 
-__all__ = ["Store"]
+__all__ = ["Store", "read_document"]
 
 _OBJECTS = "objects"
 _WORK = ".work-"
 _LOCK = ".lock"
 _PART = ".part-"
+LARGEST_DOCUMENT_BYTES = 1 << 30
 
 
 class Store:
@@ -65,8 +68,7 @@ class Store:
         Raises:
             OSError: It is not there, or cannot be read.
         """
-        with open(f"{self.root}/{name}", "rb", buffering=0) as stored:  # noqa: PTH123
-            return stored.readall()
+        return read_document(f"{self.root}/{name}")
 
     def measured(self, address: str) -> Path:
         """The folder of a measurement."""
@@ -138,6 +140,23 @@ class Store:
         for folder in self.root.glob(f"{_WORK}*"):
             shutil.rmtree(folder, ignore_errors=True)
         _clear_parts(str(self.root))
+
+
+def read_document(place: str | Path) -> bytes:
+    """A document of a batch, which may have been made elsewhere, in memory.
+
+    Raises:
+        OSError: It is not there, cannot be read, is a pipe or device, or is larger than any document.
+    """
+    status = os.stat(place)  # noqa: PTH116  # a season has thousands
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "it is no plain file")
+    if status.st_size > LARGEST_DOCUMENT_BYTES:
+        raise OSError(
+            errno.EFBIG, f"it has {status.st_size} bytes, and no result more than {LARGEST_DOCUMENT_BYTES}"
+        )
+    with open(place, "rb", buffering=0) as stored:  # noqa: PTH123
+        return stored.readall()
 
 
 def _clear_parts(folder: str) -> None:

@@ -568,6 +568,30 @@ def test_prices_are_put_on_results_by_others_when_processes_for_that_die(
     assert _same_results(tmp_path / "fresh", tmp_path / "out")
 
 
+def test_results_are_looked_at_again_when_the_processes_for_prices_never_answer(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = _own(tmp_path, "first"), _own(tmp_path, "second", price=2)
+    batch(trials, tmp_path / "fresh", second)
+    batch(trials, tmp_path / "out", first)
+    start = pricing.started
+
+    def stops(*arguments: Any) -> Any:
+        process = start(*arguments)
+        os.kill(process.pid, signal.SIGSTOP)
+        return process
+
+    monkeypatch.setattr(pricing, "usable_cores", lambda: 1)
+    monkeypatch.setattr(pricing, "started", stops)
+    monkeypatch.setattr(pricing, "_GOING_S", 0.1)
+    monkeypatch.setattr(pricing, "_AT_LEAST_S", 1.0)
+
+    report = batch(trials, tmp_path / "out", second, limits=Limits(wall_s=5.0, memory_bytes=0))
+
+    assert report.runs == 6
+    assert _same_results(tmp_path / "fresh", tmp_path / "out")
+
+
 def test_a_result_that_cannot_be_written_beside_the_other_ends_the_batch(
     trials: Path, tmp_path: Path
 ) -> None:
@@ -1199,6 +1223,28 @@ def test_a_table_that_leads_astray_is_refused(
 
     with pytest.raises(BatchError, match=cause):
         joined(parts, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("becomes", "cause"),
+    [
+        (lambda place: os.truncate(place, 400 * 10**9), "it has 400000000000 bytes, and no result more than"),
+        (lambda place: (place.unlink(), os.mkfifo(place)), "it is no plain file"),
+    ],
+)
+def test_a_document_without_end_is_named_when_joining(
+    trials: Path, tmp_path: Path, becomes: Callable[[Path], object], cause: str
+) -> None:
+    parts = halves(trials, tmp_path)
+    place = next(parts[1] / row.object for row in rows(parts[1]).values())
+    try:
+        becomes(place)
+    except OSError as error:
+        pytest.skip(f"this file system cannot hold it: {error.strerror}")
+
+    with pytest.raises(BatchError, match=cause) as caught:
+        joined(parts, tmp_path / "out")
+    assert caught.value.file == str(place)
 
 
 def test_a_part_cannot_be_joined_into_itself(
