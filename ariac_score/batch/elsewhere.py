@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import re
+import time
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +18,7 @@ from typing import Any
 
 from ariac_score.batch.near import mode_of
 from ariac_score.batch.remote import (
+    LISTING_S,
     Storage,
     Stored,
     check_inside,
@@ -147,7 +149,7 @@ def _fetch_small(storage: Storage, file: Stored, into: Path, largest_bytes: int)
             file=shown(file.path),
             hint="is it what its name says?",
         )
-    storage.fetch(file, into)
+    storage.fetch(file, into, most_bytes=largest_bytes, within_s=LISTING_S)
 
 
 def _elsewhere(
@@ -227,9 +229,10 @@ def plan_list(
     if not tasks:
         raise NothingToScoreError("it lists no run", file=file, hint="write one URI or path a line")
     ordered = sorted(tasks.values(), key=lambda task: task.key)
+    mine, until = list(of_shard(ordered, *part)), time.monotonic() + LISTING_S
     with ThreadPoolExecutor(_AT_A_TIME) as pool:
-        mine = list(of_shard(ordered, *part))
-        signed = dict(zip(mine, pool.map(lambda task: _signed(task, ranges=ranges), mine), strict=True))
+        found = pool.map(lambda task: _signed(task, until, ranges=ranges), mine)
+        signed = dict(zip(mine, found, strict=True))
     return Plan(file.stem, rules, tuple(signed.get(task, task) for task in ordered))
 
 
@@ -271,9 +274,9 @@ def _entry(file: Path, number: int, line: str, beside: str) -> tuple[str, str]:
     return path.name, str(path)
 
 
-def _signed(task: Task, *, ranges: bool) -> Task:
+def _signed(task: Task, until: float, *, ranges: bool) -> Task:
     """The task with what its storage says of its files; one that cannot be had says so when it is scored."""
-    if not task.remote:
+    if not task.remote or time.monotonic() > until:
         return task
     try:
         storage = Storage(task.path.partition("#run=")[0])

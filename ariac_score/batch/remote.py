@@ -17,7 +17,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path, PurePosixPath
+from queue import Empty, SimpleQueue
+from threading import Thread
 from typing import Any, TypeVar
 from urllib.parse import quote, unquote, urlsplit
 
@@ -44,6 +47,10 @@ ATTEMPTS = 3
 PAUSE_S = 0.5
 """Before a request is made again; twice as long before the next."""
 _AT_A_TIME = 16
+ANSWER_S = 300.0
+"""How long a storage may take to say one thing, such as what is in a page or about a file."""
+LISTING_S = 1800.0
+"""How long the listing of a whole folder may take."""
 
 _CONTENT = ("ETag", "etag", "md5Hash", "crc32c", "Content-MD5", "content_md5", "Digest", "generation")
 _TIMES = ("mtime", "created", "ino", "LastModified", "Last-Modified", "last_modified", "updated")
@@ -57,6 +64,10 @@ _Value = TypeVar("_Value")
 
 class UnreachableError(BatchError):
     """A storage does not give what is asked of it; another time it may."""
+
+
+class _SilentError(OSError):
+    """Nothing came in time."""
 
 
 class _GrownError(OSError):
@@ -148,14 +159,13 @@ class Storage:
             UnreachableError: The storage does not answer.
             UsageError: It wants other credentials.
         """
-        info = self._told(lambda: self._system.info(self.path))
-        return _stored(info, self.path, name_of(self.uri))
+        return _stored(self._info(self.path), self.path, name_of(self.uri))
 
     def is_folder(self) -> bool:
         """Whether it is a folder; on the web, whether its name ends as that of one."""
         if self._web:
             return urlsplit(self.uri).path.endswith("/")
-        return bool(self._told(lambda: self._system.info(self.path))["type"] == "directory")
+        return bool(self._info(self.path)["type"] == "directory")
 
     def files(self) -> list[Stored]:
         """All files below the folder, by name.
@@ -165,7 +175,11 @@ class Storage:
             UnreachableError: The storage does not answer, or has more than can be runs.
             UsageError: It wants other credentials.
         """
-        found = self._told(lambda: list(self._walked(self.path, 0)) if self._web else self._found())
+        if self._web:
+            until = time.monotonic() + LISTING_S
+            found = list(islice(self._walked(self.path, 0, until), MOST_FILES + 1))
+        else:
+            found = self._told(self._found, within_s=LISTING_S)
         if len(found) > MOST_FILES:
             raise UnreachableError(
                 f"more than {MOST_FILES} files: this does not look like a folder of runs",
@@ -180,14 +194,20 @@ class Storage:
 
     def looked_up(self, files: Sequence[Stored]) -> list[Stored]:
         """The same files with size and identity, where a listing does not have them."""
+        until = time.monotonic() + LISTING_S
         with ThreadPoolExecutor(_AT_A_TIME) as pool:
-            return list(pool.map(self._looked_up, files))
+            return list(pool.map(lambda file: self._looked_up(file, until), files))
 
-    def _looked_up(self, file: Stored) -> Stored:
+    def _looked_up(self, file: Stored, until: float) -> Stored:
+        if time.monotonic() > until:
+            return file
         try:
-            return _stored(self._told(lambda: self._system.info(file.path)), file.path, file.name)
+            return _stored(self._info(file.path), file.path, file.name)
         except ScoreError:
             return file  # the worker says why
+
+    def _info(self, path: str) -> Any:
+        return self._told(lambda: self._system.info(path), within_s=ANSWER_S)
 
     def _found(self) -> list[tuple[str, Mapping[str, Any]]]:
         if self._system.info(self.path)["type"] != "directory":
@@ -196,11 +216,24 @@ class Storage:
         found = self._system.find(self.path, detail=True)
         return [(path.removeprefix(base), info) for path, info in found.items() if not path.endswith("/")]
 
-    def _walked(self, url: str, depth: int, below: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
-        """What the pages of a web server list, page by page."""
+    def _walked(
+        self, url: str, depth: int, until: float, below: str = ""
+    ) -> Iterator[tuple[str, Mapping[str, Any]]]:
+        """What the pages of a web server list, page by page.
+
+        Raises:
+            UnreachableError: They are not at their end when the time is; a server may make up pages for ever.
+        """
         base = url.rstrip("/") + "/"
+        if time.monotonic() > until:
+            raise UnreachableError(
+                f"the folder is not listed to its end after {LISTING_S:g} s",
+                file=shown(self.uri),
+                hint="name a folder of runs, or list the runs in a .txt",
+            )
         count = 0
-        for info in sorted(self._system.ls(base, detail=True), key=lambda info: str(info["name"])):
+        page = self._told(lambda: self._system.ls(base, detail=True), base, within_s=ANSWER_S)
+        for info in sorted(page, key=lambda info: str(info["name"])):
             own = info["name"].removeprefix(base)
             if own == info["name"] or not own or "?" in own or "#" in own or "/" in own.rstrip("/"):
                 continue  # links to elsewhere, or to the same page sorted otherwise
@@ -209,17 +242,20 @@ class Storage:
             if info["type"] != "directory":
                 yield name, info
             elif depth < MAX_DEPTH:
-                yield from self._walked(info["name"], depth + 1, name)
+                yield from self._walked(info["name"], depth + 1, until, name)
             if count > MOST_FILES:
                 return
 
-    def fetch(self, file: Stored, into: Path, *, most_bytes: int = LARGEST_FILE_BYTES) -> int:
+    def fetch(
+        self, file: Stored, into: Path, *, most_bytes: int = LARGEST_FILE_BYTES, within_s: float | None = None
+    ) -> int:
         """Fetch a whole file.
 
         Args:
             file: Which.
             into: Where it is put.
             most_bytes: Where the storage does not say how large it is.
+            within_s: For whoever is not ended in time, as the process of a run is.
 
         Returns:
             Its size.
@@ -232,7 +268,11 @@ class Storage:
         """
         into.parent.mkdir(parents=True, exist_ok=True)
         most = file.size if file.size >= 0 else most_bytes
-        self._told(lambda: self._system.get_file(file.path, str(into), callback=_bounded(most)), file.path)
+        self._told(
+            lambda: self._system.get_file(file.path, str(into), callback=_bounded(most)),
+            file.path,
+            within_s=within_s,
+        )
         size = into.stat().st_size
         if file.size >= 0 and size != file.size:
             raise UnreachableError(
@@ -262,7 +302,7 @@ class Storage:
                 return len(parts.read(1)) == 1
 
         try:
-            return self._told(ask, file.path)
+            return self._told(ask, file.path, within_s=ANSWER_S)
         except ScoreError:
             return False
 
@@ -282,8 +322,13 @@ class Storage:
         parts: Sequence[bytes] = self._told(ask, file.path)
         return parts
 
-    def _told(self, ask: Callable[[], _Value], path: str = "") -> _Value:
+    def _told(self, ask: Callable[[], _Value], path: str = "", *, within_s: float | None = None) -> _Value:
         """What a storage answers; where it fails for a moment it is asked again.
+
+        Args:
+            ask: Asks it.
+            path: What about, where that is not all of it.
+            within_s: For whoever is not ended in time, as the process of a run is.
 
         Raises:
             ScoreError: What is wrong, in words.
@@ -291,7 +336,7 @@ class Storage:
         about = shown(path or self.uri)
         for attempt in range(1, ATTEMPTS + 1):
             try:
-                return ask()
+                return ask() if within_s is None else _answered(ask, within_s)
             except ScoreError:
                 raise
             except Exception as cause:  # noqa: BLE001  # every protocol has errors of its own
@@ -300,6 +345,35 @@ class Storage:
                     raise error from None  # the cause may quote a secret address
                 time.sleep(PAUSE_S * 2 ** (attempt - 1))
         raise AssertionError("the last attempt returns or raises")
+
+
+def _answered(ask: Callable[[], _Value], within_s: float) -> _Value:
+    """What comes of asking, if it comes in time.
+
+    Not every library ends its requests by itself. The thread that hangs is left behind, and as a daemon it
+    does not keep the process: those of a pool would.
+
+    Raises:
+        _SilentError: Nothing came.
+        Exception: What the library raised.
+    """
+    came: SimpleQueue[tuple[bool, Any]] = SimpleQueue()
+
+    def asking() -> None:
+        try:
+            came.put((True, ask()))
+        except BaseException as error:  # noqa: BLE001  # handed over to whoever waits
+            came.put((False, error))
+
+    Thread(target=asking, daemon=True).start()
+    try:
+        good, value = came.get(timeout=within_s)
+    except Empty:
+        raise _SilentError(f"no answer within {within_s:g} s") from None
+    if good:
+        answer: _Value = value
+        return answer
+    raise value
 
 
 _AGAIN = "it changed while it was read, or the connection broke: call again"
@@ -410,7 +484,8 @@ def _chain(cause: BaseException) -> Iterator[BaseException]:
 def _final(cause: BaseException) -> bool:
     """Whether it would be the same another time."""
     status = _status(cause)
-    return isinstance(cause, _GrownError | NotADirectoryError) or (bool(status) and status not in _LATER)
+    final = isinstance(cause, _GrownError | _SilentError | NotADirectoryError)
+    return final or (bool(status) and status not in _LATER)
 
 
 def _worded(cause: BaseException, about: str) -> ScoreError:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from html import escape
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Lock, Thread
+from threading import Event, Lock, Thread
 from typing import Any
 from urllib.parse import quote, unquote, urlsplit
 
@@ -26,6 +26,8 @@ class Web:
         status: For paths that end so, the status of its answer.
         cut: Paths that end so are sent only in part, with their whole length announced.
         changed: Paths that end so have another ETag with every answer.
+        silent: Paths that end so are never answered, as long as the server is there.
+        endless: Every folder that is asked for has another one in it.
         busy: So many requests are answered with 503 first.
         sent: Bytes of content it sent, by path.
         requests: Method and path of each request.
@@ -37,11 +39,14 @@ class Web:
     status: dict[str, int] = field(default_factory=dict)
     cut: str = ""
     changed: str = ""
+    silent: str = ""
+    endless: bool = False
     busy: int = 0
     url: str = ""
     sent: dict[str, int] = field(default_factory=dict)
     requests: list[tuple[str, str]] = field(default_factory=list)
     lock: Any = field(default_factory=Lock)
+    ended: Event = field(default_factory=Event)
 
     @property
     def sent_bytes(self) -> int:
@@ -71,6 +76,12 @@ def serving(root: Path, **options: Any) -> Iterator[Web]:
                 web.requests.append((self.command, name))
                 count, busy = len(web.requests), web.busy > 0
                 web.busy -= busy
+            if web.silent and name.endswith(web.silent):
+                web.ended.wait()
+            if web.endless and name.endswith("/"):
+                links = "".join(f'<a href="{number}/">{number}/</a>\n' for number in range(10))
+                self._send(200, links.encode(), {"Content-Type": "text/html"}, body=body)
+                return
             status = next((s for end, s in web.status.items() if name.endswith(end)), 503 if busy else 0)
             place = web.root / name.lstrip("/")
             if status or not place.exists():
@@ -121,5 +132,6 @@ def serving(root: Path, **options: Any) -> Iterator[Web]:
         try:
             yield web
         finally:
+            web.ended.set()
             server.shutdown()
             thread.join()

@@ -606,6 +606,47 @@ def test_more_than_was_announced_is_not_fetched_to_its_end(web: Web, tmp_path: P
     assert (tmp_path / "into").stat().st_size < 25_000_000
 
 
+@pytest.mark.parametrize("silent", ["/", "competition.yaml"])
+def test_a_storage_that_never_answers_is_not_waited_for_without_end(
+    web: Web, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, silent: str
+) -> None:
+    (web.root / "competition.yaml").write_text("id: x\n")
+    web.silent = silent
+    monkeypatch.setattr(remote, "ANSWER_S", 0.5)
+    monkeypatch.setattr("ariac_score.batch.elsewhere.LISTING_S", 0.5)
+
+    with pytest.raises(remote.UnreachableError, match=r"no answer within 0\.5 s") as caught:
+        elsewhere(f"{web.url}/", tmp_path)
+
+    assert caught.value.exit_code == 7
+
+
+def test_a_server_that_makes_up_folders_without_end_is_left(
+    web: Web, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    web.endless = True
+    monkeypatch.setattr(remote, "LISTING_S", 0.5)
+
+    with pytest.raises(remote.UnreachableError, match=r"is not listed to its end after 0\.5 s"):
+        elsewhere(f"{web.url}/", tmp_path)
+
+
+def test_a_run_of_a_list_whose_storage_never_answers_is_unreachable_and_the_others_are_scored(
+    trials: Path, web: Web, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (trials / "silent.mcap").touch()
+    web.silent = "silent.mcap"
+    names = ["a.mcap", "silent.mcap"]
+    (tmp_path / "runs.txt").write_text("".join(f"{web.url}/{trials.name}/{name}\n" for name in names))
+    monkeypatch.setattr(remote, "ANSWER_S", 0.5)
+
+    plan = plan_list(tmp_path / "runs.txt", RULES)
+
+    assert [bool(task.signature) for task in plan.tasks] == [True, False]
+    found = document(perform(plan.tasks[1], Setting.of(load_rule_set(RULES), LIMITS)))
+    assert (found["outcome"], "no answer within 0.5 s" in found["reason"]) == ("unreachable", True)
+
+
 @pytest.mark.parametrize("ranges", [False, True])
 @pytest.mark.parametrize("spare_bytes", [0, -1])
 def test_a_run_with_more_bytes_than_a_run_may_have_is_not_fetched(
