@@ -75,12 +75,12 @@ if TYPE_CHECKING:
         Episodes,
         Span,
         Stretch,
-        Total,
         episodes_where,
         gaps_between,
         sample_durations,
         uncovered_spans,
     )
+    from ariac_score.trial.sums import Total, exact_sum
     from ariac_score.trial.vocabulary import QUANTITIES, Quantity
     from ariac_score.trial.windows import Aligned, TimeBase
 
@@ -113,8 +113,9 @@ _HOME = {
     "ariac_score.trial.signals": "Sample Signal align",
     "ariac_score.trial.sketch": "Course",
     "ariac_score.trial.spans": (
-        "Episodes Span Stretch Total episodes_where gaps_between sample_durations uncovered_spans"
+        "Episodes Span Stretch episodes_where gaps_between sample_durations uncovered_spans"
     ),
+    "ariac_score.trial.sums": "Total exact_sum",
     "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
     "ariac_score.trial.windows": "Aligned TimeBase",
 }
@@ -191,6 +192,7 @@ __all__ = [
     "check_parameters",
     "did_you_mean",
     "episodes_where",
+    "exact_sum",
     "gaps_between",
     "load_cohort",
     "load_log_map",

@@ -23,6 +23,7 @@ from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.scope import LEVELS, Scope
 from ariac_score.scoring.sheet import VIOLATION_FUNCTIONS
 from ariac_score.trial.spans import Span, episodes_where
+from ariac_score.trial.sums import exact_sum
 
 __all__ = ["TICKS_PER_S", "Case", "Violation", "World", "draw_case", "draw_violation"]
 
@@ -315,7 +316,7 @@ def _episodes(violations: list[Violation], case: Case, subject: str, t_off_s: fl
                 for v in violations
             ),
             time_in_violation_s=int(rows.sum()) * sample_s,
-            relative_depth_integral_s=float(depth[rows].sum()) * sample_s,
+            relative_depth_integral_s=exact_sum(depth[rows]) * sample_s,
             relative_depth_max=float(depth[rows].max()),
         )
 

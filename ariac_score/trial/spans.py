@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -19,7 +19,6 @@ __all__ = [
     "FloatArray",
     "Span",
     "Stretch",
-    "Total",
     "distinct",
     "episodes_where",
     "gaps_between",
@@ -283,50 +282,3 @@ def longest_silence_s(t: FloatArray, window: Span) -> float:
         before = float(part[-1])
     longest_s = max(longest_s, window.end_s - before)
     return longest_s if longest_s > _TIME_TOLERANCE_S else 0.0
-
-
-class Total:
-    """The sum of numbers that come in parts, to the bit that of all of them at once.
-
-    `numpy` halves a long row of numbers again and again and adds the sums of the halves. So
-    does this, which therefore has to know how many will come.
-
-    >>> total = Total(3)
-    >>> total.take(np.array([1.0])), total.take(np.array([2.0, 3.0])), total.value
-    (None, None, 6.0)
-    """
-
-    def __init__(self, count: int) -> None:
-        self._adding = _adding(count)
-        self._wanted = next(self._adding)
-        self._waiting = np.zeros(0)
-        self._few = count <= _ADDED_AT_ONCE
-        self.value = 0.0
-
-    def take(self, numbers: FloatArray) -> None:
-        """The next numbers."""
-        if self._few and len(numbers) == self._wanted > len(self._waiting) == 0:
-            self._wanted, self.value = 0, float(numbers.sum())
-            return
-        waiting = np.concatenate([self._waiting, numbers]) if len(self._waiting) else numbers
-        while self._wanted and len(waiting) >= self._wanted:
-            part, waiting = waiting[: self._wanted], waiting[self._wanted :]
-            try:
-                self._wanted = self._adding.send(part)
-            except StopIteration as done:
-                self._wanted, self.value = 0, done.value
-        self._waiting = waiting.copy()
-
-
-_ADDED_AT_ONCE = 4096
-
-
-def _adding(count: int) -> Generator[int, FloatArray, float]:
-    """Says how many numbers it wants next; at the end their sum."""
-    if count <= _ADDED_AT_ONCE:
-        numbers = yield count
-        return float(numbers.sum())
-    half = count // 2
-    half -= half % 8
-    first = yield from _adding(half)
-    return first + (yield from _adding(count - half))

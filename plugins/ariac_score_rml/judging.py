@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ariac_score import Course, Episodes, Finding, Sample, Span, Total, Trial, Verdict
+from ariac_score import Course, Episodes, Finding, Sample, Span, Total, Trial, Verdict, exact_sum
 from ariac_score_rml.automaton import MAX_TABLES, AfterViolation, Between, PartByPart, Watch, margins
 from ariac_score_rml.columns import BoolArray, Columns, FloatArray, IntArray
 from ariac_score_rml.faults import RmlRunError
@@ -554,12 +554,12 @@ class _Violation:
         if self._last is None:
             return self._sums.told(measured=measured)
         rejected, depths, rows = self._last
-        found = {"time_in_violation_s": float(rejected.lasts_s[rows].sum())}
+        found = {"time_in_violation_s": exact_sum(rejected.lasts_s[rows])}
         if measured:
             found["depth_max_m"] = float(depths.depth[rows].max())
-            found["depth_integral_m_s"] = float(depths.depth_s[rows].sum())
+            found["depth_integral_m_s"] = exact_sum(depths.depth_s[rows])
             found["relative_depth_max"] = float(depths.share[rows].max())
-            found["relative_depth_integral_s"] = float(depths.share_s[rows].sum())
+            found["relative_depth_integral_s"] = exact_sum(depths.share_s[rows])
         return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import floor, inf
+from math import floor, inf, sqrt
 from typing import TYPE_CHECKING, Literal
 
 from ariac_score import (
@@ -507,7 +507,8 @@ class CollisionEpisodes:
             if velocity is None or not velocity.covers(at, max_gap_s=self.max_gap_s)[0]:
                 return None
             relative = relative + sign * velocity.at(at)[0]
-        return float(np.sqrt((relative * relative).sum()))
+        x, y, z = relative.tolist()
+        return sqrt(x * x + y * y + z * z)
 
     def _collision(
         self,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from ariac_score import Finding, SignalNeed, Trial, Verdict, check_parameters, parameter
+from ariac_score import Finding, SignalNeed, Trial, Verdict, check_parameters, exact_sum, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
 from ariac_score_standards.iso_ts_15066 import RunStarts
 from ariac_score_standards.severity import (
@@ -270,7 +270,9 @@ class SafeguardDistance(Sampled):
         """`past_line` of samples that come in parts."""
         a, b = (np.asarray(end, dtype=np.float64) for end in self.line)
         along = b - a
-        middle = np.array([corner[:2] for corner in self.hazard]).mean(axis=0) - a
+        middle = (
+            np.array([exact_sum(axis) / len(axis) for axis in [*zip(*self.hazard, strict=False)][:2]]) - a
+        )
         other_side = along[0] * middle[1] - along[1] * middle[0] < 0
         starts = RunStarts(self.max_gap_s)
         before: tuple[FloatArray, FloatArray] | None = None
@@ -286,7 +288,9 @@ class SafeguardDistance(Sampled):
             if other_side:
                 side = -side
             beyond = side >= 0
-            share = (offset[:, 0] * along[0] + offset[:, 1] * along[1]) / float(along @ along)
+            share = (offset[:, 0] * along[0] + offset[:, 1] * along[1]) / float(
+                along[0] * along[0] + along[1] * along[1]
+            )
             entered = np.zeros(len(t), dtype=bool)
             when = np.array(t, dtype=np.float64)
             cross = np.flatnonzero(beyond[1:] & ~beyond[:-1])

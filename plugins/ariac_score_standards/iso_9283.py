@@ -7,7 +7,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from ariac_score import Finding, Limit, Signal, SignalNeed, Trial, Verdict, check_parameters, parameter
+from ariac_score import (
+    Finding,
+    Limit,
+    Signal,
+    SignalNeed,
+    Trial,
+    Verdict,
+    check_parameters,
+    exact_sum,
+    parameter,
+)
 from ariac_score_standards.watching import FloatArray, Subject, bodies_of, looked_for, nobody
 
 if TYPE_CHECKING:
@@ -46,16 +56,16 @@ def pose_performance(attained_m: FloatArray, commanded_m: FloatArray) -> PosePer
     >>> pose_performance(np.array([[1.0, 0, 0], [-1.0, 0, 0]]), np.zeros(3)).repeatability_m
     1.0
     """
-    mean = attained_m.mean(axis=0)
-    spread = np.sqrt(((attained_m - mean) ** 2).sum(axis=1))
-    deviation = float(spread.std(ddof=1)) if len(spread) > 1 else math.nan
+    mean = np.array([_mean(column) for column in attained_m.T])
+    spread = _norms(attained_m - mean)
+    deviation = _deviation(spread)
     return PosePerformance(
         len(attained_m),
         tuple(float(v) for v in mean),
-        float(np.sqrt(((mean - commanded_m) ** 2).sum())),
-        float(spread.mean()),
+        float(_norms((mean - commanded_m)[np.newaxis])[0]),
+        _mean(spread),
         deviation,
-        float(spread.mean()) + 3.0 * deviation,
+        _mean(spread) + 3.0 * deviation,
     )
 
 
@@ -69,8 +79,25 @@ def angle_performance(attained_rad: FloatArray, commanded_rad: float) -> tuple[f
     errors = np.asarray(attained_rad, dtype=np.float64) - commanded_rad
     errors = np.mod(errors + np.pi, 2.0 * np.pi) - np.pi
     errors = np.unwrap(errors)
-    repeatability = 3.0 * float(errors.std(ddof=1)) if len(errors) > 1 else math.nan
-    return float(errors.mean()), repeatability
+    return _mean(errors), 3.0 * _deviation(errors)
+
+
+def _mean(numbers: FloatArray) -> float:
+    return exact_sum(numbers) / len(numbers)
+
+
+def _deviation(numbers: FloatArray) -> float:
+    """The standard deviation with n - 1; NaN below two."""
+    if len(numbers) < 2:
+        return math.nan
+    return math.sqrt(exact_sum((numbers - _mean(numbers)) ** 2) / (len(numbers) - 1))
+
+
+def _norms(vectors: FloatArray) -> FloatArray:
+    """Lengths of vectors of shape (n, 3)."""
+    x, y, z = vectors.T
+    lengths: FloatArray = np.sqrt(x * x + y * y + z * z)
+    return lengths
 
 
 _LIMIT: Any = {"at_least": 0, "source": "for the task to set"}

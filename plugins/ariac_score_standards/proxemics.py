@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from ariac_score import SignalNeed, Total, Trial, check_parameters, parameter
+from ariac_score import SignalNeed, Total, Trial, check_parameters, exact_sum, parameter
 from ariac_score_standards.severity import (
     APART,
     MEETING,
@@ -54,11 +54,11 @@ def zone_of(distance_m: float) -> str:
 
 def zone_shares(distance_m: FloatArray, weights_s: FloatArray) -> dict[str, float]:
     """Share of time in each zone; all 0 when no time passes."""
-    total = float(weights_s.sum())
+    total = exact_sum(weights_s)
     shares, low = {}, -np.inf
     for zone, high in {**ZONES_M, "public": np.inf}.items():
         within = (distance_m >= low) & (distance_m < high)
-        shares[zone] = float(weights_s[within].sum()) / total if total > 0 else 0.0
+        shares[zone] = exact_sum(weights_s[within]) / total if total > 0 else 0.0
         low = high
     return shares
 
@@ -79,10 +79,10 @@ def time_to_collision_s(
     Source:
         nuplan-devkit, time to collision within bound, with discs for footprints.
     """
-    a = (relative_m_s * relative_m_s).sum(axis=1)
-    b = (apart_m * relative_m_s).sum(axis=1)
+    a = _dot(relative_m_s, relative_m_s)
+    b = _dot(apart_m, relative_m_s)
     reach2 = np.asarray(contact_m, dtype=np.float64) ** 2
-    c = (apart_m * apart_m).sum(axis=1) - reach2
+    c = _dot(apart_m, apart_m) - reach2
     # b^2 - a c, written with what the discs pass each other by: head on it is never below 0.
     aside = apart_m[:, 0] * relative_m_s[:, 1] - apart_m[:, 1] * relative_m_s[:, 0]
     root = a * reach2 - aside * aside
@@ -92,6 +92,11 @@ def time_to_collision_s(
     time = np.full(len(a), np.inf)
     np.divide(c, denominator, out=time, where=meets)
     return np.where(c <= 0, 0.0, time)
+
+
+def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Row by row the inner product of vectors of shape (n, 2)."""
+    return first[:, 0] * second[:, 0] + first[:, 1] * second[:, 1]
 
 
 _WANTED = {

@@ -36,6 +36,7 @@ from ariac_score import (
     Trial,
     Verdict,
     episodes_where,
+    exact_sum,
     sample_durations,
 )
 from ariac_score.records import dataclass
@@ -135,11 +136,11 @@ def episodes_of(
                 rows,
                 int(rows[np.argmin(margin[rows])]),
                 {
-                    "time_in_violation_s": float(weight_s.sum()),
+                    "time_in_violation_s": exact_sum(weight_s),
                     depth_name: float(depth.max()),
-                    integral_name: float((depth * weight_s).sum()),
+                    integral_name: exact_sum(depth * weight_s),
                     "relative_depth_max": float(relative.max()),
-                    "relative_depth_integral_s": float((relative * weight_s).sum()),
+                    "relative_depth_integral_s": exact_sum(relative * weight_s),
                 },
             )
         )
@@ -752,7 +753,7 @@ class Meeting:
         """`exposure_s` of the whole trial, where the log tells it of every sample; else nothing."""
         if not self.known.all():
             return {}
-        return {"exposure_s": float(watched.durations_s[self.exposed].sum())}
+        return {"exposure_s": exact_sum(watched.durations_s[self.exposed])}
 
     @property
     def known(self) -> BoolArray:
@@ -920,7 +921,7 @@ def travelled_m(t: FloatArray, speed_m_s: FloatArray, span: Span) -> float:
     inside = t[(t > start) & (t < end)]
     at = np.concatenate(([start], inside, [end]))
     speeds = np.interp(at, t, speed_m_s)
-    return float((np.diff(at) * (speeds[1:] + speeds[:-1]) / 2.0).sum())
+    return exact_sum(np.diff(at) * (speeds[1:] + speeds[:-1]) / 2.0)
 
 
 def ways_m(watched: Watching, speed: str, spans: Sequence[Span]) -> list[float]:

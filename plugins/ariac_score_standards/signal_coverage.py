@@ -15,7 +15,9 @@ from ariac_score import (
     Span,
     Trial,
     Verdict,
+    add_up,
     check_parameters,
+    exact_sum,
     parameter,
 )
 from ariac_score_standards.exposed_time import ExposedTime
@@ -39,7 +41,7 @@ def tracks_of(t: FloatArray, position_m: FloatArray, *, teleport_speed_m_s: floa
     [slice(0, 2, None), slice(2, 3, None)]
     """
     step = np.diff(position_m, axis=0)
-    jump = np.sqrt((step * step).sum(axis=1)) > teleport_speed_m_s * np.diff(t)
+    jump = np.sqrt(add_up((step * step).T)) > teleport_speed_m_s * np.diff(t)
     cuts = [0, *(np.flatnonzero(jump) + 1).tolist(), len(t)]
     return [slice(a, b) for a, b in pairwise(cuts) if b > a]
 
@@ -127,7 +129,7 @@ class SignalCoverage:
             whole_s, missing_s = exposed_s
         else:
             whole_s = window.duration_s
-            missing_s = float(np.array([gap.duration_s for gap in gaps]).sum())
+            missing_s = exact_sum(gap.duration_s for gap in gaps)
         share = covered_share(whole_s - missing_s, whole_s)
         quantities = {"coverage": share, "missing_s": missing_s, "stalest_s": _stalest_s(signal, window)}
         if self.share_of == "exposure":

@@ -28,6 +28,7 @@ from ariac_score import (
     Total,
     Trial,
     Verdict,
+    exact_sum,
     gaps_between,
     sample_durations,
 )
@@ -626,7 +627,7 @@ class _Broken:
     def _add(self, broken_s: FloatArray) -> None:
         """Add up how long it lasts; most violations are in one piece."""
         if self._time is None and len(broken_s) == self._left:
-            self.time_s = float(broken_s.sum())
+            self.time_s = exact_sum(broken_s)
         else:
             self._time = self._time or Total(self._left)
             self._time.take(broken_s)

@@ -19,7 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Event, Signal, Span, Total, Trial, Verdict
+from ariac_score import Body, Event, Signal, Span, Trial, Verdict
 from ariac_score.trial import sketch, windows
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.sketch import sketch_of
@@ -480,17 +480,6 @@ def test_beginnings_of_runs_do_not_depend_on_windows(rows: list[tuple[float, boo
     found = [starts.take(t[a:b], holds[a:b], t[a:b])[0] for a, b in pairwise(borders)]
 
     assert np.concatenate(found).tolist() == t[first_of_runs(t, holds, 0.2)].tolist()
-
-
-@given(st.integers(0, 40_000), st.integers(0, 2**32 - 1), st.lists(st.integers(0, 40_000), max_size=8))
-@settings(max_examples=40, derandomize=True, deadline=None)
-def test_a_total_of_parts_is_the_sum_of_all_to_the_bit(count: int, seed: int, cuts: list[int]) -> None:
-    numbers = np.random.default_rng(seed).uniform(0.0, 1.0, count) * 10.0 ** np.arange(count).clip(0, 9)
-    total = Total(count)
-    for part in np.split(numbers, sorted(min(cut, count) for cut in cuts)):
-        total.take(part)
-
-    assert total.value == float(numbers.sum())
 
 
 # What is held --------------------------------------------------------------------------
