@@ -15,7 +15,7 @@ from ariac_score.scoring.scope import Scope
 
 __all__ = ["Certain", "Value"]
 
-_TIMED_FACT = "duration_s"
+_DURATION = "trial.duration_s"
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Certain:
         trial = branch(self.measured.scopes, path)
         if trial is None:
             return Value(reason="what was ordered there is not recorded")
-        if _TIMED_FACT in formula.source and not self.timed:
+        if not self.timed and _DURATION in self.rule_set.sheet.facts(formula, level):
             return Value(reason="the log does not show when the competition began and ended")
         try:
             traced = self.rule_set.sheet.evaluate_in(formula, trial, self.measured.findings, level=level)[
@@ -83,7 +83,7 @@ class Certain:
         """Why a yes or no means nothing: the whole question is about what does not apply."""
         if traced.kind != "check" or traced.op not in ("holds", "violated"):
             return ""
-        check = traced.label.partition("(")[2].rstrip(")")
+        (check,) = traced.checks
         asked = [f for f in self.measured.of(check).values() if _inside(f.subject, traced.subject)]
         if all(finding.verdict is Verdict.NOT_APPLICABLE for finding in asked):
             return f"{check}: not applicable: {asked[0].message}" if asked else ""

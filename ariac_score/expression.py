@@ -52,6 +52,7 @@ class Traced:
         children: The numbers it was made of, in order.
         subject: Scope or subject it belongs to; empty for the trial.
         findings: Ids of the findings it rests on directly.
+        checks: For `check` the checks it asks about, whether or not they have something in it.
     """
 
     label: str
@@ -61,6 +62,7 @@ class Traced:
     children: tuple[Traced, ...] = ()
     subject: str = ""
     findings: tuple[str, ...] = ()
+    checks: tuple[str, ...] = ()
 
 
 class Environment(Protocol):

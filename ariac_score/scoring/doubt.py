@@ -46,8 +46,9 @@ def _doubts(node: Traced, findings: Mapping[str, Finding], open_: Container[str]
 
 
 def _of_check(node: Traced, findings: Mapping[str, Finding], open_: Container[str]) -> list[str]:
-    check = node.label[len(node.op) + 1 :].split(",")[0].rstrip(")")
-    asked = {key: f for key, f in findings.items() if f.check == check and _inside(f.subject, node.subject)}
+    asked = {
+        key: f for key, f in findings.items() if f.check in node.checks and _inside(f.subject, node.subject)
+    }
     certain = [f for key, f in asked.items() if key not in open_ and f.verdict is Verdict.VIOLATED]
     if node.op in ("holds", "violated") and certain:
         return []  # one violation decides, whatever the others would say

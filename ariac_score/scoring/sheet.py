@@ -171,6 +171,12 @@ class ScoreSheet:
         terms = [self.terms[at][name] for at, name in self._reached(formula, level) if at != _COHORT]
         return [formula, *terms]
 
+    def facts(self, formula: Expression, level: str = "trial") -> frozenset[str]:
+        """The facts a formula names, itself or through the terms it rests on, such as `order.priority`."""
+        known = {f"{at}.{name}" for at, names in FACTS.items() for name in names}
+        named = (name for each in self.reached(formula, level) for name in _names(each, self.checks))
+        return frozenset(named) & known
+
     def _questions(self, formula: Expression) -> Iterator[tuple[str, str]]:
         """What a formula itself asks of checks: function and check."""
         for call in formula.walk():
@@ -539,7 +545,7 @@ class _Environment:
         shown = ", ".join([check, *(r.source for r in rest), *(f"{k}={v:g}" for k, v in options.items())])
         label = f"{function}({shown})"
         value, parts = self._answer(function, findings, rest, options, label)
-        return self._asked(function, label, value, parts, findings)
+        return self._asked(function, (check,), label, value, parts, findings)
 
     def _charged(self, options: Mapping[str, Number]) -> Traced:
         """What the violations of several checks cost, each moment under its heaviest."""
@@ -555,7 +561,8 @@ class _Environment:
             raise FormulaError(f"{label}: again_after_s must be positive", hint="5 s is the rule of 2025")
         findings = {key: f for name in weights for key, f in self._said_by(name).items()}
         shares = charge(findings, weights, again_after_s=again_after_s)
-        return self._asked("charged", label, add_up(share for _, share in shares), shares, findings)
+        value = add_up(share for _, share in shares)
+        return self._asked("charged", tuple(weights), label, value, shares, findings)
 
     def _said_by(self, check: str) -> dict[str, Finding]:
         """The findings of a check within this scope; there are some."""
@@ -570,6 +577,7 @@ class _Environment:
     def _asked(
         self,
         function: str,
+        checks: tuple[str, ...],
         label: str,
         value: Number,
         parts: Sequence[tuple[str, Number]],
@@ -588,6 +596,7 @@ class _Environment:
             children,
             subject=self.scope.path,
             findings=tuple(k for k, _ in parts),
+            checks=checks,
         )
 
     def _answer(

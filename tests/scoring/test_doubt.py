@@ -52,6 +52,9 @@ def hangs_on(formula: str, findings: Mapping[str, Finding] = FINDINGS) -> list[s
         ("max(points(open), 3)", True),
         ("sum(order.parts)", True),  # no order is known, and something open may be one
         ("0 * sum(order.parts)", False),
+        ("charged(open=2, yes=1)", True),
+        ("charged(yes=2, no=1, again_after_s=3)", False),
+        ("demerits(open, tau_s=3)", True),
     ],
 )
 def test_what_a_formula_hangs_on(formula: str, open_: bool) -> None:
