@@ -31,7 +31,7 @@ from ariac_score.guard import GuardedDecoder, open_readers
 from ariac_score.installed import version_of
 from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import Bundle, Part, find_parts, name_from, with_parts
-from ariac_score.logs.config_forms import looks_like, years_in
+from ariac_score.logs.config_forms import form_in
 from ariac_score.logs.product_types import unknown_products
 from ariac_score.logs.ranged import ranged
 from ariac_score.needs import check_needs, needs_of, needs_of_all, refuse_other_units
@@ -166,11 +166,10 @@ def refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
     for part in bundle.parts if rule_set.edition is not None else ():
         if part.role not in ("trial_config", "team_config"):
             continue
-        words = looks_like(part.path)
-        years = years_in(words)
-        if years and rule_set.edition not in years:
+        form = form_in(part.path)
+        if form.years and rule_set.edition not in form.years:
             raise DataFileError(
-                f"it looks like {words}, and {rule_set.id} is for {rule_set.edition}",
+                f"it looks like {form}, and {rule_set.id} is for {rule_set.edition}",
                 file=part.path,
                 hint="score under the rules of its year ('rules list'), or give the right configuration",
             )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ariac_score.logs.config_forms import looks_like, top_level_keys
+from ariac_score.logs.config_forms import form_in, form_of, looks_like, top_level_keys
 
 ORDER = "orders: {order_0: "
 
@@ -47,6 +47,28 @@ def test_a_file_is_called_by_what_it_looks_like(tmp_path: Path, text: str, words
     path.write_text(text, encoding="utf-8")
 
     assert looks_like(path) == words
+
+
+@pytest.mark.parametrize(
+    ("text", "years"),
+    [
+        (ORDER + "{products: {}}}", (2018, 2019, 2020)),
+        (ORDER + "{kitting: {}}}", (2021, 2022)),
+        ("NUM_KITS: 1\nSEED: 2", (2025,)),
+        ("sensors: [1]", (2017, 2018, 2019, 2020, 2021, 2022, 2023)),
+        ("kitting_trays: {}", ()),
+        ("since_2019: 1\nuntil_2031: 2", ()),  # years in the names of keys are no editions
+    ],
+)
+def test_the_years_of_a_form_are_numbers(tmp_path: Path, text: str, years: tuple[int, ...]) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(text, encoding="utf-8")
+
+    assert form_in(path).years == years
+
+
+def test_a_form_is_known_by_the_keys_of_a_document() -> None:
+    assert form_of({"SENSORS": [], "COMPETITOR_NAME": "secret"}).years == (2025,)
 
 
 def test_what_is_not_there_looks_like_nothing(tmp_path: Path) -> None:
