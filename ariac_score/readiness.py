@@ -108,13 +108,11 @@ def _lacks(
     result: Result, rule_set: RuleSet, log_map: LogMap, registry: Registry, path: Path
 ) -> Iterator[Lack]:
     policies = {assumption.check: assumption.policy for assumption in result.assumptions}
-    everywhere = "; not in the log: " + ", ".join(result.measured.unrecorded)
     causes: dict[str, str] = {}
     spans: dict[str, list[Span]] = {}
     for finding in result.measured.findings.values():
         if finding.verdict is Verdict.INCONCLUSIVE:
-            message = finding.message.removesuffix(everywhere)  # the remedy names the topics that matter
-            causes.setdefault(finding.check, f"{finding.subject}: {message}")
+            causes.setdefault(finding.check, f"{finding.subject}: {finding.message}")
             if finding.span is not None:
                 spans.setdefault(finding.check, []).append(finding.span)
     recorded = _recorded(path, registry) if causes else frozenset()

@@ -78,9 +78,11 @@ def _shown(result: Result, arguments: argparse.Namespace) -> str:
 def _say_what_withholds(result: Result) -> None:
     from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
 
-    for assumption in result.assumptions:
-        if assumption.policy == "withhold":
-            print(f"undecided: {assumption.finding}: {plain(assumption.message)}", file=sys.stderr)
+    withheld = [assumption for assumption in result.assumptions if assumption.policy == "withhold"]
+    for assumption in withheld:
+        print(f"undecided: {assumption.finding}: {plain(assumption.message)}", file=sys.stderr)
+    for what in result.measured.unrecorded if withheld else ():
+        print(f"not recorded: {plain(what)}", file=sys.stderr)
     if result.missing:
         print(f"{result.status}: {plain(result.missing)}", file=sys.stderr)
     if result.status == "needs_cohort":

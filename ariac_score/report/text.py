@@ -214,16 +214,13 @@ _POLICY_WORDS = {
 def _undecided(result: Result, style: Style) -> Iterator[str]:
     """What could not be judged and what that did to the score; checks with one reason on one line."""
     policies = {a.finding: a.policy for a in result.assumptions}
-    # What the log lacks as a whole stands once, with the log, and not behind every check.
-    everywhere = "; not in the log: " + ", ".join(result.measured.unrecorded)
     reasons: dict[tuple[str, str, str], list[str]] = {}
     since_s: dict[str, float] = {}
     for key, finding in result.measured.findings.items():
         if finding.verdict in (Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE):
             policy = _POLICY_WORDS.get(policies.get(key, ""), "")
-            message = finding.message.removesuffix(everywhere)
-            reasons.setdefault((finding.verdict.value, policy, message), []).append(finding.check)
-            since_s.setdefault(message, finding.span.start_s if finding.span else 0.0)
+            reasons.setdefault((finding.verdict.value, policy, finding.message), []).append(finding.check)
+            since_s.setdefault(finding.message, finding.span.start_s if finding.span else 0.0)
     if not reasons:
         return
     yield style("Not judged", "bold")

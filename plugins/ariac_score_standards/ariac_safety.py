@@ -48,7 +48,6 @@ from ariac_score_standards.watching import (
     FloatArray,
     Watched,
     Watching,
-    looked_for,
     watch_pairs,
 )
 
@@ -429,9 +428,7 @@ class CollisionEpisodes:
         message = "the log shows no two bodies that could collide"
         if "bodies" in trial.witnessed:
             return Finding.not_applicable("trial", message, clause=_COLLISION_CLAUSE)
-        return Finding.inconclusive(
-            "trial", f"{message}{looked_for(trial)}", span=trial.window, clause=_COLLISION_CLAUSE
-        )
+        return Finding.inconclusive("trial", message, span=trial.window, clause=_COLLISION_CLAUSE)
 
     def _touching(self, trial: Trial, first: Body, second: Body) -> _Touching | None:
         for a, b in ((first.id, second.id), (second.id, first.id)):
@@ -477,7 +474,7 @@ class CollisionEpisodes:
             spans = _merged(self._from_events(trial, first, second), self.t_off_s)
             collisions = ((span, {}) for span in spans)
         if contact is None and not spans and "in_contact" not in trial.witnessed:
-            message = f"the log does not show whether they touched{looked_for(trial)}"
+            message = "the log does not show whether they touched"
             yield Finding.inconclusive(subject, message, span=trial.window, clause=_COLLISION_CLAUSE)
             return
         for gap in gaps:

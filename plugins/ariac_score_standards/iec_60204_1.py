@@ -40,7 +40,6 @@ from ariac_score_standards.watching import (
     Watched,
     Watching,
     bodies_of,
-    looked_for,
     state_over,
     watch_subjects,
 )
@@ -316,9 +315,7 @@ def nothing_happened(trial: Trial, subject: Subject, kinds: Sequence[str], claus
     if set(kinds) <= trial.witnessed:
         return Finding.not_applicable(subject.name, f"the log records no {words}", clause=clause)
     message = f"the log does not show whether there was any {words.replace(' and no ', ' or ')}"
-    return Finding.inconclusive(
-        subject.name, f"{message}{looked_for(trial)}", span=trial.window, clause=clause
-    )
+    return Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)
 
 
 # Starting again -------------------------------------------------------------------------------

@@ -63,7 +63,6 @@ from ariac_score_standards.watching import (
     Watched,
     Watching,
     bodies_of,
-    looked_for,
     pairs_of,
     state_over,
     watch_subjects,
@@ -279,7 +278,7 @@ class PflContact(Sampled):
             return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
         if CONTACT in trial.witnessed:
             return Finding.satisfied(subject.name, "the log records no contact", clause=self._clause)
-        message = f"signal {name!r} is not in the log{looked_for(trial)}"
+        message = f"signal {name!r} is not in the log"
         return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
 
     def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
@@ -1101,9 +1100,7 @@ def unknown_flag(
     """The finding when a flag that decides is not in the log, or not all the time."""
     if state is None:
         message = f"the log has neither a signal '{flag}/{subject.name}' nor {flag!r} events"
-        return Finding.inconclusive(
-            subject.name, f"{message}{looked_for(trial)}", span=trial.window, clause=clause
-        )
+        return Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)
     at = float(watched.t[np.flatnonzero(~state.known)[0]])
     message = f"{flag!r} is not known at {at:.3f} s"
     return Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)

@@ -18,7 +18,7 @@ from ariac_score import (
     exact_sum,
     parameter,
 )
-from ariac_score_standards.watching import FloatArray, Subject, bodies_of, looked_for, nobody
+from ariac_score_standards.watching import FloatArray, Subject, bodies_of, nobody
 
 if TYPE_CHECKING:
     import numpy as np
@@ -187,7 +187,7 @@ class PoseAttained:
             return self._open(trial, point, "the log does not show when the pose was attained")
         signal = self._signal(trial, f"position/{point}", "m")
         if signal is None:
-            return self._open(trial, point, f"signal 'position/{point}' is not in the log{looked_for(trial)}")
+            return self._open(trial, point, f"signal 'position/{point}' is not in the log")
         if not signal.covers(times, max_gap_s=self.max_gap_s).all():
             return self._open(trial, point, f"'position/{point}' is missing where the pose was attained")
         found = pose_performance(signal.at(times), np.array(self.commanded_m))

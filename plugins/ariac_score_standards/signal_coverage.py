@@ -22,7 +22,7 @@ from ariac_score import (
 )
 from ariac_score_standards.exposed_time import ExposedTime
 from ariac_score_standards.severity import EXPOSURE_DISTANCE_M, covered_share
-from ariac_score_standards.watching import FloatArray, looked_for, nobody, pairs_of
+from ariac_score_standards.watching import FloatArray, nobody, pairs_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -100,7 +100,7 @@ class SignalCoverage:
             for one in asked[quantity]:
                 yield self._judge(trial, one, exposed.get(one.signal.name))
             if not asked[quantity]:
-                message = f"there is no signal of {quantity!r}{looked_for(trial)}"
+                message = f"there is no signal of {quantity!r}"
                 yield Finding.inconclusive(quantity, message, span=trial.window, clause=_CLAUSE)
         if not self.quantities:
             yield Finding.not_applicable("trial", "no quantity is asked for", clause=_CLAUSE)

@@ -372,9 +372,7 @@ def watch_subjects(
         try:
             signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
         except MissingSignalError as missing:
-            yield Finding.inconclusive(
-                subject.name, f"{missing}{looked_for(trial)}", span=trial.window, clause=clause
-            )
+            yield Finding.inconclusive(subject.name, str(missing), span=trial.window, clause=clause)
             continue
         helpful = _present(trial, subject, optional or {})
         watched = Watching(signals, max_gap_s, trial.window, names, helpful)
@@ -418,14 +416,7 @@ def nobody(trial: Trial, clause: str, kinds: tuple[str, ...] = ("robot", "human"
         return Finding.not_applicable(
             "trial", f"the log records every body, and there is no {missing} among them", clause=clause
         )
-    return Finding.inconclusive(
-        "trial", f"the log shows no {missing}{looked_for(trial)}", span=trial.window, clause=clause
-    )
-
-
-def looked_for(trial: Trial) -> str:
-    """What was looked for in the log and not found, as the end of a sentence."""
-    return f"; not in the log: {', '.join(trial.unrecorded)}" if trial.unrecorded else ""
+    return Finding.inconclusive("trial", f"the log shows no {missing}", span=trial.window, clause=clause)
 
 
 def _present(trial: Trial, subject: Subject, optional: Mapping[str, str]) -> dict[str, Signal]:

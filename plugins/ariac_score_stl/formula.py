@@ -190,7 +190,7 @@ class StlFormula:
         if "bodies" in trial.witnessed:
             message = f"the log records every body, and there is no {missing} among them"
             return Finding.not_applicable("trial", message, clause=self.clause)
-        message = f"the log shows no {missing}{_looked_for(trial)}"
+        message = f"the log shows no {missing}"
         return Finding.inconclusive("trial", message, span=trial.window, clause=self.clause)
 
     def _about(self, trial: Trial, subject: Subject) -> Iterator[Finding | Judged]:
@@ -198,7 +198,7 @@ class StlFormula:
         try:
             found = [trial.signal(names[n], unit=self.sources[n].unit) for n in names]
         except MissingSignalError as missing:
-            message = f"{missing}{_looked_for(trial)}"
+            message = str(missing)
             yield Finding.inconclusive(str(subject), message, span=trial.window, clause=self.clause)
             return
         for signal in found:
@@ -228,10 +228,6 @@ class StlFormula:
             return
         yield judged
         yield from judged.findings()
-
-
-def _looked_for(trial: Trial) -> str:
-    return f"; not in the log: {', '.join(trial.unrecorded)}" if trial.unrecorded else ""
 
 
 class Judged:

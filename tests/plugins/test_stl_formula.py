@@ -444,8 +444,7 @@ def test_a_missing_signal_is_not_decided() -> None:
     found = list(StlFormula(formula="always v < 9", signals={"v": SPEED}, max_gap_s=0.2).watch(log))
 
     assert [(f.subject, f.verdict) for f in found] == [("a", SATISFIED), ("b", INCONCLUSIVE)]
-    assert "'speed/b' is not in the log" in found[1].message
-    assert "topic /humans" in found[1].message
+    assert found[1].message == "signal 'speed/b' is not in the log"
 
 
 def test_nobody_to_judge_is_told_from_nobody_recorded() -> None:

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from ariac_score import Finding, Result, Span, Verdict, load_result, score_trial
 from ariac_score.cli import main
 from ariac_score.report.exports import EXPORTS, exported
+from ariac_score.report.text import score_text
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
 ROOT = Path(__file__).parents[2]
@@ -65,6 +66,28 @@ def with_findings(*findings: Finding) -> Result:
     result = near_miss()
     made = {f"{f.check}#{i}": f for i, f in enumerate(findings, start=1)}
     return replace(result, measured=replace(result.measured, findings=made))
+
+
+def lacking(topic: str, verdict: Verdict) -> Result:
+    """The example with one finding that ends as a list of what the log lacks would."""
+    finding = Finding("robot", verdict, f"nobody moved; not in the log: {topic}", check="separation")
+    result = with_findings(finding)
+    return replace(result, measured=replace(result.measured, unrecorded=(topic,)))
+
+
+@pytest.mark.parametrize("name", ["junit", "sarif", "github", "markdown"])
+def test_what_the_log_lacks_is_said_where_something_is_undecided(name: str) -> None:
+    text = exported(lacking("topic human", Verdict.INCONCLUSIVE), name).replace("\\:", ":")
+
+    assert text.count("not recorded: topic human") == 1
+    assert "not recorded" not in exported(lacking("topic human", Verdict.SATISFIED), name)
+
+
+def test_the_words_of_a_plugin_are_shown_whole_whatever_they_end_in() -> None:
+    text = score_text(lacking("topic human", Verdict.INCONCLUSIVE))
+
+    assert "nobody moved; not in the log: topic human\n" in text
+    assert text.count("log: not recorded: topic human") == 1
 
 
 @pytest.fixture(scope="module")

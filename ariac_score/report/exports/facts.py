@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ariac_score.findings import Finding
+from ariac_score.findings import Finding, Verdict
 from ariac_score.report.style import plain
 from ariac_score.report.text import amount_text
 from ariac_score.result import Result
 from ariac_score.scoring.steward import with_verdicts
 
-__all__ = ["checks", "cut", "final_findings", "headline", "name", "remarks", "when", "why_none"]
+__all__ = ["checks", "cut", "final_findings", "headline", "name", "remarks", "unrecorded", "when", "why_none"]
 
 LONGEST = 2000
 """Characters of a stranger's text that are shown where a reader may choke on more."""
@@ -77,6 +77,12 @@ def when(finding: Finding) -> str:
     if finding.span is None:
         return ""
     return f"{finding.span.start_s:.3f} s to {finding.span.end_s:.3f} s"
+
+
+def unrecorded(result: Result) -> list[str]:
+    """What the log lacks, a line each, where something is undecided."""
+    undecided = any(f.verdict is Verdict.INCONCLUSIVE for f in result.measured.findings.values())
+    return [f"not recorded: {cut(what)}" for what in result.measured.unrecorded if undecided]
 
 
 def remarks(result: Result) -> list[str]:

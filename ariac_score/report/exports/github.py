@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ariac_score.findings import Verdict
-from ariac_score.report.exports.facts import cut, final_findings, headline, name, remarks, when
+from ariac_score.report.exports.facts import cut, final_findings, headline, name, remarks, unrecorded, when
 from ariac_score.result import Result
 
 __all__ = ["github_text"]
@@ -24,6 +24,7 @@ def github_text(result: Result) -> str:
     lines += [_command("warning", f"{name(result)}: stewards", text) for text in remarks(result)]
     lines += _findings(result, Verdict.VIOLATED, "error")
     lines += _findings(result, Verdict.INCONCLUSIVE, "warning")
+    lines += [_command("notice", name(result), text) for text in unrecorded(result)]
     return "".join(f"{line}\n" for line in lines)
 
 

@@ -16,6 +16,7 @@ from ariac_score.report.exports.facts import (
     headline,
     name,
     remarks,
+    unrecorded,
     when,
     why_none,
 )
@@ -55,7 +56,7 @@ def _score(result: Result, root: Element) -> None:
     case = SubElement(suite, "testcase", classname=result.provenance.rule_set[0], name="score", time="0")
     if result.final is None:
         SubElement(case, "error", type=result.status, message=why_none(result))
-    SubElement(case, "system-out").text = "\n".join([headline(result), *remarks(result)])
+    SubElement(case, "system-out").text = "\n".join([headline(result), *remarks(result), *unrecorded(result)])
 
 
 def _properties(result: Result) -> Iterator[tuple[str, str]]:

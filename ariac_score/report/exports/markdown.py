@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from ariac_score.findings import Verdict
-from ariac_score.report.exports.facts import checks, cut, final_findings, headline, remarks, when
+from ariac_score.report.exports.facts import checks, cut, final_findings, headline, remarks, unrecorded, when
 from ariac_score.report.text import amount_text
 from ariac_score.result import Result
 
@@ -129,5 +129,6 @@ def _origin(result: Result) -> Iterator[str]:
         parts = "" if source.read_bytes is None else f" of the {source.read_bytes} bytes that were read"
         yield f"- {escaped(source.role)} {escaped(source.name)}, sha256 `{source.sha256}`{parts}"
     yield f"- rule set {escaped(result.provenance.rule_set[0])}, sha256 `{result.provenance.rule_set[1]}`"
+    yield from (f"- {escaped(text)}" for text in unrecorded(result))
     for distribution, version, package, sha256 in result.provenance.code:
         yield f"- {escaped(distribution)} {escaped(version)}, {escaped(package)} sha256 `{sha256[:16]}…`"

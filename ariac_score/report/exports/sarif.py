@@ -12,7 +12,16 @@ from typing import Any
 from urllib.parse import quote
 
 from ariac_score.findings import Finding, Verdict
-from ariac_score.report.exports.facts import checks, cut, final_findings, headline, name, remarks, when
+from ariac_score.report.exports.facts import (
+    checks,
+    cut,
+    final_findings,
+    headline,
+    name,
+    remarks,
+    unrecorded,
+    when,
+)
 from ariac_score.result import Result, canonical
 
 __all__ = ["sarif_text"]
@@ -69,9 +78,10 @@ def _driver(result: Result) -> dict[str, Any]:
 
 
 def _notifications(result: Result) -> list[dict[str, Any]]:
-    """What was wrong with the log, what stewards decided, and how it came out."""
+    """What was wrong with the log or is not in it, what stewards decided, and how it came out."""
     notes = [headline(result), *remarks(result)]
     notes += [f"{cut(d.where, 200)}: {cut(d.message)} ({d.count})" for d in result.measured.log_defects]
+    notes += unrecorded(result)
     return [{"level": "note", "message": {"text": text}} for text in notes]
 
 
