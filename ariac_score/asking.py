@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -83,7 +83,8 @@ def ask(
         raise broken(plugin, "changed the trial it was asked about", of=name)
     if not said:
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
-    return sorted((_stored(plugin, name, finding) for finding in said), key=_order_of_findings)
+    units = _units(plugin, name, said)
+    return sorted((_stored(plugin, name, finding, units) for finding in said), key=_order_of_findings)
 
 
 def courses_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Course]:
@@ -169,9 +170,21 @@ def _made(plugin: Plugin, name: str, make: Callable[[], Iterable[_Made]]) -> Ite
         yield one
 
 
-def _stored(plugin: Plugin, name: str, finding: Finding) -> Finding:
+def _units(plugin: Plugin, name: str, said: Iterable[Finding]) -> dict[str, str]:
+    """The unit of each quantity of a check, where one of its findings declares it."""
+    units: dict[str, str] = {}
+    for finding in said:
+        for quantity, unit in finding.units.items():
+            if units.setdefault(quantity, unit) != unit:
+                words = f"gives the quantity {quantity!r} in {units[quantity]!r} and in {unit!r}"
+                raise broken(plugin, words, of=name)
+    return units
+
+
+def _stored(plugin: Plugin, name: str, finding: Finding, units: Mapping[str, str]) -> Finding:
+    own = {quantity: units[quantity] for quantity in finding.quantities if quantity in units}
     try:
-        return settled(replace(finding, check=name))
+        return settled(replace(finding, check=name, units=own))
     except (TypeError, ValueError) as cause:
         raise broken(plugin, f"yields a number that is none: {cause}", of=name) from cause
 

@@ -36,7 +36,16 @@ from ariac_score.logs.product_types import unknown_products
 from ariac_score.logs.ranged import ranged
 from ariac_score.needs import check_needs, needs_of, needs_of_all, refuse_other_units
 from ariac_score.registry import Registry, package_sha256
-from ariac_score.result import Coverage, Measured, Provenance, Result, Settings, Source, canonical
+from ariac_score.result import (
+    Coverage,
+    Measured,
+    Provenance,
+    Result,
+    Settings,
+    Source,
+    canonical,
+    declared_units,
+)
 from ariac_score.ruleset import Check, RuleSet, expanded_yaml, load_rule_set
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
@@ -362,6 +371,7 @@ def measure_trial(
         clock=trial.clock,
         official=trial.official,
         team=trial.team.name if trial.team else "",
+        units=declared_units(findings.values()),
     )
 
 

@@ -53,6 +53,7 @@ class Traced:
         subject: Scope or subject it belongs to; empty for the trial.
         findings: Ids of the findings it rests on directly.
         checks: For `check` the checks it asks about, whether or not they have something in it.
+        unit: For `check` the unit of the number, where one is declared.
     """
 
     label: str
@@ -63,6 +64,7 @@ class Traced:
     subject: str = ""
     findings: tuple[str, ...] = ()
     checks: tuple[str, ...] = ()
+    unit: str = ""
 
 
 class Environment(Protocol):

@@ -11,7 +11,13 @@ from types import MappingProxyType
 from ariac_score.trial.signals import Sample
 from ariac_score.trial.spans import Span
 
-__all__ = ["Finding", "Limit", "Verdict"]
+__all__ = ["COUNT", "POINTS", "Finding", "Limit", "Verdict"]
+
+POINTS = "points"
+"""Unit of what an official scorer awards or takes."""
+
+COUNT = "count"
+"""Unit of numbers of things, which formulas make points of."""
 
 
 class Verdict(str, Enum):
@@ -100,6 +106,8 @@ class Finding:
         clause: Where the standard or rulebook asks for it.
         critical: Whether a violation is a critical event, which a rule set may gate on.
         check: Name of the check in the rule set; the engine fills it in.
+        units: Units of quantities by their names, where they are declared: `points`, `count`, `1`,
+            `s`, `dollars`, … Only what is in `points` or `count` is taken apart as points in a ledger.
     """
 
     subject: str
@@ -114,6 +122,7 @@ class Finding:
     clause: str = ""
     critical: bool = False
     check: str = ""
+    units: Mapping[str, str] = field(default_factory=lambda: _NO_WORDS)
 
     def __post_init__(self) -> None:
         if not isinstance(self.verdict, Verdict):
@@ -125,6 +134,9 @@ class Finding:
                 raise ValueError(f"evidence {sample.signal!r} is {sample.value!r}")
         object.__setattr__(self, "quantities", MappingProxyType(dict(self.quantities)))
         object.__setattr__(self, "labels", MappingProxyType(dict(self.labels)))
+        object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
+        for name in self.units.keys() - self.quantities.keys():
+            raise ValueError(f"there is a unit for {name!r}, which is no quantity of this finding")
         object.__setattr__(self, "evidence", tuple(self.evidence))
 
     @classmethod
@@ -159,12 +171,14 @@ class Finding:
         broken = [limit for limit in limits if not limit.kept]
         shown: Iterable[Limit] = broken or limits
         telling = broken[0] if broken else limits[0]
+        names = [f"{limit.what.replace(' ', '_')}_{limit.unit}" for limit in limits]
         return cls(
             subject,
             Verdict.VIOLATED if broken else Verdict.SATISFIED,
             message or "; ".join(str(limit) for limit in shown),
             robustness=telling.margin,
             unit=telling.unit,
-            quantities={f"{limit.what.replace(' ', '_')}_{limit.unit}": limit.value for limit in limits},
+            quantities={name: limit.value for name, limit in zip(names, limits, strict=True)},
             clause=clause,
+            units={name: limit.unit for name, limit in zip(names, limits, strict=True)},
         )

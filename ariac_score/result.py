@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import field, replace
 from decimal import Decimal
 from typing import Any
@@ -30,6 +30,7 @@ __all__ = [
     "Settings",
     "Source",
     "canonical",
+    "declared_units",
     "settled",
 ]
 
@@ -47,6 +48,15 @@ def canonical(value: float) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{value!r} cannot stand in a result")
     return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0
+
+
+def declared_units(findings: Iterable[Finding]) -> dict[str, dict[str, str]]:
+    """The declared units of quantities, by check."""
+    units: dict[str, dict[str, str]] = {}
+    for finding in findings:
+        if finding.units:
+            units.setdefault(finding.check, {}).update(finding.units)
+    return units
 
 
 def settled(finding: Finding) -> Finding:
@@ -130,6 +140,7 @@ class Measured:
         team: Name of the team; empty when unknown.
         sketch: What a page draws beside this; `None` where none was made. Nothing is priced by it.
         settings: What every check was set to, by its name; `None` where it was not kept. Prices nothing.
+        units: By check the declared units of its quantities; `None` where they were not kept.
     """
 
     trial: str
@@ -146,6 +157,7 @@ class Measured:
     team: str = ""
     sketch: Sketch | None = None
     settings: Mapping[str, Settings] | None = None
+    units: Mapping[str, Mapping[str, str]] | None = None
 
     def of(self, check: str) -> dict[str, Finding]:
         """The findings of one check, by id."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
@@ -18,7 +18,7 @@ from ariac_score.adjustments import apply, check_targets
 from ariac_score.datafiles import schema_errors, strict_json
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.expression import Traced
-from ariac_score.findings import Finding, Verdict
+from ariac_score.findings import POINTS, Finding, Verdict
 from ariac_score.plain_json import canonical_text
 from ariac_score.result import (
     SIGNIFICANT_DIGITS,
@@ -315,12 +315,15 @@ def _adjusted_data(adjusted: Adjusted) -> dict[str, Any]:
 
 
 def _result_data(result: Result) -> dict[str, Any]:
-    # Both keys are there only where they hold something: other results have the bytes they always had.
+    # These keys are there only where they hold something: other results have the bytes they always had.
     adjusted = {} if result.adjusted is None else {"adjusted": _adjusted_data(result.adjusted)}
     settings = {} if result.measured.settings is None else {"settings": None}
+    units = result.measured.units
+    declared = {} if units is None else {"units": {check: dict(own) for check, own in units.items()}}
     return {
         **adjusted,
         **settings,
+        **declared,
         "schema": SCHEMA,
         "sketch": None,
         "rule_set_title": result.rule_set_title,
@@ -524,7 +527,7 @@ def _result(data: Mapping[str, Any]) -> Result:
     unit = Decimal(1).scaleb(-digits)
     return Result(
         measured=replace(
-            _measured(data["measured"]),
+            _measured(data["measured"], data.get("units")),
             sketch=_sketch(data.get("sketch")),
             settings=_settings(data.get("settings")),
         ),
@@ -640,7 +643,21 @@ def _span_of(value: Any) -> Span | None:
     return None if value is None else Span(float(value[0]), float(value[1]))
 
 
-def _finding(data: Mapping[str, Any]) -> Finding:
+_NO_POINTS = ("_s", "_m", "_m_s", "_rad", "_hz", "_n", "_factor", "dollars")
+"""How names of quantities ended that were no points before units were declared."""
+
+
+def _units_of(
+    check: str, quantities: Iterable[str], units: Mapping[str, Mapping[str, str]] | None
+) -> dict[str, str]:
+    """Declared units; in a result that does not keep them, points as its version took them by name."""
+    if units is None:
+        return {name: POINTS for name in quantities if not name.endswith(_NO_POINTS)}
+    declared = units.get(check, {})
+    return {name: declared[name] for name in quantities if name in declared}
+
+
+def _finding(data: Mapping[str, Any], units: Mapping[str, Mapping[str, str]] | None) -> Finding:
     return Finding(
         subject=data["subject"],
         verdict=Verdict(data["verdict"]),
@@ -654,6 +671,7 @@ def _finding(data: Mapping[str, Any]) -> Finding:
         clause=data["clause"],
         critical=data["critical"],
         check=data["check"],
+        units=_units_of(data["check"], data["quantities"], units),
     )
 
 
@@ -668,11 +686,11 @@ def _scope(data: Mapping[str, Any]) -> Scope:
     return Scope(data["level"], data["path"], facts, tuple(_scope(inner) for inner in data["inner"]))
 
 
-def _measured(data: Mapping[str, Any]) -> Measured:
+def _measured(data: Mapping[str, Any], units: Mapping[str, Mapping[str, str]] | None) -> Measured:
     official = data["official"]
     return Measured(
         trial=data["trial"],
-        findings={key: _finding(f) for key, f in data["findings"].items()},
+        findings={key: _finding(f, units) for key, f in data["findings"].items()},
         scopes=_scope(data["scopes"]),
         window=_span_of(data["window_s"]),
         orders={k: None if v is None else float(v) for k, v in data["orders_announced_s"].items()},
@@ -706,6 +724,7 @@ def _measured(data: Mapping[str, Any]) -> Measured:
             items=official["items"],
         ),
         team=data["team"],
+        units=units,
     )
 
 

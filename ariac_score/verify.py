@@ -381,8 +381,10 @@ def _recomputed(stored: Result, again: Result) -> Step:
         return Step("recomputed", OK, "the same to the byte")
     found = list(_different(json.loads(before), json.loads(after), "$"))
     # A result that keeps no settings is of a version before they were kept, or was robbed of them.
-    unpriced = ("$.provenance", *(() if stored.measured.settings is not None else ("$.settings",)))
-    values = [each for each in found if not each[0].startswith(unpriced)]
+    unpriced = ["$.provenance"]
+    unpriced += ["$.settings"] if stored.measured.settings is None else []
+    unpriced += ["$.units"] if stored.measured.units is None else []
+    values = [each for each in found if not each[0].startswith(tuple(unpriced))]
     words = (
         _listed(values, "in the result", "computed again")
         if values

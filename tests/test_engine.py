@@ -41,6 +41,9 @@ from ariac_score.logmap import load_log_map
 from ariac_score.registry import Plugin, Registry, _installed
 from ariac_score.result import Provenance
 from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.verify import verify_result
+
+DATA = Path(__file__).parent / "data"
 
 LAWS = settings(max_examples=50, derandomize=True, deadline=None)
 REGISTRY = Registry()
@@ -153,6 +156,34 @@ def test_a_stored_result_comes_back_whole(tmp_path: Path) -> None:
     file.write_text(as_json(priced(TRIAL)), encoding="utf-8")
 
     assert as_json(load_result(file)) == file.read_text(encoding="utf-8")
+
+
+def test_a_result_of_a_version_that_declared_no_units_is_read_and_stays_as_it_is() -> None:
+    file = DATA / "result_1_without_units.json"
+    result = load_result(file)  # which prices it again and compares every line of the ledger
+
+    assert (result.score, result.measured.units) == (Decimal("39.000000"), None)
+    assert as_json(result) == file.read_text(encoding="utf-8")
+    assert all(step.outcome != "failed" for step in verify_result(file).steps)
+
+
+def test_declared_units_come_back_with_a_stored_result(tmp_path: Path) -> None:
+    file = tmp_path / "result.json"
+    file.write_text(as_json(score_trial(DATA / "performance_2020.log", "ariac2020.official")))
+    (order, *_) = load_result(file).measured.of("order_score").values()
+
+    assert order.units == {name: OFFICIAL_UNITS[name] for name in order.quantities}
+
+
+OFFICIAL_UNITS = {
+    "score": "points",
+    "total": "points",
+    "max_score": "points",
+    "priority_factor": "1",
+    "submitted": "count",
+    "duration_s": "s",
+}
+"""ARIAC notes on log formats, section 3."""
 
 
 def test_old_findings_are_priced_again_without_their_log(tmp_path: Path) -> None:
@@ -422,6 +453,11 @@ BROKEN = {
     "yields infinity": (
         "yield Finding('t', Verdict.VIOLATED, 'x', robustness=float('-inf'), unit='m')",
         "yields a number that is none: -inf",
+    ),
+    "gives a quantity in two units": (
+        "yield Finding('a', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'points'})\n"
+        "yield Finding('b', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'N'})",
+        "gives the quantity 'won' in 'points' and in 'N'",
     ),
     "sets a field": ("trial.id = 'mine'\nyield", "raised FrozenInstanceError"),
     "adds a signal": ("trial.signals['mine'] = None\nyield", "raised TypeError"),

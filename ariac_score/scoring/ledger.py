@@ -16,13 +16,15 @@ from decimal import ROUND_HALF_EVEN, Decimal
 
 from ariac_score.errors import FormulaError, ResultError
 from ariac_score.expression import LARGEST_INTEGER, Number, Traced
+from ariac_score.findings import COUNT, POINTS
 from ariac_score.records import dataclass
 
 __all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded"]
 
-_CARRIES = frozenset({"points", "count", "measure"})
-_NO_POINTS = ("_s", "_m", "_m_s", "_rad", "_hz", "_n", "_factor", "dollars")
-"""How the names of measured quantities end that are no points, but times, lengths, costs, factors."""
+_OF_FINDINGS = frozenset({"points", "count", "measure"})
+"""The functions whose value is the sum of a number for each finding."""
+_CARRY = frozenset({POINTS, COUNT})
+"""The units that points are made of; times, lengths, costs and factors act on them."""
 _ROUNDING = "rounding"
 
 
@@ -123,7 +125,7 @@ class _Maker:
 
     def _parts(self, traced: Traced, path: str) -> list[Line] | None:
         """The lines a number is the sum of; `None` when it is one amount."""
-        if traced.kind == "check" and traced.op in _CARRIES:
+        if traced.kind == "check" and traced.op in _OF_FINDINGS:
             return self._numbered(traced.children, path)
         if traced.kind == "each" and traced.op in ("sum", "mean"):
             lines = self._numbered(traced.children, path)
@@ -220,7 +222,7 @@ def _adds_up(traced: Traced) -> bool:
 def _carries(traced: Traced) -> bool:
     """Whether points, rather than factors and gates, make up this number."""
     if traced.kind == "check":
-        return traced.op in _CARRIES and not traced.label.removesuffix(")").endswith(_NO_POINTS)
+        return traced.unit in _CARRY
     if traced.kind == "each" and traced.op in ("sum", "mean"):
         return True
     if traced.kind == "op" and traced.op in (

@@ -10,7 +10,7 @@ from functools import cached_property
 
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError, did_you_mean
 from ariac_score.expression import Expression, Number, Traced, add_up, text_of
-from ariac_score.findings import Finding, Verdict
+from ariac_score.findings import COUNT, POINTS, Finding, Verdict
 from ariac_score.records import dataclass
 from ariac_score.scoring.charge import charge
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
@@ -69,6 +69,8 @@ _OPTIONS: Mapping[str, frozenset[str]] = {
     "occurrences": frozenset({"every_s"}),
     "charged": frozenset({"again_after_s"}),
 }
+_UNITS: Mapping[str, str] = {"points": POINTS, "count": COUNT, "seconds": "s"}
+"""Units of what functions on checks give; `measure` gives what the quantity is in."""
 VIOLATION_FUNCTIONS = frozenset(CHECK_FUNCTIONS) - {"points", "measure"}
 """The functions that ask about violations, rather than about points or numbers."""
 _AGGREGATES = ("sum", "mean", "min", "max", "any", "all", "count")
@@ -545,7 +547,8 @@ class _Environment:
         shown = ", ".join([check, *(r.source for r in rest), *(f"{k}={v:g}" for k, v in options.items())])
         label = f"{function}({shown})"
         value, parts = self._answer(function, findings, rest, options, label)
-        return self._asked(function, (check,), label, value, parts, findings)
+        unit = _unit_of(findings, rest[0].source) if function == "measure" else _UNITS.get(function, "")
+        return self._asked(function, (check,), label, value, parts, findings, unit)
 
     def _charged(self, options: Mapping[str, Number]) -> Traced:
         """What the violations of several checks cost, each moment under its heaviest."""
@@ -582,6 +585,7 @@ class _Environment:
         value: Number,
         parts: Sequence[tuple[str, Number]],
         findings: Mapping[str, Finding],
+        unit: str = "",
     ) -> Traced:
         """The trace of an answer, with what each finding has in it."""
         children = tuple(
@@ -597,6 +601,7 @@ class _Environment:
             subject=self.scope.path,
             findings=tuple(k for k, _ in parts),
             checks=checks,
+            unit=unit,
         )
 
     def _answer(
@@ -695,6 +700,11 @@ def _measures(findings: Mapping[str, Finding], quantity: str, label: str) -> lis
             hint=did_you_mean(quantity, known, what="quantities of this check"),
         )
     return [(key, f.quantities[quantity]) for key, f in findings.items() if quantity in f.quantities]
+
+
+def _unit_of(findings: Mapping[str, Finding], quantity: str) -> str:
+    """The declared unit of a quantity, which has one over all findings of a check; empty without one."""
+    return next((f.units[quantity] for f in findings.values() if quantity in f.units), "")
 
 
 def _demerits(findings: Mapping[str, Finding], tau_s: Number, label: str) -> list[tuple[str, Number]]:

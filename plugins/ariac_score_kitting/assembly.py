@@ -329,4 +329,4 @@ class AssemblyCounters(_Briefcases):
         }
         told = ", ".join(f"{name.replace('_', ' ')} {number:g}" for name, number in counted.items())
         satisfied = Finding.satisfied(subject, told)
-        return replace(satisfied, quantities=counted, clause=_CLAUSE)
+        return replace(satisfied, quantities=counted, clause=_CLAUSE, units=dict.fromkeys(counted, "count"))

@@ -171,6 +171,7 @@ class OrderTime:
                 message if missing else f"completed in {taken.value:.3f} s",
                 quantities={"time_taken_s": taken.value},
                 clause=clause,
+                units={"time_taken_s": "s"},
             )
 
 

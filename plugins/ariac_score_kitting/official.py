@@ -77,11 +77,13 @@ class OfficialOrderScore:
         if not printed.submitted:
             quantities = {"score": 0.0} | quantities
             words = f"not handed in by the official text; score {quantities['score']:g}"
-            return Finding(order.id, Verdict.VIOLATED, words, quantities=quantities)
+            return Finding(order.id, Verdict.VIOLATED, words, quantities=quantities, units=_units(quantities))
         missing = [name for name in ("score", *self.requires) if name not in quantities]
         if missing:
             return Finding.inconclusive(order.id, f"the official text does not say its {_words(missing[0])}")
-        return Finding(order.id, Verdict.SATISFIED, _shown(quantities), quantities=quantities)
+        return Finding(
+            order.id, Verdict.SATISFIED, _shown(quantities), quantities=quantities, units=_units(quantities)
+        )
 
     def _quantities(self, order: Order, printed: OfficialOrder) -> dict[str, float]:
         """What is known of the order, by name."""
@@ -161,7 +163,9 @@ class OfficialTrialScore:
             f"arms collided by the official text; {_shown(quantities)}" if collided else _shown(quantities)
         )
         verdict = Verdict.VIOLATED if collided else Verdict.SATISFIED
-        return Finding(_SUBJECT, verdict, words, quantities=quantities, critical=collided)
+        return Finding(
+            _SUBJECT, verdict, words, quantities=quantities, units=_units(quantities), critical=collided
+        )
 
 
 def _ended(subject: str, official: OfficialResult, on_crash: OnCrash, zero: dict[str, float]) -> Finding:
@@ -169,7 +173,15 @@ def _ended(subject: str, official: OfficialResult, on_crash: OnCrash, zero: dict
     words, labels = _ENDINGS[official.outcome], {"outcome": official.outcome}
     if on_crash == "zero":
         words += "; it counts as 0"
-        return Finding(subject, Verdict.VIOLATED, words, quantities=zero, labels=labels, critical=True)
+        return Finding(
+            subject,
+            Verdict.VIOLATED,
+            words,
+            quantities=zero,
+            units=_units(zero),
+            labels=labels,
+            critical=True,
+        )
     return Finding(subject, Verdict.INCONCLUSIVE, words, labels=labels)
 
 
@@ -208,10 +220,27 @@ def _words(quantity: str) -> str:
     return quantity.removesuffix("_s").replace("_", " ")
 
 
+_UNITS = {
+    "score": "points",
+    "total": "points",
+    "max_score": "points",
+    "dropped": "points",
+    "priority_factor": "1",
+    "submitted": "count",
+    "collisions": "count",
+    "duration_s": "s",
+    "process_time_s": "s",
+}
+
+
+def _units(quantities: Mapping[str, float]) -> dict[str, str]:
+    return {name: _UNITS[name] for name in quantities}
+
+
 def _shown(quantities: Mapping[str, float]) -> str:
     """The printed numbers in one line; that it was handed in, the verdict says."""
     return ", ".join(
-        f"{_words(name)} {value:.9g}{' s' if name.endswith('_s') else ''}"
+        f"{_words(name)} {value:.9g}{' s' if _UNITS[name] == 's' else ''}"
         for name, value in quantities.items()
         if name != "submitted"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -54,13 +54,14 @@ class RunOrder:
             return
         kinds = {kind: float(stored.kind == kind) for kind in _KINDS}
         if not stored.submitted:
-            yield Finding(order.id, Verdict.VIOLATED, "not handed in", quantities=kinds)
+            yield Finding(order.id, Verdict.VIOLATED, "not handed in", quantities=kinds, units=_units(kinds))
         elif stored.announced_s is None or stored.submitted_s is None:
             yield Finding.inconclusive(order.id, "the record does not say when it was handed in")
         else:
             times = {"announced_s": stored.announced_s, "submitted_s": stored.submitted_s}
             words = f"announced at {stored.announced_s:.3f} s, accepted at {stored.submitted_s:.3f} s"
-            yield Finding(order.id, Verdict.SATISFIED, words, quantities=kinds | times)
+            numbers = kinds | times
+            yield Finding(order.id, Verdict.SATISFIED, words, quantities=numbers, units=_units(numbers))
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,14 @@ class RunRecord:
             verdict = Verdict.VIOLATED if numbers["aborted"] else Verdict.SATISFIED
             ended = "aborted" if numbers["aborted"] else "not finished" if unfinished else "completed"
             words = f"{ended} after {numbers['duration_s']:.3f} s of {numbers['time_limit_s']:g} s"
-            yield Finding(_SUBJECT, verdict, words, quantities=numbers)
+            yield Finding(_SUBJECT, verdict, words, quantities=numbers, units=_units(numbers))
+
+
+_TIMES = frozenset({"announced_s", "submitted_s", "duration_s", "time_limit_s", "avg_report_time_s"})
+
+
+def _units(quantities: Iterable[str]) -> dict[str, str]:
+    return {name: "s" if name in _TIMES else "count" for name in quantities}
 
 
 def _words(name: str) -> str:

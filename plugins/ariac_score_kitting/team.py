@@ -106,10 +106,10 @@ class SensorCost:
 
 
 def _costs(message: str, dollars: float, team: TeamSetup) -> Finding:
-    quantities = {"dollars": dollars}
+    quantities, units = {"dollars": dollars}, {"dollars": "dollars"}
     if team.sensors is not None:
-        quantities["sensors"] = float(len(team.sensors))
-    return Finding(_SUBJECT, Verdict.SATISFIED, message, quantities=quantities)
+        quantities["sensors"], units["sensors"] = float(len(team.sensors)), "count"
+    return Finding(_SUBJECT, Verdict.SATISFIED, message, quantities=quantities, units=units)
 
 
 def _amount(dollars: float) -> str:

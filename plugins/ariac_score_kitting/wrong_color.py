@@ -93,4 +93,7 @@ class WrongColorPose:
                 f"{total} of wrong colour in the place of a right one, {groups} ordered types delivered: "
                 f"counted {counted} times",
             )
-        return Finding(subject, made.verdict, made.message, quantities=quantities, clause=_CLAUSE)
+        units = dict.fromkeys(quantities, "count")
+        return Finding(
+            subject, made.verdict, made.message, quantities=quantities, clause=_CLAUSE, units=units
+        )

@@ -529,6 +529,7 @@ class CollisionEpisodes:
             quantities={**quantities, **hardness},
             clause=_COLLISION_CLAUSE,
             critical=self.critical,
+            units={"occurrences": "count"},
         )
 
 

@@ -200,6 +200,51 @@ def test_every_shape_of_formula_has_a_ledger_that_adds_up(formula: str, expected
     reconcile(ledger, ledger.amount, digits=6)
 
 
+def measured(units: dict[str, str]) -> dict[str, Finding]:
+    """One finding with three quantities, whose names tell other units than are declared."""
+    quantities = {"bonus_n": 4.0, "accel_m_s2": 5.0, "extra": 6.0}
+    return {"near#1": Finding("r/h", S, "kept", quantities=quantities, check="near", units=units)}
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit", "kinds"),
+    [
+        ("bonus_n", "points", ["sum", "factor"]),
+        ("bonus_n", "count", ["sum", "factor"]),
+        ("bonus_n", "N", []),
+        ("accel_m_s2", "m/s2", []),
+        ("extra", "1", []),
+        ("extra", "dollars", []),
+    ],
+)
+def test_what_is_points_is_declared_and_never_guessed_from_a_name(
+    quantity: str, unit: str, kinds: list[str]
+) -> None:
+    ledger = ledger_of(f"2 * measure(near, {quantity})", scopes(), measured({quantity: unit}))
+
+    assert [line.kind for line in ledger.children] == kinds
+
+
+def test_a_quantity_without_a_declared_unit_is_no_points() -> None:
+    ledger = ledger_of("2 * measure(near, extra)", scopes(), measured({}))
+
+    assert (ledger.kind, ledger.amount) == ("amount", Decimal("12.000000"))
+
+
+@pytest.mark.parametrize("check", ["held_s", "far_m", "big_factor"])
+def test_points_of_a_check_are_points_whatever_its_name_ends_in(check: str) -> None:
+    found = {f"{check}#1": Finding("r/h", S, "kept", check=check)}
+    sheet = ScoreSheet({}, Expression.parse(f"3 * points({check})"), frozenset({check}))
+    ledger = make_ledger(sheet.evaluate(scopes(), found), digits=6)
+
+    assert [(line.kind, line.amount) for line in ledger.children] == [("sum", 1), ("factor", 2)]
+
+
+def test_a_unit_belongs_to_a_quantity_of_its_finding() -> None:
+    with pytest.raises(ValueError, match="'depth_m', which is no quantity"):
+        Finding("r/h", S, "kept", quantities={"depth": 1.0}, units={"depth_m": "m"})
+
+
 def test_scores_without_findings_or_orders_have_a_ledger() -> None:
     ledger = ledger_of("sum(order.x)", scopes(), {}, order={"x": "points(right)"})
 
