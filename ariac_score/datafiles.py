@@ -369,9 +369,10 @@ def schema_errors(data: Any, name: str, definition: str = "") -> list[tuple[_Pla
     definitions = whole.get("$defs", {})
     if surely_keeps(data, definitions[definition] if definition else whole, definitions):
         return []
-    faults = [_worded(_deepest(fault)) for fault in _validator(name, definition).iter_errors(data)]
+    faults = [_deepest(fault) for fault in _validator(name, definition).iter_errors(data)]
+    worded = [(fault.validator == "required", _worded(fault)) for fault in faults]
     # A key that is missing is most often there, misspelt.
-    return sorted(faults, key=lambda fault: (fault[1].endswith("is missing"), [str(p) for p in fault[0]]))
+    return [fault for _, fault in sorted(worded, key=lambda one: (one[0], [str(p) for p in one[1][0]]))]
 
 
 def _deepest(fault: Any) -> Any:

@@ -40,6 +40,7 @@ __all__ = [
     "merit",
     "rank_again",
     "rank_results",
+    "remarks_on_team",
 ]
 
 OUTCOMES: Mapping[str, str] = {
@@ -570,6 +571,11 @@ def _remarks(
     elif missing_marks:
         remarks.append(missing_marks)
     return tuple(remarks)
+
+
+def remarks_on_team(standing: Standing) -> tuple[str, ...]:
+    """What its remarks say of the team itself; those on its trials come first, one for each not scored."""
+    return standing.remarks[sum(1 for cell in standing.cells.values() if cell.outcome != "scored") :]
 
 
 def _ranked(found: Sequence[Standing], spec: Spec) -> tuple[Standing, ...]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from ariac_score.ranking.adjusting import decisions_by_run
 from ariac_score.ranking.compare import Difference
 from ariac_score.ranking.nist_text import Evaluation
-from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing, final_ranking
+from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing, final_ranking, remarks_on_team
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.report.style import Style, plain
 from ariac_score.report.text import amount_text
@@ -175,10 +175,7 @@ def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
     lines += _run_lines([run for run in ranking.runs if run.outcome not in _ORDINARY])
     lines += [f"  passed over: {plain(stranger)}" for stranger in ranking.strangers]
     lines += [
-        f"  {plain(s.team)}: {plain(remark)}"
-        for s in ranking.standings
-        for remark in s.remarks
-        if remark.startswith(("no value", "marks of", "disqualified"))
+        f"  {plain(s.team)}: {plain(remark)}" for s in ranking.standings for remark in remarks_on_team(s)
     ]
     if lines:
         yield style("Out of the ordinary", "bold")

@@ -9,6 +9,7 @@ import shutil
 import sqlite3
 from collections.abc import Mapping
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from ariac_score import load_log_map, load_rule_set
 from ariac_score.cli import main
 from ariac_score.datafiles import schema_errors
 from ariac_score.ranking.competition import load_competition
-from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.rank import Cell, Ranking, Standing, rank_results, remarks_on_team
 from ariac_score.ranking.runs import score_runs, strict_evaluation
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.ranking import ranking_text
@@ -370,6 +371,17 @@ def test_a_team_with_fewer_judges_is_told_about(tmp_path: Path) -> None:
     found = ranking(tmp_path, teams + "ranking: {value: execution + judges, best: highest}\n")
 
     assert [s.remarks for s in found.standings] == [("marks of 1 judges, 2 in all; others have 2 and 4",), ()]
+
+
+def test_remarks_on_a_team_are_not_those_on_its_trials_whatever_these_are_called() -> None:
+    cells = {
+        "no value heat": Cell(Decimal(0), "no_run", "no run was made", (), 0),
+        "kit_1": Cell(Decimal(3), "scored", "", (1,), 1),
+    }
+    remarks = ("no value heat: no_run: no run was made", "disqualified: a second robot")
+    team = Standing(None, "a", "A", None, Decimal(3), None, {}, cells, remarks)
+
+    assert remarks_on_team(team) == ("disqualified: a second robot",)
 
 
 def test_a_competition_without_any_run_is_nothing_to_score(
