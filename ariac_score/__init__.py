@@ -14,8 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ariac_score.cohort import Cohort, load_cohort
-    from ariac_score.contracts import (
+    from ariac_score.checks.contracts import (
         Charting,
         Decoder,
         EventMonitor,
@@ -33,7 +32,17 @@ if TYPE_CHECKING:
         TopicDescription,
         Wanted,
     )
-    from ariac_score.engine import measure_trial, price_trial, reprice, score_trial
+    from ariac_score.checks.findings import Finding, Limit, Verdict
+    from ariac_score.checks.parameters import (
+        ParameterFacts,
+        Status,
+        check_parameters,
+        parameter,
+        parameter_facts,
+    )
+    from ariac_score.engine.measure import measure_trial
+    from ariac_score.engine.price import price_trial, reprice
+    from ariac_score.engine.score import score_trial
     from ariac_score.errors import (
         FormulaError,
         LogError,
@@ -42,18 +51,18 @@ if TYPE_CHECKING:
         ScoreError,
         did_you_mean,
     )
-    from ariac_score.expression import Expression, add_up
-    from ariac_score.findings import Finding, Limit, Verdict
-    from ariac_score.logmap import load_log_map
-    from ariac_score.parameters import ParameterFacts, Status, check_parameters, parameter, parameter_facts
-    from ariac_score.result import Measured, Provenance, Result
-    from ariac_score.result_json import as_json, load_result
-    from ariac_score.ruleset import RuleSet, load_rule_set
+    from ariac_score.results.cohort_file import Cohort, load_cohort
+    from ariac_score.results.result import Measured, Provenance, Result
+    from ariac_score.results.result_file import as_json, load_result
+    from ariac_score.scoring.expression import Expression, add_up
+    from ariac_score.scoring.ruleset import RuleSet, load_rule_set
     from ariac_score.trial.arrivals import Alignment, Arrivals
     from ariac_score.trial.build import TrialBuilder
     from ariac_score.trial.channels import LogMap
+    from ariac_score.trial.course import Course
     from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
     from ariac_score.trial.kits import Kit
+    from ariac_score.trial.logmap import load_log_map
     from ariac_score.trial.model import (
         Body,
         LogDefect,
@@ -70,7 +79,6 @@ if TYPE_CHECKING:
         WantedProduct,
     )
     from ariac_score.trial.signals import Sample, Signal, align
-    from ariac_score.trial.sketch import Course
     from ariac_score.trial.spans import (
         Episodes,
         Span,
@@ -85,22 +93,22 @@ if TYPE_CHECKING:
     from ariac_score.trial.windows import Aligned, TimeBase
 
 _HOME = {
-    "ariac_score.contracts": (
+    "ariac_score.checks.contracts": (
         "Charting Decoder EventMonitor EventWatch LogDescription Margined Monitor OnlineMonitor OnlineWatch "
         "Reader Resolving Rule SignalNeed Standing TopicDescription Wanted"
     ),
-    "ariac_score.cohort": "Cohort load_cohort",
-    "ariac_score.engine": "measure_trial price_trial reprice score_trial",
+    "ariac_score.results.cohort_file": "Cohort load_cohort",
+    "ariac_score.engine.score": "measure_trial price_trial reprice score_trial",
     "ariac_score.errors": (
         "FormulaError LogError MissingSignalError NothingToScoreError ScoreError did_you_mean"
     ),
-    "ariac_score.expression": "Expression add_up",
-    "ariac_score.findings": "Finding Limit Verdict",
-    "ariac_score.logmap": "load_log_map",
-    "ariac_score.parameters": "ParameterFacts Status check_parameters parameter parameter_facts",
-    "ariac_score.result": "Measured Provenance Result",
-    "ariac_score.result_json": "as_json load_result",
-    "ariac_score.ruleset": "RuleSet load_rule_set",
+    "ariac_score.scoring.expression": "Expression add_up",
+    "ariac_score.checks.findings": "Finding Limit Verdict",
+    "ariac_score.trial.logmap": "load_log_map",
+    "ariac_score.checks.parameters": "ParameterFacts Status check_parameters parameter parameter_facts",
+    "ariac_score.results.result": "Measured Provenance Result",
+    "ariac_score.results.result_file": "as_json load_result",
+    "ariac_score.scoring.ruleset": "RuleSet load_rule_set",
     "ariac_score.trial.arrivals": "Alignment Arrivals",
     "ariac_score.trial.build": "TrialBuilder",
     "ariac_score.trial.channels": "LogMap",
@@ -111,7 +119,7 @@ _HOME = {
         "Trial WantedProduct"
     ),
     "ariac_score.trial.signals": "Sample Signal align",
-    "ariac_score.trial.sketch": "Course",
+    "ariac_score.results.sketch": "Course",
     "ariac_score.trial.spans": (
         "Episodes Span Stretch episodes_where gaps_between sample_durations uncovered_spans"
     ),

@@ -18,10 +18,10 @@ from decimal import Decimal
 
 import numpy as np
 
-from ariac_score.expression import Expression
 from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing
 from ariac_score.ranking.spec import Intervals, Key, Spec
 from ariac_score.ranking.statistics import rank_statistics
+from ariac_score.scoring.expression import Expression
 
 ABILITY = (0.0, 0.0, 3.0, 3.0, 8.0, 8.0)
 MARKS = (3.0, 1.0, 2.0, 2.0, 1.0, 3.0)

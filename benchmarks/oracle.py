@@ -25,9 +25,9 @@ import websocket
 from websockets.sync.server import ServerConnection, serve
 
 from ariac_score import load_rule_set
+from ariac_score.checks.registry import Registry
 from ariac_score.oracle.judges import RulesBench
 from ariac_score.oracle.server import Limits, Oracle
-from ariac_score.registry import Registry
 
 WANTED_PER_S = 5000
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.logs.types import bundled_typestore
+from ariac_score.logs.columnar.types import bundled_typestore
 
 ORIGIN_NS = 1_700_000_000_000_000_000
 TF, JOINTS, CLOCK = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/JointState", "rosgraph_msgs/msg/Clock"

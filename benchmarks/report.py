@@ -16,8 +16,8 @@ import numpy as np
 
 from ariac_score import Body, Course, Span, Trial, as_json, load_result
 from ariac_score.report.html.trial import trial_page
+from ariac_score.results.sketch import Sketch, sketch_of
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.sketch import Sketch, sketch_of
 
 EXAMPLE = Path(__file__).parents[1] / "examples/kitting_near_miss.result.json"
 SAMPLES, PEOPLE = 60_000, 4

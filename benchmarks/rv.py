@@ -41,7 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score import Body, Monitor, Signal, Span, Trial
-from ariac_score.registry import Registry
+from ariac_score.checks.registry import Registry
 
 HERE = Path(__file__).parent
 FloatArray = NDArray[np.float64]

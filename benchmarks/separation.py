@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score import Body, Signal, Trial, load_log_map
-from ariac_score.registry import Registry
+from ariac_score.checks.registry import Registry
 from ariac_score.trial.derive import Derivation, derive_signals, nearest_distances
 from ariac_score.trial.spans import Span
 

@@ -30,13 +30,13 @@ from pathlib import Path
 import numpy as np
 
 from ariac_score import Finding, Verdict, load_rule_set, score_trial
-from ariac_score.engine import reprice
-from ariac_score.expression import Expression
+from ariac_score.engine.price import reprice
 from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing
 from ariac_score.ranking.spec import Intervals, Key, Spec
 from ariac_score.ranking.statistics import rank_statistics
-from ariac_score.result import Result
-from ariac_score.result_json import as_json
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import as_json
+from ariac_score.scoring.expression import Expression
 from ariac_score.testing.trials import kitting_trial, write_trial_log
 
 RULES = "paper2020"

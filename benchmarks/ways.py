@@ -27,13 +27,13 @@ SCORED = ("/tf", "/human/state")
 
 
 def ours(path: Path) -> int:
-    from ariac_score.logs.tables import read_tables  # noqa: PLC0415
+    from ariac_score.logs.gather.wanted_fields import read_tables  # noqa: PLC0415
 
     return sum(len(t.stamps_ns) for t in read_tables(path, FIELDS))
 
 
 def ours_all(path: Path) -> int:
-    from ariac_score.logs.tables import read_tables  # noqa: PLC0415
+    from ariac_score.logs.gather.wanted_fields import read_tables  # noqa: PLC0415
 
     return sum(len(t.stamps_ns) for t in read_tables(path, dict.fromkeys(FIELDS)))
 
@@ -41,7 +41,7 @@ def ours_all(path: Path) -> int:
 def rosbags(path: Path, topics: Collection[str] = FIELDS.keys()) -> int:
     from rosbags.highlevel import AnyReader  # noqa: PLC0415
 
-    from ariac_score.logs.types import bundled_typestore  # noqa: PLC0415
+    from ariac_score.logs.columnar.types import bundled_typestore  # noqa: PLC0415
 
     count = 0
     with AnyReader([path], default_typestore=bundled_typestore(2)) as reader:

@@ -15,10 +15,13 @@ from types import ModuleType
 from zlib import crc32
 
 from ariac_score.errors import LogError
-from ariac_score.logs import mcap, ros1bag, slabs
-from ariac_score.logs.mcap import McapScan
-from ariac_score.logs.ros1bag import Ros1Scan
-from ariac_score.logs.salvage import Batch, Message, inflate
+from ariac_score.logs.containers import chunk_buffers as slabs
+from ariac_score.logs.containers import mcap
+from ariac_score.logs.containers import ros1 as ros1bag
+from ariac_score.logs.containers.inflating import inflate
+from ariac_score.logs.containers.items import Batch, Message
+from ariac_score.logs.containers.mcap import McapScan
+from ariac_score.logs.containers.ros1 import Ros1Scan
 from ariac_score.testing.repacked import records
 from fuzz.columns import lowered
 

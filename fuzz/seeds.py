@@ -23,11 +23,11 @@ from ariac_score import score_trial
 from ariac_score.batch.index import Row
 from ariac_score.batch.outcomes import Summary
 from ariac_score.batch.tasks import Limits, Setting
-from ariac_score.cohort import Cohort, CohortMean, cohort_text
 from ariac_score.platforms.evalai import Challenge, challenge_config
 from ariac_score.platforms.submission import phase_text
-from ariac_score.result_json import as_json
-from ariac_score.ruleset import rule_set_from_text
+from ariac_score.results.cohort_file import Cohort, CohortMean, cohort_text
+from ariac_score.results.result_file import as_json
+from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
     Recorded,

@@ -20,29 +20,29 @@ import numpy as np
 from rosbags.typesys import get_types_from_msg
 
 from ariac_score import Body, Signal, Span, Trial, load_rule_set
-from ariac_score.adjustments import load_adjustments
 from ariac_score.batch.index import checked_rows, read_rows
-from ariac_score.cohort import load_cohort
-from ariac_score.contracts import Monitor, Reader, Wanted
-from ariac_score.engine import find_trial
+from ariac_score.checks.contracts import Monitor, Reader, Wanted
+from ariac_score.checks.guarded import GuardedDecoder
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.read import find_trial
 from ariac_score.errors import PluginError, ScoreError
-from ariac_score.expression import Expression, Traced
-from ariac_score.guard import GuardedDecoder
-from ariac_score.logmap import load_log_map
-from ariac_score.logs import sqlite_bag
-from ariac_score.logs.definitions import parsed_definitions
-from ariac_score.logs.salvage import Batch, Connection
-from ariac_score.logs.sqlite_pages import Pages, UnusualError
+from ariac_score.logs.columnar.definitions import parsed_definitions
+from ariac_score.logs.containers import sqlite as sqlite_bag
+from ariac_score.logs.containers.items import Batch, Connection
+from ariac_score.logs.containers.sqlite_pages import Pages, UnusualError
 from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import RulesBench
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
 from ariac_score.platforms.evalai import check_challenge
 from ariac_score.platforms.submission import load_phase
 from ariac_score.ranking.competition import load_competition
-from ariac_score.registry import Registry
-from ariac_score.result_json import load_result
-from ariac_score.ruleset import RuleSet
-from ariac_score.signing import verify_signature
+from ariac_score.results.adjustments import load_adjustments
+from ariac_score.results.cohort_file import load_cohort
+from ariac_score.results.result_file import load_result
+from ariac_score.results.signing import verify_signature
+from ariac_score.scoring.expression import Expression, Traced
+from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.vocabulary import QUANTITIES
 from ariac_score_rml import RmlError, compile_rml, format_rml, run_trace
 from ariac_score_rml.lines import run_lines

@@ -16,10 +16,10 @@ from functools import cache
 from typing import Any, TypeAlias
 
 from ariac_score.logs.columnar import ColumnDecoder, Columns, Payloads
+from ariac_score.logs.columnar.types import column_decoder_for
 from ariac_score.logs.columnar.walk_many import Interned
-from ariac_score.logs.salvage import Connection
-from ariac_score.logs.types import column_decoder_for
-from ariac_score.logs.wide_text import UNITS, WideDecoder
+from ariac_score.logs.columnar.wide_text import UNITS, WideDecoder
+from ariac_score.logs.containers.items import Connection
 
 __all__ = ["decode_wide_texts"]
 

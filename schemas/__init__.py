@@ -1,1 +1,1 @@
-"""Published JSON schemas. Data; read through `ariac_score.datafiles`."""
+"""Published JSON schemas. Data; read through `ariac_score.documents.yaml`."""

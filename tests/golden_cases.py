@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from ariac_score import Event, Pose, Product, Submission, Trial, load_result
-from ariac_score.result_json import measured_sha256
+from ariac_score.results.result_file import measured_sha256
 from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
     Recorded,

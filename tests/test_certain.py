@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from ariac_score.certain import Certain
-from ariac_score.expression import Expression
-from ariac_score.findings import Finding, Verdict
-from ariac_score.result import Measured
-from ariac_score.ruleset import draft_rule_set
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.results.result import Measured
+from ariac_score.review.certainty import Certain
+from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.ruleset import draft_rule_set
 from ariac_score.scoring.scope import Scope
 
 RULES = """

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from ariac_score import errors, load_rule_set, score_trial
-from ariac_score.datafiles import schema_errors
-from ariac_score.registry import Registry
-from ariac_score.ruleset import rule_set_names
+from ariac_score.checks.registry import Registry
+from ariac_score.documents.schema import schema_errors
 from ariac_score.scoring.policy import POLICIES
+from ariac_score.scoring.ruleset import rule_set_names
 from ariac_score.scoring.sheet import CHECK_FUNCTIONS, FACTS
 
 ROOT = Path(__file__).parents[1]

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 import yaml
 
-from ariac_score.adjustments import load_adjustments
 from ariac_score.cli import main
 from ariac_score.cli.outcome import FORMATS
+from ariac_score.results.adjustments import load_adjustments
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
 ROOT = Path(__file__).parents[1]
@@ -154,7 +154,7 @@ def test_the_page_lists_every_format() -> None:
 
 
 def test_the_page_lists_every_step_of_verifying() -> None:
-    source = (ROOT / "ariac_score/verify.py").read_text(encoding="utf-8")
+    source = (ROOT / "ariac_score/review/verify.py").read_text(encoding="utf-8")
 
     for name in set(re.findall(r'Step\(\s*"(\w+)"', source)):
         assert re.search(rf"^\| `{name}` \|", _page("stewards.md"), re.MULTILINE), name

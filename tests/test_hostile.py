@@ -205,7 +205,7 @@ def test_a_quantity_of_ones_own_is_recorded_and_read(tmp_path: Path) -> None:
         for record in _samples(records):
             record["values"]["force/robot"] = 12.5
 
-    from ariac_score.contracts import Wanted  # noqa: PLC0415  # only this test reads by hand
+    from ariac_score.checks.contracts import Wanted  # noqa: PLC0415  # only this test reads by hand
     from ariac_score.logs.jsonl import JsonLinesReader  # noqa: PLC0415
     from ariac_score.trial.channels import LogMap  # noqa: PLC0415
 

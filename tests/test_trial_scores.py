@@ -35,8 +35,8 @@ from ariac_score import (
     measure_trial,
     price_trial,
 )
-from ariac_score.cohort import Cohort, contributed, make_cohort
-from ariac_score.registry import Registry
+from ariac_score.checks.registry import Registry
+from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
 
 EVALUATION, DOCUMENTED = "ariac2024.evaluation", "ariac2024.as_documented"
 PLACE = Pose((-0.1, 0.1, 0.0))

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.tasks import Task
-from ariac_score.engine import code_of
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.provenance import code_of
 from ariac_score.errors import ScoreError
-from ariac_score.logmap import load_log_map
 from ariac_score.logs.bundle import name_from
-from ariac_score.logs.ranged import ranged
-from ariac_score.registry import Registry
-from ariac_score.ruleset import RuleSet
+from ariac_score.logs.containers.ranged import ranged
+from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.logmap import load_log_map
 
 __all__ = [
     "RunTooLargeError",

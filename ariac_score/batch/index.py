@@ -19,7 +19,7 @@ from ariac_score.batch.outcomes import Summary, summary_of
 from ariac_score.batch.store import Store, read_document
 from ariac_score.batch.tasks import TaskKey
 from ariac_score.errors import BatchError
-from ariac_score.result_json import newer_schema
+from ariac_score.results.result_file import newer_schema
 
 __all__ = [
     "AGAIN",

@@ -276,7 +276,7 @@ def fresh_processes(work: Path, setting: Setting) -> Any:
         file.write_text(told, encoding="ascii")
     os.environ[_SETTING] = str(file.absolute())
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["ariac_score.batch.warm"])
+    context.set_forkserver_preload(["ariac_score.batch.preload"])
     return context
 
 

@@ -22,11 +22,11 @@ from ariac_score.batch.local import begin_server, fresh_processes, started, stop
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Setting, Task, TaskKey
 from ariac_score.batch.worker import prepared
-from ariac_score.engine import reprice
+from ariac_score.engine.price import reprice
 from ariac_score.errors import ScoreError
-from ariac_score.result import Result
-from ariac_score.result_json import as_json, check_follows, result_in
-from ariac_score.ruleset import RuleSet
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import as_json, check_follows, result_in
+from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["Measurement", "Priced", "Pricing"]
 

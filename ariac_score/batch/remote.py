@@ -25,8 +25,8 @@ from typing import Any, TypeVar
 from urllib.parse import quote, unquote, urlsplit
 
 from ariac_score.errors import BatchError, NothingToScoreError, ScoreError, UsageError
-from ariac_score.logs.ranged import Range, RangedFile
-from ariac_score.logs.salvage import LARGEST_FILE_BYTES
+from ariac_score.logs.containers.inflating import LARGEST_FILE_BYTES
+from ariac_score.logs.containers.ranged import Range, RangedFile
 
 __all__ = [
     "Storage",

@@ -9,9 +9,9 @@ from ariac_score.batch.supervise import described
 from ariac_score.errors import FormulaError, LogError, RunEndedError, ScoreError, UsageError
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.runs import without_sketch
-from ariac_score.result import Result
-from ariac_score.result_json import load_result
-from ariac_score.ruleset import RuleSet
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import load_result
+from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["results_of_batch"]
 

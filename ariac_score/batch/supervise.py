@@ -17,18 +17,19 @@ from sys import intern
 from typing import IO, Any, Protocol
 
 from ariac_score.batch.address import basis_of, measuring_address, signature_of
+from ariac_score.batch.hash_cache import Seen
 from ariac_score.batch.index import RUNS, Row, Rows, Written, read_rows, tables_sha256, write_tables
 from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
 from ariac_score.batch.pricing import Measurement, Priced, Pricing
-from ariac_score.batch.seen import Seen
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Setting, Task, TaskKey
 from ariac_score.batch.worker import Done
-from ariac_score.engine import code_of, needs_alike
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.measure import needs_alike
+from ariac_score.engine.provenance import code_of
 from ariac_score.errors import BatchError, ResultError, ScoreError, UsageError
-from ariac_score.registry import Registry
-from ariac_score.result_json import load_result
-from ariac_score.ruleset import RuleSet, rule_set_from_text
+from ariac_score.results.result_file import load_result
+from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 
 __all__ = ["DESCRIPTION", "SCHEMA", "Executor", "Report", "described", "run_batch", "unwritable"]
 

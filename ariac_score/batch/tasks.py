@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ariac_score.errors import NothingToScoreError, UsageError
 from ariac_score.ranking.competition import FILE, Competition, load_competition
-from ariac_score.ruleset import RuleSet, expanded_yaml, rule_set_from_text
+from ariac_score.scoring.ruleset import RuleSet, expanded_yaml, rule_set_from_text
 
 __all__ = ["Limits", "Plan", "Setting", "Task", "TaskKey", "of_shard", "plan_batch", "shard"]
 

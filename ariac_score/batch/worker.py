@@ -25,17 +25,19 @@ from ariac_score.batch.address import (
     refuse_excess,
     signature_of,
 )
-from ariac_score.batch.near import Near, bring, still_the_same
+from ariac_score.batch.fetched import Near, bring, still_the_same
 from ariac_score.batch.outcomes import outcome_document, outcome_of, told_within
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Limits, Setting, Task
-from ariac_score.engine import reprice, score_trial, topics_read
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.price import reprice
+from ariac_score.engine.read import topics_read
+from ariac_score.engine.score import score_trial
 from ariac_score.errors import PluginError, ScoreError
-from ariac_score.logs.ranged import reading
-from ariac_score.registry import Registry
-from ariac_score.result import Result
-from ariac_score.result_json import as_json, load_result, read_result
-from ariac_score.ruleset import RuleSet, expanded_yaml
+from ariac_score.logs.containers.ranged import reading
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import as_json, load_result, read_result
+from ariac_score.scoring.ruleset import RuleSet, expanded_yaml
 
 __all__ = [
     "NO_ROOM",

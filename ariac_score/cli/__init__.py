@@ -157,7 +157,7 @@ def _failed(error: Exception) -> int:
 
 
 def _say(error: ScoreError) -> None:
-    from ariac_score.report.style import plain, style_for  # noqa: PLC0415  # only when something failed
+    from ariac_score.terminal.style import plain, style_for  # noqa: PLC0415  # only when something failed
 
     style = style_for(sys.stderr)
     print(f"{style('error:', 'bold', 'red')} {plain(str(error))}", file=sys.stderr)

@@ -31,10 +31,10 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Load both, apply, show; the same output and exit codes as `score`."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.adjustments import adjust, adjustments_template, load_adjustments  # noqa: PLC0415
     from ariac_score.cli.outcome import show  # noqa: PLC0415
-    from ariac_score.cli.output import refuse_inputs, write  # noqa: PLC0415
-    from ariac_score.result_json import load_result, measured_sha256  # noqa: PLC0415
+    from ariac_score.results.adjustments import adjust, adjustments_template, load_adjustments  # noqa: PLC0415
+    from ariac_score.results.result_file import load_result, measured_sha256  # noqa: PLC0415
+    from ariac_score.terminal.output import refuse_inputs, write  # noqa: PLC0415
 
     refuse_inputs(arguments.output, arguments.result)
     stored = load_result(arguments.result)

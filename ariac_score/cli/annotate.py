@@ -31,14 +31,14 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the log again, watch it, write."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.annotations import messages_of, without_margins  # noqa: PLC0415
-    from ariac_score.annotations_mcap import recorded  # noqa: PLC0415
-    from ariac_score.cli.output import refuse_inputs, write_copy  # noqa: PLC0415
-    from ariac_score.logmap import load_log_map  # noqa: PLC0415
-    from ariac_score.margins import read_again, tracks  # noqa: PLC0415
-    from ariac_score.registry import Registry  # noqa: PLC0415
-    from ariac_score.result_json import load_result  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set, rule_set_from_text  # noqa: PLC0415
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415
+    from ariac_score.results.result_file import load_result  # noqa: PLC0415
+    from ariac_score.review.annotate import messages_of, without_margins  # noqa: PLC0415
+    from ariac_score.review.annotation_messages import recorded  # noqa: PLC0415
+    from ariac_score.review.margins import read_again, tracks  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text  # noqa: PLC0415
+    from ariac_score.terminal.output import refuse_inputs, write_copy  # noqa: PLC0415
+    from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415
 
     for source in (arguments.path, arguments.result):
         refuse_inputs(arguments.output, source)

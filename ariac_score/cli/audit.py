@@ -38,12 +38,12 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Audit, show, and say with the exit code whether everything that can be judged agrees."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.audit import audit  # noqa: PLC0415
-    from ariac_score.audit_json import audit_json  # noqa: PLC0415
-    from ariac_score.cli.output import progress_bar, refuse_inputs, write  # noqa: PLC0415
     from ariac_score.logs.rosmonitoring import RosMonitoringReader  # noqa: PLC0415
     from ariac_score.report.audit_text import audit_text  # noqa: PLC0415
-    from ariac_score.report.style import Style, style_for  # noqa: PLC0415
+    from ariac_score.review.audit import audit  # noqa: PLC0415
+    from ariac_score.review.audit_file import audit_json  # noqa: PLC0415
+    from ariac_score.terminal.output import progress_bar, refuse_inputs, write  # noqa: PLC0415
+    from ariac_score.terminal.style import Style, style_for  # noqa: PLC0415
 
     refuse_inputs(arguments.output, arguments.path)
     if RosMonitoringReader().can_read(arguments.path):
@@ -60,13 +60,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _verdicts(arguments: argparse.Namespace) -> int:
     """Hold the verdicts in a log of ROSMonitoring against ours."""
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415
     from ariac_score.errors import UsageError  # noqa: PLC0415
     from ariac_score.oracle.judges import RulesBench  # noqa: PLC0415
     from ariac_score.oracle.replay import replay, replay_text  # noqa: PLC0415
-    from ariac_score.registry import Registry  # noqa: PLC0415
-    from ariac_score.report.style import plain  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415
 
     if not arguments.rules or arguments.against or arguments.output_format != "text":
         raise UsageError(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ariac_score.batch.supervise import Report, Told
     from ariac_score.batch.tasks import Plan, Setting, TaskKey
-    from ariac_score.ruleset import RuleSet
+    from ariac_score.scoring.ruleset import RuleSet
 
 EXIT_UNSETTLED = 6
 
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     # Imported here, so that --help and --version stay quick.
     from ariac_score.batch.tasks import Limits, Setting, shard  # noqa: PLC0415
     from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
 
     sizes = (arguments.memory_mb, arguments.output_mb, arguments.input_gb)
     if arguments.jobs < 0 or arguments.time_limit_s <= 0 or min(sizes) < 0:
@@ -100,8 +100,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _planned(arguments: argparse.Namespace, work: Path, part: tuple[int, int]) -> Plan:
     """The runs of a path or URI."""
-    from ariac_score.batch.elsewhere import LIST_ENDING, plan_elsewhere, plan_list  # noqa: PLC0415  # as above
     from ariac_score.batch.remote import is_uri  # noqa: PLC0415
+    from ariac_score.batch.remote_plans import LIST_ENDING, plan_elsewhere, plan_list  # noqa: PLC0415  # as above
     from ariac_score.batch.tasks import plan_batch  # noqa: PLC0415
 
     if is_uri(arguments.path):
@@ -178,7 +178,7 @@ def _is_competition(folder: Path) -> bool:
 @contextmanager
 def _progress(total: int) -> Iterator[Told]:
     """A bar with counts of outcomes on a terminal; one line for each run elsewhere."""
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     if not sys.stderr.isatty():
 
@@ -216,7 +216,7 @@ def counted(counts: Mapping[str, int]) -> str:
 
 
 def _show(report: Report, plan: Plan, out: Path) -> None:
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     runs = f"{report.runs} run{'' if report.runs == 1 else 's'}"
     print(f"{plain(plan.id)}: {runs}: {counted(report.outcomes)}")

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from ariac_score.readiness import Readiness
-    from ariac_score.report.style import Style
+    from ariac_score.review.readiness import Readiness
+    from ariac_score.terminal.style import Style
 
 EXIT_UNDECIDED = 6
 _WORDS = {"withholds": ("missing", "red"), "costs": ("costs", "yellow"), "nothing": ("unpriced", "dim")}
@@ -40,10 +40,10 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check, show, and say with the exit code whether it can be scored."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.cli.output import progress_bar  # noqa: PLC0415
-    from ariac_score.readiness import check_log  # noqa: PLC0415
-    from ariac_score.report.style import style_for  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.review.readiness import check_log  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.terminal.output import progress_bar  # noqa: PLC0415
+    from ariac_score.terminal.style import style_for  # noqa: PLC0415
 
     rule_set = load_rule_set(arguments.rules)
     with progress_bar(arguments.path) as progress:
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _lines(found: Readiness, name: str, style: Style) -> Iterator[str]:
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     under = f"under {found.result.provenance.rule_set[0]}"
     if found.ready:

@@ -32,9 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Load the result, which checks its sums, and print what was asked for."""
     # Imported here, so that --help and --version stay quick.
     from ariac_score.errors import UsageError, did_you_mean  # noqa: PLC0415
-    from ariac_score.report.style import style_for  # noqa: PLC0415
     from ariac_score.report.text import explain_text, score_text  # noqa: PLC0415
-    from ariac_score.result_json import load_result  # noqa: PLC0415
+    from ariac_score.results.result_file import load_result  # noqa: PLC0415
+    from ariac_score.terminal.style import style_for  # noqa: PLC0415
 
     result = load_result(arguments.result)
     style = style_for(sys.stdout)

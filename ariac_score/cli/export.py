@@ -34,8 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Load and show; the same output and exit codes as `score`."""
     # Imported here, so that --help and --version stay quick.
     from ariac_score.cli.outcome import show  # noqa: PLC0415
-    from ariac_score.cli.output import refuse_inputs  # noqa: PLC0415
-    from ariac_score.result_json import load_result  # noqa: PLC0415
+    from ariac_score.results.result_file import load_result  # noqa: PLC0415
+    from ariac_score.terminal.output import refuse_inputs  # noqa: PLC0415
 
     refuse_inputs(arguments.output, arguments.result)
     if arguments.result.is_dir():
@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _table(arguments: argparse.Namespace) -> int:
     """A table of a batch: Parquet when the file is named so, else CSV."""
     from ariac_score.batch.export import table_csv, write_parquet  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.cli.output import write  # noqa: PLC0415
     from ariac_score.errors import UsageError  # noqa: PLC0415
+    from ariac_score.terminal.output import write  # noqa: PLC0415
 
     if arguments.output_format not in ("text", "csv"):
         raise UsageError(

@@ -30,9 +30,9 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Describe every part, then what the trial as a whole shows."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.engine import find_trial  # noqa: PLC0415
-    from ariac_score.registry import Registry  # noqa: PLC0415
-    from ariac_score.report.style import plain, style_for  # noqa: PLC0415
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415
+    from ariac_score.engine.read import find_trial  # noqa: PLC0415
+    from ariac_score.terminal.style import plain, style_for  # noqa: PLC0415
 
     style = style_for(sys.stdout)
     registry = Registry()
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _described(description: Any) -> list[str]:
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     lines = [f"  {description.duration_s:.3f} s, {plain(description.clock)}"] if description.clock else []
     lines += [f"  {name}: {plain(str(value))}" for name, value in description.facts.items()]
@@ -74,12 +74,13 @@ def _described(description: Any) -> list[str]:
 
 def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, registry: Any) -> list[str]:
     """Orders, entities, signals; with a rule set also what could be decided."""
-    from ariac_score.cli.output import progress_bar  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.engine import decidable, read_trial  # noqa: PLC0415
+    from ariac_score.engine.measure import decidable  # noqa: PLC0415
+    from ariac_score.engine.read import read_trial  # noqa: PLC0415
     from ariac_score.errors import LogError, NothingToScoreError  # noqa: PLC0415
-    from ariac_score.logmap import load_log_map  # noqa: PLC0415
-    from ariac_score.report.style import plain  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.terminal.output import progress_bar  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415
+    from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415
     from ariac_score.trial.vocabulary import QUANTITIES  # noqa: PLC0415
 
     rule_set = load_rule_set(arguments.rules) if arguments.rules else None

@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ariac_score.batch.store import Store  # noqa: PLC0415
     from ariac_score.cli.batch import EXIT_UNSETTLED, counted  # noqa: PLC0415
     from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.report.style import plain  # noqa: PLC0415
+    from ariac_score.terminal.style import plain  # noqa: PLC0415
 
     if arguments.output.resolve() in [part.resolve() for part in arguments.parts]:
         raise UsageError(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 if TYPE_CHECKING:
     from ariac_score.oracle.judges import Bench
     from ariac_score.oracle.server import Limits, Oracle
-    from ariac_score.ruleset import RuleSet
+    from ariac_score.scoring.ruleset import RuleSet
 
 
 def register(commands: Any) -> None:
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     # Imported here, so that --help and --version stay quick.
     from ariac_score.oracle.results import write_results  # noqa: PLC0415
     from ariac_score.oracle.server import Oracle  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
 
     rule_set = load_rule_set(arguments.rules) if arguments.rules else None
     bench = _bench(arguments, rule_set)
@@ -92,8 +92,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _bench(arguments: argparse.Namespace, rule_set: RuleSet | None) -> Bench:
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415
     from ariac_score.oracle.judges import RulesBench, SpecBench  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.registry import Registry  # noqa: PLC0415
 
     if rule_set is None:
         chosen = {name: getattr(arguments, name) for name in ("after_violation", "dialect", "exact")}
@@ -112,7 +112,7 @@ def _limits(arguments: argparse.Namespace) -> Limits:
 
 
 def _introduce(oracle: Oracle, bench: Bench) -> None:
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     print(f"listening on {oracle.url}", file=sys.stderr)
     if bench.live:

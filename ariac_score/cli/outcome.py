@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ariac_score.findings import Verdict
-    from ariac_score.result import Result
+    from ariac_score.checks.findings import Verdict
+    from ariac_score.results.result import Result
 
 __all__ = ["add_output", "failed_criteria", "show"]
 
@@ -50,7 +50,7 @@ def _criterion(text: str) -> str:
 
 def show(result: Result, arguments: argparse.Namespace) -> int:
     """Print or write a result as the arguments ask, say what withholds a score and which criteria fail."""
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
 
     failed = failed_criteria(result, arguments.fail_on)
     write(_shown(result, arguments), arguments.output)
@@ -64,9 +64,9 @@ def show(result: Result, arguments: argparse.Namespace) -> int:
 
 def _shown(result: Result, arguments: argparse.Namespace) -> str:
     from ariac_score.report.exports import exported  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.report.style import Style, style_for  # noqa: PLC0415
     from ariac_score.report.text import score_text  # noqa: PLC0415
-    from ariac_score.result_json import as_json  # noqa: PLC0415
+    from ariac_score.results.result_file import as_json  # noqa: PLC0415
+    from ariac_score.terminal.style import Style, style_for  # noqa: PLC0415
 
     if arguments.output_format == "json":
         return as_json(result)
@@ -76,7 +76,7 @@ def _shown(result: Result, arguments: argparse.Namespace) -> str:
 
 
 def _say_what_withholds(result: Result) -> None:
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     withheld = [assumption for assumption in result.assumptions if assumption.policy == "withhold"]
     for assumption in withheld:
@@ -95,8 +95,8 @@ def failed_criteria(result: Result, criteria: list[str]) -> list[str]:
     Raises:
         UsageError: A criterion names a check that the rules do not have.
     """
+    from ariac_score.checks.findings import Verdict  # noqa: PLC0415
     from ariac_score.errors import UsageError, did_you_mean  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.findings import Verdict  # noqa: PLC0415
 
     words = []
     for text in dict.fromkeys(criteria):

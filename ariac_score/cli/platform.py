@@ -111,7 +111,7 @@ def _evalai(parser: argparse.ArgumentParser) -> None:
 def _bundle(arguments: argparse.Namespace) -> int:
     from ariac_score.batch.tasks import Limits, Setting  # noqa: PLC0415  # keeps --help quick
     from ariac_score.platforms.codabench import Bundle, write_bundle  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
 
     rule_set = load_rule_set(arguments.rules)
     limits = Limits(wall_s=max(1.0, arguments.time_limit_s / 2))
@@ -138,7 +138,7 @@ def _check_config(arguments: argparse.Namespace) -> int:
 
 
 def _told(problems: Sequence[Problem]) -> int:
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     for problem in problems:
         word = "problem" if problem.severe else "worth a look"
@@ -175,8 +175,8 @@ def _score(arguments: argparse.Namespace) -> int:
 
 
 def _config(arguments: argparse.Namespace) -> int:
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
     from ariac_score.platforms.evalai import Challenge, challenge_config, challenge_files  # noqa: PLC0415
+    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
 
     challenge = Challenge(arguments.title, arguments.phase)
     if arguments.folder is None:
@@ -219,6 +219,6 @@ def _worker(arguments: argparse.Namespace) -> int:
 
 
 def _say(line: str) -> None:
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     print(plain(line), file=sys.stderr, flush=True)

@@ -46,8 +46,8 @@ def register(commands: Any) -> None:
 
 def run_list(arguments: argparse.Namespace) -> int:
     """Print each plugin; one that cannot be loaded or is provided twice is said to be so."""
-    from ariac_score.contracts import GROUPS  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.registry import Registry  # noqa: PLC0415
+    from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415
 
     registry = Registry()
     rows = [_row(registry, plugin) for group in GROUPS for plugin in registry.all(group)]
@@ -62,8 +62,8 @@ def run_list(arguments: argparse.Namespace) -> int:
 
 def _row(registry: Any, plugin: Any) -> dict[str, str]:
     """One plugin as `list` gives it; why it cannot be used is its `problem`."""
+    from ariac_score.checks.registry import package_sha256  # noqa: PLC0415
     from ariac_score.errors import PluginError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.registry import package_sha256  # noqa: PLC0415
 
     row = {
         "kind": plugin.group.rpartition(".")[2],
@@ -92,8 +92,8 @@ def _row(registry: Any, plugin: Any) -> dict[str, str]:
 
 def run_show(arguments: argparse.Namespace) -> int:
     """Print the page of a plugin, after who brought it."""
-    from ariac_score.registry import package_sha256  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.report.style import plain  # noqa: PLC0415
+    from ariac_score.checks.registry import package_sha256  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415
     from ariac_score.testing.pages import plugin_page  # noqa: PLC0415
 
     for plugin in _named(arguments.name):
@@ -112,9 +112,9 @@ def _named(name: str) -> list[Any]:
         PluginNotFoundError: Nobody provides it.
         PluginConflictError: Two distributions do.
     """
-    from ariac_score.contracts import GROUPS  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415
     from ariac_score.errors import PluginNotFoundError, did_you_mean  # noqa: PLC0415
-    from ariac_score.registry import Registry  # noqa: PLC0415
 
     registry = Registry()
     groups = [group for group in GROUPS if name in registry.names(group)]
@@ -161,7 +161,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 
 def _outcome(name: str, error: Any) -> None:
-    from ariac_score.report.style import plain, style_for  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain, style_for  # noqa: PLC0415  # keeps --help quick
 
     print(f"  {style_for(sys.stdout)('BROKEN', 'red')}  {name:<24} {plain(str(error))}")
 
@@ -183,10 +183,10 @@ def _subject(plugin: Any, arguments: argparse.Namespace) -> Any:
 
 def _read(arguments: argparse.Namespace, *, orders: bool) -> Any:
     """The trial of a log, with every quantity it has."""
-    from ariac_score.engine import find_trial, read_trial  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.logmap import load_log_map  # noqa: PLC0415
-    from ariac_score.registry import Registry  # noqa: PLC0415
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415
+    from ariac_score.engine.read import find_trial, read_trial  # noqa: PLC0415  # keeps --help quick
     from ariac_score.trial.channels import LogMap  # noqa: PLC0415
+    from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415
     from ariac_score.trial.vocabulary import QUANTITIES  # noqa: PLC0415
 
     registry = Registry()
@@ -201,7 +201,7 @@ def _read(arguments: argparse.Namespace, *, orders: bool) -> Any:
 
 def run_doctor(_arguments: argparse.Namespace) -> int:
     """Print every problem with its remedy."""
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
     from ariac_score.testing.doctor import ailments  # noqa: PLC0415
 
     found = ailments()

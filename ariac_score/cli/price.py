@@ -32,11 +32,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Load, price, show; the same output and exit codes as `score`."""
     # Imported here, so that --help and --version stay quick.
     from ariac_score.cli.outcome import show  # noqa: PLC0415
-    from ariac_score.cli.output import refuse_inputs  # noqa: PLC0415
     from ariac_score.cli.score import load_cohort_of, values_of  # noqa: PLC0415
-    from ariac_score.engine import reprice  # noqa: PLC0415
-    from ariac_score.result_json import load_result  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.engine.price import reprice  # noqa: PLC0415
+    from ariac_score.results.result_file import load_result  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.terminal.output import refuse_inputs  # noqa: PLC0415
 
     refuse_inputs(arguments.output, arguments.result)
     stored = load_result(arguments.result)

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ariac_score.ranking.competition import Competition, RunKey
-    from ariac_score.ranking.nist_text import Evaluation
+    from ariac_score.ranking.publication import StoredResult
     from ariac_score.ranking.rank import Ranking
-    from ariac_score.ranking.ranking_json import StoredResult
     from ariac_score.ranking.spec import Spec
     from ariac_score.ranking.statistics import Statistics
-    from ariac_score.ruleset import RuleSet
+    from ariac_score.scoring.ruleset import RuleSet
+    from ariac_score_ariac.evaluation.nist_text import Evaluation
 
 EXIT_UNDECIDED = 6
 _UNSETTLED = ("undecided", "unreadable", "refused", "no_value")
@@ -75,13 +75,13 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Score every run, rank, show."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.cli.output import counting_bar, refuse_inputs  # noqa: PLC0415
     from ariac_score.ranking.competition import load_competition  # noqa: PLC0415
     from ariac_score.ranking.rank import rank_results  # noqa: PLC0415
     from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
     from ariac_score.ranking.spec import ranking_spec  # noqa: PLC0415
     from ariac_score.ranking.statistics import rank_statistics  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.terminal.output import counting_bar, refuse_inputs  # noqa: PLC0415
 
     for output in (arguments.output, arguments.cohort_output):
         refuse_inputs(output, arguments.path)
@@ -151,8 +151,8 @@ def adjusted_by_stewards(
     file: Path | None, competition: Competition, spec: Spec, rule_set: RuleSet, ranking: Ranking
 ) -> Ranking:
     """The ranking with what the stewards made of it, where they decided something."""
-    from ariac_score.adjustments import load_adjustments  # noqa: PLC0415  # keeps --help quick
     from ariac_score.ranking.adjusting import adjusted_ranking  # noqa: PLC0415
+    from ariac_score.results.adjustments import load_adjustments  # noqa: PLC0415  # keeps --help quick
 
     file = file or competition.adjustments
     if file is None:
@@ -163,7 +163,7 @@ def adjusted_by_stewards(
 def evaluation_of(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
     """The organisers' own evaluation, where the rules name one and the runs are its texts."""
     from ariac_score.errors import ScoreError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.report.style import plain  # noqa: PLC0415
+    from ariac_score.terminal.style import plain  # noqa: PLC0415
 
     if not spec.strict:
         return None
@@ -175,8 +175,8 @@ def evaluation_of(competition: Competition, rule_set: RuleSet, spec: Spec) -> Ev
 
 
 def _evaluated(competition: Competition, rule_set: RuleSet) -> Evaluation:
-    from ariac_score.logmap import load_log_map  # noqa: PLC0415  # keeps --help quick
     from ariac_score.ranking.runs import strict_evaluation  # noqa: PLC0415
+    from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415  # keeps --help quick
 
     log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
     return strict_evaluation(competition, log_map)
@@ -184,10 +184,10 @@ def _evaluated(competition: Competition, rule_set: RuleSet) -> Evaluation:
 
 def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: RuleSet, spec: Spec) -> int:
     """Show what the organisers' own program gives: its CSV, or its leaderboard."""
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
     from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.ranking.nist_text import results_csv  # noqa: PLC0415
     from ariac_score.report.ranking import strict_text  # noqa: PLC0415
+    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score_ariac.evaluation.nist_text import results_csv  # noqa: PLC0415
 
     if arguments.adjustments is not None:
         raise UsageError(
@@ -217,11 +217,11 @@ def _show(
     strict: Evaluation | None,
     stored: Mapping[RunKey, StoredResult],
 ) -> None:
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.ranking.compare import differences  # noqa: PLC0415
-    from ariac_score.ranking.ranking_json import ranking_json  # noqa: PLC0415
+    from ariac_score.ranking.publication import ranking_json  # noqa: PLC0415
     from ariac_score.report.ranking import ranking_csv, ranking_text  # noqa: PLC0415
-    from ariac_score.report.style import Style, style_for  # noqa: PLC0415
+    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import Style, style_for  # noqa: PLC0415
+    from ariac_score_ariac.evaluation.compare import differences  # noqa: PLC0415
 
     ranking = shown.ranking
     found = differences(strict, ranking) if strict else ()
@@ -255,10 +255,10 @@ def _relative(results: Path, output: Path | None) -> str:
 
 def _write_more(arguments: argparse.Namespace, ranking: Ranking) -> dict[RunKey, StoredResult]:
     """The cohort and the single results, where they were asked for."""
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.cohort import cohort_text  # noqa: PLC0415
     from ariac_score.errors import UsageError  # noqa: PLC0415
     from ariac_score.ranking.stored import write_results  # noqa: PLC0415
+    from ariac_score.results.cohort_file import cohort_text  # noqa: PLC0415
+    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
 
     if arguments.cohort_output is not None:
         if ranking.cohort is None:

@@ -41,7 +41,7 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Make what the kind of the file asks for."""
-    from ariac_score.cli.output import refuse_inputs  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.output import refuse_inputs  # noqa: PLC0415  # keeps --help quick
 
     refuse_inputs(arguments.output, arguments.result)
     if arguments.extract:
@@ -62,9 +62,9 @@ def _kind(file: Path) -> str:
 
 
 def _trial(arguments: argparse.Namespace) -> int:
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
     from ariac_score.report.html.trial import trial_page  # noqa: PLC0415
-    from ariac_score.result_json import as_json, load_result  # noqa: PLC0415
+    from ariac_score.results.result_file import as_json, load_result  # noqa: PLC0415
+    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
 
     refuse_site_arguments(arguments)
     result = load_result(arguments.result)
@@ -73,9 +73,9 @@ def _trial(arguments: argparse.Namespace) -> int:
 
 
 def _extract(arguments: argparse.Namespace) -> int:
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
     from ariac_score.errors import ResultError  # noqa: PLC0415
     from ariac_score.report.html.trial import embedded_result  # noqa: PLC0415
+    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
 
     hint = "give a page that 'ariac-score report' made of a trial's result"
     try:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ariac_score.logs.salvage import Message, Scan
+    from ariac_score.logs.containers.items import Message, Scan
     from ariac_score_rml.machine import Machine
     from ariac_score_rml.running import Program, Run
 
@@ -85,7 +85,7 @@ def _text(path: Path, kind: str) -> str:
 
 
 def _compiled(path: Path, dialect: Any) -> Program:
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
     from ariac_score_rml.running import compile_rml  # noqa: PLC0415
 
     program = compile_rml(_text(path, "specification"), dialect=dialect, file=path)
@@ -106,7 +106,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 def run_format(arguments: argparse.Namespace) -> int:
     """Print the specification as the formatter writes it, or compare."""
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
     from ariac_score_rml.formatter import format_rml  # noqa: PLC0415
     from ariac_score_rml.parser import parse  # noqa: PLC0415
 
@@ -157,7 +157,7 @@ def _over_text(machine: Machine, path: Path) -> Run:
 
 
 def _show(run: Run, output_format: str) -> None:
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     at = len(run.letters)
     if output_format == "json":
@@ -198,7 +198,7 @@ def _recorded(path: Path, kind: str) -> Iterator[dict[str, Any]]:
         LogError: The recording is damaged, or a message cannot be decoded.
     """
     from ariac_score.errors import LogError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.logs.types import UnknownTypeError, decoder_for  # noqa: PLC0415
+    from ariac_score.logs.columnar.types import UnknownTypeError, decoder_for  # noqa: PLC0415
 
     decoders: dict[str, Any] = {}
     first_ns = None
@@ -223,7 +223,7 @@ def _recorded(path: Path, kind: str) -> Iterator[dict[str, Any]]:
 
 def _messages(scan: Scan) -> Iterator[Message]:
     """The messages of a scan one by one, however many of them it gives at a time."""
-    from ariac_score.logs.salvage import Batch, Message  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.logs.containers.items import Batch, Message  # noqa: PLC0415  # keeps --help quick
 
     for item in scan:
         if isinstance(item, Message):
@@ -233,10 +233,10 @@ def _messages(scan: Scan) -> Iterator[Message]:
 
 
 def _scan(path: Path, kind: str) -> Scan:
-    from ariac_score.logs.folder import FolderScan  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.logs.mcap import McapScan  # noqa: PLC0415
-    from ariac_score.logs.ros1bag import Ros1Scan  # noqa: PLC0415
-    from ariac_score.logs.sqlite_bag import SqliteScan  # noqa: PLC0415
+    from ariac_score.logs.containers.folder import FolderScan  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.logs.containers.mcap import McapScan  # noqa: PLC0415
+    from ariac_score.logs.containers.ros1 import Ros1Scan  # noqa: PLC0415
+    from ariac_score.logs.containers.sqlite import SqliteScan  # noqa: PLC0415
 
     if path.is_dir():
         return FolderScan(path)

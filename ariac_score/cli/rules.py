@@ -60,7 +60,7 @@ def _count(text: str) -> int:
 
 def run_list(_arguments: argparse.Namespace) -> int:
     """Print name and title of each shipped rule set."""
-    from ariac_score.ruleset import load_rule_set, rule_set_names  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.scoring.ruleset import load_rule_set, rule_set_names  # noqa: PLC0415  # keeps --help quick
 
     for name in rule_set_names():
         print(f"{name:<30} {load_rule_set(name).title}")
@@ -69,7 +69,7 @@ def run_list(_arguments: argparse.Namespace) -> int:
 
 def run_show(arguments: argparse.Namespace) -> int:
     """Print the rule set as it stands, comments included; or with what it extends."""
-    from ariac_score.ruleset import expanded_yaml, load_rule_set  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.scoring.ruleset import expanded_yaml, load_rule_set  # noqa: PLC0415  # keeps --help quick
 
     rule_set = load_rule_set(arguments.name)
     text = expanded_yaml(rule_set) if arguments.expanded else Path(rule_set.file).read_text(encoding="utf-8")
@@ -79,7 +79,7 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 def run_diff(arguments: argparse.Namespace) -> int:
     """Print what differs, each place with what only one of the two has; nothing when they are alike."""
-    from ariac_score.ruleset import differences, load_rule_set  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.scoring.ruleset import differences, load_rule_set  # noqa: PLC0415  # keeps --help quick
 
     first, second = load_rule_set(arguments.first), load_rule_set(arguments.second)
     for place, before, after in differences(first.expanded, second.expanded):
@@ -110,12 +110,12 @@ def _in_yaml(value: Any) -> str:
 
 def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
     """For each stored result its score under both rule sets."""
-    from ariac_score.engine import reprice  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.engine.price import reprice  # noqa: PLC0415  # keeps --help quick
     from ariac_score.errors import ScoreError, UsageError  # noqa: PLC0415
     from ariac_score.ranking.competition import stored_results  # noqa: PLC0415
-    from ariac_score.report.style import plain  # noqa: PLC0415
     from ariac_score.report.text import amount_text  # noqa: PLC0415
-    from ariac_score.result_json import load_result  # noqa: PLC0415
+    from ariac_score.results.result_file import load_result  # noqa: PLC0415
+    from ariac_score.terminal.style import plain  # noqa: PLC0415
 
     files = sorted(folder.glob("*.json")) if folder.is_dir() else []
     competition = stored_results(folder) if folder.is_dir() else None
@@ -160,10 +160,10 @@ def _changed_ranks(competition: Any, first: Any, second: Any) -> Iterator[str]:
 
 def run_validate(arguments: argparse.Namespace) -> int:
     """Load each rule set, build its checks and load its log map."""
-    from ariac_score.logmap import load_log_map  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.needs import check_needs  # noqa: PLC0415
-    from ariac_score.registry import Registry  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415
+    from ariac_score.engine.signal_needs import check_needs  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415  # keeps --help quick
 
     registry = Registry()
     for name in arguments.names:
@@ -179,12 +179,12 @@ def run_validate(arguments: argparse.Namespace) -> int:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """Try the laws on each rule set."""
-    from ariac_score.laws.proving import DEFAULT_CASES, check_laws  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.laws.reference import reference_rules  # noqa: PLC0415
-    from ariac_score.laws.words import outcome_lines  # noqa: PLC0415
-    from ariac_score.penalties import PREFIX, penalty_names  # noqa: PLC0415
-    from ariac_score.registry import Registry  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set, rule_set_names  # noqa: PLC0415
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415
+    from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.review.laws.reference import reference_rules  # noqa: PLC0415
+    from ariac_score.review.laws.words import outcome_lines  # noqa: PLC0415
+    from ariac_score.scoring.penalties import PREFIX, penalty_names  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set, rule_set_names  # noqa: PLC0415
 
     registry, broken = Registry(), False
     for name in arguments.names or [*rule_set_names(), *penalty_names()]:

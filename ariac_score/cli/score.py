@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ariac_score.cohort import Cohort
-    from ariac_score.result import Result
-    from ariac_score.ruleset import RuleSet
+    from ariac_score.results.cohort_file import Cohort
+    from ariac_score.results.result import Result
     from ariac_score.scoring.cohort import CohortValues
+    from ariac_score.scoring.ruleset import RuleSet
 
 MOST_JOBS = 64
 
@@ -66,9 +66,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Score, show, and say with the exit code whether there is a score."""
     # Imported here, so that --help and --version stay quick.
     from ariac_score.cli.outcome import show  # noqa: PLC0415
-    from ariac_score.cli.output import progress_bar, refuse_inputs  # noqa: PLC0415
-    from ariac_score.engine import reprice, score_trial  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.engine.price import reprice  # noqa: PLC0415
+    from ariac_score.engine.score import score_trial  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.terminal.output import progress_bar, refuse_inputs  # noqa: PLC0415
 
     refuse_inputs(arguments.output, arguments.path)
     rule_set = load_rule_set(arguments.rules)
@@ -84,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def load_cohort_of(arguments: argparse.Namespace, rule_set: RuleSet) -> Cohort | None:
     """The cohort the arguments name, if any."""
-    from ariac_score.cohort import load_cohort  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.results.cohort_file import load_cohort  # noqa: PLC0415  # keeps --help quick
 
     return None if arguments.cohort is None else load_cohort(arguments.cohort, rule_set)
 

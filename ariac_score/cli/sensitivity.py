@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ariac_score.ranking.competition import Competition
-    from ariac_score.result import Result
-    from ariac_score.ruleset import RuleSet
-    from ariac_score.sensitivity import RankSensitivity, ScoreSensitivity
+    from ariac_score.results.result import Result
+    from ariac_score.review.sensitivity import RankSensitivity, ScoreSensitivity
+    from ariac_score.scoring.ruleset import RuleSet
 
 
 def register(commands: Any) -> None:
@@ -40,9 +40,9 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Vary, compare, show."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.cli.output import refuse_inputs, write  # noqa: PLC0415
     from ariac_score.report.sensitivity import ranks_text, scores_text  # noqa: PLC0415
-    from ariac_score.sensitivity import sensitivity_json  # noqa: PLC0415
+    from ariac_score.review.sensitivity import sensitivity_json  # noqa: PLC0415
+    from ariac_score.terminal.output import refuse_inputs, write  # noqa: PLC0415
 
     refuse_inputs(arguments.output, arguments.path)
     if arguments.path.suffix == ".json":
@@ -58,9 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _of_result(arguments: argparse.Namespace) -> tuple[list[ScoreSensitivity], RuleSet, str]:
-    from ariac_score.registry import Registry  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.result_json import load_result  # noqa: PLC0415
-    from ariac_score.sensitivity import score_sensitivity  # noqa: PLC0415
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.results.result_file import load_result  # noqa: PLC0415
+    from ariac_score.review.sensitivity import score_sensitivity  # noqa: PLC0415
 
     result = load_result(arguments.path)
     if result.adjusted is not None:
@@ -71,11 +71,11 @@ def _of_result(arguments: argparse.Namespace) -> tuple[list[ScoreSensitivity], R
 
 
 def _of_competition(arguments: argparse.Namespace) -> tuple[list[RankSensitivity], RuleSet, str]:
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415
     from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
     from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
-    from ariac_score.registry import Registry  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
-    from ariac_score.sensitivity import rank_sensitivity  # noqa: PLC0415
+    from ariac_score.review.sensitivity import rank_sensitivity  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
 
     if arguments.log is not None:
         raise UsageError("--log is for a result", hint="a competition knows the logs of its runs")
@@ -100,15 +100,15 @@ def _competition(arguments: argparse.Namespace) -> Competition:
 
 
 def _rules_of_stored(competition: Competition) -> RuleSet:
-    from ariac_score.result_json import load_result  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.ruleset import rule_set_from_text  # noqa: PLC0415
+    from ariac_score.results.result_file import load_result  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.scoring.ruleset import rule_set_from_text  # noqa: PLC0415
 
     first = competition.runs[0].path
     return rule_set_from_text(load_result(first).rules, file=str(first))
 
 
 def _rules(arguments: argparse.Namespace, result: Result) -> RuleSet:
-    from ariac_score.ruleset import load_rule_set, rule_set_from_text  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text  # noqa: PLC0415  # keeps --help quick
 
     if arguments.rules:
         return load_rule_set(arguments.rules)

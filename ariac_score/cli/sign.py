@@ -38,8 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Make keys, or sign each result."""
     # Imported here, so that --help and --version stay quick.
     from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.report.style import plain  # noqa: PLC0415
-    from ariac_score.signing import make_keys, sign_result, signature_file  # noqa: PLC0415
+    from ariac_score.results.signing import make_keys, sign_result, signature_file  # noqa: PLC0415
+    from ariac_score.terminal.style import plain  # noqa: PLC0415
 
     if arguments.new_key is not None:
         if arguments.results:
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _put(file: Path, signature: bytes) -> None:
-    from ariac_score.cli.output import write  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
 
     write(signature.decode("ascii"), file)
 

@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
     from ariac_score.errors import ScoreError
     from ariac_score.ranking.competition import Competition, RunKey
+    from ariac_score.ranking.publication import Publication
     from ariac_score.ranking.rank import Ranking
-    from ariac_score.ranking.ranking_json import Publication
-    from ariac_score.result import Result
-    from ariac_score.ruleset import RuleSet
-    from ariac_score.sensitivity import RankSensitivity
+    from ariac_score.results.result import Result
+    from ariac_score.review.sensitivity import RankSensitivity
+    from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["is_competition", "refuse_site_arguments", "site_of_competition", "site_of_ranking"]
 
@@ -79,17 +79,17 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     """Score every run, rank, and make the site."""
     from tempfile import TemporaryDirectory  # noqa: PLC0415  # keeps --help quick
 
-    from ariac_score.cli.output import counting_bar, write  # noqa: PLC0415
     from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code  # noqa: PLC0415
-    from ariac_score.ranking.compare import differences  # noqa: PLC0415
     from ariac_score.ranking.competition import load_competition  # noqa: PLC0415
+    from ariac_score.ranking.publication import ranking_json  # noqa: PLC0415
     from ariac_score.ranking.rank import rank_results  # noqa: PLC0415
-    from ariac_score.ranking.ranking_json import ranking_json  # noqa: PLC0415
     from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
     from ariac_score.ranking.spec import ranking_spec  # noqa: PLC0415
     from ariac_score.ranking.statistics import rank_statistics  # noqa: PLC0415
     from ariac_score.ranking.stored import write_results  # noqa: PLC0415
-    from ariac_score.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
+    from ariac_score.terminal.output import counting_bar, write  # noqa: PLC0415
+    from ariac_score_ariac.evaluation.compare import differences  # noqa: PLC0415
 
     out = _out(arguments)
     competition = load_competition(arguments.result, arguments.rules, may_be_empty=True)
@@ -132,7 +132,7 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
     """Make the site of a stored ranking, without any log."""
     from ariac_score.cli.rank import exit_code  # noqa: PLC0415  # keeps --help quick
     from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.ranking.ranking_json import load_publication  # noqa: PLC0415
+    from ariac_score.ranking.publication import load_publication  # noqa: PLC0415
     from ariac_score.ranking.stored import results_folder  # noqa: PLC0415
 
     out = _out(arguments)
@@ -175,7 +175,7 @@ def _out(arguments: argparse.Namespace) -> Path:
 
 
 def _previous(arguments: argparse.Namespace) -> Publication | None:
-    from ariac_score.ranking.ranking_json import load_publication  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.ranking.publication import load_publication  # noqa: PLC0415  # keeps --help quick
 
     path: Path | None = arguments.previous
     if path is None:
@@ -190,8 +190,8 @@ def _sensitivity(
     rule_set: RuleSet | None = None,
     results: dict[RunKey, Result | ScoreError] | None = None,
 ) -> Sequence[RankSensitivity] | None:
-    from ariac_score.registry import Registry  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.sensitivity import load_rank_sensitivity, rank_sensitivity  # noqa: PLC0415
+    from ariac_score.checks.registry import Registry  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.review.sensitivity import load_rank_sensitivity, rank_sensitivity  # noqa: PLC0415
 
     if arguments.sensitivity is None:
         return None
@@ -209,9 +209,9 @@ def _make(
     previous: Publication | None,
     sensitivity: Sequence[RankSensitivity] | None,
 ) -> None:
-    from ariac_score.cli.output import counting_bar, write  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.ranking.ranking_json import load_publication  # noqa: PLC0415
+    from ariac_score.ranking.publication import load_publication  # noqa: PLC0415
     from ariac_score.report.site.site import Site, write_site  # noqa: PLC0415
+    from ariac_score.terminal.output import counting_bar, write  # noqa: PLC0415  # keeps --help quick
 
     publication = load_publication(file)
     site = Site(publication, file.read_text(encoding="utf-8"), folder, previous, sensitivity)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from ariac_score.report.style import Style
-    from ariac_score.verify import Verification
+    from ariac_score.review.verify import Verification
+    from ariac_score.terminal.style import Style
 
 EXIT_DIFFERS = 1
 _LOOKS = {"ok": "green", "failed": "red", "note": "yellow"}
@@ -61,8 +61,8 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Verify, show every step, and say with the exit code whether all of them hold."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.report.style import style_for  # noqa: PLC0415
-    from ariac_score.verify import verify_result  # noqa: PLC0415
+    from ariac_score.review.verify import verify_result  # noqa: PLC0415
+    from ariac_score.terminal.style import style_for  # noqa: PLC0415
 
     found = verify_result(
         arguments.result,
@@ -86,8 +86,8 @@ def _with_signature(found: Verification, arguments: argparse.Namespace) -> Verif
     from dataclasses import replace  # noqa: PLC0415  # keeps --help quick
 
     from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.signing import check_signature  # noqa: PLC0415
-    from ariac_score.verify import FAILED, OK, Step  # noqa: PLC0415
+    from ariac_score.results.signing import check_signature  # noqa: PLC0415
+    from ariac_score.review.verify import FAILED, OK, Step  # noqa: PLC0415
 
     if not arguments.public_key:
         raise UsageError("nothing says whose signature it should be", hint="name the key with --public-key")
@@ -97,7 +97,7 @@ def _with_signature(found: Verification, arguments: argparse.Namespace) -> Verif
 
 
 def _lines(found: Verification, name: str, style: Style) -> Iterator[str]:
-    from ariac_score.report.style import plain  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     yield f"{style(plain(name), 'bold')}: {plain(_kind(found))}"
     for step in found.steps:

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
-from ariac_score.contracts import Reader
-from ariac_score.datafiles import YamlDocument, is_there, load_yaml, validate
+from ariac_score.checks.contracts import Reader
+from ariac_score.documents.schema import validate
+from ariac_score.documents.yaml import YamlDocument, is_there, load_yaml
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs.config_forms import looks_like
-from ariac_score.records import dataclass
+from ariac_score_ariac.config.config_forms import looks_like
 
 __all__ = ["MAX_DEPTH", "MAX_FILES", "ROLES", "Bundle", "Part", "find_parts", "name_from", "with_parts"]
 

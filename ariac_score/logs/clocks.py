@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ariac_score.errors import LogError
-from ariac_score.logs.columnar.columns import IntArray
+from ariac_score.logs.containers.items import IntArray
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.spans import Span
 

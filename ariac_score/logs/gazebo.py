@@ -11,63 +11,74 @@ on log formats, section 4.
 
 from __future__ import annotations
 
-import binascii
-import bz2
 import math
 import re
-import zlib
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import compress
 from operator import ne
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.contracts import LogDescription, TopicDescription, Wanted
+from ariac_score.checks.contracts import LogDescription, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.columnar.columns import ranges
-from ariac_score.logs.kit_from_poses import KitPoses, Track, is_followed
-from ariac_score.records import dataclass
+from ariac_score.logs.gazebo_text import CorruptError, Tape, frames, text, without_cdata
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.spans import FloatArray, Span
+from ariac_score_ariac.kit_from_poses import KitPoses, Track, is_followed
 
-__all__ = ["MAX_CHUNK_BYTES", "Entity", "GazeboStateReader", "GazeboStates", "read_states"]
+__all__ = ["Entity", "GazeboStateReader", "GazeboStates", "read_states"]
 
-MAX_CHUNK_BYTES = 512 * 1024 * 1024
-"""Most text one chunk may inflate to. Gazebo writes chunks of about 1000 frames, some 15 MB."""
-
-MAX_FRAME_BYTES = 64 * 1024 * 1024
-"""Most text one frame (or the world) may have; real ones have 16 KB (and 230 KB)."""
 
 CLOCK = "simulated time"
 
-_PIECE_BYTES = 1 << 20
+
 _END_OF_LOG = b"</gazebo_log>"
+
+
 _ENCODING = re.compile(rb"""^\s+encoding\s*=\s*(['"])(\w+)\1\s*>$""")
+
+
 _VERSION = re.compile(rb"<gazebo_version>([^<]{0,200})</gazebo_version>")
+
+
 _SIM_TIME = re.compile(rb"<sim_time>\s*(\d{1,30})\s+(\d{1,30})\s*</sim_time>")
+
+
 _DELETIONS = re.compile(rb"<deletions>|</deletions>")
+
+
 _END_OF_MODEL = b"</model>"
+
+
 _NAME = re.compile(rb"<name>([^<]*)</name>")
+
+
 _MODEL = re.compile(rb"<model\s+name\s*=\s*")
+
+
 _MODEL_AS_WRITTEN = b"<model name="
+
+
 _ANY_MODEL = b"<model"
+
+
 _POSE = re.compile(
     rb"""(?:<link\s+name\s*=\s*(?:'(?P<link>[^'<\n]*)'|"(?P<also>[^"<\n]*)")[^<>]*>\s*)?"""
     rb"""<pose[^<>]*>(?P<numbers>[^<]*)</pose>"""
 )
 
+
 _NUMBERS = re.compile(rb"<pose[^<>]*>([^<]*)</pose>")
 """The same numbers as `_POSE` finds, in the same order."""
 
-_COMMON_END = b"tions>"
-"""Of the tags that hardly any frame has: insertions and deletions."""
 
 IntArray = NDArray[np.int64]
 
@@ -317,7 +328,7 @@ class _Scan:
                     hint="switch on gazebo_state_logging in the trial and let the simulator shut down",
                 )
             with self.path.open("rb") as file:
-                for done in self._chunks(_Tape(file, self.path)):
+                for done in self._chunks(Tape(file, self.path)):
                     if progress is not None:
                         progress(min(1.0, done / size))
         except FileNotFoundError:
@@ -362,7 +373,7 @@ class _Scan:
             cut_off=self.cut_off,
         )
 
-    def _chunks(self, tape: _Tape) -> Iterator[int]:
+    def _chunks(self, tape: Tape) -> Iterator[int]:
         """Read chunk after chunk, giving the offset behind each."""
         while True:
             between = tape.take_past(b"<chunk")
@@ -378,10 +389,10 @@ class _Scan:
                 body = tape.rest()
                 self._cut("in the middle of chunk")
                 if tag is not None:
-                    self._read_chunk(_without_cdata(body), tag, offset, whole=False)
+                    self._read_chunk(without_cdata(body), tag, offset, whole=False)
                 self._tell_cut()
                 return
-            self._read_chunk(_without_cdata(body.removesuffix(b"</chunk>")), tag, offset, whole=True)
+            self._read_chunk(without_cdata(body.removesuffix(b"</chunk>")), tag, offset, whole=True)
             yield tape.offset
 
     def _finish(self, rest: bytes) -> None:
@@ -413,9 +424,9 @@ class _Scan:
         named = _ENCODING.match(tag)
         encoding = named[2].decode() if named else ""
         try:
-            for frame, plain in _frames(_text(body, encoding, whole=whole)):
+            for frame, plain in frames(text(body, encoding, whole=whole)):
                 self._read_frame(frame, plain=plain)
-        except _CorruptError as cause:
+        except CorruptError as cause:
             raise LogError(
                 f"chunk {self.chunk} is corrupt: {cause}",
                 file=self.path,
@@ -426,10 +437,10 @@ class _Scan:
     def _read_frame(self, frame: bytes, *, plain: bool) -> None:
         time = _SIM_TIME.search(frame)
         if time is None:
-            raise _CorruptError(f"frame {len(self.t_ns)} has no <sim_time> of seconds and nanoseconds")
+            raise CorruptError(f"frame {len(self.t_ns)} has no <sim_time> of seconds and nanoseconds")
         t_ns = int(time[1]) * 10**9 + int(time[2])
         if t_ns >= 2**63:
-            raise _CorruptError(f"frame {len(self.t_ns)} has a simulated time beyond 292 years")
+            raise CorruptError(f"frame {len(self.t_ns)} has a simulated time beyond 292 years")
         index = len(self.t_ns)
         if not plain:
             self._note_deletions(frame, index)
@@ -499,14 +510,14 @@ class _Scan:
         quote = segment[:1]
         end = segment.find(quote, 1)
         if quote not in (b"'", b'"') or end < 0:
-            raise _CorruptError(f"frame {len(self.t_ns)} holds a model without a quoted name")
+            raise CorruptError(f"frame {len(self.t_ns)} holds a model without a quoted name")
         raw = segment[1:end]
         model = parent.children.get(raw)
         if model is None:
             name = _words(raw)
             key = name if name not in self.models else f"{parent.key}::{name}"
             if key in self.models:
-                raise _CorruptError(f"two models are called {key!r}")
+                raise CorruptError(f"two models are called {key!r}")
             model = parent.children[raw] = self.models[key] = _Model(name, key, parent)
             model.quoted = segment[: end + 1]
         return model
@@ -516,7 +527,7 @@ class _Scan:
         if parts[::2] != model.around:
             self._learn(model, segment)
             if len(model.chosen) != len(parts) // 2:
-                raise _CorruptError(f"frame {len(self.t_ns)} has poses that cannot be told apart")
+                raise CorruptError(f"frame {len(self.t_ns)} has poses that cannot be told apart")
             model.around = list(parts[::2])
         self.fresh += compress(parts[1::2], model.chosen)
         self.fresh_of += model.whose
@@ -598,7 +609,7 @@ class _Scan:
             numbers = []
         if len(numbers) != 6:
             frame = len(self.t_ns)
-            raise _CorruptError(f"frame {frame} gives {entity.key!r} a pose that is not six numbers")
+            raise CorruptError(f"frame {frame} gives {entity.key!r} a pose that is not six numbers")
         return numbers
 
 
@@ -609,169 +620,6 @@ def _segments(frame: bytes) -> list[bytes]:
         segments = _MODEL.split(frame)
     del segments[0]
     return segments
-
-
-class _CorruptError(Exception):
-    """A chunk does not hold what it must; worded without the place, which the caller knows."""
-
-
-class _Tape:
-    """A file read forwards, piece by piece."""
-
-    def __init__(self, file: BinaryIO, path: Path) -> None:
-        self._file, self._path = file, path
-        self._held = bytearray()
-        self.offset = 0
-
-    def take_past(self, marker: bytes) -> bytes | None:
-        """The bytes up to and with a marker; `None`, taking nothing, when the file ends before it."""
-        start = 0
-        while True:
-            at = self._held.find(marker, start)
-            if at >= 0:
-                return self._take(at + len(marker))
-            start = max(0, len(self._held) - len(marker) + 1)
-            piece = self._file.read(_PIECE_BYTES)
-            if not piece:
-                return None
-            self._held += piece
-            if len(self._held) > MAX_CHUNK_BYTES:
-                raise LogError(
-                    f"more than {MAX_CHUNK_BYTES:,} bytes without {marker.decode()!r}",
-                    file=self._path,
-                    place=f"byte {self.offset}",
-                    hint="Gazebo writes chunks of a few hundred KB; the file looks broken or hostile",
-                )
-
-    def rest(self) -> bytes:
-        """All bytes that are left and were looked at."""
-        return self._take(len(self._held))
-
-    def _take(self, count: int) -> bytes:
-        taken = bytes(self._held[:count])
-        del self._held[:count]
-        self.offset += count
-        return taken
-
-
-def _without_cdata(body: bytes) -> bytes:
-    """The content of a chunk, of which any end may be cut off."""
-    body = body.strip()
-    opening = b"<![CDATA["
-    if opening.startswith(body):
-        return b""
-    return body.removeprefix(opening).removesuffix(b"]]>")
-
-
-def _text(body: bytes, encoding: str, *, whole: bool) -> Iterator[bytes]:
-    """The text of a chunk in pieces."""
-    if encoding == "txt":
-        yield body
-    elif encoding == "zlib":
-        yield from _inflate(zlib.decompressobj(), _from_base64(body, whole=whole), whole=whole)
-    elif encoding == "bz2":
-        yield from _inflate(bz2.BZ2Decompressor(), _from_base64(body, whole=whole), whole=whole)
-    elif whole or encoding:
-        raise _CorruptError(f"encoding {encoding!r} is not txt, zlib or bz2")
-
-
-_NOT_BASE64 = re.compile(rb"[^A-Za-z0-9+/=]")
-
-
-def _from_base64(body: bytes, *, whole: bool) -> bytes:
-    body = body.translate(None, b" \t\r\n")
-    if not whole:
-        # What is left of the closing brackets, and of the last group of four.
-        body = body.rstrip(b"]")
-        body = body[: len(body) // 4 * 4]
-    strange = _NOT_BASE64.search(body)
-    if strange:
-        raise _CorruptError(f"{strange[0]!r} is not base64")
-    try:
-        return binascii.a2b_base64(body)
-    except binascii.Error as cause:
-        raise _CorruptError(f"not base64: {cause}") from cause
-
-
-def _inflate(decompressor: Any, packed: bytes, *, whole: bool) -> Iterator[bytes]:
-    """Decompress in pieces, refusing bombs before they are unpacked."""
-    total, feed = 0, packed
-    while not decompressor.eof:
-        try:
-            piece: bytes = decompressor.decompress(feed, _PIECE_BYTES)
-        except (zlib.error, OSError, EOFError) as cause:
-            raise _CorruptError(f"cannot be decompressed: {cause}") from cause
-        # zlib hands the unread input back, bz2 keeps it.
-        feed = getattr(decompressor, "unconsumed_tail", b"")
-        total += len(piece)
-        if total > MAX_CHUNK_BYTES:
-            raise _CorruptError(f"it inflates to more than {MAX_CHUNK_BYTES:,} bytes")
-        if not piece:
-            break
-        yield piece
-    if whole and not decompressor.eof:
-        raise _CorruptError("its compressed data ends early")
-    if decompressor.unused_data:
-        raise _CorruptError("bytes follow its compressed data")
-
-
-def _frames(pieces: Iterator[bytes]) -> Iterator[tuple[bytes, bool]]:
-    """The content of each whole `<state>`, without insertions, and whether nothing is deleted in it.
-
-    Worlds are passed over.
-
-    A world may hold a `<state>` of its own, and an insertion whole models, so both
-    are skipped before anything in them is looked at.
-    """
-    held = b""
-    for piece in pieces:
-        held += piece
-        start, plain = 0, _COMMON_END not in held
-        while True:
-            frame, past = _next_frame(held, start, plain=plain)
-            if past == start:
-                break
-            start = past
-            if frame is not None:
-                yield frame, plain
-        held = held[start:]
-        if len(held) > MAX_FRAME_BYTES:
-            raise _CorruptError(f"more than {MAX_FRAME_BYTES:,} bytes without the end of a frame")
-
-
-_OPENING = re.compile(rb"<(world|state)[\s>]")
-_LONGEST_OPENING = 7
-
-
-def _next_frame(text: bytes, start: int, *, plain: bool) -> tuple[bytes | None, int]:
-    """The first whole frame from `start` on, and up to where the text is done with.
-
-    Args:
-        text: Frames, and what is between them.
-        start: Where to look from.
-        plain: Whether it is known that nothing is inserted in it.
-    """
-    opening = _OPENING.search(text, start)
-    if opening is None:
-        return None, max(start, len(text) - _LONGEST_OPENING)
-    if opening[1] == b"world":
-        end = text.find(b"</world>", opening.end())
-        return None, start if end < 0 else end + len(b"</world>")
-    kept: list[bytes] = []
-    at = opening.end()
-    while True:
-        end = text.find(b"</state>", at)
-        inserted = -1 if plain else text.find(b"<insertions>", at, end if end >= 0 else len(text))
-        if inserted < 0:
-            if end < 0:
-                return None, start
-            kept.append(text[at:end])
-            return b"".join(kept), end + len(b"</state>")
-        kept.append(text[at:inserted])
-        closing = text.find(b"</insertions>", inserted)
-        if closing < 0:
-            return None, start
-        at = closing + len(b"</insertions>")
 
 
 def _ancestor(model: _Model, levels: int) -> _Model:

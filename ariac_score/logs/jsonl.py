@@ -10,17 +10,16 @@ import json
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ariac_score.contracts import LogDescription, TopicDescription, Wanted
-from ariac_score.datafiles import schema_errors
+from ariac_score.checks.contracts import LogDescription, TopicDescription, Wanted
+from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import LogError, NothingToScoreError, did_you_mean
-from ariac_score.records import dataclass
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import (

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from ariac_score.contracts import LogDescription, Wanted
+from ariac_score.checks.contracts import LogDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs.gathering import Gathering
-from ariac_score.logs.opening import SUFFIXES, cannot_be_read, looks_like_recording, open_scan
-from ariac_score.logs.salvage import Batch, Connection, Message, Scan
-from ariac_score.logs.survey import Survey
+from ariac_score.logs.containers.detect import SUFFIXES, cannot_be_read, looks_like_recording, open_scan
+from ariac_score.logs.containers.items import Batch, Connection, Message, Scan
+from ariac_score.logs.gather.collector import Gathering
+from ariac_score.logs.gather.topic_statistics import Survey
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.model import LogDefect, Trial
 

@@ -12,7 +12,7 @@ import json
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from keyword import iskeyword
 from pathlib import Path
@@ -21,11 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.contracts import LogDescription, TopicDescription, Wanted
+from ariac_score.checks.contracts import LogDescription, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs.gathering import Gathering, Route
-from ariac_score.logs.salvage import Batch, Connection, Message, normalised_type
-from ariac_score.records import dataclass
+from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type
+from ariac_score.logs.gather.collector import Gathering, Route
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, LogMap
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED

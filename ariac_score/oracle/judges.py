@@ -15,18 +15,25 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Protocol
 
-from ariac_score.contracts import EventMonitor, EventWatch, Monitor, OnlineMonitor, OnlineWatch, Standing
-from ariac_score.engine import check_needs
+from ariac_score.checks.contracts import (
+    EventMonitor,
+    EventWatch,
+    Monitor,
+    OnlineMonitor,
+    OnlineWatch,
+    Standing,
+)
+from ariac_score.checks.findings import Verdict
+from ariac_score.checks.guarded import GuardedDecoder, broken
+from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.engine.score import check_needs
 from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
-from ariac_score.findings import Verdict
-from ariac_score.guard import GuardedDecoder, broken
-from ariac_score.logmap import load_log_map
+from ariac_score.logs.containers.items import normalised_type
 from ariac_score.logs.rosmonitoring import channel_of, clock_of, fields_of, stamp_s
-from ariac_score.logs.salvage import normalised_type
-from ariac_score.registry import Plugin, Registry
-from ariac_score.ruleset import RuleSet
+from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.channels import FieldMap, LogMap
 from ariac_score.trial.events import Event as Happened
+from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Body
 from ariac_score.trial.signals import LARGEST_VALUE, Sample
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of

@@ -7,18 +7,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ariac_score.contracts import Monitor, Wanted
-from ariac_score.engine import find_trial, measure_trial, score_trial
+from ariac_score.checks.contracts import Monitor, Wanted
+from ariac_score.checks.guarded import GuardedDecoder
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.measure import measure_trial
+from ariac_score.engine.read import find_trial
+from ariac_score.engine.score import score_trial
 from ariac_score.errors import NothingToScoreError, ScoreError
-from ariac_score.guard import GuardedDecoder
-from ariac_score.logmap import load_log_map
 from ariac_score.oracle.conversation import Conversation
-from ariac_score.registry import Registry
-from ariac_score.result import Measured
-from ariac_score.result_json import as_json, findings_json
-from ariac_score.ruleset import RuleSet
+from ariac_score.results.result import Measured
+from ariac_score.results.result_file import as_json, findings_json
+from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
+from ariac_score.trial.logmap import load_log_map
 
 __all__ = ["SCHEMA", "report_json", "write_results"]
 

@@ -26,7 +26,7 @@ from typing import Any
 import yaml
 
 from ariac_score.batch.tasks import Setting
-from ariac_score.datafiles import is_there, parse_yaml
+from ariac_score.documents.yaml import is_there, parse_yaml
 from ariac_score.errors import LogError, ScoreError, UsageError
 from ariac_score.platforms.archives import unpack
 from ariac_score.platforms.neutral import COLUMNS, checked_metrics
@@ -41,8 +41,8 @@ from ariac_score.platforms.submission import (
     phase_text,
     score_submission,
 )
-from ariac_score.result_json import as_json
-from ariac_score.ruleset import RuleSet
+from ariac_score.results.result_file import as_json
+from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["Bundle", "Problem", "check_bundle", "dry_run", "pack", "score", "write_bundle", "zipped"]
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import yaml
 
-from ariac_score.datafiles import is_there, parse_yaml
+from ariac_score.documents.yaml import is_there, parse_yaml
 from ariac_score.errors import BatchError, ScoreError, UsageError
 from ariac_score.platforms.archives import is_archive
 from ariac_score.platforms.codabench import Problem, zipped

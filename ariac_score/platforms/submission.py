@@ -16,17 +16,17 @@ from ariac_score.batch.local import LocalExecutor, usable_cores
 from ariac_score.batch.outcomes import UNSETTLED, summary_of
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.batch.worker import Done
-from ariac_score.datafiles import strict_json
-from ariac_score.engine import check_configuration
+from ariac_score.checks.findings import Verdict
+from ariac_score.documents.schema import strict_json
+from ariac_score.engine.score import check_configuration
 from ariac_score.errors import LogError, RunEndedError, ScoreError, UsageError
-from ariac_score.findings import Verdict
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
 from ariac_score.platforms.neutral import STATUS, PlatformScores
 from ariac_score.ranking.competition import Competition, Team, TrialPlan
 from ariac_score.ranking.rank import Ranking, RunOutcome, rank_results
 from ariac_score.ranking.spec import ranking_spec
-from ariac_score.result import Result
-from ariac_score.result_json import load_result
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import load_result
 
 __all__ = [
     "EMPTY",
@@ -370,7 +370,7 @@ def _message(ranking: Ranking, missing: list[str]) -> str:
 
 def _hash(results: Mapping[tuple[str, int], Result]) -> str:
     """One hash over all results, in order of trial and number."""
-    from ariac_score.result_json import as_json  # noqa: PLC0415  # only when something was scored
+    from ariac_score.results.result_file import as_json  # noqa: PLC0415  # only when something was scored
 
     digest = hashlib.sha256()
     for _, result in sorted(results.items()):

@@ -10,15 +10,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
 
-from ariac_score.adjustments import Adjustments, apply, check_targets
-from ariac_score.engine import price_trial, reprice
+from ariac_score.engine.price import price_trial, reprice
 from ariac_score.errors import FormulaError, did_you_mean
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.rank import Ranking, RunOutcome, Stewarded, rank_again
 from ariac_score.ranking.spec import Spec
-from ariac_score.result import Result
-from ariac_score.result_json import measured_sha256
-from ariac_score.ruleset import RuleSet
+from ariac_score.results.adjustments import Adjustments, apply, check_targets
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import measured_sha256
+from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.steward import Adjusted, Adjustment, with_verdicts
 
 __all__ = ["adjusted_ranking", "decisions_by_run"]

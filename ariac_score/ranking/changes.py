@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import RunOutcome, Standing
-from ariac_score.ranking.ranking_json import Publication
 
 __all__ = ["Changes", "RunChange", "TeamChange", "changes_between"]
 

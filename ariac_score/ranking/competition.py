@@ -16,9 +16,10 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ariac_score.datafiles import YamlDocument, is_there, load_yaml, validate
+from ariac_score.documents.schema import validate
+from ariac_score.documents.yaml import YamlDocument, is_there, load_yaml
 from ariac_score.errors import DataFileError, NothingToScoreError, UsageError, did_you_mean
-from ariac_score.logs.ariac_database import run_owners
+from ariac_score_ariac.official.ariac_database import run_owners
 
 __all__ = ["Competition", "Run", "RunKey", "Team", "TrialPlan", "load_competition", "stored_results"]
 

@@ -15,16 +15,16 @@ from dataclasses import dataclass, field, replace
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
 
-from ariac_score.cohort import Cohort, contributed, make_cohort
-from ariac_score.engine import reprice
+from ariac_score.engine.price import reprice
 from ariac_score.errors import FormulaError, RunEndedError, ScoreError
-from ariac_score.expression import Expression, Number, add_up
 from ariac_score.ranking.competition import Competition, RunKey, Team
 from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
-from ariac_score.result import Result
-from ariac_score.ruleset import RuleSet
+from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
+from ariac_score.results.result import Result
 from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.expression import Expression, Number, add_up
 from ariac_score.scoring.pricing import Contributed
+from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.steward import Adjustment
 
 __all__ = [

@@ -6,17 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from ariac_score.contracts import Wanted
-from ariac_score.engine import reprice, score_trial
+from ariac_score.checks.contracts import Wanted
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.price import reprice
+from ariac_score.engine.score import score_trial
 from ariac_score.errors import LogError, ResultError, ScoreError
-from ariac_score.logs.ariac_config import TrialConfigReader
 from ariac_score.ranking.competition import Competition, Run, RunKey
-from ariac_score.ranking.nist_text import Evaluation, OrderPlan, RunTexts, evaluate
-from ariac_score.registry import Registry
-from ariac_score.result import Result
-from ariac_score.result_json import load_result
-from ariac_score.ruleset import RuleSet
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import load_result
+from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.channels import LogMap
+from ariac_score_ariac.config.ariac_config import TrialConfigReader
+from ariac_score_ariac.evaluation.nist_text import Evaluation, OrderPlan, RunTexts, evaluate
 
 __all__ = ["score_runs", "strict_evaluation", "without_sketch"]
 

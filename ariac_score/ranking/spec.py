@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.datafiles import schema_errors
+from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import DataFileError, FormulaError, RuleSetError, did_you_mean
-from ariac_score.expression import Expression, Number, Traced
-from ariac_score.ruleset import RuleSet
+from ariac_score.scoring.expression import Expression, Number, Traced
+from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["COUNT_BACK", "Intervals", "Key", "Spec", "places", "ranking_spec"]
 

@@ -18,7 +18,7 @@ from ariac_score.errors import FormulaError
 from ariac_score.ranking.rank import Ranking
 from ariac_score.ranking.resampling import Draws, Sampled, draw, sampled, student_quantile, widening
 from ariac_score.ranking.spec import FloatArray, IntArray, Intervals, Spec, places
-from ariac_score.result import canonical
+from ariac_score.results.result import canonical
 
 __all__ = ["Group", "Pair", "Statistics", "TeamOdds", "rank_statistics"]
 

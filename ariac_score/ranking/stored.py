@@ -9,10 +9,10 @@ from pathlib import Path
 
 from ariac_score.errors import DataFileError, ResultError
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.publication import Publication, StoredResult
 from ariac_score.ranking.rank import Ranking, RunOutcome
-from ariac_score.ranking.ranking_json import Publication, StoredResult
-from ariac_score.result import Result
-from ariac_score.result_json import as_json, load_result
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import as_json, load_result
 
 __all__ = ["read_stored", "results_folder", "write_results"]
 

@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.ranking.competition import RunKey
-from ariac_score.result import Measured
+from ariac_score.results.result import Measured
 
 __all__ = ["Clause", "Tally", "clause_of", "tallied", "verdicts_of"]
 

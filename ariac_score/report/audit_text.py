@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ariac_score.audit import AGREE, CANNOT_BE_JUDGED, DIFFER, Audit, Item, Sum
-from ariac_score.comparison import Change, Comparison
-from ariac_score.report.style import Style, plain
+from ariac_score.review.audit import AGREE, CANNOT_BE_JUDGED, DIFFER, Audit, Item, Sum
+from ariac_score.review.comparison import Change, Comparison
 from ariac_score.scoring.printed import RELATIONS, number_of
+from ariac_score.terminal.style import Style, plain
 
 __all__ = ["audit_text"]
 

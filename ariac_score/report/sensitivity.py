@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ariac_score.report.style import plain
-from ariac_score.ruleset import RuleSet
-from ariac_score.sensitivity import Knob, RankSensitivity, RankShift, ScoreSensitivity
+from ariac_score.review.sensitivity import Knob, RankSensitivity, RankShift, ScoreSensitivity
+from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.terminal.style import plain
 
 __all__ = ["ranks_text", "scores_text"]
 

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from decimal import Decimal
 
-from ariac_score.expression import Traced
-from ariac_score.findings import Finding, Verdict
-from ariac_score.report.style import Style, plain
-from ariac_score.result import Result
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.results.result import Result
+from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Line
 from ariac_score.scoring.steward import Adjusted
+from ariac_score.terminal.style import Style, plain
 from ariac_score.trial.signals import Sample
 
 __all__ = ["amount_text", "explain_text", "score_text"]

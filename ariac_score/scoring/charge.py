@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
-from ariac_score.expression import Number
-from ariac_score.findings import Finding, Verdict
-from ariac_score.records import dataclass
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.scoring.expression import Number
 
 __all__ = ["charge"]
 

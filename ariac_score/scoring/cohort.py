@@ -8,10 +8,9 @@ contributes and which teams count; formulas name it `cohort.<name>`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
-from ariac_score.expression import Expression, Number
-from ariac_score.records import dataclass
+from ariac_score.scoring.expression import Expression, Number
 
 __all__ = ["CohortTerm", "CohortValues", "Contribution"]
 

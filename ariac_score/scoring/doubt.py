@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping
 
-from ariac_score.expression import Traced
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.scoring.expression import Traced
 
 __all__ = ["doubts"]
 

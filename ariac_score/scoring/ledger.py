@@ -11,13 +11,12 @@ its own, and small by construction.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from decimal import ROUND_HALF_EVEN, Decimal
 
+from ariac_score.checks.findings import COUNT, POINTS
 from ariac_score.errors import FormulaError, ResultError
-from ariac_score.expression import LARGEST_INTEGER, Number, Traced
-from ariac_score.findings import COUNT, POINTS
-from ariac_score.records import dataclass
+from ariac_score.scoring.expression import LARGEST_INTEGER, Number, Traced
 
 __all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded"]
 

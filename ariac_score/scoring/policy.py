@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from ariac_score.findings import Finding, Verdict
-from ariac_score.records import dataclass
+from ariac_score.checks.findings import Finding, Verdict
 
 __all__ = ["POLICIES", "Assumed", "Assumption", "assume", "ideal"]
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 
+from ariac_score.checks.findings import Finding
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError
-from ariac_score.expression import Number
-from ariac_score.findings import Finding
-from ariac_score.records import dataclass
 from ariac_score.scoring.cohort import CohortValues, Contribution
+from ariac_score.scoring.expression import Number
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
 from ariac_score.scoring.policy import Assumed, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope

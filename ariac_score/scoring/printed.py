@@ -5,11 +5,10 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from ariac_score.errors import FormulaError, did_you_mean
-from ariac_score.expression import Expression, Number, Traced, add_up
-from ariac_score.records import dataclass
+from ariac_score.scoring.expression import Expression, Number, Traced, add_up
 from ariac_score.scoring.scope import LEVELS
 
 __all__ = [

@@ -5,15 +5,14 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 
+from ariac_score.checks.findings import COUNT, POINTS, Finding, Verdict
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError, did_you_mean
-from ariac_score.expression import Expression, Number, Traced, add_up, text_of
-from ariac_score.findings import COUNT, POINTS, Finding, Verdict
-from ariac_score.records import dataclass
 from ariac_score.scoring.charge import charge
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
+from ariac_score.scoring.expression import Expression, Number, Traced, add_up, text_of
 from ariac_score.scoring.scope import LEVELS, Scope
 
 __all__ = ["CHECK_FUNCTIONS", "FACTS", "VIOLATION_FUNCTIONS", "ScoreSheet"]

@@ -8,13 +8,12 @@ Verdicts come first, then points, then what settles the score, each in the order
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import DataFileError, FormulaError
-from ariac_score.expression import LARGEST_INTEGER
-from ariac_score.findings import Finding, Verdict
-from ariac_score.records import dataclass
+from ariac_score.scoring.expression import LARGEST_INTEGER
 from ariac_score.scoring.ledger import Ledger, Line
 from ariac_score.scoring.pricing import Priced
 

@@ -12,8 +12,8 @@ from zlib import crc32
 
 import numpy as np
 
-from ariac_score.logs.salvage import inflate
-from ariac_score.logs.types import bundled_typestore
+from ariac_score.logs.columnar.types import bundled_typestore
+from ariac_score.logs.containers.inflating import inflate
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

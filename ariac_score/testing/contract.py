@@ -20,19 +20,19 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.asking import BUDGET_S, ask, budget_of, margins_of
-from ariac_score.contracts import GROUPS, Monitor, Reader, Rule
+from ariac_score.checks.contracts import GROUPS, Monitor, Reader, Rule
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.registry import Plugin, Registry, not_by_name
+from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
+from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import PluginError
-from ariac_score.findings import Finding, Verdict
-from ariac_score.needs import needs_of
-from ariac_score.registry import Plugin, Registry, not_by_name
 from ariac_score.testing.margin_contract import margin_fault
 from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.testing.variants import HOLLOW, SIGNAL_VARIANTS, bare, only, reordered, shifted, without
+from ariac_score.trial.course import Course
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
-from ariac_score.trial.sketch import Course
 
 __all__ = [
     "BUDGET_S",
@@ -55,7 +55,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
 
 SHIFT_S = 64.0
 
-HINT = "see ariac_score.contracts and docs/write-a-monitor.md"
+HINT = "see ariac_score.checks.contracts and docs/write-a-monitor.md"
 
 _DECIDED = (Verdict.SATISFIED, Verdict.VIOLATED)
 
@@ -273,7 +273,7 @@ class _Checked:
         """The error that names the plugin."""
         return ContractError(
             f"plugin {self.plugin.origin} {what}",
-            hint="see ariac_score.contracts and docs/write-a-monitor.md",
+            hint="see ariac_score.checks.contracts and docs/write-a-monitor.md",
         )
 
     def needed(self) -> list[str]:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution, entry_points, version
 from typing import Any
 
-from ariac_score.contracts import GROUPS
+from ariac_score.checks.contracts import GROUPS
+from ariac_score.checks.registry import Plugin, Registry, package_sha256
 from ariac_score.errors import PluginError, ScoreError, did_you_mean
 from ariac_score.installed import brought_by
-from ariac_score.registry import Plugin, Registry, package_sha256
 from ariac_score.testing.contract import built_by_name, undocumented
 from ariac_score.testing.pages import example_parameters
 
@@ -119,7 +119,7 @@ def _other_arguments(plugin: Plugin, kind: type) -> Iterator[tuple[str, str]]:
     for name, arguments in _ARGUMENTS[plugin.group].items():
         method = getattr(kind, name, None)
         wanted = f"{name}({', '.join(arguments)})"
-        hint = f"it is asked {wanted}; see ariac_score.contracts"
+        hint = f"it is asked {wanted}; see ariac_score.checks.contracts"
         if method is None:
             yield f"has no {wanted}", hint
             continue

@@ -10,10 +10,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 
-from ariac_score.contracts import GROUPS
+from ariac_score.checks.contracts import GROUPS
+from ariac_score.checks.registry import Registry
 from ariac_score.errors import UsageError
-from ariac_score.registry import Registry
-from ariac_score.ruleset import load_rule_set
+from ariac_score.scoring.ruleset import load_rule_set
 
 __all__ = ["KINDS", "new_distribution"]
 

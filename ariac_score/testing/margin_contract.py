@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ariac_score.findings import Finding
-from ariac_score.result import canonical
+from ariac_score.checks.findings import Finding
+from ariac_score.results.result import canonical
+from ariac_score.trial.course import Course
 from ariac_score.trial.model import Trial
-from ariac_score.trial.sketch import Course
 from ariac_score.trial.vocabulary import quantity_of
 
 __all__ = ["margin_fault"]

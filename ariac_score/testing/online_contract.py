@@ -13,8 +13,8 @@ from dataclasses import replace
 from itertools import groupby, pairwise
 from typing import Any
 
-from ariac_score.contracts import OnlineMonitor, Standing
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.contracts import OnlineMonitor, Standing
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample

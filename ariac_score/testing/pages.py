@@ -11,13 +11,13 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-from ariac_score.asking import ask
-from ariac_score.contracts import GROUPS, Monitor, Rule
+from ariac_score.checks.contracts import GROUPS, Monitor, Rule
+from ariac_score.checks.findings import Finding
+from ariac_score.checks.registry import Parameter, Plugin, Registry, parameters_of
+from ariac_score.engine.ask import ask
+from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import ScoreError
-from ariac_score.findings import Finding
-from ariac_score.needs import needs_of
-from ariac_score.registry import Parameter, Plugin, Registry, parameters_of
-from ariac_score.ruleset import load_rule_set, rule_set_names
+from ariac_score.scoring.ruleset import load_rule_set, rule_set_names
 from ariac_score.testing.made import made_trial
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial

@@ -9,13 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ariac_score.asking import SMALLEST_LOG_SAMPLES, budget_of
-from ariac_score.contracts import LogDescription, Reader, Wanted
+from ariac_score.checks.captured_output import quiet
+from ariac_score.checks.contracts import LogDescription, Reader, Wanted
+from ariac_score.checks.guarded import GuardedDecoder, GuardedReader
+from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.engine.ask import SMALLEST_LOG_SAMPLES, budget_of
 from ariac_score.errors import PluginError, ScoreError
-from ariac_score.guard import GuardedDecoder, GuardedReader
-from ariac_score.logmap import load_log_map
-from ariac_score.quiet import quiet
-from ariac_score.registry import Plugin, Registry
 from ariac_score.testing.contract import (
     HINT,
     ContractCheck,
@@ -26,6 +25,7 @@ from ariac_score.testing.contract import (
 )
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.trial.channels import LogMap
+from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from zlib import crc32
 
-from ariac_score.logs.mcap import MAGIC
-from ariac_score.logs.salvage import inflate
+from ariac_score.logs.containers.inflating import inflate
+from ariac_score.logs.containers.mcap import MAGIC
 
 __all__ = ["McapForm", "records", "repacked"]
 

@@ -12,7 +12,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ariac_score.logs.decoders import NO_TRAY
 from ariac_score.logs.jsonl import FORMAT
 from ariac_score.testing.bags import Recorded
 from ariac_score.trial.build import TrialBuilder
@@ -29,6 +28,7 @@ from ariac_score.trial.model import (
 )
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
+from ariac_score_ariac.messages import NO_TRAY
 
 __all__ = [
     "NEAR_MISS",

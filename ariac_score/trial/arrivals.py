@@ -10,15 +10,12 @@ import math
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 __all__ = ["Alignment", "Arrivals", "Value"]
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
+
+import numpy as np
 
 from ariac_score.errors import LogError
 from ariac_score.trial.events import (
@@ -31,11 +33,6 @@ from ariac_score.trial.model import (
 from ariac_score.trial.signals import Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 __all__ = ["LARGEST_STEP_BACK_S", "TrialBuilder", "merge_trials", "settle_orders"]
 

@@ -1,16 +1,15 @@
 """Which topic, field, model or frame becomes which signal: the parsed form of a log map.
 
-This is data. `ariac_score.logmap` loads it from YAML; readers follow it.
+This is data. `ariac_score.trial.logmap` loads it from YAML; readers follow it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Literal
 
-from ariac_score.records import dataclass
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import Quantity, quantity_of
 

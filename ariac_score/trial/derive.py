@@ -7,10 +7,11 @@ itself is never replaced by something derived.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ariac_score.records import dataclass
+import numpy as np
+
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, distinct
@@ -18,10 +19,7 @@ from ariac_score.trial.vocabulary import QUANTITIES
 from ariac_score.trial.windows import Computed, Kept, TimeBase, cuts_of, same_times
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
-else:
-    from ariac_score.later import numpy as np
 
 __all__ = [
     "SOURCES",

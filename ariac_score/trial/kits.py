@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal, Protocol, runtime_checkable
 
-from ariac_score.records import dataclass
 from ariac_score.trial.model import LogDefect, Product, Submission, Task, Tray, Trial
 
 __all__ = ["FaultMarks", "Kit", "KitRecord", "RecordedKits", "with_contents"]

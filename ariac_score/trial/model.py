@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from ariac_score.errors import LogError, MissingSignalError
-from ariac_score.records import dataclass
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.signals import LARGEST_VALUE, Signal
 from ariac_score.trial.spans import Span

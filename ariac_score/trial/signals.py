@@ -5,14 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, gaps_between, uncovered_spans
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 __all__ = ["LARGEST_VALUE", "Sample", "Signal", "align", "settle"]
 

@@ -9,9 +9,8 @@ belong to any two bodies (`agv1/person_1`, `gantry/kitting`), or to one body and
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
-
-from ariac_score.records import dataclass
 
 __all__ = ["QUANTITIES", "Quantity", "quantity_of", "subject_of"]
 

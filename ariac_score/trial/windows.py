@@ -13,16 +13,13 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate, count
 from math import inf, nextafter
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 from weakref import ref
+
+import numpy as np
 
 from ariac_score.trial.signals import Signal, covered
 from ariac_score.trial.spans import FloatArray, Span, distinct
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 __all__ = ["LARGEST_WINDOW_SAMPLES", "Aligned", "Computed", "Kept", "TimeBase", "cuts_of", "same_times"]
 

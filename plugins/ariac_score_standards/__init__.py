@@ -6,7 +6,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ariac_score_standards.ariac_safety import CollisionEpisodes, HumanContact, NoEvent
     from ariac_score_standards.formula import Always, Never, Within
     from ariac_score_standards.iec_60204_1 import EstopRestart, StopPerformance
     from ariac_score_standards.iso_3691_4 import AgvProtectiveField, AgvSpeedClearance
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from ariac_score_standards.signal_coverage import SignalCoverage
 
 _HOME = {
-    "ariac_safety": "CollisionEpisodes HumanContact NoEvent",
     "formula": "Always Never Within",
     "iec_60204_1": "EstopRestart StopPerformance",
     "iso_3691_4": "AgvProtectiveField AgvSpeedClearance",
@@ -39,14 +37,11 @@ __all__ = [
     "AgvProtectiveField",
     "AgvSpeedClearance",
     "Always",
-    "CollisionEpisodes",
     "CrushGap",
     "EstopRestart",
     "HandGuiding",
-    "HumanContact",
     "MonitoredStandstill",
     "Never",
-    "NoEvent",
     "PflContact",
     "PflSpeed",
     "PoseAttained",

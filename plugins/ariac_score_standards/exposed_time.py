@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+
+import numpy as np
 
 from ariac_score import Signal, Span, TimeBase, Total, Trial
-from ariac_score.records import dataclass
 from ariac_score_standards.severity import APART, SPEED, STANDSTILL_SPEED_M_S
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 __all__ = ["ExposedTime", "holds_over"]
 

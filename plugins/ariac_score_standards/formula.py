@@ -26,7 +26,9 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import product
 from string import Formatter
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
+
+import numpy as np
 
 from ariac_score import (
     QUANTITIES,
@@ -48,11 +50,6 @@ from ariac_score_standards.online import Judge, SubjectsOnline
 from ariac_score_standards.severity import Bound, Moment, Rules, Said, Sampled, Seen, Violation
 from ariac_score_standards.severity import Judged as AllJudged
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, Watching, watch_subjects
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 _KINDS = ("robot", "agv", "human")
 _AXES = {".x": 0, ".y": 1, ".z": 2}

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ariac_score_standards.watching import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 Polygon = tuple[tuple[float, ...], ...]
 """Corners in order, each (x, y) in m; the last is joined to the first."""

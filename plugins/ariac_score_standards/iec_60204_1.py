@@ -10,7 +10,9 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
+
+import numpy as np
 
 from ariac_score import (
     Episodes,
@@ -43,11 +45,6 @@ from ariac_score_standards.watching import (
     state_over,
     watch_subjects,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 EMERGENCY_STOP = "emergency_stop"
 PROTECTIVE_STOP = "protective_stop"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
+
+import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, inside
@@ -20,11 +22,6 @@ from ariac_score_standards.watching import (
     nobody,
     watch_subjects,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 _TIME: Any = {"unit": "s", "at_least": 0, "at_most": 60}
 _GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}

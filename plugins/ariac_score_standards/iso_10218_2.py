@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
+
+import numpy as np
 
 from ariac_score import (
     Episodes,
@@ -67,11 +69,6 @@ from ariac_score_standards.watching import (
     state_over,
     watch_subjects,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 CONTACT = "contact"
 """Event kind: robot and human (subject `robot/human`) touch; the detail names the body region."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ariac_score import ParameterFacts, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.severity import Bound, Constant, Rules, Said, Sampled, Told, findings_of
@@ -17,11 +18,6 @@ from ariac_score_standards.watching import (
     pairs_of,
     watch_subjects,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 _SEEN = ParameterFacts("m", "verified", "sample of ISO 13854 quoted in a public research note")
 _MEMORY = ParameterFacts("m", "from memory", "ISO 13854")

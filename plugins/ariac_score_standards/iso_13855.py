@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
+
+import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, Verdict, check_parameters, exact_sum, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
@@ -36,11 +38,6 @@ from ariac_score_standards.watching import (
     pairs_of,
     watch_subjects,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 Edition = Literal["2010", "2024"]
 Arrangement = Literal["orthogonal", "whole_body", "parallel", "two_hand", "interlocked_guard"]

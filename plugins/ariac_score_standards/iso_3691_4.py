@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m
@@ -38,11 +40,6 @@ from ariac_score_standards.watching import (
     state_over,
     watch_subjects,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 _TIME: Any = {"unit": "s", "at_least": 0, "at_most": 60}
 _GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
+
+import numpy as np
 
 from ariac_score import (
     Finding,
@@ -19,11 +21,6 @@ from ariac_score import (
     parameter,
 )
 from ariac_score_standards.watching import FloatArray, Subject, bodies_of, nobody
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 ATTAINED = "pose_attained"
 """Event kind: a body or link (its subject) has attained a commanded pose; the detail may name the pose."""

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
 
 from ariac_score import (
     Body,
@@ -20,7 +23,6 @@ from ariac_score import (
     check_parameters,
     parameter,
 )
-from ariac_score.records import dataclass
 from ariac_score_standards.online import Judge, PairsOnline
 from ariac_score_standards.severity import (
     EXPOSURE_DISTANCE_M,
@@ -59,11 +61,6 @@ from ariac_score_standards.watching import (
     seen,
     watch_pairs,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 _CLAUSE = "derived from ISO/TS 15066:2016, 5.5.4"
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from ariac_score import Alignment, Arrivals, Body, Event, Finding, Sample, Standing, Trial
-from ariac_score.records import dataclass
 
 Judge = Callable[[str, float, tuple[Any, ...]], Standing]
 """What holds at one instant, given a subject, the time and its values in the order of the templates."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from ariac_score import SignalNeed, Total, Trial, check_parameters, exact_sum, parameter
 from ariac_score_standards.severity import (
@@ -33,11 +35,6 @@ from ariac_score_standards.watching import (
     pairs_of,
     watch_subjects,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 ZONES_M: Mapping[str, float] = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
 """Upper border of each zone, m (verified: hunav_sim metrics); beyond the last it is public."""

@@ -22,8 +22,10 @@ source, and checked by `check_parameters`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ariac_score import (
     Course,
@@ -39,14 +41,10 @@ from ariac_score import (
     exact_sum,
     sample_durations,
 )
-from ariac_score.records import dataclass
 from ariac_score_standards.watching import BoolArray, FloatArray, Watched, Watching
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
-else:
-    from ariac_score.later import numpy as np
 
 STANDSTILL_SPEED_M_S = 0.01
 """Above this a robot moves (monitor catalogue, M7; ARIAC 2023 uses the same for AGVs)."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
+
+import numpy as np
 
 from ariac_score import (
     QUANTITIES,
@@ -23,11 +25,6 @@ from ariac_score import (
 from ariac_score_standards.exposed_time import ExposedTime
 from ariac_score_standards.severity import EXPOSURE_DISTANCE_M, covered_share
 from ariac_score_standards.watching import FloatArray, nobody, pairs_of
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from ariac_score.later import numpy as np
 
 _BACKWARDS = "disordered_stamps"
 _PART_SAMPLES = 4096

@@ -14,9 +14,11 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
+
+import numpy as np
 
 from ariac_score import (
     Finding,
@@ -29,13 +31,9 @@ from ariac_score import (
     gaps_between,
     sample_durations,
 )
-from ariac_score.records import dataclass
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
-else:
-    from ariac_score.later import numpy as np
 
 FloatArray: TypeAlias = "NDArray[np.float64]"
 BoolArray: TypeAlias = "NDArray[np.bool_]"

@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 import yaml
 
-from ariac_score import engine, load_rule_set, score_trial
+from ariac_score import load_rule_set, score_trial
 from ariac_score.batch import address, pricing, supervise, worker
 from ariac_score.batch.index import Row
 from ariac_score.batch.isolated import earlier_document, measure_apart
@@ -34,12 +34,13 @@ from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Report, run_batch
 from ariac_score.batch.tasks import Limits, Setting, Task, of_shard, plan_batch, shard
 from ariac_score.batch.worker import Done, perform
+from ariac_score.checks.registry import Registry
 from ariac_score.cli import main
-from ariac_score.engine import needs_alike
+from ariac_score.engine import score as engine
+from ariac_score.engine.measure import needs_alike
 from ariac_score.errors import BatchError, NothingToScoreError, UsageError
-from ariac_score.registry import Registry
-from ariac_score.result_json import as_json
-from ariac_score.ruleset import expanded_yaml, rule_set_from_text
+from ariac_score.results.result_file import as_json
+from ariac_score.scoring.ruleset import expanded_yaml, rule_set_from_text
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
 # What fresh processes do is named by a module that they can import, too.

@@ -16,26 +16,27 @@ from typing import Any
 import pytest
 
 from ariac_score import load_rule_set, score_trial
-from ariac_score.batch import near, remote
-from ariac_score.batch.elsewhere import plan_elsewhere, plan_list
+from ariac_score.batch import fetched as near
+from ariac_score.batch import remote
 from ariac_score.batch.index import Row
 from ariac_score.batch.isolated import measure_apart
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.merge import merge_batches
 from ariac_score.batch.remote import Storage, Stored, shown, signature_of_stored
+from ariac_score.batch.remote_plans import plan_elsewhere, plan_list
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Report, run_batch
 from ariac_score.batch.tasks import Limits, Plan, Setting, Task, plan_batch
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError, UsageError
-from ariac_score.logs.opening import open_scan
-from ariac_score.logs.ranged import RangedFile, reading
-from ariac_score.logs.salvage import Source
+from ariac_score.logs.containers.detect import open_scan
+from ariac_score.logs.containers.ranged import RangedFile, reading
+from ariac_score.logs.containers.source import Source
 from ariac_score.report.text import score_text
-from ariac_score.result_json import as_json, load_result
+from ariac_score.results.result_file import as_json, load_result
+from ariac_score.review.verify import verify_result
 from ariac_score.testing import Recorded, kitting_trial, recorded_messages, write_bag
-from ariac_score.verify import verify_result
 
 # What fresh processes do is named by a module that they can import, too.
 sys.path.insert(0, str(Path(__file__).parent))
@@ -613,7 +614,7 @@ def test_a_storage_that_never_answers_is_not_waited_for_without_end(
     (web.root / "competition.yaml").write_text("id: x\n")
     web.silent = silent
     monkeypatch.setattr(remote, "ANSWER_S", 0.5)
-    monkeypatch.setattr("ariac_score.batch.elsewhere.LISTING_S", 0.5)
+    monkeypatch.setattr("ariac_score.batch.remote_plans.LISTING_S", 0.5)
 
     with pytest.raises(remote.UnreachableError, match=r"no answer within 0\.5 s") as caught:
         elsewhere(f"{web.url}/", tmp_path)

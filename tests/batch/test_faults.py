@@ -29,7 +29,7 @@ from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.batch.worker import Done, parse_report, report_of
 from ariac_score.cli import main
 from ariac_score.errors import BatchError, PluginError
-from ariac_score.ruleset import RuleSet
+from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
 # What fresh processes do is named by a module that they can import, too.

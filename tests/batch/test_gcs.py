@@ -21,7 +21,7 @@ from ariac_score.batch.remote import Storage
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
-from ariac_score.result_json import as_json
+from ariac_score.results.result_file import as_json
 from ariac_score.testing import Recorded, kitting_trial, recorded_messages, write_bag
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -18,12 +18,12 @@ import pytest
 import yaml
 
 from ariac_score import Finding, RuleSet, Verdict, load_rule_set, measure_trial
+from ariac_score.checks.registry import Registry
 from ariac_score.errors import FormulaError, NeedsCohortError
-from ariac_score.expression import Expression
-from ariac_score.registry import Registry
-from ariac_score.result import Measured
-from ariac_score.ruleset import rule_set_names
+from ariac_score.results.result import Measured
 from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.ruleset import rule_set_names
 
 WORKED: Mapping[str, Any] = runpy.run_path(str(Path(__file__).parent / "test_worked_cases.py"))
 REGISTRY = Registry()

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from ariac_score import load_rule_set, measure_trial
-from ariac_score.certain import Certain
-from ariac_score.comparison import Comparison, compare_rules
-from ariac_score.registry import Registry
+from ariac_score.checks.registry import Registry
+from ariac_score.review.certainty import Certain
+from ariac_score.review.comparison import Comparison, compare_rules
 
 WORKED = runpy.run_path(str(Path(__file__).parent / "test_worked_cases.py"))
 REGISTRY = Registry()

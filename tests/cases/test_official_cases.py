@@ -35,12 +35,12 @@ from ariac_score import (
     measure_trial,
     score_trial,
 )
-from ariac_score.engine import price_trial
-from ariac_score.expression import Traced
-from ariac_score.registry import Registry
-from ariac_score.result import Measured, Provenance, canonical
-from ariac_score.ruleset import RuleSet
-from ariac_score_kitting import NoneFaulty, NoneMissing, NoneUnwanted, OrderTime
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.price import price_trial
+from ariac_score.results.result import Measured, Provenance, canonical
+from ariac_score.scoring.expression import Traced
+from ariac_score.scoring.ruleset import RuleSet
+from ariac_score_ariac.tasks import NoneFaulty, NoneMissing, NoneUnwanted, OrderTime
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 DEFAULT_FOLDER = SHARED / "ariac" / "cases"

@@ -37,10 +37,10 @@ from ariac_score import (
     load_rule_set,
     measure_trial,
 )
-from ariac_score.engine import price_trial
-from ariac_score.expression import Expression
-from ariac_score.registry import Registry
-from ariac_score.result import Measured, Provenance
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.price import price_trial
+from ariac_score.results.result import Measured, Provenance
+from ariac_score.scoring.expression import Expression
 
 DEFAULT_FOLDER = Path(__file__).parents[3] / "shared/ariac/vectors"
 

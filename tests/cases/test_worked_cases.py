@@ -51,16 +51,16 @@ from ariac_score import (
     load_rule_set,
     measure_trial,
 )
-from ariac_score.cohort import contributed, make_cohort
-from ariac_score.contracts import Wanted
-from ariac_score.engine import price_trial
-from ariac_score.expression import Expression
-from ariac_score.logs.ariac_database import AriacDatabaseReader
-from ariac_score.registry import Registry
-from ariac_score.result import Measured, Provenance
+from ariac_score.checks.contracts import Wanted
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.price import price_trial
+from ariac_score.results.cohort_file import contributed, make_cohort
+from ariac_score.results.result import Measured, Provenance
 from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.expression import Expression
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
+from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
 
 FOLDER = Path(__file__).parent / "worked"
 REGISTRY = Registry()

@@ -20,14 +20,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ariac_score.logs import mcap, ros1bag
 from ariac_score.logs.columnar import Payloads
-from ariac_score.logs.mcap import McapScan
-from ariac_score.logs.opening import open_scan
-from ariac_score.logs.ros1bag import Ros1Scan
-from ariac_score.logs.salvage import Batch, Connection, Message
-from ariac_score.logs.sqlite_bag import SqliteScan
-from ariac_score.logs.types import column_decoder_for
+from ariac_score.logs.columnar.types import column_decoder_for
+from ariac_score.logs.containers import mcap
+from ariac_score.logs.containers import ros1 as ros1bag
+from ariac_score.logs.containers.detect import open_scan
+from ariac_score.logs.containers.items import Batch, Connection, Message
+from ariac_score.logs.containers.mcap import McapScan
+from ariac_score.logs.containers.ros1 import Ros1Scan
+from ariac_score.logs.containers.sqlite import SqliteScan
 from ariac_score.testing.bags import Recorded, write_bag
 
 SCANS = {".bag": Ros1Scan, ".db3": SqliteScan, ".mcap": McapScan}

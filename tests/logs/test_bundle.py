@@ -6,19 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from ariac_score.contracts import LogDescription, Reader, Wanted
+from ariac_score.checks.contracts import LogDescription, Reader, Wanted
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError
 from ariac_score.logs import bundle
-from ariac_score.logs.ariac_config import TrialConfigReader
-from ariac_score.logs.ariac_database import AriacDatabaseReader
-from ariac_score.logs.ariac_text import PerformanceLogReader
 from ariac_score.logs.bundle import Bundle, find_parts
 from ariac_score.logs.gazebo import GazeboStateReader
-from ariac_score.logs.sensor_cost import SensorCostReader
-from ariac_score.logs.team_config import TeamConfigReader, TeamNameReader
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import TeamSetup, Trial
+from ariac_score_ariac.config.ariac_config import TrialConfigReader
+from ariac_score_ariac.config.team_config import TeamConfigReader, TeamNameReader
+from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
+from ariac_score_ariac.official.ariac_text import PerformanceLogReader
+from ariac_score_ariac.official.sensor_cost import SensorCostReader
 
 REAL = Path(__file__).parents[2].parent / "shared" / "ariac" / "data" / "nist_team_2022"
 needs_real_trial = pytest.mark.skipif(not REAL.is_dir(), reason="the real trial of 2022 is not here")

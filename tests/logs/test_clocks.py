@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ariac_score.contracts import Decoder, Wanted
+from ariac_score.checks.contracts import Decoder, Wanted
 from ariac_score.errors import LogError
-from ariac_score.logs.decoders import NistGear2020
 from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.testing.bags import Recorded, Storage, write_bag
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
+from ariac_score_ariac.messages import NistGear2020
 
 S = 10**9
 WALL_NS = 1_700_000_000 * S

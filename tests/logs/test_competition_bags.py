@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from ariac_score import NothingToScoreError, Result, score_trial
-from ariac_score.logs.types import bundled_typestore
+from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.testing import bags
 from ariac_score.testing.bags import Recorded, write_bag
 

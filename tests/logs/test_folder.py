@@ -10,11 +10,11 @@ from backports import zstd
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from ariac_score.errors import LogError
-from ariac_score.logs import salvage
-from ariac_score.logs.folder import FolderScan
-from ariac_score.logs.salvage import inflate
-from ariac_score.logs.tables import read_tables
-from ariac_score.logs.types import bundled_typestore
+from ariac_score.logs.columnar.types import bundled_typestore
+from ariac_score.logs.containers import source as salvage
+from ariac_score.logs.containers.folder import FolderScan
+from ariac_score.logs.containers.inflating import inflate
+from ariac_score.logs.gather.wanted_fields import read_tables
 
 TYPE = "std_msgs/msg/Float64"
 every_storage = pytest.mark.parametrize("storage", list(StoragePlugin))

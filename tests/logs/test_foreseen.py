@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ariac_score.logs.foreseen import Foreseen
+from ariac_score.logs.gather.array_growth import Foreseen
 
 
 @given(st.lists(st.tuples(st.integers(0, 10_000), st.floats(0, 1)), max_size=60), st.integers(1, 100_000))

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score.contracts import Wanted
+from ariac_score.checks.contracts import Wanted
 from ariac_score.errors import LogError
-from ariac_score.logs import gathering
-from ariac_score.logs.gathering import Gathering
-from ariac_score.logs.salvage import Connection, Message
-from ariac_score.logs.types import bundled_typestore
+from ariac_score.logs.columnar.types import bundled_typestore
+from ariac_score.logs.containers.items import Connection, Message
+from ariac_score.logs.gather import collector as gathering
+from ariac_score.logs.gather.collector import Gathering
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, LogMap, TrayMatch
 from ariac_score.trial.spans import Span

@@ -18,7 +18,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ariac_score.contracts import Reader, Wanted
+from ariac_score.checks.contracts import Reader, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs import gazebo
 from ariac_score.logs.gazebo import Entity, GazeboStateReader, read_states

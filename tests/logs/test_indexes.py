@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from ariac_score.contracts import Wanted
+from ariac_score.checks.contracts import Wanted
 from ariac_score.errors import LogError
-from ariac_score.logs.mcap import McapScan
-from ariac_score.logs.ros1bag import Ros1Scan
+from ariac_score.logs.containers.items import Batch, Connection
+from ariac_score.logs.containers.mcap import McapScan
+from ariac_score.logs.containers.ros1 import Ros1Scan
 from ariac_score.logs.rosbag import RosbagReader
-from ariac_score.logs.salvage import Batch, Connection
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import Channel, FieldMap, LogMap
 from ariac_score.trial.model import Trial

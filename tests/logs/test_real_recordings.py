@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from ariac_score import LogError, Result, Trial, Verdict, load_log_map, load_rule_set, score_trial
-from ariac_score.engine import find_trial, read_trial
-from ariac_score.readiness import check_log
-from ariac_score.registry import Registry
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.read import find_trial, read_trial
+from ariac_score.review.readiness import check_log
 from ariac_score.trial.derive import Derivation, derive_signals
 
 REAL = Path(__file__).parents[2].parent / "shared" / "real"

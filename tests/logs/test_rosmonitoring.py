@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from ariac_score import Body, LogError, LogMap, NothingToScoreError, Trial, Wanted, score_trial
 from ariac_score.cli import main
-from ariac_score.logs.decoders import NistGear2020
 from ariac_score.logs.rosmonitoring import (
     RosMonitoringReader,
     channel_of,
@@ -24,6 +23,7 @@ from ariac_score.logs.rosmonitoring import (
 )
 from ariac_score.testing import kitting_trial, recorded_messages, write_bag, write_event_log
 from ariac_score.trial.channels import Channel, FieldMap
+from ariac_score_ariac.messages import NistGear2020
 
 READER = RosMonitoringReader()
 ORIGIN_NS = 1_700_000_000_000_000_000

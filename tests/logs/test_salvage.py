@@ -25,20 +25,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis.strategies import binary, integers
 
-from ariac_score.contracts import Wanted
+from ariac_score.checks.contracts import Wanted
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs import salvage, sqlite_bag
-from ariac_score.logs.mcap import McapScan
+from ariac_score.logs.containers import source as salvage
+from ariac_score.logs.containers import sqlite as sqlite_bag
+from ariac_score.logs.containers.inflating import LARGEST_INFLATED_BYTES, inflate, inflate_into
+from ariac_score.logs.containers.items import Batch, normalised_type
+from ariac_score.logs.containers.mcap import McapScan
+from ariac_score.logs.containers.source import Source
+from ariac_score.logs.containers.sqlite import SqliteScan
 from ariac_score.logs.rosbag import RosbagReader
-from ariac_score.logs.salvage import (
-    LARGEST_INFLATED_BYTES,
-    Batch,
-    Source,
-    inflate,
-    inflate_into,
-    normalised_type,
-)
-from ariac_score.logs.sqlite_bag import SqliteScan
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import Channel, FieldMap, LogMap
 

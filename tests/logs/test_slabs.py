@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score.errors import LogError
-from ariac_score.logs import slabs as module
-from ariac_score.logs.opening import open_scan
-from ariac_score.logs.salvage import Source
-from ariac_score.logs.slabs import Slabs, nothing_to_do
+from ariac_score.logs.containers import chunk_buffers as module
+from ariac_score.logs.containers.chunk_buffers import Slabs, nothing_to_do
+from ariac_score.logs.containers.detect import open_scan
+from ariac_score.logs.containers.source import Source
 
 JOBS = [1, 2, 3]
 
@@ -180,7 +180,7 @@ def test_a_recording_is_read_where_memory_for_more_is_not_to_be_had(
     def none_left(*_: object, **__: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("ariac_score.logs.opening.np.empty", none_left)
+    monkeypatch.setattr("ariac_score.logs.containers.detect.np.empty", none_left)
     path = tmp_path / "t.mcap"
     path.write_bytes(b"\x89MCAP0\r\n")
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from ariac_score.errors import LogError
-from ariac_score.logs import sqlite_pages
-from ariac_score.logs.salvage import Batch
-from ariac_score.logs.sqlite_bag import SqliteScan
-from ariac_score.logs.tables import read_tables
-from ariac_score.logs.types import bundled_typestore
+from ariac_score.logs.columnar.types import bundled_typestore
+from ariac_score.logs.containers import sqlite_pages
+from ariac_score.logs.containers.items import Batch
+from ariac_score.logs.containers.sqlite import SqliteScan
+from ariac_score.logs.gather.wanted_fields import read_tables
 
 TYPE = "std_msgs/msg/Float64"
 

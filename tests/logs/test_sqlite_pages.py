@@ -14,10 +14,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ariac_score.errors import LogError
-from ariac_score.logs import sqlite_bag, sqlite_pages
-from ariac_score.logs.salvage import Batch, Message
-from ariac_score.logs.sqlite_bag import SqliteScan
-from ariac_score.logs.sqlite_pages import UnusualError
+from ariac_score.logs.containers import sqlite as sqlite_bag
+from ariac_score.logs.containers import sqlite_pages
+from ariac_score.logs.containers.items import Batch, Message
+from ariac_score.logs.containers.sqlite import SqliteScan
+from ariac_score.logs.containers.sqlite_pages import UnusualError
 
 Row = tuple[int | None, int, Any, Any]
 """Number, topic, time, payload."""

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from ariac_score.errors import LogError
-from ariac_score.logs import tables
 from ariac_score.logs.columnar import Payloads
-from ariac_score.logs.pending import Waiting
-from ariac_score.logs.salvage import Connection
-from ariac_score.logs.tables import read_tables
-from ariac_score.logs.types import column_decoder_for
+from ariac_score.logs.columnar.message_buffer import Waiting
+from ariac_score.logs.columnar.types import column_decoder_for
+from ariac_score.logs.containers.items import Connection
+from ariac_score.logs.gather import wanted_fields as tables
+from ariac_score.logs.gather.wanted_fields import read_tables
 from ariac_score.testing.bags import Recorded, write_bag
 
 STRING, VECTOR = "std_msgs/msg/String", "geometry_msgs/msg/Vector3"
@@ -47,7 +47,7 @@ def test_wanted_fields_of_wanted_topics(tmp_path: Path, storage: Any, name: str,
 def test_slabs_are_joined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap")
     whole = read_tables(path, {"/speed": None})[0]
-    monkeypatch.setattr("ariac_score.logs.pending.SLAB_BYTES", 100)
+    monkeypatch.setattr("ariac_score.logs.columnar.message_buffer.SLAB_BYTES", 100)
 
     parts = read_tables(path, {"/speed": None})[0]
 

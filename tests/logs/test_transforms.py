@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score.errors import LogError
-from ariac_score.logs.transforms import MAX_GAP_S, TransformTree, _Edge, _turn
+from ariac_score.logs.gather.transforms import MAX_GAP_S, TransformTree, _Edge, _turn
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body

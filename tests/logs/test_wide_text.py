@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from ariac_score.logs.columnar import Column, ColumnDecoder, Columns, Payloads
-from ariac_score.logs.salvage import Connection
-from ariac_score.logs.tables import read_tables
-from ariac_score.logs.types import UnknownTypeError, column_decoder_for, decoder_for
+from ariac_score.logs.columnar.types import UnknownTypeError, column_decoder_for, decoder_for
+from ariac_score.logs.containers.items import Connection
+from ariac_score.logs.gather.wanted_fields import read_tables
 
 WAYS = ("fast_1", "fast_2", "cyclone")
 TYPE = "test_msgs/msg/Told"

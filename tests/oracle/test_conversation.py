@@ -25,12 +25,12 @@ from ariac_score import (
     Verdict,
     load_rule_set,
 )
-from ariac_score.contracts import OnlineMonitor
+from ariac_score.checks.contracts import OnlineMonitor
+from ariac_score.checks.registry import Registry
 from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
 from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import Judge, Opinion, RulesBench, SpecBench
-from ariac_score.registry import Registry
-from ariac_score.ruleset import RuleSet
+from ariac_score.scoring.ruleset import RuleSet
 
 PAPER = RulesBench(load_rule_set("paper2020"), Registry())
 NEGATIVE = ("false", "currently_false")

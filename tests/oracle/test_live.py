@@ -20,12 +20,12 @@ websocket = pytest.importorskip(
 )
 pytest.importorskip("websockets", reason="the extra `live` is not installed")
 
+from ariac_score.checks.registry import Registry  # noqa: E402
 from ariac_score.cli import main  # noqa: E402  # after the libraries are there
 from ariac_score.errors import RuleSetError  # noqa: E402
 from ariac_score.oracle.conversation import Conversation  # noqa: E402
 from ariac_score.oracle.judges import SpecBench  # noqa: E402
 from ariac_score.oracle.replay import replay  # noqa: E402
-from ariac_score.registry import Registry  # noqa: E402
 from ariac_score.testing import kitting_trial, recorded_messages, write_event_log  # noqa: E402
 
 ROOT = Path(__file__).parents[2]

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from ariac_score import load_rule_set
+from ariac_score.checks.registry import Registry
 from ariac_score.cli import main
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.oracle.judges import RulesBench
 from ariac_score.oracle.replay import replay
-from ariac_score.registry import Registry
 
 PAPER = RulesBench(load_rule_set("paper2020"), Registry())
 

@@ -22,13 +22,13 @@ websocket = pytest.importorskip(
 pytest.importorskip("websockets", reason="the extra `live` is not installed")
 
 from ariac_score import load_rule_set, score_trial  # noqa: E402  # after the libraries are there
+from ariac_score.checks.registry import Registry  # noqa: E402
 from ariac_score.cli import main  # noqa: E402
 from ariac_score.errors import UsageError  # noqa: E402
 from ariac_score.oracle.judges import RulesBench  # noqa: E402
 from ariac_score.oracle.results import report_json, write_results  # noqa: E402
 from ariac_score.oracle.server import Limits, Oracle, Pace  # noqa: E402
-from ariac_score.registry import Registry  # noqa: E402
-from ariac_score.result_json import findings_json  # noqa: E402
+from ariac_score.results.result_file import findings_json  # noqa: E402
 from ariac_score.testing import kitting_trial, monitored_events, recorded_messages, write_event_log  # noqa: E402
 
 PAPER = load_rule_set("paper2020")

@@ -28,10 +28,10 @@ from ariac_score import (
     load_rule_set,
     measure_trial,
 )
-from ariac_score.engine import price_trial
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.price import price_trial
 from ariac_score.errors import RuleSetError
-from ariac_score.registry import Registry
-from ariac_score.result import Provenance
+from ariac_score.results.result import Provenance
 from ariac_score_standards import SsmSeparation
 from ariac_score_standards.iso_ts_15066 import PROFILES
 

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score import Body, Event, Finding, Signal, Span, Trial, Verdict, load_rule_set, measure_trial
+from ariac_score.checks.registry import Registry
 from ariac_score.errors import LogError, RuleSetError
-from ariac_score.registry import Registry
 from ariac_score_stl import StlFormula
 from ariac_score_stl.syntax import MAX_DEPTH, MAX_LENGTH, StlError, parse
 

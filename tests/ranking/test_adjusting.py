@@ -12,8 +12,8 @@ import yaml
 
 from ariac_score import load_result
 from ariac_score.cli import main
-from ariac_score.datafiles import schema_errors
-from ariac_score.result_json import measured_sha256
+from ariac_score.documents.schema import schema_errors
+from ariac_score.results.result_file import measured_sha256
 
 ROOT = Path(__file__).parents[2]
 COMPETITION = ROOT / "examples/competition/2024"

@@ -9,12 +9,12 @@ import pytest
 
 from ariac_score import Signal, Trial, load_rule_set
 from ariac_score.errors import FormulaError
-from ariac_score.expression import Expression
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
-from ariac_score.result_json import as_json, load_result
+from ariac_score.results.result_file import as_json, load_result
+from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 

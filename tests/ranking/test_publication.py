@@ -13,12 +13,12 @@ import pytest
 
 from ariac_score import load_rule_set
 from ariac_score.cli import main
-from ariac_score.datafiles import schema_errors
+from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import DataFileError, ResultError
 from ariac_score.ranking.changes import changes_between
 from ariac_score.ranking.competition import load_competition
+from ariac_score.ranking.publication import load_publication, ranking_json
 from ariac_score.ranking.rank import Ranking, rank_results
-from ariac_score.ranking.ranking_json import load_publication, ranking_json
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.ranking.stored import write_results

@@ -17,7 +17,7 @@ import pytest
 
 from ariac_score import load_log_map, load_rule_set
 from ariac_score.cli import main
-from ariac_score.datafiles import schema_errors
+from ariac_score.documents.schema import schema_errors
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.rank import Cell, Ranking, Standing, rank_results, remarks_on_team
 from ariac_score.ranking.runs import score_runs, strict_evaluation

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score.expression import Expression
 from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing
 from ariac_score.ranking.resampling import RandomBits, kept_weights, student_quantile, widening
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec, places
 from ariac_score.ranking.statistics import Pair, Statistics, rank_statistics
+from ariac_score.scoring.expression import Expression
 
 DIGITS = 3
 LAST_DIGITS = 2.1e-3

@@ -22,10 +22,10 @@ from ariac_score import (
     price_trial,
     score_trial,
 )
-from ariac_score.engine import sketch_trial
-from ariac_score.registry import Registry
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.measure import sketch_trial
 from ariac_score.report.html.trial import trial_page
-from ariac_score.result import Setting, Settings, Source
+from ariac_score.results.result import Setting, Settings, Source
 from ariac_score.testing import kitting_trial, write_trial_log
 
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"

@@ -20,12 +20,12 @@ import pytest
 
 from ariac_score import load_result, load_rule_set
 from ariac_score.cli import main
-from ariac_score.ranking.ranking_json import load_publication
+from ariac_score.ranking.publication import load_publication
 from ariac_score.report.site.run_pages import page_name
 from ariac_score.report.site.site import Site, competition_page
 from ariac_score.report.site.tables import Table, cell_text, table_csv, table_json
-from ariac_score.result_json import measured_sha256
-from ariac_score.sensitivity import Knob, RankSensitivity, RankShift, sensitivity_json
+from ariac_score.results.result_file import measured_sha256
+from ariac_score.review.sensitivity import Knob, RankSensitivity, RankShift, sensitivity_json
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/competition/2024"

@@ -31,7 +31,6 @@ from ariac_score import (
     as_json,
     score_trial,
 )
-from ariac_score.adjustments import adjust, load_adjustments
 from ariac_score.cli import main
 from ariac_score.report.html.charts import HEIGHT, chart_of
 from ariac_score.report.html.orders import grouped
@@ -41,10 +40,11 @@ from ariac_score.report.html.scale import Scale, ticks
 from ariac_score.report.html.timeline import timeline_of
 from ariac_score.report.html.trial import embedded_result, trial_page
 from ariac_score.report.html.waterfall import waterfall_of
-from ariac_score.result_json import measured_sha256
+from ariac_score.results.adjustments import adjust, load_adjustments
+from ariac_score.results.result_file import measured_sha256
+from ariac_score.results.sketch import Curve, Route, Sketch, sketch_of
 from ariac_score.scoring.ledger import Line
 from ariac_score.testing import kitting_trial, write_trial_log
-from ariac_score.trial.sketch import Curve, Route, Sketch, sketch_of
 
 PAGES = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "pages.py")))
 RESULT = PAGES.EXAMPLE

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import FormulaError
-from ariac_score.expression import Expression, Number
-from ariac_score.findings import Finding, Verdict
 from ariac_score.scoring.charge import charge
+from ariac_score.scoring.expression import Expression, Number
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.trial.spans import Span, episodes_where

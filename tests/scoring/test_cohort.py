@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import pytest
 
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import FormulaError, NeedsCohortError
-from ariac_score.expression import Expression
-from ariac_score.findings import Finding, Verdict
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
+from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.pricing import contribute, price
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ariac_score.expression import Expression, Number
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.scoring.doubt import doubts
+from ariac_score.scoring.expression import Expression, Number
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score.errors import FormulaError
-from ariac_score.expression import (
+from ariac_score.scoring.expression import (
     LARGEST_INTEGER,
     MAX_DEPTH,
     MAX_LENGTH,
@@ -484,7 +484,7 @@ def test_a_column_longer_than_a_block_has_the_same_values_and_errors(monkeypatch
     a = np.array([4.0, 2.0, 1.0, 0.0, 5.0, 0.0])
     formula = Expression.parse("2 / a if a > 0 else k")
     whole = formula.columns({"a": a, "k": 7}).tolist()
-    monkeypatch.setattr("ariac_score.expression._BLOCK_ROWS", 2)
+    monkeypatch.setattr("ariac_score.scoring.expression._BLOCK_ROWS", 2)
 
     assert formula.columns({"a": a, "k": 7}).tolist() == whole == [0.5, 1.0, 2.0, 7.0, 0.4, 7.0]
     with pytest.raises(FormulaError, match="division by zero in row 3"):

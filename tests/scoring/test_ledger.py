@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import FormulaError, ResultError
-from ariac_score.expression import LARGEST_INTEGER, Expression
-from ariac_score.findings import Finding, Verdict
+from ariac_score.scoring.expression import LARGEST_INTEGER, Expression
 from ariac_score.scoring.ledger import Line, make_ledger, reconcile, rounded
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score.expression import Expression
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.policy import POLICIES, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet

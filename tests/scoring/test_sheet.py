@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import pytest
 
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import FormulaError
-from ariac_score.expression import Expression, Number
-from ariac_score.findings import Finding, Verdict
+from ariac_score.scoring.expression import Expression, Number
 from ariac_score.scoring.scope import LEVELS, Scope
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.trial.spans import Span

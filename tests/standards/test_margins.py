@@ -27,10 +27,11 @@ from ariac_score import (
     Trial,
     Verdict,
 )
-from ariac_score.registry import Registry
+from ariac_score.checks.registry import Registry
 from ariac_score.testing import contract_checks, made_trial
 from ariac_score.testing.contract import ContractError
 from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score_ariac.safety import HumanContact
 from ariac_score_rml import RmlSpec
 from ariac_score_standards import (
     AgvProtectiveField,
@@ -39,7 +40,6 @@ from ariac_score_standards import (
     CrushGap,
     EstopRestart,
     HandGuiding,
-    HumanContact,
     MonitoredStandstill,
     Never,
     PflContact,

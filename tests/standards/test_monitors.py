@@ -30,23 +30,22 @@ from ariac_score import (
     parameter_facts,
     score_trial,
 )
-from ariac_score.engine import measure_trial
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.measure import measure_trial
 from ariac_score.errors import RuleSetError
-from ariac_score.expression import Expression
-from ariac_score.registry import Registry
-from ariac_score.ruleset import load_rule_set
+from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, recorded_messages, write_bag
 from ariac_score.trial.derive import Derivation, centred_velocity, derive_signals
 from ariac_score.trial.model import LogDefect
+from ariac_score_ariac.safety import CollisionEpisodes, HumanContact, occurrences
 from ariac_score_standards import (
     AgvProtectiveField,
     AgvSpeedClearance,
     Always,
-    CollisionEpisodes,
     CrushGap,
     EstopRestart,
     HandGuiding,
-    HumanContact,
     MonitoredStandstill,
     Never,
     PflContact,
@@ -63,7 +62,6 @@ from ariac_score_standards import (
     StopPerformance,
     Within,
 )
-from ariac_score_standards.ariac_safety import occurrences
 from ariac_score_standards.body_regions import AREAS, REGIONS, body_limits, limits_at
 from ariac_score_standards.formula import judge_columns
 from ariac_score_standards.iec_60204_1 import stop_category

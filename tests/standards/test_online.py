@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from ariac_score import Body, Event, OnlineMonitor, Sample, Signal, Span, Standing, Trial, Verdict, align
 from ariac_score.testing import SNAPSHOT_SIGNALS, contract_checks, kitting_trial, made_trial
-from ariac_score_standards import HumanContact, NoEvent, SsmSeparation, SsmSpeedCap
+from ariac_score_ariac.safety import HumanContact, NoEvent
+from ariac_score_standards import SsmSeparation, SsmSpeedCap
 from ariac_score_standards.formula import Always, Never
 
 MADE = made_trial()

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from ariac_score import Body, Event, Finding, Signal, Trial, Verdict
-from ariac_score.expression import add_up
+from ariac_score.scoring.expression import add_up
+from ariac_score_ariac.safety import CollisionEpisodes
 from ariac_score_standards import (
     AgvProtectiveField,
     AgvSpeedClearance,
     Always,
-    CollisionEpisodes,
     CrushGap,
     EstopRestart,
     HandGuiding,

@@ -20,9 +20,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score import Body, Event, Signal, Span, Trial, Verdict
-from ariac_score.trial import sketch, windows
+from ariac_score.results import sketch
+from ariac_score.results.sketch import sketch_of
+from ariac_score.trial import windows
 from ariac_score.trial.derive import Derivation, derive_signals
-from ariac_score.trial.sketch import sketch_of
+from ariac_score_ariac.safety import CollisionEpisodes, HumanContact
 from ariac_score_rml import RmlSpec
 from ariac_score_rml import judging as rml_judging
 from ariac_score_rml import windows as rml_windows
@@ -30,11 +32,9 @@ from ariac_score_standards import (
     AgvProtectiveField,
     AgvSpeedClearance,
     Always,
-    CollisionEpisodes,
     CrushGap,
     EstopRestart,
     HandGuiding,
-    HumanContact,
     MonitoredStandstill,
     Never,
     PflContact,

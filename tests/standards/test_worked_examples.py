@@ -20,15 +20,15 @@ import numpy as np
 import pytest
 
 from ariac_score import Body, Event, Finding, Signal, Span, Trial, Verdict
-from ariac_score.expression import Expression
+from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.trial.derive import centred_velocity
+from ariac_score_ariac.safety import CollisionEpisodes, occurrences
 from ariac_score_standards import (
     AgvProtectiveField,
     AgvSpeedClearance,
-    CollisionEpisodes,
     CrushGap,
     EstopRestart,
     HandGuiding,
@@ -42,7 +42,6 @@ from ariac_score_standards import (
     SsmSeparation,
     StopPerformance,
 )
-from ariac_score_standards.ariac_safety import occurrences
 from ariac_score_standards.body_regions import AREAS, REGIONS, body_limits
 from ariac_score_standards.iec_60204_1 import stop_category
 from ariac_score_standards.iso_3691_4 import braking_distance_m, protective_field_m, stopping_distance_m

@@ -25,8 +25,8 @@ from ariac_score import (
     Trial,
     Verdict,
 )
+from ariac_score.checks.registry import Registry
 from ariac_score.errors import LogError, PluginError
-from ariac_score.registry import Registry
 from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
     ContractCheck,

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from ariac_score.contracts import GROUPS
+from ariac_score.checks.contracts import GROUPS
+from ariac_score.checks.registry import Registry
 from ariac_score.errors import PluginError
-from ariac_score.registry import Registry
 from ariac_score.testing.pages import example_parameters, pages, plugin_page, write_pages
 
 Install = Callable[..., str]

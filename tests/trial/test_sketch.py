@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 
 from ariac_score import Body, Course, Signal, Span, Trial, as_json, load_result, score_trial
 from ariac_score.errors import ResultError
+from ariac_score.results import sketch as sketch_module
+from ariac_score.results.sketch import DECIMALS, extremes, sketch_of
 from ariac_score.testing import NEAR_MISS, kitting_trial, write_trial_log
-from ariac_score.trial import sketch as sketch_module
-from ariac_score.trial.sketch import DECIMALS, extremes, sketch_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
 

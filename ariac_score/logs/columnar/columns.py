@@ -2,48 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.records import dataclass
+from ariac_score.logs.containers.items import IntArray
 
-__all__ = ["Bytes", "Column", "Columns", "Defect", "IntArray", "Payloads", "ranges"]
-
-IntArray = NDArray[np.int64]
-Bytes = NDArray[np.uint8]
+if TYPE_CHECKING:
+    pass
 
 
-@dataclass(frozen=True, eq=False)
-class Payloads:
-    """The serialised messages of one connection, somewhere in one buffer.
+__all__ = ["UNDECODABLE", "Column", "Columns", "Defect", "ranges"]
 
-    Attributes:
-        buffer: The bytes; between the messages may be anything.
-        starts: Where each message starts, shape (n,).
-        ends: Where it ends, shape (n,); within the buffer.
-    """
 
-    buffer: Bytes
-    starts: IntArray
-    ends: IntArray
-
-    @classmethod
-    def joined(cls, payloads: Iterable[bytes | memoryview]) -> Payloads:
-        """Separate messages, copied one after the other."""
-        parts = list(payloads)
-        ends = np.cumsum(np.fromiter(map(len, parts), np.int64, len(parts)))
-        starts = np.concatenate(([0], ends[:-1])).astype(np.int64) if parts else ends
-        return cls(np.frombuffer(b"".join(parts), dtype=np.uint8), starts, ends)
-
-    def __len__(self) -> int:
-        return len(self.starts)
-
-    def one(self, index: int) -> bytes:
-        """The bytes of one message."""
-        return self.buffer[self.starts[index] : self.ends[index]].tobytes()
+UNDECODABLE = (
+    struct.error,
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    NameError,
+    RecursionError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+)
+"""What the parsers and the generated code of rosbags raise on definitions and payloads
+that are not what they claim to be, besides their own errors (found by feeding them such)."""
 
 
 @dataclass(frozen=True, eq=False)

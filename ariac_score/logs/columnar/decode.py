@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.logs.columnar.columns import Bytes, Column, Columns, Defect, IntArray, Payloads, ranges
+from ariac_score.logs.columnar.columns import Column, Columns, Defect, ranges
 from ariac_score.logs.columnar.plan import Definitions, Field, Plan, Stream, compile_plan
 from ariac_score.logs.columnar.walk_many import Interned, walk
 from ariac_score.logs.columnar.walk_one import Layout, MisfitError, lay_out
+from ariac_score.logs.containers.items import Bytes, IntArray, Payloads
 
 __all__ = ["ColumnDecoder", "Room"]
 
@@ -429,7 +430,7 @@ class ColumnDecoder:
 def _failures() -> tuple[type[BaseException], ...]:
     from rosbags.serde import SerdeError  # noqa: PLC0415  # rosbags is slow to load
 
-    from ariac_score.logs.types import UNDECODABLE  # noqa: PLC0415  # which may itself decode columns
+    from ariac_score.logs.columnar.columns import UNDECODABLE  # noqa: PLC0415  # which may itself decode columns
 
     return (SerdeError, *UNDECODABLE)
 

@@ -11,13 +11,12 @@ Source: OMG CDR (XCDR1, plain), as ROS 2 writes it; ROS wiki, "msg", section "Se
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
-from ariac_score.logs.columnar.columns import IntArray
-from ariac_score.records import dataclass
+from ariac_score.logs.containers.items import IntArray
 
 __all__ = [
     "Block",

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.logs.columnar.columns import Bytes, IntArray, Payloads, ranges
+from ariac_score.logs.columnar.columns import ranges
 from ariac_score.logs.columnar.plan import Block, Plan, Repeat, Step, Text
+from ariac_score.logs.containers.items import Bytes, IntArray, Payloads
 
 __all__ = ["Interned", "Walked", "gathered", "typed", "walk"]
 

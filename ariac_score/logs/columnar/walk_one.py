@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ariac_score.logs.columnar.columns import IntArray
 from ariac_score.logs.columnar.plan import Block, Plan, Repeat, Step, Text
+from ariac_score.logs.containers.items import IntArray
 
 __all__ = ["Layout", "MisfitError", "lay_out"]
 

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ariac_score.result import Result
+    from ariac_score.results.result import Result
 
 __all__ = ["EXPORTS", "exported"]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ariac_score.findings import Finding, Verdict
-from ariac_score.report.style import plain
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.text import amount_text
-from ariac_score.result import Result
+from ariac_score.results.result import Result
 from ariac_score.scoring.steward import with_verdicts
+from ariac_score.terminal.style import plain
 
 __all__ = ["checks", "cut", "final_findings", "headline", "name", "remarks", "unrecorded", "when", "why_none"]
 

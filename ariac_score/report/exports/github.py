@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ariac_score.findings import Verdict
+from ariac_score.checks.findings import Verdict
 from ariac_score.report.exports.facts import cut, final_findings, headline, name, remarks, unrecorded, when
-from ariac_score.result import Result
+from ariac_score.results.result import Result
 
 __all__ = ["github_text"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.exports.facts import (
     checks,
     cut,
@@ -21,7 +21,7 @@ from ariac_score.report.exports.facts import (
     why_none,
 )
 from ariac_score.report.text import amount_text
-from ariac_score.result import Result
+from ariac_score.results.result import Result
 
 __all__ = ["junit_text"]
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
-from ariac_score.findings import Verdict
+from ariac_score.checks.findings import Verdict
 from ariac_score.report.exports.facts import checks, cut, final_findings, headline, remarks, unrecorded, when
 from ariac_score.report.text import amount_text
-from ariac_score.result import Result
+from ariac_score.results.result import Result
 
 __all__ = ["markdown_text"]
 

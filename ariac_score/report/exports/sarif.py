@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
 
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.exports.facts import (
     checks,
     cut,
@@ -22,7 +22,7 @@ from ariac_score.report.exports.facts import (
     unrecorded,
     when,
 )
-from ariac_score.result import Result, canonical
+from ariac_score.results.result import Result, canonical
 
 __all__ = ["sarif_text"]
 

@@ -10,8 +10,8 @@ from decimal import Decimal
 from typing import Any
 
 from ariac_score.report.exports.facts import final_findings, remarks
-from ariac_score.report.style import plain
-from ariac_score.result import Result, canonical
+from ariac_score.results.result import Result, canonical
+from ariac_score.terminal.style import plain
 
 __all__ = ["csv_text", "jsonl_text"]
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.scale import Scale, ticks
-from ariac_score.trial.sketch import Curve
+from ariac_score.results.sketch import Curve
 
 __all__ = ["Chart", "Mark", "chart_of"]
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
-from ariac_score.findings import Finding, Verdict
-from ariac_score.result import Result
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.results.result import Result
+from ariac_score.results.sketch import AskedTask, Brought
 from ariac_score.scoring.ledger import Ledger
 from ariac_score.scoring.scope import Scope
-from ariac_score.trial.sketch import AskedTask, Brought
 
 __all__ = ["OrderShown", "PartShown", "TaskShown", "grouped", "orders_of"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ariac_score.report.html.wording import number
-from ariac_score.result import Result, Setting
+from ariac_score.results.result import Result, Setting
 
 __all__ = ["CheckParameters", "ParameterRow", "parameters_shown"]
 

@@ -6,9 +6,9 @@ from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.scale import ticks
-from ariac_score.trial.sketch import Route, Sketch
+from ariac_score.results.sketch import Route, Sketch
 
 __all__ = ["Pin", "Plan", "Way", "plan_of"]
 

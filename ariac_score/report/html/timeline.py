@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.scale import Scale
 from ariac_score.report.html.wording import brief, seconds
-from ariac_score.result import Result
+from ariac_score.results.result import Result
 
 __all__ = ["Block", "Lane", "Timeline", "timeline_of"]
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
-from ariac_score.findings import Finding, Verdict
-from ariac_score.recoverable import recoverable_losses
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.charts import Chart, chart_of
 from ariac_score.report.html.orders import grouped, orders_of
 from ariac_score.report.html.page import page, shipped
@@ -19,9 +18,10 @@ from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.timeline import timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
 from ariac_score.report.html.wording import brief, file_name, number, seconds
-from ariac_score.result import Result
-from ariac_score.ruleset import rule_set_from_text
+from ariac_score.results.result import Result
+from ariac_score.review.lost_points import recoverable_losses
 from ariac_score.scoring.policy import POLICIES
+from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment
 
 __all__ = ["anchor", "embedded_result", "trial_page"]

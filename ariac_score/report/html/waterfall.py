@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
-from ariac_score.expression import Traced
-from ariac_score.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Ledger, Line
 
 __all__ = ["Step", "Waterfall", "waterfall_of"]

@@ -8,8 +8,8 @@ import re
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from ariac_score.report.style import plain
 from ariac_score.report.text import amount_text
+from ariac_score.terminal.style import plain
 
 if TYPE_CHECKING:
     from markupsafe import Markup

@@ -9,17 +9,17 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
-from ariac_score.adjustments import apply
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.publication import Publication, StoredResult
 from ariac_score.ranking.rank import RunOutcome
-from ariac_score.ranking.ranking_json import Publication, StoredResult
 from ariac_score.ranking.stored import read_stored
 from ariac_score.ranking.violations import Clause, verdicts_of
 from ariac_score.report.html.trial import trial_page
 from ariac_score.report.html.wording import file_name
-from ariac_score.result import Result
-from ariac_score.result_json import as_json, measured_sha256
-from ariac_score.ruleset import rule_set_from_text
+from ariac_score.results.adjustments import apply
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import as_json, measured_sha256
+from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment, with_verdicts
 
 __all__ = ["RunPage", "make_pages", "page_name"]

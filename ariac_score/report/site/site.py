@@ -9,13 +9,13 @@ from pathlib import Path
 
 from ariac_score.errors import UsageError
 from ariac_score.ranking.changes import Changes, changes_between
-from ariac_score.ranking.ranking_json import Publication
+from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.violations import Tally, tallied
 from ariac_score.report.html.page import page
 from ariac_score.report.site.run_pages import RunPage, make_pages
 from ariac_score.report.site.tables import Table, table_csv, table_json, tables_of
 from ariac_score.report.site.view import view_of
-from ariac_score.sensitivity import RankSensitivity
+from ariac_score.review.sensitivity import RankSensitivity
 
 __all__ = ["Site", "competition_page", "write_site"]
 

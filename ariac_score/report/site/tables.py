@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from ariac_score.ranking.changes import Changes
+from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import OUTCOMES, Stewarded
-from ariac_score.ranking.ranking_json import Publication
 from ariac_score.ranking.violations import Tally
-from ariac_score.sensitivity import RankSensitivity
+from ariac_score.review.sensitivity import RankSensitivity
 
 __all__ = ["Table", "cell_text", "table_csv", "table_json", "tables_of"]
 

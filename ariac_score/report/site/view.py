@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from ariac_score.ranking.changes import Changes
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import OUTCOMES, Cell, Ranking, RunOutcome, Standing
-from ariac_score.ranking.ranking_json import Publication
 from ariac_score.ranking.statistics import Pair, Statistics, TeamOdds
 from ariac_score.ranking.violations import Tally
+from ariac_score.review.sensitivity import RankSensitivity, RankShift
 from ariac_score.scoring.steward import Adjustment
-from ariac_score.sensitivity import RankSensitivity, RankShift
 
 __all__ = ["View", "view_of"]
 

@@ -15,7 +15,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ariac_score.logs.columnar import ColumnDecoder, Columns, Payloads
-from ariac_score.logs.types import UNDECODABLE
+from ariac_score.logs.columnar.columns import UNDECODABLE
 
 Make = Callable[[], Any]
 TYPE = "test_msgs/msg/T0"

@@ -1,0 +1,286 @@
+"""Planning a batch of runs that lie elsewhere: a folder named by a URI, or a list of URIs.
+
+A folder elsewhere is planned as if it were here: its names are laid out as empty files in a folder of
+this machine, with `competition.yaml` and what that names, and the rules of a local folder find the runs.
+"""
+
+from __future__ import annotations
+
+import errno
+import re
+import time
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from ariac_score.batch.fetched import mode_of
+from ariac_score.batch.remote import (
+    LISTING_S,
+    Storage,
+    Stored,
+    check_inside,
+    is_uri,
+    name_of,
+    shown,
+    signature_of_stored,
+)
+from ariac_score.batch.tasks import Plan, Task, of_shard, plan_batch
+from ariac_score.documents.yaml import load_yaml
+from ariac_score.errors import DataFileError, NothingToScoreError, ScoreError, UsageError
+from ariac_score.ranking.competition import FILE
+
+__all__ = ["LIST_ENDING", "plan_elsewhere", "plan_list"]
+
+LIST_ENDING = ".txt"
+"""Of a file that lists runs."""
+_LARGEST_TEXT_BYTES = 4 << 20
+_LARGEST_DATABASE_BYTES = 1 << 30
+_MOST_LINES = 100_000
+_AT_A_TIME = 16
+
+
+def plan_elsewhere(
+    uri: str, rules: str, work: Path, *, ranges: bool = False, part: tuple[int, int] = (1, 1)
+) -> Plan:
+    """Find the runs below a URI, as `plan_batch` finds those of a local folder.
+
+    Args:
+        uri: Of a folder, a `competition.yaml`, or a list of runs.
+        rules: Rule set to use instead of the one a competition names.
+        work: An empty folder; the plan may name rules in it, so it has to stay until they are loaded.
+        ranges: Whether only parts of recordings are to be fetched.
+        part: Number and count of the shards; of a list, the storage is asked about the runs of this one.
+
+    Raises:
+        ScoreError: As `plan_batch`; or the storage does not answer, or wants other credentials.
+    """
+    if name_of(uri).endswith(LIST_ENDING):
+        file = work / name_of(uri)
+        _fetch_small(Storage(uri), Storage(uri).file(), file, _LARGEST_TEXT_BYTES)
+        return plan_list(file, rules, ranges=ranges, part=part, beside=_folder_of(uri))
+    if name_of(uri) == FILE:
+        uri = uri[: uri.rindex(FILE)]
+    storage = Storage(uri)
+    files = _listed(storage)
+    here = work / (name_of(uri) or "runs")
+    _lay_out(storage, files, here)
+    plan = plan_batch(here, rules)
+    return replace(plan, tasks=_elsewhere(plan.tasks, files, storage, here, ranges=ranges))
+
+
+def _folder_of(uri: str) -> str:
+    """The folder of a file, without what signs the address of that file alone."""
+    web = uri.startswith(("http://", "https://"))
+    return (re.split(r"[?#]", uri, maxsplit=1)[0] if web else uri).rpartition("/")[0]
+
+
+def _listed(storage: Storage) -> list[Stored]:
+    files = [file for file in storage.files() if not _hidden(file.name)]
+    if not files:
+        raise NothingToScoreError(
+            "there is no file below it", file=shown(storage.uri), hint="every entry of a folder is one trial"
+        )
+    return files
+
+
+def _hidden(name: str) -> bool:
+    """Whether it is hidden at the top of the folder, where runs are looked for."""
+    return name.startswith(".")
+
+
+def _lay_out(storage: Storage, files: Sequence[Stored], here: Path) -> None:
+    """Make a folder that looks like the one elsewhere to whoever only looks at names."""
+    here.mkdir()
+    for file in files:
+        place = here / file.name
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.touch()
+        except OSError as cause:
+            if cause.errno not in (
+                errno.EEXIST,
+                errno.ENOTDIR,
+                errno.EISDIR,
+                errno.ENAMETOOLONG,
+                errno.EILSEQ,
+            ):
+                raise
+            raise UsageError(
+                f"{file.name[:80]!r} cannot be a file here: {cause.strerror}",
+                file=shown(storage.uri),
+                hint="a name may not be that of a file and of a folder at once; rename one of them",
+            ) from cause
+    known = {file.name: file for file in files}
+    if FILE in known:
+        _fetch_small(storage, known[FILE], here / FILE, _LARGEST_TEXT_BYTES)
+        for name, largest in _needed(here / FILE, known).items():
+            _fetch_small(storage, known[name], here / name, largest)
+
+
+def _needed(file: Path, known: Mapping[str, Stored]) -> dict[str, int]:
+    """What a competition cannot be planned without: its own rules with what lies beside, and databases."""
+    try:
+        told = load_yaml(file).data
+    except ScoreError:
+        return {}  # whoever loads it says what is wrong
+    if not isinstance(told, dict):
+        return {}
+    needed: dict[str, int] = {}
+    rules, runs = told.get("rules"), told.get("runs")
+    if isinstance(rules, str) and rules in known:
+        beside = PurePosixPath(rules).parent
+        for name in known:
+            if PurePosixPath(name).parent == beside and name.endswith((".yaml", ".yml")) and name != FILE:
+                needed[name] = _LARGEST_TEXT_BYTES
+    databases: Any = runs.get("databases") if isinstance(runs, dict) else None
+    for name in databases if isinstance(databases, list) else ():
+        if isinstance(name, str) and name in known:
+            needed[name] = _LARGEST_DATABASE_BYTES
+    return needed
+
+
+def _fetch_small(storage: Storage, file: Stored, into: Path, largest_bytes: int) -> None:
+    if file.size > largest_bytes:
+        raise DataFileError(
+            f"it has {file.size} bytes, more than the {largest_bytes} allowed",
+            file=shown(file.path),
+            hint="is it what its name says?",
+        )
+    storage.fetch(file, into, most_bytes=largest_bytes, within_s=LISTING_S)
+
+
+def _elsewhere(
+    tasks: Sequence[Task], files: Sequence[Stored], storage: Storage, here: Path, *, ranges: bool
+) -> tuple[Task, ...]:
+    """The tasks of a folder that was laid out, with the URIs of what they stand for."""
+    below: dict[str, list[Stored]] = defaultdict(list)
+    for file in files:
+        for name in (file.name, *(above.as_posix() for above in PurePosixPath(file.name).parents)):
+            below[name].append(file)
+
+    def uri(path: str) -> tuple[str, list[Stored]]:
+        plain, hash_sign, run = path.partition("#run=")
+        name = Path(plain).relative_to(here).as_posix()
+        folder = Path(plain).is_dir()
+        return storage.child(name, folder=folder) + hash_sign + run, below[name]
+
+    found = []
+    for task in tasks:
+        if task.refused:
+            found.append(task)
+            continue
+        path, stored = uri(task.path)
+        also = [uri(name) for name in task.also]
+        told = [*stored, *(file for _, configs in also for file in configs)]
+        found.append(
+            replace(
+                task,
+                path=path,
+                root=storage.uri.rstrip("/") if task.root else "",
+                also=tuple(name for name, _ in also),
+                signature=signature_of_stored(told, mode_of(ranges)),
+            )
+        )
+    return tuple(found)
+
+
+def plan_list(
+    file: Path, rules: str, *, ranges: bool = False, part: tuple[int, int] = (1, 1), beside: str = ""
+) -> Plan:
+    """The runs that a text file lists, one a line: a URI, or a path from the folder of the list.
+
+    Before it may stand a name; otherwise the run is called as its file. Empty lines, and what follows
+    `#` at the start of a line, are passed over.
+
+    Args:
+        file: The list.
+        rules: Rule set.
+        ranges: Whether only parts of recordings are to be fetched.
+        part: Number and count of the shards; storages are asked about the runs of this one.
+        beside: The URI of the folder of the list, where it was fetched from elsewhere.
+
+    Raises:
+        DataFileError: Two runs have one name, or a line is none.
+        NothingToScoreError: It lists nothing.
+        UsageError: Nothing says by which rules.
+    """
+    if not rules:
+        raise UsageError(
+            "nothing says by which rules",
+            file=file,
+            hint="name a rule set with --rules; 'ariac-score rules list' shows those that come along",
+        )
+    lines = _lines(file)
+    tasks: dict[str, Task] = {}
+    places: dict[str, int] = {}
+    for number, line in lines:
+        name, path = _entry(file, number, line, beside)
+        if name in tasks:
+            raise DataFileError(
+                f"two runs are called {name!r}: here and in line {places[name]}",
+                file=file,
+                place=f"line {number}",
+                hint="write a name before the address: NAME URI",
+            )
+        tasks[name], places[name] = Task("", name, 1, path), number
+    if not tasks:
+        raise NothingToScoreError("it lists no run", file=file, hint="write one URI or path a line")
+    ordered = sorted(tasks.values(), key=lambda task: task.key)
+    mine, until = list(of_shard(ordered, *part)), time.monotonic() + LISTING_S
+    with ThreadPoolExecutor(_AT_A_TIME) as pool:
+        found = pool.map(lambda task: _signed(task, until, ranges=ranges), mine)
+        signed = dict(zip(mine, found, strict=True))
+    return Plan(file.stem, rules, tuple(signed.get(task, task) for task in ordered))
+
+
+def _lines(file: Path) -> list[tuple[int, str]]:
+    try:
+        if file.stat().st_size > _LARGEST_TEXT_BYTES:
+            raise DataFileError(
+                f"a list has at most {_LARGEST_TEXT_BYTES} bytes", file=file, hint="make two lists of it"
+            )
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as cause:
+        raise DataFileError(f"cannot be read: {cause}", file=file, hint="a list is a text file") from cause
+    lines = [(i, line.strip()) for i, line in enumerate(text.splitlines(), start=1)]
+    found = [(i, line) for i, line in lines if line and not line.startswith("#")]
+    if len(found) > _MOST_LINES:
+        raise DataFileError(f"a list has at most {_MOST_LINES} runs", file=file, hint="make two lists of it")
+    return found
+
+
+def _entry(file: Path, number: int, line: str, beside: str) -> tuple[str, str]:
+    """Name and address of a line."""
+    words = line.split()
+    if not is_uri(line) and len(words) == 2 and is_uri(words[1]):
+        return words[0], words[1]
+    if is_uri(line):
+        if len(words) != 1 or not name_of(line):
+            raise DataFileError(
+                f"{shown(line)[:80]!r} is no address of a run",
+                file=file,
+                place=f"line {number}",
+                hint="write %20 for a space; a name stands before the address",
+            )
+        return name_of(line), line
+    if beside:
+        check_inside(line.rstrip("/"), f"{beside}/{file.name}")
+        uri = Storage(beside).child(line.rstrip("/"), folder=line.endswith("/"))
+        return name_of(uri), uri
+    path = file.parent / line
+    return path.name, str(path)
+
+
+def _signed(task: Task, until: float, *, ranges: bool) -> Task:
+    """The task with what its storage says of its files; one that cannot be had says so when it is scored."""
+    if not task.remote or time.monotonic() > until:
+        return task
+    try:
+        storage = Storage(task.path.partition("#run=")[0])
+        files = storage.files() if storage.is_folder() else [storage.file()]
+    except ScoreError:
+        return task
+    return replace(task, signature=signature_of_stored(files, mode_of(ranges)))

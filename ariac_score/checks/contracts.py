@@ -1,0 +1,343 @@
+"""Who may say something about a trial: the contracts of plugins, kept by structure, not by inheritance.
+
+A plugin is a class. Rules and monitors are built with the `with:` block of a rule
+set as keyword arguments, called, and forgotten; readers and decoders are built
+without arguments. Calls are pure: same trial, same answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.events import Event
+from ariac_score.trial.model import Body, LogDefect, Order, Submission, Trial
+from ariac_score.trial.signals import Sample
+
+if TYPE_CHECKING:
+    from ariac_score.trial.course import Course
+    from ariac_score.trial.kits import Kit
+
+__all__ = [
+    "GROUPS",
+    "Charting",
+    "Decoder",
+    "EventMonitor",
+    "EventWatch",
+    "LogDescription",
+    "Margined",
+    "Monitor",
+    "OnlineMonitor",
+    "OnlineWatch",
+    "Reader",
+    "Resolving",
+    "Rule",
+    "SignalNeed",
+    "Standing",
+    "TopicDescription",
+    "Wanted",
+]
+
+
+@dataclass(frozen=True)
+class SignalNeed:
+    """A kind of signal a monitor reads, for every body or pair it exists for.
+
+    Attributes:
+        quantity: Such as `centre_distance`; see `ariac_score.trial.vocabulary`.
+        unit: The unit it is read in.
+        max_gap_s: Longest stretch between two samples the monitor accepts, s.
+        optional: Whether it only helps: a log without it is judged all the same.
+    """
+
+    quantity: str
+    unit: str
+    max_gap_s: float = 0.05
+    optional: bool = False
+
+
+@runtime_checkable
+class Rule(Protocol):
+    """Judges an order: entry-point group `ariac_score.rules`.
+
+    A rule that rests on the official result alone says so with a class attribute
+    `reads_official = True`; only such rules are asked about an order of which
+    nothing but its official score is known (`Order.outline`).
+    """
+
+    def judge(self, trial: Trial, order: Order) -> Iterable[Finding]:
+        """Findings about one order; at least one, for silence is not a verdict."""
+        ...
+
+
+@runtime_checkable
+class Monitor(Protocol):
+    """Watches the signals of a trial: entry-point group `ariac_score.monitors`."""
+
+    def needs(self) -> Iterable[SignalNeed]:
+        """The signals it reads, so that a reader decodes these and nothing else."""
+        ...
+
+    def watch(self, trial: Trial) -> Iterable[Finding]:
+        """Findings about the trial; at least one, for silence is not a verdict."""
+        ...
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What a monitor can say of one instant, as soon as it can be said.
+
+    Attributes:
+        subject: As in its findings.
+        t_s: The instant it speaks of, s of trial time; earlier than the newest sample
+            where a monitor has to wait for what comes.
+        verdict: What holds there.
+        message: One sentence for people, without full stop.
+        robustness: Signed margin in `unit`, negative when violated; `None` without one.
+        unit: Unit of the robustness.
+        final: Whether nothing that may come changes it.
+    """
+
+    subject: str
+    t_s: float
+    verdict: Verdict
+    message: str
+    robustness: float | None = None
+    unit: str = ""
+    final: bool = False
+
+
+class OnlineWatch(Protocol):
+    """One trial, watched while it goes on; made by an `OnlineMonitor`, used once.
+
+    A watch of which it is known at once that it says nothing before the end says why,
+    in an attribute `undecided`; absent or empty, it speaks.
+    """
+
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterable[Standing]:
+        """Take what has just come, and say what can be said now.
+
+        The cost of a step does not grow with what came before. Every instant is spoken
+        of once, in order of time for each subject. What a monitor can never say before
+        the trial is over it leaves to `end`.
+
+        Args:
+            samples: Of the signals the monitor needs.
+            events: What happened besides.
+
+        Raises:
+            ValueError: The times of a signal do not increase.
+        """
+        ...
+
+    def end(self, trial: Trial) -> Iterable[Finding]:
+        """The findings: those `watch` gives for the same samples, to the bit.
+
+        Args:
+            trial: All but the signals: bodies, events, the recording's ends.
+        """
+        ...
+
+
+@runtime_checkable
+class OnlineMonitor(Protocol):
+    """A monitor that can also watch a trial while it goes on.
+
+    Whoever has `begin` claims so, and is held to it: stepped through a recording, one
+    sample at a time or many, it finds what it finds in the whole log.
+    """
+
+    def needs(self) -> Iterable[SignalNeed]:
+        """As of a `Monitor`; these are the samples it is stepped with."""
+        ...
+
+    def watch(self, trial: Trial) -> Iterable[Finding]:
+        """As of a `Monitor`."""
+        ...
+
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch for one trial; the monitor itself stays as it is.
+
+        Args:
+            bodies: Those known beforehand; others may only show by their signals.
+        """
+        ...
+
+
+@runtime_checkable
+class Charting(Protocol):
+    """A monitor that also shows what it judged: what was, beside what may be, over time."""
+
+    def courses(self, trial: Trial) -> Iterable[Course]:
+        """A course for each subject that can be drawn; decides nothing."""
+        ...
+
+
+@runtime_checkable
+class Margined(Protocol):
+    """A monitor that tells its margin at every sample it judged.
+
+    Whoever has `margins` is held to it: they stand at times of samples, and the least
+    one within the span of a violation (of a subject without any: the least of all) is
+    the robustness of the finding.
+    """
+
+    def margins(self, trial: Trial) -> Iterable[Course]:
+        """What was beside what may be, for each subject and limit; without a limit where none applies."""
+        ...
+
+
+@runtime_checkable
+class Resolving(Protocol):
+    """A plugin some of whose parameters leave the choice to another: it says what they come to."""
+
+    def resolved(self) -> Mapping[str, object]:
+        """The value really used, by name of the parameter; decides nothing."""
+        ...
+
+
+class EventWatch(Protocol):
+    """One trace, judged event by event; made by an `EventMonitor`, used once."""
+
+    def take(self, event: Mapping[str, object]) -> Standing:
+        """Judge the trace up to and including an event, which is as its recorder wrote it.
+
+        Raises:
+            ValueError: The event cannot be judged; the trace stands as before.
+        """
+        ...
+
+
+@runtime_checkable
+class EventMonitor(Protocol):
+    """A monitor that judges recorded events as they are, without a log map."""
+
+    def begin_events(self) -> EventWatch:
+        """A watch for one trace."""
+        ...
+
+
+@dataclass(frozen=True)
+class TopicDescription:
+    """What a recording holds on one topic (or of one model).
+
+    Attributes:
+        name: Topic.
+        type: Message type.
+        count: Messages.
+        first_s: First stamp, s of trial time; `None` when there is none.
+        last_s: Last stamp, s of trial time.
+        largest_gap_s: Longest time between two messages, s.
+    """
+
+    name: str
+    type: str
+    count: int
+    first_s: float | None = None
+    last_s: float | None = None
+    largest_gap_s: float | None = None
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Mean rate, Hz; `None` with fewer than two messages."""
+        if self.count < 2 or self.first_s is None or self.last_s is None or self.last_s <= self.first_s:
+            return None
+        return (self.count - 1) / (self.last_s - self.first_s)
+
+
+@dataclass(frozen=True)
+class LogDescription:
+    """What a log holds, found without judging anything.
+
+    Attributes:
+        format: In words, such as `ROS 2 bag (MCAP)`.
+        topics: Sorted by name.
+        clock: Which clock the stamps come from, in words.
+        facts: Further numbers by name, such as `states`.
+        defects: What is wrong with it.
+        damage: Why it cannot be scored, in one sentence; empty for a whole log.
+        duration_s: From the first to the last stamp, s.
+    """
+
+    format: str
+    topics: tuple[TopicDescription, ...] = ()
+    clock: str = ""
+    facts: Mapping[str, int | float | str] = field(default_factory=dict)
+    defects: tuple[LogDefect, ...] = ()
+    damage: str = ""
+    duration_s: float = 0.0
+
+
+def _silent(_done: float) -> None:
+    """Take the place of a progress bar."""
+
+
+@runtime_checkable
+class Decoder(Protocol):
+    """Understands the messages of one competition: entry-point group `ariac_score.decoders`."""
+
+    def decode(self, msgtype: str, message: object, t_s: float) -> Order | Submission | Kit | Event | None:
+        """What a message means; `None` when it means nothing.
+
+        Args:
+            msgtype: `package/msg/Name`.
+            message: The message, with its fields as attributes.
+            t_s: Its stamp, s of trial time.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a reader should bring.
+
+    Attributes:
+        log_map: Which topic and field is which signal.
+        quantities: The quantities worth decoding.
+        decoders: The decoders that the log map names, by name.
+        progress: Called now and then with the share done, 0 to 1.
+        run: Which run, by its number, of a file that holds several; `None`: the only one.
+        jobs: Threads a reader may use for what does not depend on their number; 0: as many as
+            there are processors.
+    """
+
+    log_map: LogMap
+    quantities: frozenset[str] = frozenset()
+    decoders: Mapping[str, Decoder] = field(default_factory=dict)
+    progress: Callable[[float], None] = _silent
+    run: int | None = None
+    jobs: int = 0
+
+
+@runtime_checkable
+class Reader(Protocol):
+    """Reads one kind of log: entry-point group `ariac_score.readers`."""
+
+    def can_read(self, path: Path) -> bool:
+        """Whether this looks like a log of its kind; cheap, and never an error."""
+        ...
+
+    def describe(self, path: Path) -> LogDescription:
+        """What the log holds; of a damaged log, what is readable."""
+        ...
+
+    def read(self, path: Path, wanted: Wanted) -> Trial:
+        """The trial (or the part of it) that the log shows.
+
+        Raises:
+            LogError: The log is damaged so that a score would rest on part of it.
+        """
+        ...
+
+
+GROUPS: Mapping[str, type] = {
+    "ariac_score.rules": Rule,
+    "ariac_score.monitors": Monitor,
+    "ariac_score.readers": Reader,
+    "ariac_score.decoders": Decoder,
+}
+"""Entry-point groups and the contract of each."""

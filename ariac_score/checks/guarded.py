@@ -1,0 +1,137 @@
+"""Plugins held at arm's length: whatever a reader or decoder raises is named, never a traceback."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+from ariac_score.checks.captured_output import quiet
+from ariac_score.checks.contracts import Decoder, LogDescription, Reader, Wanted
+from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.errors import PluginError, ScoreError
+from ariac_score.trial.events import Event
+from ariac_score.trial.kits import Kit
+from ariac_score.trial.model import Order, Submission, Trial
+
+__all__ = ["GuardedDecoder", "GuardedReader", "broken", "open_readers"]
+
+
+def broken(plugin: Plugin, what: str, *, of: str = "") -> PluginError:
+    """The error for a plugin that does not do what its contract says.
+
+    Args:
+        plugin: Whose fault it is.
+        what: What it does, such as `raised KeyError: 'x'`.
+        of: The check that uses it.
+    """
+    check = f"check {of!r}: " if of else ""
+    return PluginError(
+        f"{check}plugin {plugin.origin} {what}",
+        hint=f"no score is given with a broken plugin; report it to the authors of {plugin.distribution}",
+    )
+
+
+class GuardedReader:
+    """A reader whose failures name it."""
+
+    def __init__(self, plugin: Plugin, reader: Reader) -> None:
+        self.plugin, self.reader = plugin, reader
+
+    def can_read(self, path: Path) -> bool:
+        """What the reader says.
+
+        Raises:
+            PluginError: It raised, which this question never should.
+        """
+        try:
+            with quiet(self.plugin.origin):
+                return bool(self.reader.can_read(path))
+        except (Exception, SystemExit) as cause:
+            raise self._failed(cause, path) from cause
+
+    def describe(self, path: Path) -> LogDescription:
+        """What the reader finds.
+
+        Raises:
+            PluginError: It raised something other than an error for the user.
+        """
+        try:
+            with quiet(self.plugin.origin, deep=True):
+                return self.reader.describe(path)
+        except ScoreError:
+            raise
+        except (Exception, SystemExit) as cause:
+            raise self._failed(cause, path) from cause
+
+    def read(self, path: Path, wanted: Wanted) -> Trial:
+        """The trial the reader finds.
+
+        Raises:
+            PluginError: It raised something other than an error for the user, or
+                brought something other than a trial.
+        """
+        try:
+            with quiet(self.plugin.origin, deep=True):
+                trial = self.reader.read(path, wanted)
+        except ScoreError:
+            raise
+        except (Exception, SystemExit) as cause:
+            raise self._failed(cause, path) from cause
+        if not isinstance(trial, Trial):
+            raise broken(self.plugin, f"brings a {type(trial).__name__} instead of a Trial")
+        return trial
+
+    def _failed(self, cause: BaseException, path: Path) -> PluginError:
+        return broken(self.plugin, f"raised {type(cause).__name__} on {path.name}: {cause}")
+
+
+class GuardedDecoder:
+    """A decoder whose failures name it; a `ValueError` says that one message is unusable."""
+
+    def __init__(self, plugin: Plugin, decoder: Decoder) -> None:
+        self.plugin, self.decoder = plugin, decoder
+
+    def decode(self, msgtype: str, message: object, t_s: float) -> Order | Submission | Kit | Event | None:
+        """What the decoder makes of a message.
+
+        Raises:
+            ValueError: The message is unusable.
+            PluginError: It raised anything else, or made something else.
+        """
+        try:
+            with quiet(self.plugin.origin):
+                decoded = self.decoder.decode(msgtype, message, t_s)
+        except (ScoreError, ValueError):
+            raise
+        except (Exception, SystemExit) as cause:
+            if _misfits(message, cause):
+                raise ValueError(f"its fields are not those of a {msgtype}: {cause}") from cause
+            raise broken(self.plugin, f"raised {type(cause).__name__} on a {msgtype}: {cause}") from cause
+        if decoded is not None and not isinstance(decoded, Order | Submission | Kit | Event):
+            raise broken(self.plugin, f"makes a {type(decoded).__name__} of a {msgtype}")
+        return decoded
+
+
+def _misfits(message: object, cause: BaseException) -> bool:
+    """Whether the message is to blame: its sender chose its fields, and a decoder cannot know them all."""
+    if isinstance(message, SimpleNamespace):  # it came as text, and anything may stand in any field
+        return isinstance(cause, AttributeError | TypeError | LookupError | ArithmeticError)
+    # A recording brings its own definitions, which may lack a field that the type of that name has.
+    return isinstance(cause, AttributeError) and hasattr(type(cause.obj), "__msgtype__")
+
+
+def open_readers(registry: Registry) -> tuple[dict[str, Reader], tuple[PluginError, ...]]:
+    """Every installed reader that can be used, by name, and why the others cannot.
+
+    A broken reader stops only the logs that need it, so nobody's log may depend on
+    it being quietly absent: callers say the problems when no reader knows a file.
+    """
+    readers: dict[str, Reader] = {}
+    problems: list[PluginError] = []
+    for name in registry.names("ariac_score.readers"):
+        try:
+            plugin = registry.find("ariac_score.readers", name)
+            readers[name] = GuardedReader(plugin, plugin.build({}))
+        except PluginError as problem:
+            problems.append(problem)
+    return readers, tuple(problems)

@@ -1,0 +1,325 @@
+"""Finding plugins through entry points, and building them with checked parameters.
+
+First-party plugins come in by the same door as anyone's. Entry points load one by
+one: a plugin that is broken, unknown or provided twice stops only what uses it,
+and is always named with its distribution.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import inspect
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from ariac_score.checks.captured_output import quiet
+from ariac_score.checks.contracts import GROUPS
+from ariac_score.checks.parameters import ParameterFacts, facts_of
+from ariac_score.errors import (
+    PluginConflictError,
+    PluginError,
+    PluginNotFoundError,
+    RuleSetError,
+    did_you_mean,
+)
+from ariac_score.installed import attribute_of, points_in
+
+__all__ = ["Plugin", "Registry", "package_sha256"]
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One plugin as installed, not yet imported.
+
+    Attributes:
+        name: Entry-point name, such as `kitting.pose`.
+        group: Entry-point group, one of `ariac_score.checks.contracts.GROUPS`.
+        target: `module:attribute`.
+        distribution: Name of the distribution that brings it.
+        version: Version of that distribution.
+    """
+
+    name: str
+    group: str
+    target: str
+    distribution: str
+    version: str
+
+    @property
+    def package(self) -> str:
+        """Top-level import package of its code."""
+        return self.target.partition(":")[0].partition(".")[0]
+
+    @property
+    def origin(self) -> str:
+        """Words for messages: name, distribution, version."""
+        return f"{self.name} ({self.distribution} {self.version})"
+
+    def load(self) -> Any:
+        """Import the plugin.
+
+        Raises:
+            PluginError: The import fails, for whatever reason.
+        """
+        try:
+            with quiet(self.origin, deep=True):
+                return attribute_of(self.target)
+        except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
+            raise PluginError(
+                f"plugin {self.origin} cannot be imported: {type(cause).__name__}: {cause}",
+                hint=f"repair or reinstall {self.distribution}",
+            ) from cause
+
+    def build(self, parameters: Mapping[str, Any], *, place: Callable[[str], str] = str) -> Any:
+        """Make the plugin with its parameters.
+
+        Args:
+            parameters: The `with:` block of the rule set.
+            place: Words for where a parameter stands, for error messages.
+
+        Raises:
+            RuleSetError: Unknown parameter, wrong type, or a value the plugin refuses.
+            PluginError: The plugin does not keep its contract.
+        """
+        kind = self.load()
+        try:
+            fields = parameters_of(kind)
+        except (NameError, TypeError, AttributeError) as cause:
+            raise PluginError(
+                f"plugin {self.origin} has a parameter whose type cannot be resolved: {cause}",
+                hint="annotate parameters with types that exist when the plugin runs",
+            ) from cause
+        values: dict[str, Any] = {}
+        for name, value in parameters.items():
+            if name not in fields:
+                raise RuleSetError(
+                    f"{self.name} has no parameter {name!r}",
+                    place=place(name),
+                    hint=did_you_mean(name, fields, what="parameters"),
+                )
+            try:
+                values[name] = _as_type(value, fields[name].type)
+            except ValueError as cause:
+                raise RuleSetError(
+                    f"parameter {name!r} of {self.name}: {cause}",
+                    place=place(name),
+                    hint=_remedy(value, fields[name]),
+                ) from None
+        self._refuse_by_position(kind)
+        try:
+            with quiet(self.origin, deep=True):
+                plugin = kind(**values)
+        except ValueError as cause:
+            raise RuleSetError(
+                f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
+            ) from None
+        except (Exception, SystemExit) as cause:
+            raise PluginError(
+                f"plugin {self.origin} cannot be built: {type(cause).__name__}: {cause}",
+                hint="parameters must be keyword arguments with a default or a value in the rule set",
+            ) from cause
+        if not isinstance(plugin, GROUPS[self.group]):
+            raise PluginError(
+                f"plugin {self.origin} does not keep the contract of a {GROUPS[self.group].__name__}",
+                hint="see ariac_score.checks.contracts for the methods it must have",
+            )
+        return plugin
+
+    def _refuse_by_position(self, kind: Any) -> None:
+        problem = not_by_name(kind)
+        if problem:
+            raise PluginError(
+                f"plugin {self.origin} cannot be built: its constructor {problem}",
+                hint="parameters must be keyword arguments with a default or a value in the rule set",
+            )
+
+
+def not_by_name(kind: Any) -> str:
+    """Which argument of a class cannot be given by name, as rule sets give them; empty when all can.
+
+    >>> class Odd:
+    ...     def __init__(self, limit, /): ...
+    >>> not_by_name(Odd)
+    "takes 'limit' by position alone, and a rule set gives parameters by name"
+    """
+    try:
+        parameters = inspect.signature(kind).parameters.values()
+    except (TypeError, ValueError):  # not every class tells
+        return ""
+    for parameter in parameters:
+        if parameter.kind is parameter.POSITIONAL_ONLY:
+            return f"takes {parameter.name!r} by position alone, and a rule set gives parameters by name"
+    return ""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a plugin.
+
+    Attributes:
+        type: Its type, resolved.
+        default: Its default; `none` in words when it has none.
+        facts: Its unit, range, status and source, as far as the plugin declares them.
+    """
+
+    type: Any
+    default: Any
+    facts: ParameterFacts = field(default_factory=ParameterFacts)
+
+
+def _remedy(value: Any, wanted: Parameter) -> str:
+    if value not in get_args(wanted.type) and str(value) in get_args(wanted.type):
+        return f"it is text, not a number: write '{value}' in quotes"
+    hint = f"its default is {wanted.default!r}"
+    if isinstance(value, str) and _NUMBER.fullmatch(value):
+        hint += "; YAML takes a number with an exponent for text unless it has a point and a sign: 3.0e-2"
+    return hint
+
+
+def parameters_of(kind: Any) -> dict[str, Parameter]:
+    """The parameters a rule set may give to a plugin class, by name."""
+    if not dataclasses.is_dataclass(kind):
+        return {}
+    hints = get_type_hints(kind)
+    return {
+        f.name: Parameter(hints[f.name], _default_of(f), facts_of(f))
+        for f in dataclasses.fields(kind)
+        if f.init
+    }
+
+
+def _default_of(declared: dataclasses.Field[Any]) -> Any:
+    if declared.default is not dataclasses.MISSING:
+        return declared.default
+    return "none" if declared.default_factory is dataclasses.MISSING else declared.default_factory()
+
+
+def _as_type(value: Any, wanted: Any) -> Any:
+    """A YAML value as the type a field declares; strict about booleans and text."""
+    origin = get_origin(wanted)
+    if origin is Literal:
+        if isinstance(value, bool) and {"yes", "no"} <= set(get_args(wanted)):
+            return "yes" if value else "no"  # which YAML reads as true and false where it is not quoted
+        if value not in get_args(wanted):
+            raise ValueError(f"{value!r} is not one of {', '.join(map(str, get_args(wanted)))}")
+        return value
+    if origin in (Union, UnionType):
+        return (
+            None
+            if value is None
+            else _as_type(value, next(a for a in get_args(wanted) if a is not type(None)))
+        )
+    if origin is tuple:
+        if not isinstance(value, list):
+            raise ValueError(f"{value!r} is not a list")
+        return tuple(_as_type(item, get_args(wanted)[0]) for item in value)
+    if origin is Mapping:
+        if not isinstance(value, dict):
+            raise ValueError(f"{value!r} is not a mapping of names to values")
+        return MappingProxyType(
+            {_as_type(key, get_args(wanted)[0]): _as_type(v, get_args(wanted)[1]) for key, v in value.items()}
+        )
+    if wanted is float and isinstance(value, int | float) and not isinstance(value, bool):
+        if not -_LARGEST <= value <= _LARGEST:  # NaN keeps neither
+            raise ValueError(f"{value!r} is not finite")
+        return float(value)
+    if (
+        isinstance(wanted, type)
+        and isinstance(value, wanted)
+        and (wanted is bool or not isinstance(value, bool))
+    ):
+        return value
+    raise ValueError(f"{value!r} is not a {getattr(wanted, '__name__', wanted)}")
+
+
+_NUMBER = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
+_LARGEST = sys.float_info.max
+
+
+class Registry:
+    """The plugins installed here, by group and name."""
+
+    def __init__(self) -> None:
+        self._providers: dict[tuple[str, str], list[Plugin]] = {}
+        for plugin in _installed():
+            known = self._providers.setdefault((plugin.group, plugin.name), [])
+            # An editable install beside its own sources shows one distribution twice.
+            if all((p.distribution, p.target) != (plugin.distribution, plugin.target) for p in known):
+                known.append(plugin)
+
+    def names(self, group: str) -> list[str]:
+        """The names in a group, sorted."""
+        return sorted(name for g, name in self._providers if g == group)
+
+    def all(self, group: str) -> list[Plugin]:
+        """Every plugin of a group, sorted by name; those provided twice come twice."""
+        return [p for name in self.names(group) for p in self._providers[group, name]]
+
+    def find(self, group: str, name: str) -> Plugin:
+        """The plugin of that name.
+
+        Raises:
+            PluginNotFoundError: No installed distribution provides it.
+            PluginConflictError: Two do, so neither may be used.
+        """
+        providers = self._providers.get((group, name), [])
+        if not providers:
+            elsewhere = [g for g, n in self._providers if n == name]
+            hint = did_you_mean(name, self.names(group), what="installed")
+            if elsewhere:
+                hint = f"it is a plugin of {elsewhere[0]}, not of {group}"
+            raise PluginNotFoundError(
+                f"no installed distribution provides {name!r} ({group})",
+                hint=f"{hint}; otherwise install the distribution that brings it",
+            )
+        if len(providers) > 1:
+            both = " and ".join(f"{p.distribution} {p.version}" for p in providers)
+            raise PluginConflictError(
+                f"{name!r} is provided by {both}",
+                hint="uninstall one: sys.path order must not choose a referee",
+            )
+        return providers[0]
+
+
+def _installed() -> Iterator[Plugin]:
+    for point in points_in(GROUPS):
+        yield Plugin(point.name, point.group, point.target, point.distribution, point.version)
+
+
+_DATA_PACKAGES = frozenset({"rules", "schemas"})
+"""Hashed by what is used of them; and a wheel has them inside the package, a checkout does not."""
+
+
+@cache
+def package_sha256(package: str) -> str:
+    """Hash of every Python file of an import package, by relative name and content.
+
+    It tells two versions of a plugin apart even when their version number does not.
+
+    Raises:
+        PluginError: The package cannot be found on disk.
+    """
+    spec = find_spec(package)
+    roots = list(spec.submodule_search_locations or ()) if spec else []
+    if spec is not None and not roots and spec.origin:
+        files = [Path(spec.origin)]
+        root = files[0].parent
+    elif roots:
+        root = Path(roots[0])
+        files = sorted(p for p in root.rglob("*.py") if p.relative_to(root).parts[0] not in _DATA_PACKAGES)
+    else:
+        raise PluginError(f"package {package!r} is not on disk")
+    digest = hashlib.sha256()
+    for file in files:
+        content = file.read_bytes().replace(b"\r\n", b"\n")
+        digest.update(f"{file.relative_to(root).as_posix()}\0{len(content)}\0".encode())
+        digest.update(content)
+    return digest.hexdigest()

@@ -1,0 +1,1 @@
+"""Files that people write: YAML and JSON, read within limits, checked against schemas."""

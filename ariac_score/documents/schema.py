@@ -1,0 +1,143 @@
+"""Documents held against the published schemas; JSON read strictly."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ariac_score.documents.plain_schema import surely_keeps
+from ariac_score.documents.yaml import Place, YamlDocument
+from ariac_score.errors import DataFileError, did_you_mean
+
+__all__ = ["schema", "schema_errors", "shipped_rules", "strict_json", "validate"]
+
+
+def strict_json(text: str, *, parse_float: Callable[[str], Any] = float) -> Any:
+    """The value of a JSON text that a stranger may have written.
+
+    Args:
+        text: The whole text.
+        parse_float: What makes numbers with a point or exponent.
+
+    Raises:
+        ValueError: Not JSON, a key stands twice in an object, or a number is none (NaN) or without end.
+        RecursionError: It is nested too deeply.
+
+    >>> strict_json('{"a": 1, "a": 2}')
+    Traceback (most recent call last):
+    ...
+    ValueError: key 'a' is given twice
+    """
+    return json.loads(text, object_pairs_hook=_once_each, parse_constant=_no_number, parse_float=parse_float)
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    told = dict(pairs)
+    if len(told) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"key {twice[:80]!r} is given twice")
+    return told
+
+
+def _no_number(word: str) -> Any:
+    raise ValueError(f"{word} is not a number")
+
+
+@cache
+def schema(name: str) -> Any:
+    """One of the published schemas, such as `ruleset`."""
+    return json.loads(_folder("schemas").joinpath(f"{name}.schema.json").read_text(encoding="utf-8"))
+
+
+def _folder(package: str) -> Path:
+    """Where a package of data lies; `importlib.resources` takes longer to load than to read it."""
+    (folder,) = import_module(f"ariac_score.{package}").__path__
+    return Path(folder)
+
+
+@cache
+def _validator(name: str, definition: str) -> Any:
+    # Imported here: jsonschema takes longer to import than most commands to run.
+    from jsonschema import Draft202012Validator  # noqa: PLC0415
+
+    whole = schema(name)
+    part = {"$ref": f"#/$defs/{definition}", "$defs": whole["$defs"]} if definition else whole
+    return Draft202012Validator(part)
+
+
+def schema_errors(data: Any, name: str, definition: str = "") -> list[tuple[Place, str, str]]:
+    """What breaks a schema: for each fault its path, the cause and the remedy, misspelt keys first."""
+    whole = schema(name)
+    definitions = whole.get("$defs", {})
+    if surely_keeps(data, definitions[definition] if definition else whole, definitions):
+        return []
+    faults = [_deepest(fault) for fault in _validator(name, definition).iter_errors(data)]
+    worded = [(fault.validator == "required", _worded(fault)) for fault in faults]
+    # A key that is missing is most often there, misspelt.
+    return [fault for _, fault in sorted(worded, key=lambda one: (one[0], [str(p) for p in one[1][0]]))]
+
+
+def _deepest(fault: Any) -> Any:
+    """The fault inside an `anyOf` that went furthest, which is what the author meant."""
+    while fault.context:
+        fault = max(fault.context, key=lambda inner: (len(inner.absolute_path), -len(str(inner.message))))
+    return fault
+
+
+def _worded(fault: Any) -> tuple[Place, str, str]:
+    path = tuple(fault.absolute_path)
+    if fault.validator == "additionalProperties" and isinstance(fault.instance, dict):
+        known = [*fault.schema.get("properties", {})]
+        extra = sorted(str(key) for key in fault.instance if key not in known)
+        return (
+            (*path, extra[0]),
+            f"unknown key {extra[0]!r}",
+            did_you_mean(extra[0], known, what="known keys"),
+        )
+    if fault.validator == "required":
+        missing = [key for key in fault.validator_value if key not in fault.instance]
+        return path, f"key {missing[0]!r} is missing", f"add {missing[0]!r}"
+    if fault.validator == "enum":
+        return (
+            path,
+            f"{fault.instance!r} is not allowed here",
+            did_you_mean(str(fault.instance), [str(v) for v in fault.validator_value], what="allowed"),
+        )
+    if fault.validator == "type":
+        return (
+            path,
+            f"{fault.instance!r} is not of type {fault.validator_value!r}",
+            f"give a {fault.validator_value}",
+        )
+    hint = (
+        fault.schema.get("description", "see the schema")
+        if isinstance(fault.schema, dict)
+        else "see the schema"
+    )
+    return path, fault.message, hint
+
+
+def validate(document: YamlDocument, name: str, *, error: type[DataFileError] = DataFileError) -> None:
+    """Hold a document against a published schema.
+
+    Raises:
+        DataFileError: (or `error`) with file, line, path, cause and remedy of the first fault.
+    """
+    faults = schema_errors(document.data, name)
+    if faults:
+        path, cause, hint = faults[0]
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        raise error(cause + more, file=document.file, place=document.place(path), hint=hint)
+
+
+def shipped_rules() -> dict[str, Path]:
+    """The YAML files below `rules/` by their dotted name, such as `ariac2022.as_coded`."""
+    root = _folder("rules")
+    return {
+        ".".join(path.relative_to(root).with_suffix("").parts): path for path in sorted(root.rglob("*.yaml"))
+    }

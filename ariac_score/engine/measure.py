@@ -1,0 +1,225 @@
+"""Every check of a rule set put to a trial."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from ariac_score.checks.contracts import Monitor, Rule, SignalNeed
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.ask import ask, courses_of
+from ariac_score.engine.signal_needs import needs_of, needs_of_all
+from ariac_score.errors import (
+    LogError,
+)
+from ariac_score.results.result import (
+    Coverage,
+    Measured,
+    Result,
+    canonical,
+    declared_units,
+)
+from ariac_score.results.sketch import Sketch, sketch_of
+from ariac_score.scoring.ruleset import Check, RuleSet
+from ariac_score.scoring.scope import Scope
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.events import ORDER_ANNOUNCED
+from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.model import Trial
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import Span, longest_silence_s
+from ariac_score.trial.vocabulary import quantity_of
+
+__all__ = ["decidable", "measure_trial", "needs_alike", "sketch_trial", "stored_findings", "stored_name"]
+
+
+def measure_trial(
+    trial: Trial,
+    checks: Mapping[str, Rule | Monitor],
+    *,
+    registry: Registry,
+    rule_set: RuleSet,
+    known: Result | None = None,
+) -> Measured:
+    """Ask every check about a trial.
+
+    Args:
+        trial: With the derived signals.
+        checks: The built plugins by check name.
+        registry: To name the plugin when one fails.
+        rule_set: Where the checks come from.
+        known: A result whose findings hold for this trial; checks that it has are not asked.
+
+    Raises:
+        PluginError: A plugin raised, said nothing, or yielded something else.
+        LogError: A signal is recorded in another unit than a check reads it in.
+    """
+    findings: dict[str, Finding] = {}
+    for name, check in checks.items():
+        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        _refuse_recorded_units(trial, name, needs_of(plugin, name, check))
+        before = stored_name(known, rule_set.checks[name]) if known else None
+        if known and before is not None:
+            said = stored_findings(known, before, rule_set.checks[name])
+        else:
+            said = ask(plugin, name, check, trial)
+        for number, finding in enumerate(said, start=1):
+            findings[f"{name}#{number}"] = finding
+    return Measured(
+        trial=trial.id,
+        findings=findings,
+        scopes=_scopes(trial),
+        window=trial.window,
+        orders={order.id: order.announced_s for order in trial.orders},
+        coverage=tuple(_coverage(signal, trial.window) for signal in trial.signals.values()),
+        log_defects=trial.log_defects,
+        unrecorded=trial.unrecorded,
+        witnessed=tuple(sorted(trial.witnessed)),
+        clock=trial.clock,
+        official=trial.official,
+        team=trial.team.name if trial.team else "",
+        units=declared_units(findings.values()),
+    )
+
+
+def stored_name(known: Result, check: Check) -> str | None:
+    """What a check was called in a stored result; `None` when it was not asked there."""
+    for name, stored in known.checks.items():
+        if stored["use"] == check.use and stored["with"] == dict(check.parameters):
+            return name
+    return None
+
+
+def stored_findings(known: Result, name: str, check: Check) -> list[Finding]:
+    """What a check of a stored result found, as findings of this one."""
+    said = known.measured.of(name).values()
+    return [f if f.check == check.name else replace(f, check=check.name) for f in said]
+
+
+def needs_alike(first: RuleSet, second: RuleSet, registry: Registry) -> bool:
+    """Whether two rule sets make the same trial of the same files: what one measured holds for the other."""
+    if first.edition != second.edition:
+        return False
+    maps = [load_log_map(r.log_map, beside=Path(r.file).parent).sha256 for r in (first, second)]
+    needs = [list(dict.fromkeys(needs_of_all(r.build(registry), r, registry))) for r in (first, second)]
+    return maps[0] == maps[1] and needs[0] == needs[1]
+
+
+def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed]) -> None:
+    """Refuse a log of which a check would take numbers in one unit for numbers in another."""
+    units = {need.quantity: need.unit for need in needs}
+    for signal in trial.signals.values():
+        unit = units.get(quantity_of(signal.name), signal.unit)
+        if unit != signal.unit:
+            raise LogError(
+                f"signal {signal.name!r} is in {signal.unit!r}, but check {name!r} reads it in {unit!r}",
+                file=trial.id,
+                hint="name the unit of the log in the rule set, or record the signal in that of the check",
+            )
+
+
+def sketch_trial(
+    trial: Trial,
+    checks: Mapping[str, Rule | Monitor],
+    measured: Measured,
+    *,
+    registry: Registry,
+    rule_set: RuleSet,
+) -> Sketch:
+    """What a page draws of a trial, finest where something was found.
+
+    Args:
+        trial: With the derived signals.
+        checks: The built plugins by check name.
+        measured: What they found.
+        registry: To name the plugin when one fails.
+        rule_set: Where the checks come from.
+
+    Raises:
+        PluginError: A monitor cannot show what it saw.
+    """
+    courses = {}
+    for name, check in checks.items():
+        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        courses[name] = courses_of(plugin, name, check, trial)
+    found = sorted(
+        (f for f in measured.findings.values() if f.robustness is not None and (f.span or f.evidence)),
+        key=lambda f: f.robustness or 0.0,
+    )
+    moments: dict[tuple[str, str], list[Span]] = {}
+    for finding in found:
+        at_s = finding.evidence[0].t_s if finding.evidence else 0.0
+        moments.setdefault((finding.check, finding.subject), []).append(finding.span or Span(at_s, at_s))
+    return sketch_of(trial, courses, moments)
+
+
+def _scopes(trial: Trial) -> Scope:
+    orders, index = [], _announced_as(trial)
+    for order in trial.orders:
+        tasks = []
+        for task in order.tasks:
+            path = f"{order.id}/{task.id}"
+            parts = tuple(Scope("part", f"{path}/{wanted.slot}") for wanted in task.products)
+            tasks.append(Scope("submission", path, {"parts": len(parts)}, parts))
+        facts: dict[str, float] = {
+            "index": index[order.id],
+            "parts": sum(len(task.products) for task in order.tasks),
+        }
+        if order.priority_said:
+            facts["priority"] = order.priority
+        orders.append(Scope("order", order.id, facts, tuple(tasks)))
+    whole: dict[str, float] = {"duration_s": canonical(trial.duration_s), "orders": len(orders)}
+    return Scope("trial", "", whole, tuple(orders))
+
+
+def _announced_as(trial: Trial) -> dict[str, int]:
+    """Which order came first, by id: 0 for the first one announced, whatever changed it afterwards.
+
+    Those that were never announced come after the others; where no times are known, and
+    among equals, they come as the log or the configuration lists them.
+    """
+    first_s: dict[str, float] = {}
+    for event in trial.events_of(ORDER_ANNOUNCED):
+        first_s.setdefault(event.subject, event.t_s)
+    times = {order.id: first_s.get(order.id, order.announced_s) for order in trial.orders}
+    announced = sorted((time_s, place) for place, time_s in enumerate(times.values()) if time_s is not None)
+    never = [place for place, time_s in enumerate(times.values()) if time_s is None]
+    names = list(times)
+    return {names[place]: i for i, place in enumerate([*(place for _, place in announced), *never])}
+
+
+def _coverage(signal: Signal, window: Span | None) -> Coverage:
+    span = signal.span
+    rate = (len(signal) - 1) / span.duration_s if span and span.duration_s > 0 else 0.0
+    largest_gap_s = longest_silence_s(signal.t, window) if window else 0.0
+    return Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source)
+
+
+def decidable(trial: Trial, rule_set: RuleSet, log_map: LogMap, registry: Registry) -> list[tuple[str, str]]:
+    """For each check of a rule set whether this trial can decide it, and if not, why.
+
+    Args:
+        trial: As read, with every quantity the log has.
+        rule_set: Whose checks are asked.
+        log_map: For how speeds are derived.
+        registry: The installed plugins.
+    """
+    checks = rule_set.build(registry)
+    wanted = [Derivation(n.quantity, n.max_gap_s) for n in needs_of_all(checks, rule_set, registry)]
+    derived = derive_signals(trial, wanted, speed_window_s=log_map.speed_window_s)
+    measured = measure_trial(derived, checks, registry=registry, rule_set=rule_set)
+    answers = []
+    for name in rule_set.checks:
+        found = measured.of(name).values()
+        undecided = [f for f in found if f.verdict is Verdict.INCONCLUSIVE]
+        idle = [f for f in found if f.verdict is Verdict.NOT_APPLICABLE]
+        if undecided:
+            answers.append((name, f"undecided: {undecided[0].message}"))
+        elif len(idle) == len(found):
+            answers.append((name, f"not applicable: {idle[0].message}"))
+        else:
+            answers.append((name, "can be decided"))
+    return answers

@@ -1,0 +1,111 @@
+"""What was measured, priced: at once, or again under other rules."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ariac_score.checks.findings import Finding
+from ariac_score.engine.measure import stored_findings, stored_name
+from ariac_score.engine.provenance import engine_code
+from ariac_score.errors import (
+    FormulaError,
+    RuleSetError,
+)
+from ariac_score.results.result import (
+    Measured,
+    Provenance,
+    Result,
+    Settings,
+)
+from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.pricing import price
+from ariac_score.scoring.ruleset import RuleSet, expanded_yaml
+
+__all__ = ["price_trial", "reprice"]
+
+
+def price_trial(
+    measured: Measured, rule_set: RuleSet, provenance: Provenance, cohort: CohortValues | None = None
+) -> Result:
+    """Price what was measured.
+
+    Args:
+        measured: The findings.
+        rule_set: What they are worth; its checks must be those that measured.
+        provenance: Where the findings come from.
+        cohort: Values across teams, where there are any.
+
+    Raises:
+        FormulaError: A formula has no value here, such as a division by zero.
+    """
+    cohort = cohort or CohortValues()
+    try:
+        priced = price(
+            measured.findings,
+            measured.scopes,
+            rule_set.sheet,
+            rule_set.policies,
+            digits=rule_set.digits,
+            cohort=cohort,
+        )
+    except FormulaError as error:
+        error.file = error.file or rule_set.file
+        raise
+    ledger = priced.ledger
+    return Result(
+        measured=measured,
+        rule_set_title=rule_set.title,
+        checks={
+            check.name: {
+                "use": check.use,
+                "with": dict(check.parameters),
+                "on_inconclusive": check.on_inconclusive,
+                "priced": check.name in rule_set.sheet.priced,
+            }
+            for check in rule_set.checks.values()
+        },
+        notes=rule_set.notes,
+        rules=expanded_yaml(rule_set),
+        status=priced.status,
+        score=None if ledger is None else ledger.amount,
+        possible=priced.possible,
+        ledger=ledger,
+        assumptions=priced.assumptions,
+        digits=rule_set.digits,
+        provenance=provenance,
+        task=priced.task,
+        cohort=cohort,
+        missing=priced.missing,
+    )
+
+
+def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = None) -> Result:
+    """Price a stored result under another rule set, or with a cohort, without its log.
+
+    The checks of the rule set must be among those that were measured: same plugin,
+    same parameters, whatever they are called.
+
+    Raises:
+        RuleSetError: A check was not measured; the message names it.
+        FormulaError: A formula has no value here.
+    """
+    findings: dict[str, Finding] = {}
+    known = result.measured.settings
+    settings: dict[str, Settings] | None = None if known is None else {}
+    for check in rule_set.checks.values():
+        said = stored_name(result, check)
+        if said is None:
+            raise RuleSetError(
+                f"check {check.name!r} ({check.use} with these parameters) was not measured",
+                file=rule_set.file,
+                place=check.place.get("use", check.name),
+                hint="score the log under this rule set instead; only prices can change without it",
+            )
+        for number, finding in enumerate(stored_findings(result, said, check), start=1):
+            findings[f"{check.name}#{number}"] = finding
+        if settings is not None and known is not None and said in known:
+            settings[check.name] = known[said]
+    code = tuple(sorted({engine_code(), *result.provenance.code}))
+    provenance = replace(result.provenance, rule_set=(rule_set.id, rule_set.sha256), code=code)
+    measured = replace(result.measured, findings=findings, settings=settings)
+    return price_trial(measured, rule_set, provenance, cohort)

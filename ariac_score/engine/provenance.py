@@ -1,0 +1,168 @@
+"""Where a result comes from: every input, rule and line of code with its hash."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import cache, partial
+from pathlib import Path
+from threading import Event
+
+from ariac_score.checks.registry import Registry, package_sha256
+from ariac_score.errors import (
+    LogError,
+)
+from ariac_score.installed import version_of
+from ariac_score.logs.bundle import Bundle, Part, name_from
+from ariac_score.logs.containers.ranged import ranged
+from ariac_score.results.result import (
+    Provenance,
+    Source,
+)
+from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.channels import LogMap
+
+__all__ = ["code_of", "engine_code", "file_hashes", "hashing_files", "provenance_of", "refuse_other_contents"]
+
+
+_WORTH_A_THREAD_BYTES = 1 << 23
+
+
+_HASHED_BLOCK_BYTES = 1 << 18
+
+
+@contextmanager
+def hashing_files(bundle: Bundle, *, beside: bool) -> Iterator[Callable[[], tuple[Source, ...]]]:
+    """The hashes of a bundle's files, computed on another thread where they are large and it may."""
+    files = [file for part in bundle.parts for file in _files(part)]
+    size = sum(file.stat().st_size for file in files)
+    if not beside or size < _WORTH_A_THREAD_BYTES or any(ranged(file) for file in files):
+        yield partial(file_hashes, bundle)
+        return
+    stopped = Event()
+    with ThreadPoolExecutor(1) as pool:
+        try:
+            yield pool.submit(file_hashes, bundle, stopped).result
+        finally:
+            stopped.set()
+
+
+def provenance_of(
+    bundle: Bundle, inputs: tuple[Source, ...], rule_set: RuleSet, log_map: LogMap, registry: Registry
+) -> Provenance:
+    plugins = [registry.find(check.group, check.use) for check in rule_set.checks.values()]
+    plugins += [registry.find("ariac_score.readers", part.reader) for part in bundle.parts]
+    plugins += [
+        registry.find("ariac_score.decoders", channel.decoder)
+        for channel in log_map.channels
+        if channel.decoder
+    ]
+    packages = {(p.distribution, p.version, p.package) for p in plugins}
+    return Provenance(
+        inputs=inputs,
+        ignored=tuple(sorted(bundle.ignored)),
+        rule_set=(rule_set.id, rule_set.sha256),
+        log_map=(log_map.id, log_map.sha256),
+        code=tuple(sorted({engine_code(), *((d, v, p, package_sha256(p)) for d, v, p in packages)})),
+    )
+
+
+def code_of(rule_set: RuleSet, registry: Registry) -> tuple[tuple[str, str, str, str], ...]:
+    """All code a measurement may depend on: distribution, version, package, SHA-256.
+
+    That is the engine, the plugins of the checks, and every reader and decoder, for each of them
+    may take part in the reading.
+    """
+    plugins = [registry.find(check.group, check.use) for check in rule_set.checks.values()]
+    plugins += [p for group in ("ariac_score.readers", "ariac_score.decoders") for p in registry.all(group)]
+    packages = {(p.distribution, p.version, p.package) for p in plugins}
+    return tuple(sorted({engine_code(), *((d, v, p, package_sha256(p)) for d, v, p in packages)}))
+
+
+def file_hashes(bundle: Bundle, stopped: Event | None = None) -> tuple[Source, ...]:
+    """Every file of a bundle with its hash, sorted by role and name.
+
+    Args:
+        bundle: Whose files.
+        stopped: Once it is set nobody wants the hashes any more, and they are not those of the files.
+    """
+    found = (s for part in bundle.parts for s in _sources(part, bundle.root, stopped))
+    return tuple(sorted(found, key=_by_role))
+
+
+def refuse_other_contents(bundle: Bundle, inputs: Sequence[Source]) -> None:
+    """Hold what was read against the checksums that `bundle.yaml` states.
+
+    Raises:
+        LogError: A file is another one, or none of this trial.
+    """
+    base = bundle.root if bundle.root.is_dir() else bundle.root.parent
+    read = {base / source.name.partition("#run=")[0]: source for source in inputs}
+    for path, stated in bundle.stated:
+        source = read.get(path)
+        if source is None:
+            raise LogError(
+                f"a checksum is stated of {path.name!r}, which is no file of this trial",
+                file=bundle.file,
+                hint="state those of logs, configurations and official results",
+            )
+        if source.read_bytes is None and source.sha256 != stated:
+            raise LogError(
+                f"its SHA-256 is {source.sha256}, and {stated} is stated",
+                file=path,
+                hint="send the file again, or correct bundle.yaml",
+            )
+
+
+@cache  # like the hash of the code, what is loaded does not change any more
+def engine_code() -> tuple[str, str, str, str]:
+    """The code that prices, whoever measured."""
+    name, package = "ariac-score", "ariac_score"
+    return name, version_of(name), package, package_sha256(package)
+
+
+def _by_role(source: Source) -> tuple[str, str]:
+    return source.role, source.name
+
+
+def _sources(part: Part, root: Path, stopped: Event | None) -> list[Source]:
+    """The files of a part, hashed."""
+    base = root if root.is_dir() else root.parent
+    run = "" if part.run is None else f"#run={part.run}"
+    return [
+        Source(
+            part.role,
+            name_from(base, file) + run,
+            file.stat().st_size,
+            *_hashed(file, stopped),
+        )
+        for file in _files(part)
+    ]
+
+
+def _files(part: Part) -> list[Path]:
+    """The files of a part; a rosbag2 folder is several."""
+    return sorted(p for p in part.path.rglob("*") if p.is_file()) if part.path.is_dir() else [part.path]
+
+
+def _hashed(file: Path, stopped: Event | None) -> tuple[str, int | None]:
+    """Hash of a file, and how much of it was read where that is not everything."""
+    parts = ranged(file)
+    if parts is None or parts.whole:
+        return _sha256(file, stopped), None
+    return parts.sha256(), parts.read_bytes
+
+
+def _sha256(file: Path, stopped: Event | None) -> str:
+    digest, block = hashlib.sha256(), bytearray(_HASHED_BLOCK_BYTES)
+    try:
+        with file.open("rb", buffering=0) as stream:
+            while (count := stream.readinto(block)) and not (stopped and stopped.is_set()):
+                digest.update(memoryview(block)[:count])
+    except OSError as cause:
+        raise LogError(
+            f"cannot be read: {cause.strerror}", file=file, hint="check the permissions"
+        ) from cause
+    return digest.hexdigest()

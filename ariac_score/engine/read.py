@@ -1,0 +1,187 @@
+"""From a path to the one trial that its logs and configurations show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from ariac_score.checks.contracts import Reader, Wanted
+from ariac_score.checks.guarded import GuardedDecoder, open_readers
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.signal_needs import needs_of_all
+from ariac_score.errors import (
+    DataFileError,
+    LogMapError,
+    NothingToScoreError,
+    PluginError,
+    RunEndedError,
+)
+from ariac_score.logs.bundle import Bundle, find_parts
+from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.build import merge_trials
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.derive import source_quantities
+from ariac_score.trial.kits import with_contents
+from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.model import TeamSetup, Trial
+from ariac_score_ariac.config.config_forms import form_in
+from ariac_score_ariac.config.product_types import unknown_products
+
+__all__ = [
+    "find_trial",
+    "no_progress",
+    "read_trial",
+    "refuse_other_years",
+    "topics_read",
+    "with_names",
+    "with_unknown_products",
+]
+
+
+Progress = Callable[[float], None]
+
+
+ENDED_WITHOUT_SCORE: Mapping[str, str] = {
+    "crashed": "the simulator died during this run, and no score was recorded",
+    "cancelled": "the run was cancelled by its user, and no score was recorded",
+}
+"""The outcomes after which the official text holds no score."""
+
+
+def no_progress(_done: float) -> None:
+    """Show nothing."""
+
+
+def refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
+    """Refuse a configuration of another edition: its words mean other things there.
+
+    Raises:
+        DataFileError: Saying what the configuration looks like.
+    """
+    for part in bundle.parts if rule_set.edition is not None else ():
+        if part.role not in ("trial_config", "team_config"):
+            continue
+        form = form_in(part.path)
+        if form.years and rule_set.edition not in form.years:
+            raise DataFileError(
+                f"it looks like {form}, and {rule_set.id} is for {rule_set.edition}",
+                file=part.path,
+                hint="score under the rules of its year ('rules list'), or give the right configuration",
+            )
+
+
+def with_names(trial: Trial, trial_id: str, team: str) -> Trial:
+    setup = replace(trial.team or TeamSetup(), name=team) if team else trial.team
+    return replace(trial, id=trial_id or trial.id, team=setup)
+
+
+def with_unknown_products(trial: Trial, rule_set: RuleSet) -> Trial:
+    """The trial with the product types nobody knows among its defects, unless its reader has named them."""
+    named = any(defect.kind == "unknown_product_type" for defect in trial.log_defects)
+    if named or rule_set.edition is None:
+        return trial
+    unknown = unknown_products(trial.orders, rule_set.edition)
+    return replace(trial, log_defects=(*trial.log_defects, *unknown))
+
+
+def topics_read(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
+    """The topics whose messages a rule set reads of a recording, with and without leading slash."""
+    mapping = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
+    needs = needs_of_all(rule_set.build(registry), rule_set, registry)
+    channels = mapping.channels_for(source_quantities(need.quantity for need in needs))
+    names = {channel.topic.lstrip("/") for channel in channels}
+    return frozenset(name for plain in names for name in (plain, f"/{plain}"))
+
+
+def find_trial(path: Path, registry: Registry) -> tuple[Bundle, dict[str, Reader]]:
+    """The parts of the trial at a path, and the readers that know them.
+
+    Raises:
+        NothingToScoreError: There is nothing, or no reader knows it; readers that
+            could not be loaded are named.
+        LogError: The parts contradict each other.
+    """
+    readers, problems = open_readers(registry)
+    try:
+        return find_parts(path, readers), readers
+    except NothingToScoreError as error:
+        if problems:
+            words = "; ".join(problem.cause for problem in problems)
+            error.hint = f"{error.hint}; these readers could not be asked: {words}"
+        raise
+
+
+def read_trial(
+    bundle: Bundle,
+    readers: Mapping[str, Reader],
+    log_map: LogMap,
+    registry: Registry,
+    *,
+    quantities: Iterable[str],
+    progress: Progress = no_progress,
+    jobs: int = 0,
+    orders: bool = True,
+) -> Trial:
+    """The one trial that the parts of a bundle tell of.
+
+    Args:
+        bundle: What to read.
+        readers: By name.
+        log_map: Which topic and field is which signal.
+        registry: For the decoders that the log map names.
+        quantities: The quantities checks ask for; what they derive from is read too.
+        progress: Called with the share done.
+        jobs: Threads that read a recording, one of which decodes; 0: as many as there are processors.
+        orders: Whether a trial without any order is none.
+
+    Raises:
+        LogError: A part is damaged, or two parts contradict each other.
+        NothingToScoreError: There is configuration but no record of a trial, or no order.
+    """
+    decoders = {}
+    for name in sorted({channel.decoder for channel in log_map.channels if channel.decoder}):
+        try:
+            plugin = registry.find("ariac_score.decoders", name)
+            decoders[name] = GuardedDecoder(plugin, plugin.build({}))
+        except PluginError as error:
+            raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
+    if not any(part.role in ("log", "official") for part in bundle.parts):
+        ignored = f"; not read: {', '.join(bundle.ignored[:5])}" if bundle.ignored else ""
+        raise NothingToScoreError(
+            f"{bundle.id}: there is a configuration but no log of a trial{ignored}",
+            file=bundle.root,
+            hint="add the log the trial wrote: a bag, a state.log, a performance.log or a .jsonl",
+        )
+    sources = source_quantities(quantities)
+    trials = []
+    for number, part in enumerate(bundle.parts):
+
+        def step(done: float, number: int = number) -> None:
+            progress((number + done) / len(bundle.parts))
+
+        wanted = Wanted(log_map, sources, decoders, step, part.run, jobs)
+        trials.append(readers[part.reader].read(part.path, wanted))
+    trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
+    if not trial.orders and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
+        raise RunEndedError(
+            ENDED_WITHOUT_SCORE[trial.official.outcome],
+            outcome=trial.official.outcome,
+            file=bundle.root,
+            hint="repeat the run; a ranking counts it as 0, by name",
+        )
+    trial = with_contents(trial, max_age_s=log_map.kits.max_age_s)
+    if orders and not trial.orders:
+        raise NothingToScoreError(
+            "no order was found",
+            file=bundle.root,
+            hint=_no_orders_hint(bundle, trial),
+        )
+    progress(1.0)
+    return trial
+
+
+def _no_orders_hint(bundle: Bundle, trial: Trial) -> str:
+    looked = f"; not in the log: {', '.join(trial.unrecorded)}" if trial.unrecorded else ""
+    read = ", ".join(f"{part.path.name} ({part.role})" for part in bundle.parts)
+    return f"read: {read}{looked}; add the trial configuration or record the orders topic"

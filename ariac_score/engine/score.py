@@ -1,0 +1,130 @@
+"""From a path to a result: measure with plugins, price with the rule set.
+
+Measuring needs the log and knows no points; pricing needs only what was measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ariac_score.checks.guarded import open_readers
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.measure import measure_trial, sketch_trial
+from ariac_score.engine.price import price_trial
+from ariac_score.engine.provenance import hashing_files, provenance_of, refuse_other_contents
+from ariac_score.engine.read import (
+    Progress,
+    find_trial,
+    no_progress,
+    read_trial,
+    refuse_other_years,
+    with_names,
+    with_unknown_products,
+)
+from ariac_score.engine.settings import settings_of
+from ariac_score.engine.signal_needs import check_needs, needs_of_all, refuse_other_units
+from ariac_score.errors import (
+    LogError,
+)
+from ariac_score.logs.bundle import Bundle, with_parts
+from ariac_score.results.result import (
+    Result,
+)
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.vocabulary import QUANTITIES
+
+__all__ = ["check_configuration", "check_needs", "score_trial"]
+
+
+def score_trial(
+    path: Path,
+    rules: str | RuleSet,
+    *,
+    log_map: str = "",
+    registry: Registry | None = None,
+    progress: Progress = no_progress,
+    also: Sequence[Path] = (),
+    binding: bool = False,
+    root: Path | None = None,
+    trial_id: str = "",
+    team: str = "",
+    jobs: int = 0,
+    known: Result | None = None,
+) -> Result:
+    """Score the trial at a path; where its rules compare teams, `reprice` adds the cohort.
+
+    Args:
+        path: A log, a rosbag2 folder, a bundle folder, or a `bundle.yaml`.
+        rules: A rule set or its name.
+        log_map: Log map to use instead of the rule set's own.
+        registry: The installed plugins, where the caller has them already.
+        progress: Called with the share done, 0 to 1.
+        also: Configurations of the trial or team that lie elsewhere; where the path has
+            one of its own, that one counts.
+        binding: Whether those of `also` count even then, as for whoever does not trust the path.
+        root: Folder that file names in the result are relative to; needed with `also`.
+        trial_id: Name of the trial, where the caller knows it better than the files.
+        team: Name of the team, likewise.
+        jobs: Threads that read a recording, one of which decodes; 0: as many as there are processors. The
+            result does not depend on it.
+        known: A result of the same files by the same code, whose checks ask for the same
+            signals (`needs_alike`): what they found is taken from it, and only others are asked.
+
+    Raises:
+        ScoreError: For everything a user can act on; see `ariac_score.errors`.
+    """
+    registry = registry or Registry()
+    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules)
+    checks = rule_set.build(registry)
+    mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
+    bundle, readers = find_trial(path, registry)
+    bundle = with_parts(bundle, also, root or path, readers, binding=binding)
+    refuse_other_years(bundle, rule_set)
+    refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
+    needs = needs_of_all(checks, rule_set, registry)
+    quantities = [need.quantity for need in needs]
+    with hashing_files(bundle, beside=jobs != 1) as hashes:
+        trial = read_trial(
+            bundle,
+            readers,
+            mapping,
+            registry,
+            quantities=quantities,
+            progress=progress,
+            jobs=jobs,
+            orders=rule_set.about_orders,
+        )
+        trial = with_unknown_products(with_names(trial, trial_id, team), rule_set)
+        wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
+        trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
+        measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set, known=known)
+        sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
+        inputs = hashes()
+    refuse_other_contents(bundle, inputs)
+    provenance = provenance_of(bundle, inputs, rule_set, mapping, registry)
+    settings = settings_of(checks, registry=registry, rule_set=rule_set)
+    return price_trial(replace(measured, sketch=sketch, settings=settings), rule_set, provenance)
+
+
+def check_configuration(path: Path, rule_set: RuleSet) -> None:
+    """See that a file can be the configuration of trials under a rule set, before there is a log.
+
+    Raises:
+        LogError: No reader knows it, or it is damaged.
+        DataFileError: It is of another edition.
+    """
+    readers, _ = open_readers(Registry())
+    bundle = with_parts(Bundle(path.stem, path, ()), [path], path, readers)
+    refuse_other_years(bundle, rule_set)
+    (part,) = bundle.parts
+    if part.role != "trial_config":
+        raise LogError(
+            "it is no trial configuration", file=path, hint="give the configuration that says the orders"
+        )
+    damage = readers[part.reader].describe(path).damage
+    if damage:
+        raise LogError(damage, file=path, hint="correct the configuration")

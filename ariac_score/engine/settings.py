@@ -1,0 +1,98 @@
+"""What every check was set to: each parameter with its value, its unit and where that is from."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from ariac_score.checks.captured_output import quiet
+from ariac_score.checks.contracts import Resolving
+from ariac_score.checks.guarded import broken
+from ariac_score.checks.parameters import ParameterFacts, unit_told_by
+from ariac_score.checks.registry import Plugin, Registry, parameters_of
+from ariac_score.results.result import Setting, Settings, canonical
+from ariac_score.scoring.ruleset import RuleSet
+
+__all__ = ["plain_value", "settings_of"]
+
+_SOURCE = re.compile(r"^Source:\n((?:(?:[ ]{4}.*)?\n)+)", re.MULTILINE)
+
+
+def settings_of(checks: Mapping[str, Any], *, registry: Registry, rule_set: RuleSet) -> dict[str, Settings]:
+    """Every parameter in force, by check.
+
+    Args:
+        checks: The built plugins by check name.
+        registry: To find what the plugins declare.
+        rule_set: Which values it gives.
+
+    Raises:
+        PluginError: A plugin cannot say what its parameters come to.
+    """
+    found = {}
+    for name, check in checks.items():
+        used = rule_set.checks[name]
+        plugin = registry.find(used.group, used.use)
+        found[name] = Settings(_source(check), tuple(_settings(plugin, name, check, used.parameters)))
+    return found
+
+
+def _settings(plugin: Plugin, name: str, check: Any, given: Mapping[str, Any]) -> list[Setting]:
+    resolved = _resolved(plugin, name, check)
+    settings = []
+    for parameter, declared in parameters_of(type(check)).items():
+        facts, origin = declared.facts, "default"
+        if parameter in given:
+            value, facts, origin = given[parameter], ParameterFacts(facts.unit), "rule_set"
+        else:
+            value = getattr(check, parameter, declared.default)
+        if parameter in resolved and resolved[parameter] != value:
+            value, origin = resolved[parameter], "derived"
+        plain = plain_value(value)
+        unit = facts.unit or unit_told_by(parameter) if _has_numbers(plain) else ""
+        settings.append(Setting(parameter, plain, unit, origin, facts.status, facts.source))
+    return settings
+
+
+def _resolved(plugin: Plugin, name: str, check: Any) -> dict[str, Any]:
+    if not isinstance(check, Resolving):
+        return {}
+    try:
+        with quiet(plugin.origin):
+            resolved = dict(check.resolved())
+    except (Exception, SystemExit) as cause:
+        words = f"raised {type(cause).__name__} when asked what its parameters come to: {cause}"
+        raise broken(plugin, words, of=name) from cause
+    strange = sorted(set(map(str, resolved)) - set(parameters_of(type(check))))
+    if strange:
+        raise broken(plugin, f"says what {strange[0]!r} comes to, which is no parameter of it", of=name)
+    return resolved
+
+
+def _source(check: Any) -> str:
+    """What the plugin says that it rests on, as one paragraph."""
+    found = _SOURCE.search(inspect.cleandoc(type(check).__doc__ or "") + "\n")
+    return "" if found is None else " ".join(found[1].split())
+
+
+def plain_value(value: Any) -> Any:
+    """A value as JSON can hold it; of what it cannot hold, the kind."""
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return canonical(value) if math.isfinite(value) else f"{value:g}"
+    if isinstance(value, Mapping):
+        return {str(key): plain_value(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_value(inner) for inner in value]
+    return f"({type(value).__name__})"
+
+
+def _has_numbers(value: Any) -> bool:
+    """Whether a unit says something about a value."""
+    if isinstance(value, list):
+        return any(_has_numbers(inner) for inner in value)
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,226 @@
+"""Message types: how the bytes of a connection become a message.
+
+The definition embedded in the recording decides. Only a recording without
+definitions falls back on the stock types of rosbags and those in `msg/`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Literal
+
+from ariac_score.logs.columnar.columns import UNDECODABLE
+from ariac_score.logs.columnar.definitions import FieldDefinitions, parsed_definitions
+from ariac_score.logs.containers.items import Connection
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Typesdict
+    from rosbags.typesys.store import Typestore
+
+    from ariac_score.logs.columnar import ColumnDecoder
+
+__all__ = ["Decode", "UnknownTypeError", "bundled_typestore", "column_decoder_for", "decoder_for"]
+
+
+Decode = Callable[["bytes | memoryview"], object]
+
+
+_TYPE_NAME = re.compile(r"[A-Za-z]\w*(/(msg|srv|action))?/[A-Za-z]\w*", re.ASCII)
+
+
+_LONGEST_SEQUENCE = 1 << 24
+"""Elements in one array of a message: bounds those whose elements take no bytes."""
+
+
+_WIDE = re.compile(r"^[ \t]*wstring\b|<[ \t]*wstring\b", re.MULTILINE)
+
+
+_IDL_SEPARATOR = "=" * 80 + "\n"
+
+
+class UnknownTypeError(Exception):
+    """The messages of a connection cannot be decoded; the text says why."""
+
+
+@cache
+def bundled_typestore(ros: Literal[1, 2]) -> Typestore:
+    """The stock types of rosbags and every type bundled in `ariac_score/logs/msg`.
+
+    Do not register anything in it: it is shared.
+
+    Args:
+        ros: The ROS generation; the two differ in `Header`.
+    """
+    # Imported here: rosbags is slow to load, and pricing stored results never needs it.
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
+
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    types: Typesdict = {}
+    for name, text in _bundled_definitions():
+        types.update(get_types_from_msg(text, name))
+    store.register(types)
+    return store
+
+
+def _bundled_definitions() -> Iterator[tuple[str, str]]:
+    from importlib.resources import files  # noqa: PLC0415  # slow to load
+
+    packages = files("ariac_score.logs").joinpath("msg")
+    for package in sorted(packages.iterdir(), key=lambda p: p.name):
+        for definition in sorted(package.iterdir(), key=lambda p: p.name):
+            name = f"{package.name}/msg/{definition.name.removesuffix('.msg')}"
+            yield name, definition.read_text(encoding="utf-8")
+
+
+def decoder_for(connection: Connection) -> Decode:
+    """A function from the payloads of a connection to messages.
+
+    Messages have their fields as attributes. The function raises `UnknownTypeError`
+    for a payload that does not fit the definition.
+
+    Raises:
+        UnknownTypeError: The encoding is not one of ROS, no definition of the type is
+            known, or the recording's own definition cannot be understood.
+    """
+    from rosbags.serde import SerdeError  # noqa: PLC0415  # see bundled_typestore
+
+    store, name = _store_of(connection), connection.type
+    deserialise = store.deserialize_ros1 if connection.encoding == "ros1" else store.deserialize_cdr
+
+    def decode(payload: bytes | memoryview) -> object:
+        try:
+            return deserialise(bytes(payload), name)
+        except (SerdeError, *UNDECODABLE) as error:
+            raise UnknownTypeError(str(error) or type(error).__name__) from error
+
+    return decode
+
+
+def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = None) -> ColumnDecoder:
+    """A decoder from the payloads of a connection to columns.
+
+    Args:
+        connection: Whose messages they are.
+        wanted: Dotted paths of the wanted fields; `None`: all.
+
+    Raises:
+        UnknownTypeError: As of `decoder_for`.
+        PlanError: Its messages can be decoded one by one only.
+    """
+    from ariac_score.logs.columnar import ColumnDecoder  # noqa: PLC0415  # describing needs none
+    from ariac_score.logs.columnar.plan import PlanError  # noqa: PLC0415
+
+    paths = None if wanted is None else tuple(wanted)
+    cdr = connection.encoding == "cdr"
+    if cdr and _WIDE.search(connection.definition):
+        return _wide_decoder_for(connection, paths)
+    light = _light_store_of(connection)
+    if light is not None:
+        try:
+            return ColumnDecoder(light, connection.type, cdr=cdr, wanted=paths)
+        except PlanError:
+            pass  # rosbags may say it better
+    return ColumnDecoder(_store_of(connection), connection.type, cdr=cdr, wanted=paths)
+
+
+def _wide_decoder_for(connection: Connection, wanted: Iterable[str] | None) -> ColumnDecoder:
+    from ariac_score.logs.columnar.wide_text import UNITS, WideDecoder  # noqa: PLC0415  # most recordings have none
+
+    stores = {unit: _store_of(connection, unit) for unit in UNITS}
+    return WideDecoder(stores, connection.type, wanted=wanted)
+
+
+class _LightStore:
+    """What is needed of a type store to decode columns; rosbags is loaded when a message needs it."""
+
+    def __init__(self, connection: Connection, fielddefs: FieldDefinitions) -> None:
+        self._connection = connection
+        self.fielddefs = fielddefs
+        self.max_sequence_length = _LONGEST_SEQUENCE
+
+    def deserialize_cdr(self, rawdata: bytes, typename: str) -> object:
+        """One message."""
+        return self._store().deserialize_cdr(rawdata, typename)
+
+    def deserialize_ros1(self, rawdata: bytes, typename: str) -> object:
+        """One message."""
+        return self._store().deserialize_ros1(rawdata, typename)
+
+    def _store(self) -> Typestore:
+        try:
+            return _store_of(self._connection)
+        except UnknownTypeError as error:
+            raise ValueError(str(error)) from error
+
+
+def _light_store_of(connection: Connection) -> _LightStore | None:
+    """What is known of a connection's types without rosbags; `None` when rosbags must be asked."""
+    known = {"cdr": ("ros2msg",), "ros1": ("ros1msg",)}.get(connection.encoding, ())
+    if connection.definition_format not in known or not connection.definition:
+        return None
+    if not _TYPE_NAME.fullmatch(connection.type):
+        return None
+    found = parsed_definitions(connection.definition, connection.type)
+    return _LightStore(connection, found) if found else None
+
+
+def _store_of(connection: Connection, unit: str = "") -> Typestore:
+    if connection.encoding not in ("cdr", "ros1"):
+        raise UnknownTypeError(f"its messages are {connection.encoding or 'not'} encoded, not as ROS does")
+    return _typestore_for(
+        connection.encoding, connection.type, connection.definition_format, connection.definition, unit
+    )
+
+
+@lru_cache(maxsize=128)  # compiling a definition takes longer than reading a small recording
+def _typestore_for(
+    encoding: str, name: str, definition_format: str, definition: str, unit: str = ""
+) -> Typestore:
+    from rosbags.serde import SerdeError  # noqa: PLC0415  # see bundled_typestore
+    from rosbags.typesys import Stores, TypesysError, get_typestore  # noqa: PLC0415
+
+    if not _TYPE_NAME.fullmatch(name):
+        raise UnknownTypeError(f"{name!r} is not the name of a message type")
+    if not definition:
+        store = bundled_typestore(1 if encoding == "ros1" else 2)
+        if name in store.fielddefs:
+            return store
+        if not definition_format:
+            raise UnknownTypeError("neither the recording nor ariac-score has a definition of this type")
+        # A recorder that names the format of an empty text means a message without fields.
+    try:
+        store = get_typestore(Stores.EMPTY)
+        store.max_sequence_length = _LONGEST_SEQUENCE
+        store.register(_types_of(name, definition_format, definition, unit))
+        store.get_msgdef(name)  # compiles it, and so finds what is missing
+    except (SerdeError, TypesysError, *UNDECODABLE) as error:
+        cause = f"it lacks {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
+        raise UnknownTypeError(f"the recording's definition of it cannot be used: {cause}") from error
+    return store
+
+
+def _types_of(name: str, definition_format: str, definition: str, unit: str) -> Typesdict:
+    """The types of a definition; its wide texts, if any, as sequences of a type of numbers."""
+    if not unit:
+        if _WIDE.search(definition):
+            raise UnknownTypeError("a wide text (wstring) in it needs all messages to be told how to read it")
+        return _parsed(name, definition_format, definition)
+    from ariac_score.logs.columnar.wide_text import plain_definition, widened  # noqa: PLC0415  # see above
+
+    return widened(_parsed(name, definition_format, plain_definition(definition)), unit)
+
+
+def _parsed(name: str, definition_format: str, definition: str) -> Typesdict:
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415  # see bundled_typestore
+
+    if definition_format != "ros2idl":
+        return get_types_from_msg(definition, name)
+    types: Typesdict = {}
+    for section in definition.split(_IDL_SEPARATOR):
+        head, _, body = section.partition("\n")
+        idl = body if head.startswith("IDL: ") else section
+        if idl.strip():
+            types.update(get_types_from_idl(idl))
+    return types

@@ -1,0 +1,110 @@
+"""Which scan a recording needs; the containers are imported only when one of them is met."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.containers.items import METADATA, METADATA_KEY, Scan
+
+__all__ = ["SUFFIXES", "cannot_be_read", "looks_like_recording", "open_scan"]
+
+
+SUFFIXES = (".bag", ".db3", ".mcap")
+"""Of recordings that are files."""
+
+
+_LARGE_BLOCK_BYTES = 31 << 20  # at 32 MiB glibc stops learning
+
+
+_MCAP, _ROS1, _SQLITE = b"\x89MCAP0\r\n", b"#ROSBAG ", b"SQLite format 3\0"
+
+
+def looks_like_recording(path: Path) -> bool:
+    """Whether this looks like a ROS recording, whole or not.
+
+    Raises:
+        OSError: It cannot be looked at.
+    """
+    if path.is_dir():
+        metadata = path / METADATA
+        if not metadata.is_file():
+            return False
+        with metadata.open("rb") as file:
+            return METADATA_KEY.encode() in file.read(1 << 16) or any(
+                child.suffix in SUFFIXES for child in path.iterdir()
+            )
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        start = file.read(16)
+    if not start:
+        return path.suffix in SUFFIXES
+    if start.startswith(_SQLITE):
+        return path.suffix == ".db3"
+    return start.startswith((_MCAP, _ROS1))
+
+
+def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> Scan:
+    """The scan for what lies at a path, chosen by its first bytes, else by its suffix.
+
+    Args:
+        path: A recording.
+        jobs: Threads, of which all but one inflate its chunks; 0: as many as there are processors.
+        topics: Messages of other topics may come without their bytes; `None`: all come with them.
+
+    Raises:
+        NothingToScoreError: It is empty, or no recording.
+        LogError: It cannot be looked at, or its metadata cannot be understood.
+    """
+    _let_freed_memory_stay()
+    try:
+        if path.is_dir():
+            from ariac_score.logs.containers.folder import FolderScan  # noqa: PLC0415  # as all of them
+
+            return FolderScan(path, jobs=jobs, topics=topics)
+        with path.open("rb") as file:
+            start = file.read(16)
+    except OSError as error:
+        raise cannot_be_read(error, path) from error
+    if not start:
+        raise NothingToScoreError(
+            "the file is empty", file=path, hint="the recorder wrote nothing; record again"
+        )
+    if start.startswith(_MCAP) or (path.suffix == ".mcap"):
+        from ariac_score.logs.containers.mcap import McapScan  # noqa: PLC0415
+
+        return McapScan(path, jobs=jobs, topics=topics)
+    if start.startswith(_SQLITE) or (path.suffix == ".db3"):
+        from ariac_score.logs.containers.sqlite import SqliteScan  # noqa: PLC0415
+
+        return SqliteScan(path, topics=topics)
+    if start.startswith(_ROS1) or (path.suffix == ".bag"):
+        from ariac_score.logs.containers.ros1 import Ros1Scan  # noqa: PLC0415
+
+        return Ros1Scan(path, jobs=jobs, topics=topics)
+    raise NothingToScoreError(
+        "it is not a ROS recording",
+        file=path,
+        hint="recordings are .bag, .db3 or .mcap files, or rosbag2 folders",
+    )
+
+
+def _let_freed_memory_stay() -> None:
+    """Have what is freed while reading used again instead of given back to the system.
+
+    To get memory back from there takes longer than what is done with it. glibc keeps up to twice
+    the largest block that it got from the system and gave back; so one is, which nobody touches.
+    """
+    with suppress(MemoryError):
+        np.empty(_LARGE_BLOCK_BYTES, dtype=np.uint8)
+
+
+def cannot_be_read(error: OSError | MemoryError, path: Path) -> LogError:
+    """The error for what the operating system refuses."""
+    cause = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return LogError(f"it cannot be read: {cause}", file=path, hint="check that it is there and may be read")

@@ -1,0 +1,179 @@
+"""Scanning rosbag2 folders: `metadata.yaml` and the storage files it names.
+
+Source: rosbag2_storage, bag metadata versions 1 to 9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from tempfile import TemporaryDirectory
+
+from ariac_score.documents.yaml import is_there, load_yaml
+from ariac_score.errors import DataFileError, LogError
+from ariac_score.logs.containers.inflating import inflate, inflate_file
+from ariac_score.logs.containers.items import METADATA, METADATA_KEY, Batch, Connection, Message, Scan
+from ariac_score.logs.containers.mcap import McapScan
+from ariac_score.logs.containers.sqlite import SqliteScan
+
+__all__ = ["FolderScan"]
+
+_ZSTD = "zstd"
+_PACKED_SUFFIXES = (".zstd", ".zst")
+_REINDEX = "`ros2 bag reindex FOLDER` writes it anew from the storage files; or name one of these instead"
+
+
+@dataclass(frozen=True)
+class _Metadata:
+    storage: str
+    files: tuple[Path, ...]
+    messages: int | None
+    packed: str
+
+
+class FolderScan:
+    """One rosbag2 folder; see `ariac_score.logs.containers.items.Scan`."""
+
+    def __init__(self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> None:
+        self.path = path
+        self._metadata = _read_metadata(path)
+        self._jobs, self._topics = jobs, topics
+        self.format = (McapScan if self._metadata.storage == "mcap" else SqliteScan).format
+        self._scan: Scan | None = None
+        self._current = self._contradictions = 0
+
+    @property
+    def readable(self) -> str:
+        """How far reading got: the file and the place in it."""
+        if not self._metadata.files:
+            return METADATA
+        return (
+            f"{self._metadata.files[self._current].name}, {self._scan.readable if self._scan else 'byte 0'}"
+        )
+
+    @property
+    def index_contradictions(self) -> int:
+        """How often an index said something else than the records."""
+        return self._contradictions + (self._scan.index_contradictions if self._scan else 0)
+
+    @property
+    def share(self) -> float:
+        """The share read, 0 to 1, every file counting the same."""
+        if not self._metadata.files:
+            return 0.0
+        return (self._current + (self._scan.share if self._scan else 0.0)) / len(self._metadata.files)
+
+    def __iter__(self) -> Iterator[Connection | Message | Batch]:
+        """Every declared connection and message, file by file, in recorded order.
+
+        Raises:
+            LogError: A file is not whole, or the files do not add up to what the metadata says.
+        """
+        found = 0
+        for number, file in enumerate(self._metadata.files):
+            self._contradictions, self._scan, self._current = self.index_contradictions, None, number
+            for item in self._items(file):
+                if isinstance(item, Connection):
+                    yield item
+                    continue
+                found += len(item) if isinstance(item, Batch) else 1
+                if self._metadata.packed == "message":
+                    yield from map(self._unpacked, item.messages() if isinstance(item, Batch) else (item,))
+                else:
+                    yield item
+        if self._metadata.messages not in (None, found):
+            raise LogError(
+                f"{METADATA} announces {self._metadata.messages} messages, the files hold {found}",
+                file=self.path,
+                place=METADATA,
+                hint="a storage file was exchanged or lost its end; take another copy of the recording",
+            )
+
+    def _items(self, file: Path) -> Iterator[Connection | Message | Batch]:
+        """What one storage file holds, unpacked beside the recording's folder where it is packed."""
+        if self._metadata.packed != "file" or file.suffix not in _PACKED_SUFFIXES:
+            self._scan = self._scan_of(file)
+            yield from self._scan
+            return
+        with TemporaryDirectory(prefix="ariac-score-") as folder:
+            unpacked = Path(folder, file.stem)
+            try:
+                inflate_file(file, unpacked)
+            except ValueError as error:
+                raise LogError(
+                    f"it cannot be inflated: {error}", file=file, hint="take another copy of the recording"
+                ) from error
+            self._scan = self._scan_of(unpacked)
+            try:
+                yield from self._scan
+            except LogError as error:
+                if error.file != str(unpacked):
+                    raise
+                raise LogError(error.cause, file=file, place=error.place, hint=error.hint) from error
+
+    def _scan_of(self, file: Path) -> Scan:
+        if self._metadata.storage == "mcap":
+            return McapScan(file, jobs=self._jobs, topics=self._topics)
+        return SqliteScan(file, topics=self._topics)
+
+    def _unpacked(self, message: Message) -> Message:
+        if self._topics is not None and message.connection.topic not in self._topics:
+            return message._replace(payload=b"")
+        try:
+            return message._replace(payload=inflate(message.payload, "zstd"))
+        except ValueError as error:
+            raise LogError(
+                f"a message on {message.connection.topic} cannot be inflated: {error}",
+                file=self._metadata.files[self._current],
+                place=f"after {self.readable}",
+                hint="take another copy of the recording",
+            ) from error
+
+
+def _read_metadata(path: Path) -> _Metadata:
+    file = path / METADATA
+    if not file.is_file():
+        raise LogError(
+            f"the folder has no {METADATA}, so it is not a rosbag2 recording", file=path, hint=_REINDEX
+        )
+    try:
+        metadata = _parsed(path, load_yaml(file).data[METADATA_KEY])
+    except DataFileError as error:
+        raise LogError(
+            f"it cannot be understood: {error.cause}", file=file, place=error.place, hint=_REINDEX
+        ) from error
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
+        cause = " ".join(str(error).split())
+        raise LogError(
+            f"it cannot be understood: {type(error).__name__}: {cause}", file=file, hint=_REINDEX
+        ) from error
+    for storage in metadata.files:
+        if not is_there(storage) or not storage.is_file():
+            raise LogError(
+                f"it names {storage.name!r}, which is not in the folder",
+                file=file,
+                hint="copy the whole folder of the recording",
+            )
+    return metadata
+
+
+def _parsed(path: Path, facts: Mapping[str, object]) -> _Metadata:
+    storage, names = facts["storage_identifier"], facts["relative_file_paths"]
+    mode = str(facts.get("compression_mode") or "").lower()
+    if storage not in ("mcap", "sqlite3"):
+        raise ValueError(f"storage {storage!r} is neither 'mcap' nor 'sqlite3'")
+    if mode not in ("", "none", "message", "file"):
+        raise ValueError(f"compression mode {mode!r} is not one of none, message, file")
+    if mode in ("message", "file") and facts.get("compression_format") != _ZSTD:
+        raise ValueError(f"compression format {facts.get('compression_format')!r} is not {_ZSTD!r}")
+    if not isinstance(names, list):
+        raise ValueError("relative_file_paths is no list")
+    count = facts.get("message_count")
+    return _Metadata(
+        storage=str(storage),
+        # The name alone: old versions put the folder before it, and nothing outside the folder is ours.
+        files=tuple(path / PurePath(str(name)).name for name in names),
+        messages=count if isinstance(count, int) else None,
+        packed=mode,
+    )

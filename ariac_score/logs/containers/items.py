@@ -1,0 +1,192 @@
+"""What a container yields: connections, messages, batches, and the bytes they lie in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.errors import LogError
+
+__all__ = [
+    "METADATA",
+    "METADATA_KEY",
+    "RE_RECORD",
+    "Batch",
+    "Bytes",
+    "Connection",
+    "IntArray",
+    "Message",
+    "Payloads",
+    "Scan",
+    "checked_stamp",
+    "normalised_type",
+]
+
+
+IntArray = NDArray[np.int64]
+
+
+Bytes = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Payloads:
+    """The serialised messages of one connection, somewhere in one buffer.
+
+    Attributes:
+        buffer: The bytes; between the messages may be anything.
+        starts: Where each message starts, shape (n,).
+        ends: Where it ends, shape (n,); within the buffer.
+    """
+
+    buffer: Bytes
+    starts: IntArray
+    ends: IntArray
+
+    @classmethod
+    def joined(cls, payloads: Iterable[bytes | memoryview]) -> Payloads:
+        """Separate messages, copied one after the other."""
+        parts = list(payloads)
+        ends = np.cumsum(np.fromiter(map(len, parts), np.int64, len(parts)))
+        starts = np.concatenate(([0], ends[:-1])).astype(np.int64) if parts else ends
+        return cls(np.frombuffer(b"".join(parts), dtype=np.uint8), starts, ends)
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def one(self, index: int) -> bytes:
+        """The bytes of one message."""
+        return self.buffer[self.starts[index] : self.ends[index]].tobytes()
+
+
+_LATEST_NS = 2**63
+
+
+_TWO_PART_TYPE = re.compile(r"([A-Za-z]\w*)/([A-Za-z]\w*)", re.ASCII)
+
+
+RE_RECORD = "record the trial again, or take another copy of the file; a score may not rest on part of a log"
+
+
+@dataclass(frozen=True, eq=False)
+class Connection:
+    """One publisher's (or channel's) declaration in a recording; compared by identity.
+
+    Attributes:
+        topic: With leading slash.
+        type: `package/msg/Name`; empty when the container does not say.
+        encoding: `cdr`, `ros1`, or whatever the container names.
+        definition: Text of the message definition; empty when the recording has none.
+        definition_format: `ros1msg`, `ros2msg` or `ros2idl`; empty without definition.
+    """
+
+    topic: str
+    type: str
+    encoding: str
+    definition: str = ""
+    definition_format: str = ""
+
+
+class Message(NamedTuple):
+    """One recorded message: who sent it, its log time in ns, and its bytes."""
+
+    connection: Connection
+    stamp_ns: int
+    payload: bytes | memoryview
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Many recorded messages, in recorded order.
+
+    Attributes:
+        connections: Who sent some of them.
+        sources: Of each message its sender's place among these, shape (n,).
+        stamps_ns: Their log times in ns, each checked to be one, shape (n,).
+        payloads: Their bytes.
+    """
+
+    connections: tuple[Connection, ...]
+    sources: IntArray
+    stamps_ns: IntArray
+    payloads: Payloads
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def messages(self) -> Iterator[Message]:
+        """One by one."""
+        raw = memoryview(self.payloads.buffer)  # type: ignore[arg-type]  # an array is a buffer
+        places = zip(self.payloads.starts.tolist(), self.payloads.ends.tolist(), strict=True)
+        for source, stamp_ns, (start, end) in zip(
+            self.sources.tolist(), self.stamps_ns.tolist(), places, strict=True
+        ):
+            yield Message(self.connections[source], stamp_ns, raw[start:end])
+
+
+class Scan(Protocol):
+    """One recording, read once from start to end.
+
+    Iterating yields every declared connection before its first message, and the
+    messages in recorded order, singly or in batches. Their bytes hold until the next item
+    is asked for: the memory they lie in is used again. It raises `LogError` where the recording stops
+    being readable, and at the end when it turns out not to be whole.
+
+    Attributes:
+        format: In words.
+    """
+
+    format: str
+
+    @property
+    def readable(self) -> str:
+        """How far reading got, such as `byte 10344`."""
+        ...
+
+    @property
+    def share(self) -> float:
+        """The share read, 0 to 1."""
+        ...
+
+    @property
+    def index_contradictions(self) -> int:
+        """How often its index said something else than its records, which then counted."""
+        ...
+
+    def __iter__(self) -> Iterator[Connection | Message | Batch]:
+        """Every declared connection and message."""
+        ...
+
+
+def normalised_type(name: str) -> str:
+    """The one spelling of a message type.
+
+    >>> normalised_type("nist_gear/Order")
+    'nist_gear/msg/Order'
+    """
+    parts = _TWO_PART_TYPE.fullmatch(name)
+    return f"{parts[1]}/msg/{parts[2]}" if parts else name
+
+
+def checked_stamp(stamp_ns: object, *, file: Path, place: str) -> int:
+    """A log time that can be one.
+
+    Raises:
+        LogError: It is negative, beyond the year 2262, or no whole number.
+    """
+    if not isinstance(stamp_ns, int) or not 0 <= stamp_ns < _LATEST_NS:
+        raise LogError(f"{stamp_ns!r} is no log time", file=file, place=place, hint=RE_RECORD)
+    return stamp_ns
+
+
+METADATA = "metadata.yaml"
+
+
+METADATA_KEY = "rosbag2_bagfile_information"
+"""What a rosbag2 folder holds besides its storage files, and the key in it."""

@@ -1,0 +1,68 @@
+"""Where the records of a chunk lie: from its index, where that agrees with the chunk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.logs.containers.items import Bytes, IntArray
+
+__all__ = ["check_not_crossed", "gaps_between", "records_at"]
+
+
+def records_at(buffer: Bytes, places: IntArray, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """What records of one form hold at some places of a buffer, in which they must lie.
+
+    Raises:
+        ValueError: A place is outside.
+    """
+    if not len(places):
+        return np.zeros(0, dtype=dtype)
+    if int(places.min()) < 0 or int(places.max()) + dtype.itemsize > len(buffer):
+        raise ValueError("a record lies outside")
+    windows = np.ndarray((len(buffer) - dtype.itemsize + 1,), f"V{dtype.itemsize}", buffer.data, strides=(1,))
+    return windows[places].view(dtype)
+
+
+def gaps_between(starts: IntArray, ends: IntArray, size: int) -> Iterator[tuple[int, int, int, int]]:
+    """The runs of records that touch, each with the gap before it.
+
+    Args:
+        starts: Where the records start, increasing, shape (n,).
+        ends: Where they end, shape (n,).
+        size: Where all ends.
+
+    Yields:
+        Start and end of a gap, then the first record behind it and the one behind the run's last.
+
+    Raises:
+        ValueError: Records overlap, or go beyond the end.
+    """
+    before = np.concatenate(([0], ends))
+    after = np.concatenate((starts, [size]))
+    if (after < before).any():
+        raise ValueError("records overlap")
+    breaks = np.flatnonzero(after > before).tolist()
+    if not breaks or breaks[0] != 0:
+        breaks.insert(0, 0)
+    for at, following in zip(breaks, [*breaks[1:], len(starts)], strict=True):
+        yield int(before[at]), int(after[at]), at, following
+
+
+def check_not_crossed(starts: IntArray, ends: IntArray, bounds: IntArray) -> None:
+    """Make sure that no record lies on both sides of a bound.
+
+    Args:
+        starts: Where the records start, increasing, shape (n,).
+        ends: Where they end, shape (n,).
+        bounds: Where nothing may go on, shape (k,).
+
+    Raises:
+        ValueError: One does.
+    """
+    before = np.searchsorted(starts, bounds) - 1
+    if (ends[before[before >= 0]] > bounds[before >= 0]).any():
+        raise ValueError("a message goes on behind the end of its chunk")

@@ -1,0 +1,243 @@
+"""Reading a recording from its first byte on: what every container has in common.
+
+The containers are read by scanning, not by their index: so stamps keep their
+recorded order, every checksum is verified, nothing inflates beyond its announced
+size, and of a damaged file we know how far it can be read. rosbags does the
+message definitions and the messages (`ariac_score.logs.columnar.types`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from ariac_score.errors import LogError
+from ariac_score.logs.containers.items import RE_RECORD
+from ariac_score.logs.containers.ranged import open_log, ranged
+
+__all__ = ["BLOCK_BYTES", "MAX_PEEK_BYTES", "FileScan", "Source"]
+
+
+BLOCK_BYTES = 1 << 20
+
+
+_BUFFER_BYTES = 1 << 14
+
+
+_KEPT_BYTES = 1 << 20
+
+
+MAX_PEEK_BYTES = 64 * 2**20
+"""What is looked at of a chunk that the file ends in, bytes."""
+
+
+class Source:
+    """A file read from front to back, never beyond its end.
+
+    Attributes:
+        path: The file.
+        size: Its size, bytes.
+        offset: Where the next read starts, bytes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.hint = RE_RECORD
+        self._file: BinaryIO = open_log(path, 0)
+        self._parts = ranged(path)
+        self.size = path.stat().st_size
+        self.offset = 0
+        # What was looked at last, and where it starts: little things are taken from it without
+        # asking the system, which would let other threads go first.
+        self._seen, self._seen_at = b"", 0
+
+    def __enter__(self) -> Source:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    @property
+    def left(self) -> int:
+        """Bytes not read yet."""
+        return self.size - self.offset
+
+    def damaged(self, cause: str, *, what: str = "", at: int | None = None) -> LogError:
+        """The error for something unreadable at a byte offset (default: the next one)."""
+        place = f"byte {self.offset if at is None else at}"
+        return LogError(cause, file=self.path, place=f"{what} at {place}" if what else place, hint=self.hint)
+
+    def take(self, count: int, what: str) -> bytes:
+        """The next bytes.
+
+        Raises:
+            LogError: The file ends before.
+        """
+        self._reserve(count, what)
+        first = self.offset - self._seen_at
+        if first < 0 or first + count > len(self._seen):
+            if count > _BUFFER_BYTES:
+                taken = self._read(self.offset, count)
+            else:
+                self._seen, self._seen_at, first = self._read(self.offset, _BUFFER_BYTES), self.offset, 0
+                taken = self._seen[:count]
+        else:
+            taken = self._seen[first : first + count]
+        if len(taken) != count:
+            raise self.damaged("the file ends early", what=what)
+        self.offset += count
+        return taken
+
+    def take_into(self, room: memoryview, what: str) -> None:
+        """The next bytes, put where there is room for them.
+
+        Raises:
+            LogError: The file ends before.
+        """
+        self._reserve(len(room), what)
+        if self._read_into(self.offset, room) != len(room):
+            raise self.damaged("the file ends early", what=what)
+        self.offset += len(room)
+
+    def later(self, count: int, what: str) -> Callable[[memoryview], None]:
+        """Move on over the next bytes, which are read later.
+
+        Args:
+            count: How many.
+            what: They are, for the error.
+
+        Returns:
+            Puts them into room of that size, on whatever thread; it raises ValueError when the
+            file ends early.
+
+        Raises:
+            LogError: The file ends before.
+        """
+        if not hasattr(os, "preadv"):
+            taken = self.take(count, what)
+
+            def put(room: memoryview) -> None:
+                room[:] = taken
+
+            return put
+        self._reserve(count, what)
+        file, offset = self._file.fileno(), self.offset
+        if self._parts:
+            self._parts.have([(offset, offset + count)])
+        self.skip(count)
+
+        def read(room: memoryview) -> None:
+            done = 0
+            while done < len(room):
+                read = os.preadv(file, [room[done:]], offset + done)
+                if not read:
+                    raise ValueError("the file ends early")
+                done += read
+
+        return read
+
+    def read_at(self, offset: int, room: memoryview, what: str) -> None:
+        """Bytes from elsewhere, put where there is room for them, without moving on.
+
+        Raises:
+            LogError: They are not there.
+        """
+        if self._read_into(offset, room) != len(room):
+            raise self.damaged("the file ends early", what=what, at=offset)
+
+    def skip(self, count: int) -> None:
+        """Move on over bytes that are there."""
+        self.offset += count
+
+    def peek(self, count: int) -> bytes:
+        """The next bytes, at most so many, without moving on."""
+        return self._read(self.offset, min(count, MAX_PEEK_BYTES))
+
+    def at(self, offset: int, count: int) -> bytes:
+        """Bytes from elsewhere, as far as they are there, without moving on."""
+        if not 0 <= offset < self.size:
+            return b""
+        count = min(count, MAX_PEEK_BYTES)
+        if self._parts:
+            self._parts.have([(offset, offset + count)])
+        found = self._read(offset, count)
+        if len(found) <= _KEPT_BYTES:
+            self._seen, self._seen_at = found, offset
+        return found
+
+    def _read(self, offset: int, count: int) -> bytes:
+        """Bytes from anywhere, fewer where the file ends."""
+        if hasattr(os, "pread") and not self._parts:
+            found = os.pread(self._file.fileno(), count, offset)
+            if len(found) == count or offset + len(found) >= self.size:
+                return found
+        # The system gave less than there is, or the file has holes.
+        room = bytearray(max(0, min(count, self.size - offset)))
+        return bytes(room[: self._read_into(offset, memoryview(room))])
+
+    def _read_into(self, offset: int, room: memoryview) -> int:
+        """Put bytes from anywhere where there is room for them; returns how many there were."""
+        done = 0
+        self._file.seek(offset)
+        while done < len(room):
+            count = self._file.readinto(room[done:])  # type: ignore[attr-defined]  # every file has it
+            if not count:
+                break
+            done += count
+        return done
+
+    def blocks(self, count: int, what: str) -> Iterator[bytes]:
+        """The next bytes, in blocks, for what is passed over."""
+        self._reserve(count, what)
+        while count:
+            block = self.take(min(count, BLOCK_BYTES), what)
+            count -= len(block)
+            yield block
+
+    def _reserve(self, count: int, what: str) -> None:
+        # Before reading: a length word from a hostile file must not make us ask for that much memory.
+        if count > self.left:
+            raise self.damaged(
+                f"the file is cut off: {what} needs {count} bytes, {max(self.left, 0)} are there", what=what
+            )
+
+
+class FileScan:
+    """What scans of one file share: where they are in it, and how far it was readable.
+
+    Attributes:
+        path: The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._readable = "byte 0"
+        self._source: Source | None = None
+        self._contradictions = self._done = self._handed_over = 0
+        self._is_settling = False
+
+    def _reached(self, offset: int) -> None:
+        """Take note that everything before this byte was readable."""
+        self._done, self._readable = offset, f"byte {offset}"
+
+    def _hands_over(self, offset: int) -> None:
+        """Take note that what comes now is everything up to this byte."""
+        self._handed_over = offset
+
+    @property
+    def index_contradictions(self) -> int:
+        """How often the index said something else than the records."""
+        return self._contradictions
+
+    @property
+    def readable(self) -> str:
+        """How far reading got."""
+        return self._readable
+
+    @property
+    def share(self) -> float:
+        """The share read, 0 to 1, what was handed over last included."""
+        source = self._source
+        return max(self._done, self._handed_over) / source.size if source and source.size else 0.0

@@ -1,0 +1,1 @@
+"""Columns to signals, orders and events of one trial."""

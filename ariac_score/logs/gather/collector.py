@@ -1,0 +1,589 @@
+"""From recorded messages to what a log map makes of them: signals, poses, orders, events."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import partial
+from keyword import iskeyword
+from operator import attrgetter
+from pathlib import Path
+
+import numpy as np
+
+from ariac_score.checks.contracts import Wanted
+from ariac_score.logs.clocks import CLOCK_TOPIC, CLOCK_TYPE, Clocks, TrialClock
+from ariac_score.logs.columnar import ColumnDecoder
+from ariac_score.logs.columnar.message_buffer import Pending, Waiting
+from ariac_score.logs.columnar.plan import PlanError
+from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
+from ariac_score.logs.containers.items import Batch, Connection, IntArray, Message, normalised_type
+from ariac_score.logs.gather.collected_columns import (
+    Decoded,
+    Needs,
+    Together,
+    by_header,
+    clock_key,
+    columns_for,
+)
+from ariac_score.logs.gather.model_states import ModelPoses
+from ariac_score.logs.gather.transforms import TransformTree, times_s
+from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.channels import Channel, FieldMap, LogMap
+from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
+from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.vocabulary import quantity_of, subject_of
+from ariac_score_ariac.kit_from_poses import ModelFrames
+
+__all__ = ["Gathering", "Route"]
+
+_STATES = frozenset({COMPETITION_STARTED, COMPETITION_ENDED})
+"""Simulators publish the state ten times a second, and several states mean that the competition runs, or is
+over; an event is the first message of each such row."""
+
+_POSE_TYPES = {
+    "frames": ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"),
+    "models": ("gazebo_msgs/msg/ModelStates", "gazebo_msgs/msg/LinkStates"),
+}
+
+
+class Gathering:
+    """Takes the items of a scan and keeps what is wanted of them.
+
+    Messages wait until there are many, and are then decoded together. What comes of them
+    is the same as if each was decoded when it came: of several topics that tell of one
+    thing, the recorded order is restored, and of several errors the first is raised.
+
+    Args:
+        wanted: What the log map and the checks ask for.
+        file: The recording, for error messages.
+        stamped_by_reader: Whether the reader gives all messages their times, so that a message's own stamp
+            counts only where the log map asks for it.
+    """
+
+    def __init__(self, wanted: Wanted, file: Path, *, stamped_by_reader: bool = False) -> None:
+        self._wanted, self._file = wanted, file
+        self._clocks, self._stamped_by_reader = Clocks(file), stamped_by_reader
+        log_map = wanted.log_map
+        self._tree = TransformTree(log_map.root_frame, file=file)
+        self._models = ModelPoses(log_map.models)
+        # Links first: they are recorded as exactly, and trays that are nested are links alone.
+        self._kits = {True: ModelFrames(log_map.kits), False: ModelFrames(log_map.kits)}
+        channels = [self._stamped(channel) for channel in log_map.channels_for(wanted.quantities)]
+        self._intakes = [_Intake(channel, wanted) for channel in channels]
+        self._ticks = _Ticks(self._clocks) if any(map(by_header, channels)) else None
+        self._routes: dict[Connection, Route] = {}
+        self._pending = Pending()
+        self._number = 0
+        self.share = 0.0
+
+    def _stamped(self, channel: Channel) -> Channel:
+        if self._stamped_by_reader and not channel.stamp:
+            return replace(channel, stamp="log")
+        return channel
+
+    @property
+    def topics(self) -> frozenset[str]:
+        """The topics it takes messages of, with and without leading slash."""
+        names = {intake.channel.topic.lstrip("/") for intake in self._everyone()}
+        return frozenset(name for plain in names for name in (plain, f"/{plain}"))
+
+    def _everyone(self) -> list[_Intake]:
+        return [*self._intakes, self._ticks] if self._ticks else self._intakes
+
+    def take(self, item: Connection | Message | Batch) -> None:
+        """Take one item of a scan, in recorded order."""
+        if isinstance(item, Connection):
+            self._connect(item)
+            return
+        if isinstance(item, Batch):
+            self._take_many(item)
+            return
+        self._number += 1
+        if item.connection in self._routes:
+            self._pending.add(item, self._number)
+            if self._pending.full:
+                self.flush()
+
+    def _take_many(self, batch: Batch) -> None:
+        first = self._number + 1
+        self._number += len(batch)
+        for waiting in self._pending.take(batch, self._routes, first):
+            self._decode_waiting(waiting)
+
+    def _connect(self, connection: Connection) -> None:
+        intakes = [intake for intake in self._everyone() if intake.accepts(connection)]
+        if not intakes:
+            return
+        alone = ""
+        try:
+            try:
+                columns = columns_for(connection, [i.needs for i in intakes])
+            except PlanError as error:
+                columns, alone = None, str(error)
+            # Where columns can be decoded its definition is understood, and rosbags may never be needed.
+            decode = decoder_for(connection) if columns is None else _when_needed(connection)
+        except UnknownTypeError as error:
+            for intake in intakes:
+                intake.unknown[connection.type] = str(error)
+            return
+        self._routes[connection] = Route(intakes, decode, columns, connection.topic, alone)
+
+    def flush(self) -> None:
+        """Decode what waits."""
+        self._decode_waiting(self._pending.empty())
+
+    def _decode_waiting(self, waiting: Mapping[Connection, Waiting]) -> None:
+        alone = self._one_by_one(waiting)
+        together = Together()
+        for connection, messages in waiting.items():
+            if connection not in alone:
+                self._decode_columns(connection, messages, together)
+        self._decode_each({connection: waiting[connection] for connection in alone})
+        for intake in self._intakes:
+            intake.settle_columns()
+        kits = self._kits if self._wanted.log_map.kits.trays else {}
+        together.hand_over(self._tree, self._models, kits, share=self.share)
+
+    def _one_by_one(self, waiting: Iterable[Connection]) -> list[Connection]:
+        """The connections whose messages must be decoded one by one.
+
+        With one of them go all that tell of the same thing, so that it is told in order.
+        """
+        alone = {c for c in waiting if self._routes[c].columns is None}
+        kept: set[object] = set()
+        before = -1
+        while len(alone) != before:
+            before = len(alone)
+            kept.update(thing for c in alone for thing in self._routes[c].things())
+            alone |= {c for c in waiting if not kept.isdisjoint(self._routes[c].things())}
+        return [c for c in waiting if c in alone]
+
+    def _decode_columns(self, connection: Connection, messages: Waiting, together: Together) -> None:
+        route = self._routes[connection]
+        assert route.columns is not None
+        decoded = Decoded.of(route.columns, messages)
+        for intake in route.intakes:
+            poses = intake.channel.poses
+            stamps_ns = decoded.stamps_ns(intake.channel, self._clocks)
+            refused: dict[int, str] = {}
+            if poses == "frames":
+                together.add_frames(decoded, stamps_ns, static=intake.channel.topic.endswith("tf_static"))
+            elif poses == "models":
+                refused = together.add_models(
+                    decoded, stamps_ns, links=connection.type.endswith("LinkStates")
+                )
+            else:
+                intake.take_columns(decoded, stamps_ns)
+            intake.received += len(decoded.numbers) - len(refused)
+            intake.refused |= decoded.refused | refused
+
+    def _decode_each(self, waiting: Mapping[Connection, Waiting]) -> None:
+        rows = sorted(
+            (number, i, place)
+            for place, messages in enumerate(waiting.values())
+            for i, number in enumerate(messages.numbers.tolist())
+        )
+        connections = list(waiting)
+        for number, i, place in rows:
+            connection = connections[place]
+            messages, route = waiting[connection], self._routes[connection]
+            message = Message(connection, int(messages.stamps_ns[i]), messages.payloads.one(i))
+            self._decode(message, number, route)
+
+    def _decode(self, item: Message, number: int, route: Route) -> None:
+        try:
+            message = route.decode(item.payload)
+        except UnknownTypeError as error:
+            for intake in route.intakes:
+                intake.refused[number] = str(error)
+            return
+        for intake in route.intakes:
+            try:
+                self._hand_over(item, number, message, intake)
+                intake.received += 1
+            except (AttributeError, TypeError) as error:
+                # A type of the right name whose fields are others.
+                intake.refused[number] = str(error)
+
+    def _hand_over(self, item: Message, number: int, message: object, intake: _Intake) -> None:
+        channel = intake.channel
+        if channel.poses == "frames":
+            static = channel.topic.endswith("tf_static")
+            for transform in message.transforms:  # type: ignore[attr-defined]  # rosbags makes the class
+                stamp_ns = item.stamp_ns if static else self._stamp_ns(item, number, transform, channel)
+                self._tree.add(transform, None if static else stamp_ns)
+            return
+        stamp_ns = self._stamp_ns(item, number, message, channel)
+        if channel.poses == "models":
+            links = item.connection.type.endswith("LinkStates")
+            self._models.add(message, stamp_ns, links=links)
+            if self._wanted.log_map.kits.trays:
+                self._kits[links].add(message, stamp_ns)
+            return
+        intake.take(message, item.connection.type, stamp_ns)
+
+    def _stamp_ns(self, item: Message, number: int, message: object, channel: Channel) -> int:
+        """The stamp that counts: the message's own, or that of the recorder."""
+        if not by_header(channel):
+            self._clocks.without_header(clock_key(channel), 1)
+            return item.stamp_ns
+        stamp = getattr(getattr(message, "header", None), "stamp", None)
+        sec, nanosec = getattr(stamp, "sec", None), getattr(stamp, "nanosec", None)
+        if not isinstance(sec, int | np.integer) or not isinstance(nanosec, int | np.integer):
+            if channel.stamp == "header":
+                raise TypeError("its header has no stamp")
+            self._clocks.without_header(clock_key(channel), 1)
+            return item.stamp_ns
+        header_ns = int(sec) * 10**9 + int(nanosec)
+        return self._clocks.stamp_ns(clock_key(channel), number, header_ns, item.stamp_ns)
+
+    def clock(self, first_ns: int, last_ns: int) -> TrialClock:
+        """The clock of the trial, once all messages were taken.
+
+        Args:
+            first_ns: The earliest log time of the recording.
+            last_ns: The latest.
+
+        Raises:
+            LogError: Stamps come from clocks that nothing relates to each other.
+        """
+        self.flush()
+        self._clocks.settle()
+        return self._clocks.trial_clock(first_ns, last_ns)
+
+    def settle(self, builder: TrialBuilder, origin_ns: int) -> None:
+        """Hand everything to the builder, in trial time.
+
+        Args:
+            builder: Takes it.
+            origin_ns: Trial time 0 on the clock of the trial, ns.
+
+        Raises:
+            LogError: A signal comes twice or its time runs backwards; frames contradict each other; stamps
+                come from clocks that nothing relates to each other.
+        """
+        self.flush()
+        self._clocks.settle()
+        self._clocks.note(builder)
+        if self._clocks.simulated:
+            self._retime()
+        for route in self._routes.values():
+            if route.slow:
+                cause = f"its messages were decoded one by one, which is slower: {route.slow}"
+                builder.defect("decoded_one_by_one", route.topic, 1, cause)
+        bodies: set[str] = set()
+        for intake in self._intakes:
+            intake.settle(builder, origin_ns, self._wanted)
+            bodies |= intake.bodies()
+        taken = {i.channel.topic for i in self._intakes if i.recorded}
+        for intake in self._intakes:
+            if intake.recorded or intake.channel.topic not in taken:
+                builder.unrecorded.extend(intake.unrecorded())
+        for body in self._wanted.log_map.bodies:
+            if body.id in bodies:
+                builder.add_body(body)
+        if any(intake.channel.poses == "frames" and intake.received for intake in self._intakes):
+            self._tree.settle(builder, origin_ns, self._wanted.log_map.frames)
+        if "position" in self._wanted.quantities:
+            self._models.settle(builder, origin_ns)
+        records = (frames.record(origin_ns) for frames in self._kits.values())
+        builder.kit_records.extend(record for record in records if record is not None)
+
+    def _retime(self) -> None:
+        """Put all stamps that were kept on the clock of the trial."""
+        self._tree.retime(partial(self._clocks.on_trial_clock, "/tf"))
+        of_models = partial(self._clocks.on_trial_clock, "poses of models")
+        self._models.retime(of_models)
+        for frames in self._kits.values():
+            frames.retime(of_models)
+        for intake in self._intakes:
+            intake.retime(partial(self._clocks.on_trial_clock, clock_key(intake.channel)))
+
+
+def _when_needed(connection: Connection) -> Decode:
+    def decode(payload: bytes | memoryview) -> object:
+        return decoder_for(connection)(payload)  # which remembers definitions it has compiled
+
+    return decode
+
+
+@dataclass(frozen=True)
+class Route:
+    """Where the messages of a connection go, and how they are decoded.
+
+    Attributes:
+        intakes: Who takes them.
+        decode: Decodes one.
+        columns: Decodes many at once; `None` when only one by one will do.
+        topic: Where they come from.
+        alone: Why no columns can be decoded although nothing else stands against it.
+    """
+
+    intakes: Sequence[_Intake]
+    decode: Decode
+    columns: ColumnDecoder | None
+    topic: str = ""
+    alone: str = ""
+
+    @property
+    def slow(self) -> str:
+        """Why its messages were decoded one by one, if not because that was asked for."""
+        return self.alone or (self.columns.fallback if self.columns else "")
+
+    def things(self) -> set[object]:
+        """What they tell of: intakes by identity; all poses are one thing."""
+        return {"poses" if intake.channel.poses else intake for intake in self.intakes}
+
+
+@dataclass(eq=False)
+class _Column:
+    """The values of one signal as they come in."""
+
+    field_map: FieldMap
+    getters: tuple[Callable[[object], object], ...]
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
+    values: array[float] = field(default_factory=lambda: array("d"))
+    waiting: list[tuple[IntArray, IntArray, FloatArray]] = field(default_factory=list)
+
+    def settle(self) -> None:
+        """Take what waits, in recorded order whichever connection it came by."""
+        if not self.waiting:
+            return
+        numbers, stamps_ns, rows = (np.concatenate(parts) for parts in zip(*self.waiting, strict=True))
+        if len(self.waiting) > 1:
+            order = np.argsort(numbers, kind="stable")
+            stamps_ns, rows = stamps_ns[order], rows[order]
+        self.stamps_ns.frombytes(stamps_ns.tobytes())
+        self.values.frombytes(rows.tobytes())
+        self.waiting.clear()
+
+
+class _Intake:
+    """What one channel of the log map receives."""
+
+    def __init__(self, channel: Channel, wanted: Wanted) -> None:
+        self.channel = channel
+        self.received = 0
+        self.unknown: dict[str, str] = {}
+        self.undecodable: list[str] = []
+        self.refused: dict[int, str] = {}
+        self._type = normalised_type(channel.type)
+        self._other_types: set[str] = set()
+        self._types: set[str] = set()
+        self._lacking: dict[str, str] = {}
+        self._columns = [
+            _Column(f, tuple(_getter(path) for path in f.fields))
+            for f in channel.signals
+            if quantity_of(f.signal) in wanted.quantities
+        ]
+        self._items: list[tuple[str, object, int]] = []
+
+    def accepts(self, connection: Connection) -> bool:
+        """Whether the messages of a connection are for this channel."""
+        channel = self.channel
+        if connection.topic.lstrip("/") != channel.topic.lstrip("/"):
+            return False
+        allowed = (self._type,) if self._type else _POSE_TYPES.get(channel.poses, ())
+        if allowed and connection.type not in allowed:
+            self._other_types.add(connection.type)
+            return False
+        self._types.add(connection.type)
+        return True
+
+    @property
+    def needs(self) -> Needs:
+        """What it needs of a message."""
+        paths = tuple(path for column in self._columns for path in column.field_map.fields)
+        return Needs(self.channel, paths)
+
+    def retime(self, retimed: Callable[[IntArray], IntArray]) -> None:
+        """Put its stamps on another clock."""
+        for column in self._columns:
+            column.stamps_ns = array("q", retimed(np.array(column.stamps_ns, dtype=np.int64)).tobytes())
+        kept_ns = np.array([stamp_ns for _, _, stamp_ns in self._items], dtype=np.int64)
+        self._items = [
+            (type_, message, stamp_ns)
+            for (type_, message, _), stamp_ns in zip(self._items, retimed(kept_ns).tolist(), strict=True)
+        ]
+
+    def take_columns(self, decoded: Decoded, stamps_ns: IntArray) -> None:
+        """Keep the wanted fields of many messages."""
+        for column in self._columns:
+            rows = decoded.numbers_of(column.field_map.fields)
+            column.waiting.append((decoded.numbers, stamps_ns, rows))
+
+    def settle_columns(self) -> None:
+        """Take what waits, in recorded order."""
+        for column in self._columns:
+            column.settle()
+        self.undecodable += [self.refused[number] for number in sorted(self.refused)]
+        self.refused.clear()
+
+    def take(self, message: object, type_: str, stamp_ns: int) -> None:
+        """Keep the wanted fields of a message, and the message itself for a decoder."""
+        if self.channel.decoder:
+            self._items.append((type_, message, stamp_ns))
+        for column in self._columns:
+            try:
+                row = [_number(getter(message)) for getter in column.getters]
+            except (AttributeError, TypeError):
+                signal = column.field_map.signal
+                if signal not in self._lacking:
+                    self._lacking[signal] = _lack(message, column.field_map, type_)
+                continue
+            column.stamps_ns.append(stamp_ns)
+            column.values.extend(row)
+
+    def settle(self, builder: TrialBuilder, origin_ns: int, wanted: Wanted) -> None:
+        """Hand everything but poses to the builder."""
+        topic = self.channel.topic
+        if self.undecodable:
+            builder.defect(
+                "undecodable_messages",
+                topic,
+                len(self.undecodable),
+                f"messages do not fit their definition; the first: {self.undecodable[0]}",
+            )
+        self._settle_signals(builder, origin_ns)
+        lost = len(self.undecodable) + len(self.unknown) + self._settle_items(builder, origin_ns, wanted)
+        # A topic of which messages were lost has not shown everything it would have shown.
+        if self._types and not lost:
+            builder.witnessed.update(self.channel.witnesses)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the recording has the topic, with messages of the channel's type."""
+        return bool(self._types)
+
+    def unrecorded(self) -> Iterator[str]:
+        """What the channel should have given and did not, in words."""
+        topic = f"topic {self.channel.topic}"
+        if not self._types:
+            if self.channel.optional:
+                return
+            if self._other_types:
+                found = ", ".join(sorted(self._other_types))
+                yield f"{topic} ({self._type or self.channel.poses}): it is recorded as {found or 'no type'}"
+            else:
+                yield f"{topic} ({self._type})" if self._type else topic
+        for type_, reason in self.unknown.items():
+            yield f"{topic} ({type_}): {reason}"
+        if self.undecodable and not self.received:
+            types = ", ".join(sorted(self._types))
+            yield f"{topic} ({types}): none of its {len(self.undecodable)} messages can be decoded"
+        for lack in self._lacking.values():
+            yield f"{topic}: {lack}"
+
+    def _settle_signals(self, builder: TrialBuilder, origin_ns: int) -> None:
+        for column in self._columns:
+            if len(column.stamps_ns):
+                values: FloatArray = np.frombuffer(column.values, dtype=np.float64)
+                if len(column.getters) > 1:
+                    values = values.reshape(-1, len(column.getters))
+                t = times_s(column.stamps_ns, origin_ns)
+                signal, unit = column.field_map.signal, column.field_map.unit
+                builder.add_signal(signal, unit, t, values, source=self.channel.topic)
+
+    def bodies(self) -> frozenset[str]:
+        """The bodies that the signals of this channel speak of, when it received anything."""
+        if not self.received:
+            return frozenset()
+        return frozenset(
+            segment.partition("::")[0]
+            for f in self.channel.signals
+            for segment in subject_of(f.signal).split("/")
+        )
+
+    def _settle_items(self, builder: TrialBuilder, origin_ns: int, wanted: Wanted) -> int:
+        """Decode what was kept for the decoder; returns how many messages were lost."""
+        if not self._items:
+            return 0
+        decoder = wanted.decoders.get(self.channel.decoder)
+        if decoder is None:
+            builder.unrecorded.append(
+                f"topic {self.channel.topic}: no decoder {self.channel.decoder!r} was given"
+            )
+            return len(self._items)
+        reasons: list[str] = []
+        before: str | None = None
+        for type_, message, stamp_ns in self._items:
+            try:
+                item = decoder.decode(type_, message, (stamp_ns - origin_ns) / 1e9)
+            except (ValueError, AttributeError) as error:
+                reasons.append(str(error))
+                continue
+            state = item.kind if isinstance(item, Event) and item.kind in _STATES else None
+            if item is not None and (state is None or state != before):
+                builder.add(item)
+            before = state
+        if len(reasons) == len(self._items):
+            builder.unrecorded.append(
+                f"topic {self.channel.topic}: none of its messages can be used: {reasons[0]}"
+            )
+        if reasons:
+            builder.defect(
+                "unusable_messages",
+                self.channel.topic,
+                len(reasons),
+                f"decoder {self.channel.decoder!r} cannot use messages; the first: {reasons[0]}",
+            )
+        return len(reasons)
+
+
+class _Ticks(_Intake):
+    """Takes the messages of `/clock`."""
+
+    def __init__(self, clocks: Clocks) -> None:
+        signal = FieldMap("clock/simulation", "s", ("clock.sec", "clock.nanosec"))
+        channel = Channel(CLOCK_TOPIC, CLOCK_TYPE, stamp="log", signals=(signal,))
+        super().__init__(channel, Wanted(LogMap("clock"), frozenset({"clock"})))
+        self._clocks = clocks
+
+    def take_columns(self, decoded: Decoded, stamps_ns: IntArray) -> None:
+        """Take what many messages say."""
+        sec, nanosec = (decoded.columns[path].values.astype(np.int64) for path in self.needs.signals)
+        self._clocks.tick(stamps_ns, sec * 10**9 + nanosec)
+
+    def take(self, message: object, type_: str, stamp_ns: int) -> None:
+        """Take what one message says."""
+        super().take(message, type_, stamp_ns)
+        (column,) = self._columns
+        for sec, nanosec in np.frombuffer(column.values).reshape(-1, 2).astype(np.int64).tolist():
+            self._clocks.tick(np.array([stamp_ns]), np.array([sec * 10**9 + nanosec]))
+        column.stamps_ns, column.values = array("q"), array("d")
+
+
+def _getter(path: str) -> Callable[[object], object]:
+    # As rosbags does: a field may be called `from`, an attribute may not.
+    return attrgetter(".".join(f"{name}_" if iskeyword(name) else name for name in path.split(".")))
+
+
+def _number(value: object) -> float:
+    if not isinstance(value, (bool, int, float, np.number)):
+        raise TypeError(f"{type(value).__name__} is no number")
+    return float(value)
+
+
+def _lack(message: object, field_map: FieldMap, type_: str) -> str:
+    """Which field of a message is not the number it should be, and which fields there are."""
+    for path in field_map.fields:
+        found = message
+        for name in path.split("."):
+            there = _fields(found)
+            if name not in there:
+                return (
+                    f"{type_} has no field {path!r} for {field_map.signal}; "
+                    f"instead of {name!r} there is {', '.join(there) or 'nothing'}"
+                )
+            found = _getter(name)(found)
+        if not isinstance(found, (bool, int, float, np.number)):
+            return f"field {path!r} of {type_} is not a number, so it is not {field_map.signal}"
+    return f"{type_} does not give {field_map.signal}"
+
+
+def _fields(message: object) -> list[str]:
+    if not is_dataclass(message):
+        return []
+    return [f.name.rstrip("_") for f in fields(message) if f.name != "__msgtype__"]

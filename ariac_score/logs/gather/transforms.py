@@ -1,0 +1,542 @@
+"""Positions of bodies out of tf trees and out of Gazebo's model states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.errors import LogError
+from ariac_score.logs.gather.array_growth import Foreseen
+from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
+from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.model import Body
+from ariac_score.trial.signals import covered, settle
+from ariac_score.trial.spans import FloatArray, distinct
+
+__all__ = ["MAX_GAP_S", "TransformTree", "times_s"]
+
+
+MAX_GAP_S = 0.5
+"""A transform is not interpolated across a longer silence than this, s."""
+
+
+LARGEST_NORM_ERROR = 0.01
+"""How far the norm of a rotation may be from 1. Source: tf2, QUATERNION_NORMALIZATION_TOLERANCE."""
+
+
+IntArray = NDArray[np.int64]
+
+
+Retimed = Callable[[IntArray], IntArray]
+"""Turns stamps, ns, into those of another clock."""
+
+
+_Row = tuple[float, float, float, float, float, float, float]
+
+
+_Lie = tuple[FloatArray, FloatArray]
+"""How a frame lies in another one: x, y, z in m, shape (3, n), and a quaternion, shape (4, n)."""
+
+
+_FEW_CODES = 1 << 16
+
+
+_FEW_PLACES = 16
+
+
+_LONGEST_TURN = 1 << 10
+
+
+_FEWEST_SAMPLES = 64
+
+
+_LARGEST_GUESS = 1 << 22
+
+
+_BLOCK_ROWS = 1 << 13
+"""So many transforms are composed at a time: what is computed stays in the processor's cache."""
+
+
+def times_s(stamps_ns: Sequence[int] | IntArray, origin_ns: int) -> FloatArray:
+    """Stamps as trial time, s."""
+    stamps = np.asarray(stamps_ns, dtype=np.int64)
+    if len(stamps) and stamps.min() < 0:
+        # In Python's integers, whose difference is exact whatever the stamps.
+        return np.array([(stamp_ns - origin_ns) / 1e9 for stamp_ns in stamps.tolist()], dtype=np.float64)
+    seconds: FloatArray = (stamps - origin_ns) / 1e9  # the difference is exact, its division rounds once
+    return seconds
+
+
+class _Edge:
+    """How a frame lies in its parent: x, y, z (m) and the quaternion x, y, z, w, at its stamps.
+
+    What it was is kept in arrays that grow at their end, so that no part is copied twice more.
+    """
+
+    def __init__(self) -> None:
+        self.static: _Row | None = None
+        self._stamps_ns: IntArray = np.empty(0, dtype=np.int64)
+        self._columns: FloatArray = np.empty((7, 0))
+        self._used, self._foreseen = 0, Foreseen(_LARGEST_GUESS)
+
+    @property
+    def moves(self) -> bool:
+        return self._used > 0
+
+    @property
+    def stamps_ns(self) -> IntArray:
+        """All its stamps in recorded order, shape (n,)."""
+        return self._stamps_ns[: self._used]
+
+    @property
+    def columns(self) -> FloatArray:
+        """What it was at these, shape (7, n)."""
+        return self._columns[:, : self._used]
+
+    def retime(self, retimed: Retimed) -> None:
+        """Put its stamps on another clock."""
+        self._stamps_ns[: self._used] = retimed(self.stamps_ns)
+
+    def add(self, stamp_ns: int, row: _Row) -> None:
+        """Take one sample."""
+        place = self._room(1)
+        self._stamps_ns[place] = stamp_ns
+        self._columns[:, place] = np.array(row)[:, np.newaxis]
+
+    def add_many(
+        self,
+        places: NDArray[np.intp] | slice,
+        stamps_ns: IntArray,
+        columns: Sequence[FloatArray],
+        share: float,
+    ) -> None:
+        """Take the samples at some places of arrays; with them a share of all will have come."""
+        rooms = self.rooms(stamps_ns[places], share)
+        for room, column in zip(rooms, columns, strict=True):
+            room[:] = column[places]
+
+    def rooms(self, stamps_ns: IntArray, share: float) -> FloatArray:
+        """Take the stamps of samples; what is put into these rows, shape (7, n), was so then."""
+        room = self._room(len(stamps_ns), share)
+        self._stamps_ns[room] = stamps_ns
+        return self._columns[:, room]
+
+    def _room(self, count: int, share: float = 0.0) -> slice:
+        """Where the next so many samples go."""
+        start, self._used = self._used, self._used + count
+        have = len(self._stamps_ns)
+        size = max(_FEWEST_SAMPLES, self._foreseen.length(self._used, have, share))
+        if size > have:
+            stamps_ns, columns = np.empty(size, dtype=np.int64), np.empty((7, size))
+            stamps_ns[:start], columns[:, :start] = self._stamps_ns[:start], self._columns[:, :start]
+            self._stamps_ns, self._columns = stamps_ns, columns
+        return slice(start, self._used)
+
+
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    """A moving transform: sample times, shape (n,), s, and what it was then, shape (7, n)."""
+
+    t: FloatArray
+    columns: FloatArray
+
+    def covers(self, t: FloatArray) -> NDArray[np.bool_]:
+        return covered(self.t, t, max_gap_s=MAX_GAP_S)
+
+    def at(self, t: FloatArray) -> _Course:
+        """By straight lines between neighbours."""
+        if np.array_equal(t, self.t):
+            return _Course(self.columns, sampled=True)
+        return _Course(np.stack([np.interp(t, self.t, column) for column in self._continuous]))
+
+    @cached_property
+    def _continuous(self) -> FloatArray:
+        """Its columns with quaternions fit for interpolation."""
+        columns = self.columns.copy()
+        _make_continuous(columns[3:])
+        return columns
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """How a frame lies in the next one at some times, shape (7, n), or (7, 1) where it stays the same.
+
+    Attributes:
+        columns: x, y, z in m, then its quaternion x, y, z, w.
+        sampled: Whether these are samples as they were recorded, not interpolated.
+    """
+
+    columns: FloatArray
+    sampled: bool = False
+
+    def stretch(self, some: slice) -> _Lie:
+        """Its position and a quaternion of about its rotation, at some of the times."""
+        rows = self._rows(some)
+        if not self.sampled:
+            return rows[:3], rows[3:]
+        # As where one sample is to be made continuous with the one before, so that what is composed
+        # of samples does not hang, in its last bits, on whether others are interpolated.
+        return rows[:3], rows[3:] / _norm(rows[3:])
+
+    def origin(self, some: slice) -> FloatArray:
+        """Its position alone."""
+        return self._rows(some)[:3]
+
+    def _rows(self, some: slice) -> FloatArray:
+        return self.columns[:, some] if self.columns.shape[1] > 1 else self.columns
+
+
+class TransformTree:
+    """Collects transforms and composes them into positions in the root frame.
+
+    Args:
+        root: The frame positions are given in.
+        file: The recording, for error messages.
+    """
+
+    def __init__(self, root: str, *, file: Path | None = None) -> None:
+        self._root, self._file = _frame(root), file
+        self._edges: dict[str, dict[str, _Edge]] = {}
+        self._unusable: dict[str, int] = {}
+        self._settled: dict[str, _Settled] = {}
+
+    def add(self, transform: Any, stamp_ns: int | None) -> None:
+        """Take one `geometry_msgs/TransformStamped`.
+
+        Args:
+            transform: The message.
+            stamp_ns: Its time, ns; `None` for a static transform, which holds at all times.
+        """
+        parent, child = _frame(transform.header.frame_id), _frame(transform.child_frame_id)
+        at, turn = transform.transform.translation, transform.transform.rotation
+        row = (at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w)
+        if not all(math.isfinite(v) for v in row) or not _is_unit(row[3:]):
+            self._unusable[child] = self._unusable.get(child, 0) + 1
+            return
+        edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge())
+        if stamp_ns is None:
+            edge.static = row
+        else:
+            edge.add(stamp_ns, row)
+
+    def add_many(
+        self,
+        names: Sequence[str],
+        parents: IntArray,
+        children: IntArray,
+        columns: Sequence[FloatArray],
+        stamps_ns: IntArray,
+        moving: NDArray[np.bool_],
+        *,
+        share: float = 0.0,
+    ) -> None:
+        """Take many transforms, in recorded order.
+
+        Args:
+            names: Names of frames.
+            parents: Of each transform, which name its parent has, shape (n,).
+            children: Which name its child has, shape (n,).
+            columns: x, y, z in m and the quaternion x, y, z, w, each of shape (n,).
+            stamps_ns: Its time, ns, shape (n,).
+            moving: Whether it holds at its time only, shape (n,); otherwise it is static.
+            share: The share of all transforms that will have come, as far as is known, 0 to 1.
+        """
+        pair = parents * len(names) + children
+        usable = _are_units(columns[3:])
+        for column in columns[:3]:
+            usable &= np.isfinite(column)
+        all_usable, all_move = bool(usable.all()), bool(moving.all())
+        together = _turn(pair) if all_usable and all_move else 0
+        if together:
+            self._add_in_turn(names, pair[:together], stamps_ns, columns, share)
+            return
+        for key in _keys(pair, len(names) ** 2):
+            parent, child = _frame(names[key // len(names)]), _frame(names[key % len(names)])
+            found = np.flatnonzero(pair == key)
+            if not all_usable:
+                some = len(found)
+                found = found[usable[found]]
+                if some > len(found):
+                    self._unusable[child] = self._unusable.get(child, 0) + some - len(found)
+            if not len(found):
+                continue
+            edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge())
+            if not all_move:
+                still = found[~moving[found]]
+                if len(still):
+                    x, y, z, a, b, c, w = (float(column[still[-1]]) for column in columns)
+                    edge.static = (x, y, z, a, b, c, w)
+                found = found[moving[found]]
+            if len(found):
+                edge.add_many(_even(found), stamps_ns, columns, share)
+
+    def _add_in_turn(
+        self,
+        names: Sequence[str],
+        pairs: IntArray,
+        stamps_ns: IntArray,
+        columns: Sequence[FloatArray],
+        share: float,
+    ) -> None:
+        """Take transforms of frames that come in turn, of which the first ones are given."""
+        taken = []
+        for first in np.argsort(pairs).tolist():
+            parent, child = (_frame(names[number]) for number in divmod(int(pairs[first]), len(names)))
+            edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge())
+            own = slice(first, None, len(pairs))
+            taken.append((own, edge.rooms(stamps_ns[own], share)))
+        # Column by column: one fits the processor's cache.
+        for number, column in enumerate(columns):
+            for own, rooms in taken:
+                rooms[number] = column[own]
+
+    def retime(self, retimed: Retimed) -> None:
+        """Put all stamps on another clock."""
+        for edge in (edge for parents in self._edges.values() for edge in parents.values()):
+            edge.retime(retimed)
+
+    def settle(self, builder: TrialBuilder, origin_ns: int, matches: Sequence[BodyMatch]) -> None:
+        """Hand the positions of all matching frames to the builder, with their bodies.
+
+        Raises:
+            LogError: A wanted frame hangs on a cycle or on two parents, or its time runs backwards.
+        """
+        for child in sorted(self._unusable):
+            message = "transforms that are not finite, or whose rotation is no unit quaternion, were left out"
+            builder.defect("unusable_transforms", f"frame {child}", self._unusable[child], message)
+        for match in matches:
+            found = list(self._matched(match))
+            if not found:
+                builder.unrecorded.append(f"frame {match.match}: no recorded frame matches")
+            for frame, body in found:
+                self._settle_frame(builder, origin_ns, frame, body)
+
+    def _matched(self, match: BodyMatch) -> Iterator[tuple[str, Body]]:
+        """The frames of one kind of body, each with its body; of a link, the body names it."""
+        bodies = {frame: body for frame in sorted(self._edges) if (body := match.body_for(frame))}
+        yield from bodies.items()
+        for frame in sorted(self._edges.keys() - bodies.keys()):
+            if match.follows_link(frame):
+                owner = next((bodies[f] for f in self._ancestors(frame) if f in bodies), None)
+                if owner is None and match.body:
+                    owner = match.body_for(match.match) or Body(match.body, match.kind, match.radius_m)
+                if owner is not None:
+                    yield frame, replace(owner, links=(frame.replace("/", "_"),))
+
+    def _ancestors(self, frame: str) -> Iterator[str]:
+        """The frames above one, up to the root or to where the tree ends."""
+        seen = {frame}
+        while frame != self._root and frame in self._edges:
+            parents = sorted(self._edges[frame])
+            if len(parents) > 1:
+                raise self._contradiction(
+                    f"frame {frame!r} has {len(parents)} parents: {', '.join(map(repr, parents))}"
+                )
+            frame = parents[0]
+            if frame in seen:
+                raise self._contradiction(f"frame {frame!r} is its own ancestor")
+            seen.add(frame)
+            yield frame
+
+    def _contradiction(self, cause: str) -> LogError:
+        return LogError(
+            cause,
+            file=self._file,
+            place="tf tree",
+            hint="two publishers contradict each other: record again with one of them, or let the "
+            "log map follow other frames",
+        )
+
+    def _settle_frame(self, builder: TrialBuilder, origin_ns: int, frame: str, body: Body) -> None:
+        builder.add_body(body)
+        chain = [frame, *self._ancestors(frame)]
+        if chain[-1] != self._root:
+            builder.unrecorded.append(
+                f"frame {frame}: it is not connected to {self._root!r}, its tree ends at {chain[-1]!r}"
+            )
+            return
+        t, positions = self._positions(builder, origin_ns, chain[:-1])
+        if not len(t):
+            builder.unrecorded.append(
+                f"frame {frame}: the transforms up to {self._root!r} never overlap in time"
+            )
+            return
+        name = "::".join((body.id, *body.links))
+        builder.add_signal(f"position/{name}", "m", t, positions, source="tf frames")
+
+    def _positions(
+        self, builder: TrialBuilder, origin_ns: int, chain: Sequence[str]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Where the first frame of a chain is, at the times that all its transforms cover."""
+        edges = [next(iter(self._edges[frame].values())) for frame in chain]
+        moving = {
+            frame: self._moving(builder, origin_ns, frame, edge)
+            for frame, edge in zip(chain, edges, strict=True)
+            if edge.moves
+        }
+        t = self._common_times(list(moving.values())) if moving else self._all_times(builder, origin_ns)
+        for settled in moving.values():
+            t = t[settled.covers(t)]
+        courses = [
+            moving[frame].at(t) if frame in moving else _Course(np.array(edge.static)[:, np.newaxis])
+            for frame, edge in zip(chain, edges, strict=True)
+        ]
+        position: FloatArray = np.empty((len(t), 3))
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # absurd numbers end as infinite: left out, counted
+            for first in range(0, len(t), _BLOCK_ROWS):
+                some = slice(first, first + _BLOCK_ROWS)
+                chain_there = [course.stretch(some) for course in courses[1:]]
+                for axis, values in enumerate(_composed(courses[0].origin(some), chain_there)):
+                    position[some, axis] = values
+        return t, position
+
+    @staticmethod
+    def _common_times(moving: Sequence[_Settled]) -> FloatArray:
+        """All times at which one of some transforms was sampled."""
+        first = moving[0].t
+        if all(np.array_equal(settled.t, first) for settled in moving[1:]):
+            return first
+        return distinct(np.concatenate([settled.t for settled in moving]))
+
+    def _all_times(self, builder: TrialBuilder, origin_ns: int) -> FloatArray:
+        """When a frame that never moves is somewhere: whenever anything in the tree was seen."""
+        edges = [edge for parents in self._edges.values() for edge in parents.values() if edge.moves]
+        if edges:
+            return times_s(distinct(np.concatenate([edge.stamps_ns for edge in edges])), origin_ns)
+        ends = builder.recorded
+        return distinct(np.array([ends.start_s, ends.end_s])) if ends else np.zeros(0)
+
+    def _moving(self, builder: TrialBuilder, origin_ns: int, frame: str, edge: _Edge) -> _Settled:
+        """The samples of a moving transform, settled."""
+        if frame not in self._settled:
+            settled = settle(times_s(edge.stamps_ns, origin_ns), edge.columns.T)
+            if settled.largest_step_back_s > LARGEST_STEP_BACK_S:
+                raise LogError(
+                    f"time runs backwards by {settled.largest_step_back_s:.3f} s in frame {frame!r}",
+                    file=self._file,
+                    hint="the file seems to hold two recordings, or the simulation was reset: "
+                    "score them one by one",
+                )
+            where = f"frame {frame}"
+            builder.defect(
+                "disordered_stamps", where, settled.disordered, "stamps ran backwards; samples were sorted"
+            )
+            builder.defect(
+                "repeated_stamps",
+                where,
+                settled.repeated,
+                "stamps were repeated; of those that agree one was kept",
+            )
+            builder.defect(
+                "contradicting_stamps",
+                where,
+                settled.contradicting,
+                "transforms of one stamp contradict each other",
+            )
+            builder.defect(
+                "impossible_values", where, settled.not_finite, "places too far away were left out, as gaps"
+            )
+            self._settled[frame] = _Settled(settled.t, settled.values.T)
+        return self._settled[frame]
+
+
+def _frame(name: str) -> str:
+    # tf wrote a leading slash, tf2 does not.
+    return name.lstrip("/")
+
+
+def _is_unit(quaternion: Sequence[float]) -> bool:
+    return abs(math.hypot(*quaternion) - 1.0) <= LARGEST_NORM_ERROR
+
+
+def _are_units(quaternion: Sequence[FloatArray]) -> NDArray[np.bool_]:
+    """As `_is_unit`, which decides where the limit is so near that rounding could."""
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        error = np.abs(_norm(quaternion) - 1.0)
+        units: NDArray[np.bool_] = error <= LARGEST_NORM_ERROR
+        near = np.flatnonzero(np.abs(error - LARGEST_NORM_ERROR) < 1e-9)
+    for i in near.tolist():
+        units[i] = _is_unit([float(column[i]) for column in quaternion])
+    return units
+
+
+def _turn(codes: IntArray) -> int:
+    """After how many of some numbers the same different ones come again, to the end; 0 where they do not."""
+    if not len(codes):
+        return 0
+    again = np.flatnonzero(codes[1 : _LONGEST_TURN + 1] == codes[:1])
+    turn = int(again[0]) + 1 if len(again) else len(codes)
+    if turn > _LONGEST_TURN or len(codes) % turn:
+        return 0
+    turns = codes.reshape(-1, turn)
+    alike = bool((turns == turns[0]).all()) and len(set(turns[0].tolist())) == turn
+    return turn if alike else 0
+
+
+def _keys(codes: IntArray, limit: int) -> list[int]:
+    """The different ones of some numbers below a limit, increasing."""
+    if limit > _FEW_CODES:
+        return [int(code) for code in distinct(codes)]
+    return [int(code) for code in np.flatnonzero(np.bincount(codes))]
+
+
+def _even(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """Increasing places as a slice where they are evenly spaced: slices are copied much faster."""
+    if len(places) < _FEW_PLACES:
+        return places
+    step = int(places[1] - places[0])
+    if (np.diff(places) != step).any():
+        return places
+    return slice(int(places[0]), int(places[-1]) + 1, step)
+
+
+def _norm(quaternion: FloatArray | Sequence[FloatArray]) -> FloatArray:
+    """The norms of quaternions given by their four columns."""
+    x, y, z, w = quaternion
+    norm: FloatArray = np.sqrt(x * x + y * y + z * z + w * w)
+    return norm
+
+
+def _make_continuous(quaternions: FloatArray) -> None:
+    """Make quaternions, shape (4, n), unit ones of the same rotations, each in the hemisphere before."""
+    sign, last = 1.0, np.zeros((4, 1))
+    for first in range(0, quaternions.shape[1], _BLOCK_ROWS):
+        block = quaternions[:, first : first + _BLOCK_ROWS]
+        unit = block / _norm(block)
+        x, y, z, w = unit * np.concatenate((last, unit[:, :-1]), axis=1)
+        last = unit[:, -1:].copy()
+        turned = np.cumsum(x + y + z + w < 0) % 2
+        np.multiply(unit, np.where(turned, -sign, sign), out=block)
+        sign = -sign if turned[-1] else sign
+
+
+def _composed(origin: FloatArray, chain: Sequence[_Lie]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where the origin of a frame is in another one.
+
+    Args:
+        origin: Where it is in the first frame of a chain, x, y, z in m, shape (3, n), or (3, 1) where
+            it stays the same.
+        chain: Of each frame how it lies in the next one: its origin as above, then its quaternion
+            x, y, z, w, whose norm does not matter, shape (4, n) or (4, 1).
+
+    Returns:
+        Its x, y and z in the last one, each of shape (n,) or (1,), in m.
+    """
+    x, y, z = origin + 0.0  # 0.0 takes the sign from a zero, as adding to the origin does
+    for (at_x, at_y, at_z), turn in chain:
+        a, b, c, w = turn / _norm(turn)
+        # v + 2 (w (q x v) + q x (q x v))
+        p, q, r = b * z - c * y, c * x - a * z, a * y - b * x
+        x = x + 2 * (w * p + (b * r - c * q)) + at_x
+        y = y + 2 * (w * q + (c * p - a * r)) + at_y
+        z = z + 2 * (w * r + (a * q - b * p)) + at_z
+    return x, y, z

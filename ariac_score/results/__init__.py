@@ -1,0 +1,1 @@
+"""Stored documents: results, cohorts, decisions, signatures."""

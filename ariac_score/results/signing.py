@@ -1,0 +1,252 @@
+"""Signed results: who vouches for the bytes of a file, in the format of minisign.
+
+A result can be recomputed by anyone who has its log. A signature is for those who have not: it says
+whose result it is. Keys and signatures are those of `minisign`, so that its own program verifies them
+too. A signature lies beside its result; nothing of a key is ever written into a result.
+
+Source: https://jedisct1.github.io/minisign, version 0.12; signatures of BLAKE2b hashes.
+"""
+
+from __future__ import annotations
+
+import base64
+import os
+import stat
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ariac_score.errors import ResultError, ScoreError, UsageError
+from ariac_score.results.result_file import load_result
+
+__all__ = [
+    "ENDING",
+    "Signed",
+    "check_signature",
+    "make_keys",
+    "sign_result",
+    "signature_file",
+    "verify_signature",
+]
+
+ENDING = ".minisig"
+_LARGEST_KEY_BYTES = 4096
+_LARGEST_SIGNATURE_BYTES = 16_384
+_MOST_COMMENT_CHARS = 1000
+_PRIVATE = 0o600
+
+
+@dataclass(frozen=True)
+class Signed:
+    """A signature that holds.
+
+    Attributes:
+        key_id: Of the key that signed, as minisign writes it: 16 hexadecimal digits.
+        comment: What the signer said, which is signed too.
+    """
+
+    key_id: str
+    comment: str
+
+
+def signature_file(result: Path) -> Path:
+    """Where the signature of a result lies unless told otherwise.
+
+    >>> signature_file(Path("results/team_a.json")).name
+    'team_a.json.minisig'
+    """
+    return result.with_name(result.name + ENDING)
+
+
+def make_keys(file: Path, password: str = "") -> tuple[Path, Path]:
+    """Make a pair of keys: the secret one at the path, for nobody else to read; the public one beside it.
+
+    Args:
+        file: Of the secret key; the public one has `.pub` after its name.
+        password: That the secret key is encrypted with; empty for none.
+
+    Raises:
+        UsageError: One of the files exists, or cannot be written.
+    """
+    library = _library()
+    public = file.with_name(file.name + ".pub")
+    for taken in (file, public):
+        if taken.exists():
+            raise UsageError(
+                "the file exists", file=taken, hint="a key is never written over; name another file"
+            )
+    pair = library.KeyPair.generate()
+    # The library would write the id the other way round than minisign does.
+    pair.public_key.untrusted_comment = f"minisign public key {_key_id(pair.public_key)}"
+    words = bytes(pair.public_key) + b"\n"
+    if password:
+        pair.secret_key.encrypt(password)
+    try:
+        _write(file, bytes(pair.secret_key) + b"\n", _PRIVATE)
+        _write(public, words, 0o644)
+    except OSError as cause:
+        raise UsageError(
+            f"cannot be written: {cause.strerror}", file=file, hint="check the folder"
+        ) from cause
+    return file, public
+
+
+def _write(file: Path, content: bytes, mode: int) -> None:
+    # Born with its rights: a key that is private only afterwards was readable for a moment.
+    with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as out:
+        out.write(content)
+
+
+def sign_result(result: Path, key: Path, *, comment: str = "", password: Callable[[], str] = str) -> bytes:
+    """The signature of a result; the same result, key and comment give the same bytes.
+
+    Args:
+        result: As `score --output-format json` wrote it. It is checked to be whole first.
+        key: The secret key.
+        comment: What the signer wants to say; its name by default. It is signed too.
+        password: Asked for the password of an encrypted key.
+
+    Raises:
+        ResultError: The result is not whole.
+        UsageError: The key cannot be used, or others may read it.
+    """
+    library = _library()
+    load_result(result)
+    words = comment or f"file:{result.name}"
+    if not words.isascii() or not words.isprintable() or len(words) > _MOST_COMMENT_CHARS:
+        if comment:
+            raise UsageError(
+                f"a comment has at most {_MOST_COMMENT_CHARS} printable ASCII characters, in one line",
+                hint="shorten it, or leave it out",
+            )
+        words = "file: a name that is not plain"
+    secret = _secret_key(library, key)
+    try:
+        if secret.is_encrypted():
+            secret.decrypt(password())
+        signature = secret.sign(result.read_bytes(), prehash=True, trusted_comment=words)
+    except library.Error as cause:
+        raise UsageError(f"the key cannot be used: {cause}", file=key, hint="check the password") from None
+    finally:
+        secret.wipe()
+    return bytes(signature) + b"\n"
+
+
+def _secret_key(library: Any, key: Path) -> Any:
+    raw = _key_bytes(key)
+    mode = stat.S_IMODE(key.stat().st_mode)
+    if os.name == "posix" and mode & 0o077:
+        raise UsageError(
+            f"others may read this secret key: its rights are {mode:04o}",
+            file=key,
+            hint="chmod 600 it; if others use this machine, make a new key",
+        )
+    try:
+        secret = library.SecretKey.from_bytes(raw)
+        secret.is_encrypted()
+        return secret
+    except ValueError:
+        # Not a word of the cause, which might quote the key.
+        raise UsageError(
+            "not a secret key of minisign", file=key, hint="make one: ariac-score sign --new-key FILE"
+        ) from None
+
+
+def _key_bytes(key: Path) -> bytes:
+    try:
+        if not key.is_file():
+            raise UsageError("no such key file", file=key, hint="make one: ariac-score sign --new-key FILE")
+        if key.stat().st_size > _LARGEST_KEY_BYTES:
+            raise UsageError("too large for a key", file=key, hint="a key of minisign has two lines")
+        return key.read_bytes()
+    except OSError as cause:
+        raise UsageError(
+            f"cannot be read: {cause.strerror}", file=key, hint="check the permissions"
+        ) from cause
+
+
+def verify_signature(result: Path, public_key: str, signature: Path | None = None) -> Signed:
+    """Check that the owner of a key vouches for the bytes of a result.
+
+    Args:
+        result: Any file.
+        public_key: The file of a public key, or the key itself, as `minisign -P` takes it.
+        signature: Where it lies; beside the result by default.
+
+    Raises:
+        ResultError: The signature is missing or damaged, made by another key, or of other bytes.
+        UsageError: The public key cannot be used.
+    """
+    library = _library()
+    public = _public_key(library, public_key)
+    file = signature or signature_file(result)
+    try:
+        if file.stat().st_size > _LARGEST_SIGNATURE_BYTES:
+            raise ResultError("too large for a signature", file=file, hint=_SIGN_AGAIN)
+        raw, signed = file.read_bytes(), result.read_bytes()
+    except OSError as cause:
+        missing = cause.filename or file
+        raise ResultError(
+            f"cannot be read: {cause.strerror}", file=missing, hint="name the signature with --signature FILE"
+        ) from cause
+    try:
+        read = library.Signature.from_bytes(raw)
+    except ValueError as cause:
+        raise ResultError(f"not a whole signature: {cause}", file=file, hint=_SIGN_AGAIN) from None
+    try:
+        public.verify(signed, read)
+    except library.VerifyError as cause:
+        what = "another key signed it" if "key id" in str(cause) else "the signature is not of these bytes"
+        raise ResultError(
+            what, file=result, hint="do not trust it: get result and signature from their source again"
+        ) from None
+    return Signed(_key_id(public), read.trusted_comment)
+
+
+_SIGN_AGAIN = "ask for the signature again"
+
+
+def _public_key(library: Any, told: str) -> Any:
+    file = Path(told)
+    try:
+        if len(told) < 256 and file.is_file():
+            return library.PublicKey.from_bytes(_key_bytes(file))
+        return library.PublicKey.from_base64(told)
+    except ScoreError:
+        raise
+    except (ValueError, OSError):
+        raise UsageError(
+            "not a public key of minisign: neither such a file nor the key itself",
+            file=told[:80],
+            hint="name the file that ends in .pub",
+        ) from None
+
+
+def _key_id(public: Any) -> str:
+    name: bytes = public.to_base64()
+    # Two bytes of algorithm, eight of the id, which minisign shows as a little-endian number.
+    return base64.b64decode(name)[2:10][::-1].hex().upper()
+
+
+def check_signature(result: Path, public_key: str, signature: Path | None = None) -> tuple[bool, str]:
+    """Whether a result is signed by the owner of a key, and in words what was found.
+
+    Raises:
+        UsageError: The public key cannot be used.
+    """
+    try:
+        signed = verify_signature(result, public_key, signature)
+    except ResultError as error:
+        return False, str(error)
+    return True, f"by key {signed.key_id}: {signed.comment}"
+
+
+def _library() -> Any:
+    try:
+        import minisign  # noqa: PLC0415  # only those who sign need it
+    except ImportError as cause:
+        raise UsageError(
+            "the library `py-minisign` is not installed", hint="pip install 'ariac-score[sign]'"
+        ) from cause
+    return minisign

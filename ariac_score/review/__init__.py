@@ -1,0 +1,1 @@
+"""A stored result doubted: verified, audited, compared, tried."""

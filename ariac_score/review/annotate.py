@@ -1,0 +1,383 @@
+"""What a result says about its log, as a recording to be opened beside it.
+
+A ROS 2 recording in MCAP: for each monitor a topic with state and margin, the violations as
+markers, and a log with every violation and undecided finding. Stamps are those of the log's clock.
+
+Source: visualization_msgs/MarkerArray and rcl_interfaces/Log of ROS 2; MCAP version 0.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import repeat, starmap
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.results.result import Result
+from ariac_score.review.annotation_messages import MONITOR_STATE, Annotation, States, serialized, stamp
+from ariac_score.review.margins import SAID, Part, Track
+from ariac_score.scoring.steward import with_verdicts
+from ariac_score.trial.model import Trial
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import FloatArray
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["messages_of", "origin_ns", "without_margins"]
+
+ROOT = "/ariac_score"
+_STATES = {
+    Verdict.SATISFIED: 0,
+    Verdict.VIOLATED: 1,
+    Verdict.INCONCLUSIVE: 2,
+    Verdict.NOT_APPLICABLE: 3,
+    None: 4,
+}
+_NUMBERS = np.array([_STATES[verdict] for verdict in SAID], dtype=np.uint8)
+"""How the message numbers them."""
+_INFO, _WARNING, _ERROR = 20, 30, 40
+_SPHERE, _TEXT = 2, 9
+_ADD, _DELETE = 0, 2
+_LONGEST = 1000
+"""Characters of a message; a label in a scene holds no more."""
+_SHORTEST_S = 0.5
+"""A marker that stood for less could not be seen."""
+AT_ONCE = 50_000
+"""About so many messages are made before the first of them is written."""
+
+
+def origin_ns(clock: str) -> int:
+    """Which time of the log's clock trial time 0 is.
+
+    >>> origin_ns("log time, origin 1700000000000000000 ns"), origin_ns("simulated time")
+    (1700000000000000000, 0)
+    """
+    told = re.search(r"origin (\d+) ns", clock)
+    return int(told[1]) if told else 0
+
+
+def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: str) -> Iterator[Annotation]:
+    """Everything the recording holds, in order of time, one after the other: there can be a million.
+
+    What monitors say over time is made as it is asked for, for all of them up to the same time.
+
+    Args:
+        result: The result.
+        trial: Its trial, for the places of bodies and the clock.
+        found: What the monitors say over time.
+        frame: The tf frame positions are in.
+
+    Raises:
+        LogError: The log's clock is before its own zero, or beyond what a stamp can tell; the latter
+            also while messages are made.
+    """
+    clock = _Clock(origin_ns(trial.clock), frame)
+    told = [
+        Annotation(t_ns, topic, kind, serialized(kind, fields))
+        for t_ns, topic, kind, fields in (
+            *_markers(result, trial, clock),
+            *_log(result, clock, without_margins(found)),
+        )
+    ]
+    voices = [_Voice(track, topic, clock) for track, topic in zip(found, _topics(found), strict=True)]
+    return _merged(voices, sorted(told, key=_place_in_time))
+
+
+def _place_in_time(message: Annotation) -> tuple[int, str]:
+    return message.t_ns, message.topic
+
+
+@dataclass(frozen=True)
+class _Clock:
+    origin_ns: int
+    frame: str
+
+    def ns(self, t_s: float) -> int:
+        return self.origin_ns + round(t_s * 1e9)
+
+    def all_ns(self, t_s: FloatArray) -> NDArray[np.int64]:
+        """The same of increasing times, shape (n,).
+
+        Raises:
+            LogError: One of them is none that a stamp can tell.
+        """
+        for end_s in (t_s[0], t_s[-1]):
+            stamp(self.ns(float(end_s)))
+        return self.origin_ns + np.rint(t_s * 1e9).astype(np.int64)
+
+    def stamp(self, t_s: float) -> dict[str, int]:
+        return stamp(self.ns(t_s))
+
+    def header(self, t_s: float) -> dict[str, Any]:
+        return {"stamp": self.stamp(t_s), "frame_id": self.frame}
+
+
+# Topics --------------------------------------------------------------------------------
+
+
+def _topics(found: Iterable[Track]) -> list[str]:
+    """A topic for each track, by check and subject; names that ROS allows, and no two the same."""
+    names: list[str] = []
+    taken: set[str] = set()
+    for track in found:
+        parts = [_part(part) for part in (track.check, *track.subject.split("/")[:5], track.what) if part]
+        name = plain = f"{ROOT}/{'/'.join(parts)}"
+        number = 2
+        while name in taken:
+            name, number = f"{plain}_{number}", number + 1
+        names.append(name)
+        taken.add(name)
+    return names
+
+
+def without_margins(found: Iterable[Track]) -> list[str]:
+    """The checks of which only findings are known, in their order: their margins have no course."""
+    tracks = list(found)
+    sampled = {track.check for track in tracks if track.sampled}
+    return list(dict.fromkeys(track.check for track in tracks if track.check not in sampled))
+
+
+def _part(text: str) -> str:
+    """One part of a topic name: ASCII letters, digits and underscores, not beginning with a digit."""
+    kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in text[:60])
+    kept = re.sub(r"__+", "_", kept)
+    return f"_{kept}" if kept[:1].isdigit() else kept
+
+
+# What it holds -------------------------------------------------------------------------
+
+
+_Told = tuple[int, str, str, Mapping[str, Any]]
+"""Stamp in ns, topic, type, and field values by name; what is left out is zero or empty."""
+
+
+def _text(text: str) -> str:
+    """Text that every reader takes: no end inside, no half characters, not endless."""
+    return "".join(c if c.isprintable() else " " for c in text[:_LONGEST])
+
+
+def _final(result: Result) -> Mapping[str, Finding]:
+    decisions = () if result.adjusted is None else result.adjusted.adjustments
+    return with_verdicts(result.measured.findings, decisions)
+
+
+def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[_Told]:
+    """For each violation with a time: a sphere where its bodies were, words above; gone when it ends."""
+    number = 0
+    for key, finding in _final(result).items():
+        if finding.verdict is not Verdict.VIOLATED or finding.span is None:
+            continue
+        start_s, end_s = finding.span.start_s, max(finding.span.end_s, finding.span.start_s + _SHORTEST_S)
+        worst_s = finding.evidence[0].t_s if finding.evidence else start_s
+        places = _places(finding.subject, trial, worst_s)
+        shown: list[dict[str, Any]] = []
+        for place in places:
+            number += 1
+            shown.append(_sphere(number, finding, place, clock.header(start_s)))
+        number += 1
+        # Where no place is known the words stand above the origin, one over the other.
+        above = places[0] if places else (0.0, 0.0, 0.3 * number)
+        shown.append(_words(number, key, finding, above, clock.header(start_s)))
+        for marker in shown:
+            marker["lifetime"] = stamp(round((end_s - start_s) * 1e9))
+        gone = [
+            {"header": clock.header(end_s), "ns": m["ns"], "id": m["id"], "action": _DELETE} for m in shown
+        ]
+        kind = "visualization_msgs/msg/MarkerArray"
+        yield clock.ns(start_s), f"{ROOT}/violations", kind, {"markers": shown}
+        yield clock.ns(end_s), f"{ROOT}/violations", kind, {"markers": gone}
+
+
+_Place = tuple[float, float, float]
+
+
+def _places(subject: str, trial: Trial, t_s: float) -> list[_Place]:
+    """Where the bodies a finding is about were, as far as the log says."""
+    places = []
+    for name in subject.split("/"):
+        signal = trial.signals.get(f"position/{name}")
+        if signal is not None and signal.span is not None:
+            places.append(_place(signal, t_s))
+    return places
+
+
+def _place(signal: Signal, t_s: float) -> _Place:
+    """The recorded place nearest in time."""
+    row = min(signal.row(t_s), len(signal) - 1)
+    t, places = signal.stretch(max(row - 1, 0), row + 1)
+    nearest = 0 if t_s - t[0] < t[-1] - t_s else -1
+    x, y, z = (float(value) for value in places[nearest])
+    return x, y, z
+
+
+def _marker(number: int, finding: Finding, kind: int, place: _Place, header: Any) -> dict[str, Any]:
+    x, y, z = place
+    return {
+        "header": header,
+        "ns": finding.check,
+        "id": number,
+        "type": kind,
+        "action": _ADD,
+        "pose": {"position": {"x": x, "y": y, "z": z}, "orientation": {"w": 1.0}},
+    }
+
+
+def _sphere(number: int, finding: Finding, place: _Place, header: Any) -> dict[str, Any]:
+    return {
+        **_marker(number, finding, _SPHERE, place, header),
+        "scale": {"x": 0.4, "y": 0.4, "z": 0.4},
+        "color": {"r": 0.84, "g": 0.37, "b": 0.0, "a": 0.7},  # vermilion: seen by colour-blind readers too
+    }
+
+
+def _words(number: int, key: str, finding: Finding, place: _Place, header: Any) -> dict[str, Any]:
+    x, y, z = place
+    return {
+        **_marker(number, finding, _TEXT, (x, y, z + 0.6), header),
+        "scale": {"z": 0.2},
+        "color": {"r": 0.84, "g": 0.37, "b": 0.0, "a": 1.0},
+        "text": _text(f"{key}: {finding.subject}: {finding.message}"),
+    }
+
+
+def _log(result: Result, clock: _Clock, without: Sequence[str]) -> Iterator[_Told]:
+    """Every violation and undecided finding at its start, then at the end the score and who changed it."""
+    window = result.measured.window
+    end_s = window.end_s if window else 0.0
+    for check in without:
+        words = "no margin over time: shown is where its findings begin and end"
+        yield _line(clock, window.start_s if window else 0.0, _INFO, check, "margins", words)
+    levels = {Verdict.VIOLATED: _ERROR, Verdict.INCONCLUSIVE: _WARNING}
+    for key, finding in _final(result).items():
+        if finding.verdict in levels:
+            t_s = finding.span.start_s if finding.span else end_s
+            words = f"{finding.subject}: {finding.message}"
+            yield _line(clock, t_s, levels[finding.verdict], finding.check, key, words)
+    name = result.provenance.rule_set[0]
+    yield _line(clock, end_s, _INFO, name, "score", f"automatic score {_amount(result.score)}")
+    if result.adjusted is not None:
+        for decision in result.adjusted.adjustments:
+            words = f"adjusted by {decision.author}, {decision.time}: {decision.effect}: {decision.reason}"
+            yield _line(clock, end_s, _WARNING, name, decision.id, words)
+        yield _line(clock, end_s, _INFO, name, "score", f"adjusted score {_amount(result.adjusted.score)}")
+
+
+def _amount(score: object) -> str:
+    return "withheld" if score is None else f"{score:f}"
+
+
+def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words: str) -> _Told:
+    fields = {
+        "stamp": clock.stamp(t_s),
+        "level": level,
+        "name": name,
+        "msg": _text(words),
+        "function": function,
+    }
+    return clock.ns(t_s), f"{ROOT}/log", "rcl_interfaces/msg/Log", fields
+
+
+# What monitors say over time -----------------------------------------------------------
+
+
+class _Voice:
+    """The messages of one track, some of which wait to be said.
+
+    Attributes:
+        topic: Of all of them.
+        last_ns: The stamp of the last one that waits.
+        ended: Whether nothing comes after those that wait.
+    """
+
+    def __init__(self, track: Track, topic: str, clock: _Clock) -> None:
+        self.topic, self._clock = topic, clock
+        same = {"check": track.check, "subject": _text(track.subject), "unit": track.unit}
+        self._states = States(same, clock.frame)
+        self._parts = track.parts()
+        self._waiting = Part.of([])
+        self._t_ns = np.zeros(0, dtype=np.int64)
+        self.ended, self.last_ns = False, -1
+        self.listen()
+
+    def listen(self) -> None:
+        """Wait for more, until something comes later than what waited before."""
+        before_ns = self.last_ns
+        while not self.ended and self.last_ns <= before_ns:
+            part = next(self._parts, None)
+            if part is None:
+                self.ended = True
+            else:
+                t_ns = self._clock.all_ns(part.t_s)
+                self._waiting = _joined(self._waiting, part)
+                self._t_ns = np.concatenate([self._t_ns, t_ns])
+                self.last_ns = int(t_ns[-1])
+
+    def until_ns(self, rows: int) -> float:
+        """Before when nothing else can come, and there are about so many rows."""
+        if len(self._t_ns) > rows:
+            return int(max(self._t_ns[rows], self._t_ns[0] + 1))
+        return inf if self.ended else self.last_ns
+
+    def say(self, before_ns: float) -> list[Annotation]:
+        """The messages that wait and come before a time."""
+        count = len(self._t_ns) if before_ns == inf else int(self._t_ns.searchsorted(before_ns))
+        if not count:
+            return []
+        said, t_ns = self._waiting, self._t_ns[:count]
+        texts = {row: _text(text) for row, text in said.messages.items() if row < count}
+        payloads = self._states.serialized(t_ns, _NUMBERS[said.said[:count]], said.margin[:count], texts)
+        self._waiting, self._t_ns = _after(said, count), self._t_ns[count:]
+        messages = zip(t_ns.tolist(), repeat(self.topic), repeat(MONITOR_STATE), payloads, strict=False)
+        return list(starmap(Annotation, messages))
+
+
+def _joined(one: Part, other: Part) -> Part:
+    count = len(one.t_s)
+    if not count:
+        return other
+    return Part(
+        np.concatenate([one.t_s, other.t_s]),
+        np.concatenate([one.said, other.said]),
+        np.concatenate([one.margin, other.margin]),
+        {**one.messages, **{row + count: text for row, text in other.messages.items()}},
+    )
+
+
+def _after(part: Part, count: int) -> Part:
+    """A part without its first moments."""
+    messages = {row - count: text for row, text in part.messages.items() if row >= count}
+    return Part(part.t_s[count:], part.said[count:], part.margin[count:], messages)
+
+
+def _merged(voices: Sequence[_Voice], told: Sequence[Annotation]) -> Iterator[Annotation]:
+    """All messages by time, then by topic.
+
+    Args:
+        voices: What the monitors say.
+        told: All other messages, in order.
+    """
+    topics = [*(voice.topic for voice in voices), *(message.topic for message in told)]
+    ranks = {topic: rank for rank, topic in enumerate(sorted(set(topics)))}
+    rows = max(AT_ONCE // max(len(voices), 1), 1)
+    done = 0
+    while True:
+        until_ns = min((voice.until_ns(rows) for voice in voices), default=inf)
+        last = bisect_left(told, until_ns, lo=done, key=lambda message: message.t_ns)
+        spoken = [*(voice.say(until_ns) for voice in voices), told[done:last]]
+        messages = [message for of_one in spoken for message in of_one]
+        done = last
+        place = np.array([(message.t_ns, ranks[message.topic]) for message in messages], dtype=np.int64)
+        order = np.lexsort(place.reshape(len(messages), 2).T[::-1])
+        yield from map(messages.__getitem__, order.tolist())
+        if until_ns == inf:
+            return
+        for voice in voices:
+            if voice.last_ns == until_ns:
+                voice.listen()

@@ -1,0 +1,479 @@
+"""The official text of a trial held against the log, and against itself.
+
+Every number that the official scorer printed is looked up in the rule set (`printed`),
+computed again from what the log shows, and compared within its stated tolerance. Where
+the log does not decide our number, the item cannot be judged, with the reason. The text
+must also add up in itself (`adds_up`), whatever a log says.
+
+Some of what we know of a trial comes from the official file too, such as a collision
+that only it mentions. Each item is therefore looked at a second time, with that file
+left out: where this gives no number, the verdict rests on the official file itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ariac_score.checks.contracts import Monitor, Reader, Wanted
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.measure import measure_trial
+from ariac_score.engine.read import find_trial, read_trial, refuse_other_years
+from ariac_score.errors import FormulaError, NothingToScoreError, UsageError
+from ariac_score.logs.bundle import Bundle
+from ariac_score.review.certainty import Certain, Value
+from ariac_score.review.comparison import Comparison, compare_rules, rule_sets_differing_from
+from ariac_score.scoring.expression import Number
+from ariac_score.scoring.printed import PrintedBlock, PrintedItem, PrintedText, number_of
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_names
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.model import OfficialOrder, OfficialResult, Order, Trial
+
+__all__ = ["AGREE", "CANNOT_BE_JUDGED", "DIFFER", "Audit", "Item", "Sum", "audit"]
+
+AGREE, DIFFER, CANNOT_BE_JUDGED = "agree", "differ", "cannot_be_judged"
+
+STATE_LOG_ROUNDING: Mapping[str, float] = {"m": 0.01, "rad": 0.01}
+"""How exact poses of a Gazebo state.log are: three significant digits, so 1 cm beyond 1 m.
+
+Source: ARIAC notes on log formats, section 4.2.
+"""
+
+_OUTCOMES = {
+    "crashed": "the simulator crashed; no score was recorded",
+    "cancelled": "the run was cancelled by its user; no score was recorded",
+}
+
+_NO_TRIAL = "the other parts are no record of a trial"
+
+Progress = Callable[[float], None]
+
+
+def _no_progress(_done: float) -> None:
+    """Show nothing."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """One printed number held against ours.
+
+    Attributes:
+        level: Level of the block it is printed in.
+        path: Path of that block in the text; empty for the trial.
+        label: As the reader spells it.
+        printed: As printed.
+        ours: What we make of it; `None` when nothing.
+        verdict: `agree`, `differ` or `cannot_be_judged`.
+        reason: Why it cannot be judged, or on what the agreement rests; else empty.
+        tolerance: The largest difference that agrees.
+        because: Why that tolerance.
+        independent: Whether ours can be had without the file of the official text.
+        scope: Path of the order, shipment or part that it was compared with.
+    """
+
+    level: str
+    path: str
+    label: str
+    printed: str
+    ours: Number | None
+    verdict: str
+    reason: str = ""
+    tolerance: float = 0.0
+    because: str = ""
+    independent: bool = False
+    scope: str = ""
+
+
+@dataclass(frozen=True)
+class Sum:
+    """One printed number held against what the other printed numbers make of it.
+
+    Attributes:
+        level: Level of the block it is printed in.
+        path: Path of that block; empty for the trial.
+        label: As the reader spells it.
+        printed: As printed.
+        expected: What the other numbers make of it; `None` when nothing.
+        formula: The formula, over printed items.
+        relation: `equal`, `at_most` or `at_least`.
+        verdict: `agree` or `differ`, or `cannot_be_judged`.
+        reason: Why it cannot be judged, why the relation is not equality, or what else may be
+            the cause when it differs.
+        rests_on: Path, label and text of every printed number that `expected` is made of.
+    """
+
+    level: str
+    path: str
+    label: str
+    printed: str
+    expected: Number | None
+    formula: str
+    relation: str
+    verdict: str
+    reason: str = ""
+    rests_on: tuple[tuple[str, str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Audit:
+    """What an official text says, held against the log and against itself.
+
+    Attributes:
+        trial: Name of the trial.
+        source: File of the official text.
+        layout: The layout of the text, as the reader names it.
+        outcome: How the run ended where no score was printed, in words; else empty.
+        rule_set: Id and SHA-256 of the rule set; empty where there was nothing to compare.
+        items: Every printed item, in the order of the text.
+        sums: Everything that must add up, in the order of the text.
+        comparisons: The same trial under other rule sets.
+    """
+
+    trial: str
+    source: str
+    layout: str
+    outcome: str = ""
+    rule_set: tuple[str, str] = ("", "")
+    items: tuple[Item, ...] = ()
+    sums: tuple[Sum, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
+
+    @property
+    def differs(self) -> bool:
+        """Whether something differs, or does not add up."""
+        return DIFFER in [*(item.verdict for item in self.items), *(one.verdict for one in self.sums)]
+
+    def count(self, verdict: str) -> int:
+        """How many items have a verdict."""
+        return sum(1 for item in self.items if item.verdict == verdict)
+
+
+def audit(
+    path: Path,
+    rules: str | RuleSet = "",
+    *,
+    against: str | RuleSet = "",
+    registry: Registry | None = None,
+    progress: Progress = _no_progress,
+) -> Audit:
+    """Hold the official text of a trial against its log, and against itself.
+
+    Args:
+        path: A log, a bundle folder or a `bundle.yaml`, with an official text.
+        rules: The rule set or its name; empty for the one that declares the text's layout.
+        against: A second rule set to list the differences to; empty for those that say
+            how they differ from the first.
+        registry: The installed plugins, where the caller has them already.
+        progress: Called with the share done, 0 to 1.
+
+    Raises:
+        NothingToScoreError: There is no official text.
+        UsageError: No rule set, or more than one, declares the layout of the text.
+        ScoreError: For everything else a user can act on.
+    """
+    registry = registry or Registry()
+    bundle, readers = find_trial(path, registry)
+    official, layout = _official(bundle, readers)
+    if not official.summaries and official.total is None:
+        outcome = _OUTCOMES.get(official.outcome, official.outcome or "the text holds no score")
+        return Audit(bundle.id, official.source, layout, outcome)
+    block = _block_of(official)
+    rule_set = _chosen(rules, layout, block)
+    refuse_other_years(bundle, rule_set)
+    look = _Look(bundle, readers, registry, progress)
+    trial, ours = look.at(rule_set)
+    items = _Items(rule_set.printed, trial.orders, ours, look.without_text(rule_set), official.source)
+    others = _others(against, rule_set)
+    return Audit(
+        trial.id,
+        official.source,
+        layout,
+        rule_set=(rule_set.id, rule_set.sha256),
+        items=tuple(items.of(block)),
+        sums=tuple(_sums(rule_set.printed, block)),
+        comparisons=tuple(compare_rules(ours, look.at(other)[1]) for other in others),
+    )
+
+
+def _others(against: str | RuleSet, first: RuleSet) -> tuple[RuleSet, ...]:
+    """The rule sets to list the differences to."""
+    if not against:
+        return rule_sets_differing_from(first)
+    return (load_rule_set(against) if isinstance(against, str) else against,)
+
+
+# The text ------------------------------------------------------------------------------
+
+
+def _official(bundle: Bundle, readers: Mapping[str, Reader]) -> tuple[OfficialResult, str]:
+    """The official result alone, and the layout it is printed in."""
+    for part in bundle.parts:
+        if part.role == "official":
+            reader = readers[part.reader]
+            official = reader.read(part.path, Wanted(LogMap("audit"), run=part.run)).official
+            if official is not None:
+                layout = reader.describe(part.path).facts.get("layout", "")
+                return official, str(layout)
+    raise NothingToScoreError(
+        "there is no official score to audit",
+        file=bundle.root,
+        hint="add what the official scorer printed: performance.log (to its end) or trial_log.txt",
+    )
+
+
+def _block_of(official: OfficialResult) -> PrintedBlock:
+    """The text as blocks: trial, orders, shipments, parts."""
+    values = {label: value for label, value in official.items.items() if "/" not in label}
+    if official.total is not None:
+        values["final_score"] = f"{official.total:.12g}"
+    return PrintedBlock("trial", "", values, inner=tuple(_order_block(order) for order in official.summaries))
+
+
+def _order_block(order: OfficialOrder) -> PrintedBlock:
+    blocks: dict[str, dict[str, str]] = {"": _facts_of(order)}
+    for label, value in order.items.items():
+        inside, _, own = label.rpartition("/")
+        blocks.setdefault(inside, {})[own] = value
+    of_order = blocks.pop("")
+    inner = tuple(_inner_block(order, name, values) for name, values in blocks.items())
+    return PrintedBlock("order", order.id, of_order, order.kind, inner)
+
+
+def _inner_block(order: OfficialOrder, name: str, values: Mapping[str, str]) -> PrintedBlock:
+    """A shipment, known by its printed id, or one part of a task."""
+    level = "submission" if name.startswith("shipment_") else "part"
+    own = {label: value for label, value in values.items() if label != "id"}
+    return PrintedBlock(level, f"{order.id}/{values.get('id', name)}", own, order.kind)
+
+
+def _facts_of(order: OfficialOrder) -> dict[str, str]:
+    """What the reader took out of a summary, in words that formulas understand."""
+    facts: dict[str, object] = {
+        "summary_score": order.score,
+        "summary_max_score": order.max_score,
+        "summary_submitted": order.submitted,
+        "summary_priority": order.priority,
+    }
+    return {
+        name: f"{value:g}" if isinstance(value, float) else str(value).lower()
+        for name, value in facts.items()
+        if value is not None
+    }
+
+
+def _chosen(rules: str | RuleSet, layout: str, block: PrintedBlock) -> RuleSet:
+    """The rule set to audit under: the given one, or the only one whose text this is."""
+    if rules:
+        rule_set = load_rule_set(rules) if isinstance(rules, str) else rules
+        if not rule_set.printed.items:
+            raise UsageError(
+                f"rule set {rule_set.id!r} does not say what an official text prints",
+                hint="add the keys 'printed' and 'adds_up', or choose another with --rules",
+            )
+        return rule_set
+    if not layout:
+        raise UsageError(
+            "this record prints no score: it holds counts, out of which a score is worked out",
+            hint="there is nothing to hold it against; 'score' and 'explain' show how it comes about",
+        )
+    shipped = [load_rule_set(name) for name in rule_set_names()]
+    fitting = [one for one in shipped if layout in one.printed.layouts]
+    fitting = [one for one in fitting if one.printed.knows(block)] or fitting
+    if len(fitting) != 1:
+        named = ", ".join(one.id for one in fitting) or ", ".join(
+            one.id for one in shipped if one.printed.layouts
+        )
+        cause = "the text may be of more than one edition" if fitting else "no shipped rule set is of it"
+        raise UsageError(f"layout {layout!r}: {cause}", hint=f"choose with --rules: {named}")
+    return fitting[0]
+
+
+def _sums(text: PrintedText, block: PrintedBlock) -> Iterator[Sum]:
+    for inner in block.walk():
+        for one in text.sums_of(inner):
+            label, printed = text.printed(inner, one.name)
+            made = Sum(
+                inner.level,
+                inner.path,
+                label,
+                printed,
+                None,
+                one.formula.source,
+                one.relation,
+                CANNOT_BE_JUDGED,
+                one.because,
+                tuple(text.rests_on(inner, one)),
+            )
+            try:
+                expected = text.expected(inner, one)
+            except FormulaError as error:
+                yield replace(made, reason=error.cause)
+                continue
+            got = number_of(printed)
+            assert got is not None  # sums are only of what is printed as a number
+            holds = {"equal": got == expected, "at_most": got <= expected, "at_least": got >= expected}
+            yield replace(made, expected=expected, verdict=AGREE if holds[one.relation] else DIFFER)
+
+
+# The log -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Reads and measures one bundle, with or without its official text."""
+
+    bundle: Bundle
+    readers: Mapping[str, Reader]
+    registry: Registry
+    progress: Progress
+
+    def at(self, rule_set: RuleSet) -> tuple[Trial, Certain]:
+        """The trial, and what the rule set makes of it."""
+        return self._measured(self.bundle, rule_set)
+
+    def without_text(self, rule_set: RuleSet) -> Certain | None:
+        """What the rule set makes of the other parts alone; `None` when these are no trial."""
+        parts = tuple(part for part in self.bundle.parts if part.role != "official")
+        try:
+            return self._measured(replace(self.bundle, parts=parts), rule_set)[1]
+        except NothingToScoreError:
+            return None
+
+    def _measured(self, bundle: Bundle, rule_set: RuleSet) -> tuple[Trial, Certain]:
+        checks = rule_set.build(self.registry)
+        log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
+        needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
+        trial = read_trial(
+            bundle,
+            self.readers,
+            log_map,
+            self.registry,
+            quantities=[need.quantity for need in needs],
+            progress=self.progress,
+        )
+        wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
+        trial = derive_signals(trial, wanted, speed_window_s=log_map.speed_window_s)
+        measured = measure_trial(trial, checks, registry=self.registry, rule_set=rule_set)
+        timed = trial.started_s is not None and trial.ended_s is not None
+        return trial, Certain(rule_set, measured, _rounding(bundle), timed)
+
+
+def _rounding(bundle: Bundle) -> Mapping[str, float]:
+    """How exact poses are, by unit, where a state.log alone records them; else empty, for exact."""
+    logs = [part.reader for part in bundle.parts if part.role == "log"]
+    return STATE_LOG_ROUNDING if logs and all(reader == "gazebo" for reader in logs) else {}
+
+
+# Items ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Items:
+    """Holds the items of a text against ours."""
+
+    text: PrintedText
+    orders: Sequence[Order]
+    ours: Certain
+    alone: Certain | None
+    source: str
+
+    def of(self, block: PrintedBlock) -> Iterator[Item]:
+        """The items of a block and of all inside, those of each block in the order of the text."""
+        path, problem = self._place(block)
+        for item, label in self.text.items_of(block):
+            yield self._item(block, item, label, path, problem)
+        for label in self.text.unknown(block):
+            reason = "the rule set does not say what this is"
+            yield Item(block.level, block.path, label, block.values[label], None, CANNOT_BE_JUDGED, reason)
+        for inner in block.inner:
+            yield from self.of(inner)
+
+    def _item(self, block: PrintedBlock, item: PrintedItem, label: str, path: str, problem: str) -> Item:
+        printed = block.values[label]
+        told = number_of(printed)
+        tolerance = _tolerance(printed) if item.within is None else item.within
+        made = Item(
+            level=block.level,
+            path=block.path,
+            label=label,
+            printed=printed,
+            ours=None,
+            verdict=CANNOT_BE_JUDGED,
+            reason=problem,
+            tolerance=tolerance,
+            because=item.because,
+            scope="" if problem else path,
+        )
+        if item.formula is None:
+            return replace(made, reason=item.because or "there is no counterpart in the rule set", because="")
+        if told is None:
+            return replace(made, reason="it is not printed as a number")
+        if problem:
+            return made
+        value = self.ours.value(item.formula, block.level, path)
+        if value.traced is None:
+            return replace(made, reason=value.reason)
+        number = value.traced.value
+        made = replace(made, ours=number, verdict=AGREE if abs(told - number) <= tolerance else DIFFER)
+        again = self.alone.value(item.formula, block.level, path) if self.alone else Value(reason=_NO_TRIAL)
+        if again.traced is None:
+            return replace(made, reason=f"without {self.source}: {again.reason}")
+        if again.traced.value != number:
+            return replace(made, reason=f"without {self.source} it would be {again.traced.value:g}")
+        return replace(made, independent=True)
+
+    def _place(self, block: PrintedBlock) -> tuple[str, str]:
+        """The path of our scope that a block speaks of, or why there is none."""
+        if block.level == "trial":
+            return "", ""
+        order_id, _, name = block.path.partition("/")
+        order = next((order for order in self.orders if order.id == order_id), None)
+        if order is None:
+            return block.path, "the log shows no such order"
+        if block.level == "order":
+            return order.id, ""
+        if order.outline:
+            return block.path, "what was ordered is not recorded, only what was given for it"
+        return _task_place(order, name) if block.level == "submission" else _part_place(order, name)
+
+
+def _task_place(order: Order, name: str) -> tuple[str, str]:
+    """A shipment by its id; where the layout prints none, by its alphabetical place."""
+    ids = [task.id for task in order.tasks]
+    if name in ids:
+        return f"{order.id}/{name}", ""
+    stem, _, position = name.rpartition("_")
+    numbered = sorted(f"{stem}_{k}" for k in range(len(ids)))
+    if position.isdigit() and name in numbered:
+        return f"{order.id}/{sorted(ids)[numbered.index(name)]}", ""
+    return f"{order.id}/{name}", "the order has no such shipment"
+
+
+def _part_place(order: Order, name: str) -> tuple[str, str]:
+    """A part by its quadrant, where the one ordered last counts; or by the words of its type."""
+    words = name.split("_")
+    found = [
+        f"{order.id}/{task.id}/{product.slot}"
+        for task in order.tasks
+        for product in task.products
+        if (
+            words == ["quadrant", str(product.quadrant)]
+            if words[0] == "quadrant"
+            else set(words[1:]) <= set(product.type.split("_"))
+        )
+    ]
+    if words[0] == "quadrant":
+        found = found[-1:]
+    if len(found) == 1:
+        return found[0], ""
+    count = len(found) or "no"
+    return f"{order.id}/{name}", f"{count} ordered products are meant"
+
+
+def _tolerance(printed: str) -> float:
+    """Half of the last printed digit; whole numbers are meant as they stand."""
+    digits = printed.strip().partition(".")[2]
+    return 0.5 * 10.0 ** -len(digits) if digits.isdigit() else 0.0

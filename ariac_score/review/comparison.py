@@ -1,0 +1,256 @@
+"""One trial under two rule sets: which points differ, why, and where that is written.
+
+A rule set that differs from another on purpose says so under `differs`. A number that is
+another one without such an entry is unexplained.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+from ariac_score.review.certainty import Certain
+from ariac_score.scoring.expression import Expression, Number, Traced
+from ariac_score.scoring.ruleset import Difference, RuleSet, load_rule_set, rule_set_names
+from ariac_score.scoring.scope import LEVELS, Scope
+
+__all__ = ["Change", "Comparison", "compare_rules", "rule_sets_differing_from"]
+
+_SCORE, _TASK_SCORE = _WHOLE = "score", "task score"
+
+
+@dataclass(frozen=True)
+class Change:
+    """One term that is another number under the second rule set.
+
+    Attributes:
+        level: One of `LEVELS`.
+        path: Path of the scope; empty for the trial.
+        term: Its name; `score` for the score, `task score` where one of the two compares
+            teams and so has no score yet.
+        before: Under the first rule set.
+        after: Under the second.
+        reasons: Why; those of what it is made of when it only follows.
+        follows: Whether it differs only because what it is made of does.
+    """
+
+    level: str
+    path: str
+    term: str
+    before: Number
+    after: Number
+    reasons: tuple[Difference, ...] = ()
+    follows: bool = False
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether no entry of the rule set says why; what only follows is explained where it comes from."""
+        return not self.reasons and not self.follows
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One trial under two rule sets.
+
+    Attributes:
+        first: Id of the first rule set.
+        second: Id of the second.
+        changes: What differs, from the parts outwards, the score last.
+        undecided: Terms that one of the two leaves open, as level, path, term and reason.
+    """
+
+    first: str
+    second: str
+    changes: tuple[Change, ...]
+    undecided: tuple[tuple[str, str, str, str], ...] = ()
+
+
+def rule_sets_differing_from(rule_set: RuleSet) -> tuple[RuleSet, ...]:
+    """The shipped rule sets that say how they differ from this one."""
+    shipped = (load_rule_set(name) for name in rule_set_names())
+    return tuple(one for one in shipped if one.differs and one.differs.other == rule_set.id)
+
+
+def compare_rules(first: Certain, second: Certain) -> Comparison:
+    """Every term that both rule sets have, in every scope that both know, and the score.
+
+    What no order hangs on, such as the worth of a part had it been a task of another
+    kind, is left out.
+    """
+    comparing = _Comparing(first, second)
+    for pair in _pairs(first, second):
+        comparing.take(*pair)
+    comparing.explain_from_outside()
+    for rule_set in (first.rule_set, second.rule_set):
+        if rule_set.sheet.needs_cohort:
+            reason = f"{rule_set.id} compares teams; its score is known when all are ranked"
+            comparing.undecided.append(("trial", "", _SCORE, reason))
+    return Comparison(
+        first.rule_set.id, second.rule_set.id, tuple(comparing.shown()), tuple(comparing.undecided)
+    )
+
+
+_Key = tuple[str, str]
+"""Path and name of a term."""
+
+
+@dataclass
+class _Comparing:
+    """A comparison in the making: what differs so far, and what rests on what."""
+
+    first: Certain
+    second: Certain
+    changes: dict[_Key, Change] = field(default_factory=dict)
+    undecided: list[tuple[str, str, str, str]] = field(default_factory=list)
+    inner: dict[_Key, list[_Key]] = field(default_factory=dict)
+    counting: set[_Key] = field(default_factory=set)
+    decided: set[str] = field(default_factory=set)
+
+    def take(self, level: str, path: str, term: str, before: Expression, after: Expression) -> None:
+        """Compare one term in one scope."""
+        one, other = self.first.value(before, level, path), self.second.value(after, level, path)
+        if one.traced is None or other.traced is None:
+            self.undecided.append((level, path, term, one.reason or other.reason))
+            return
+        if level in ("order", "trial"):
+            self.counting |= {(path, term), *_terms_in(one.traced, other.traced)}
+            self.decided.add(path)
+        if one.traced.value != other.traced.value:
+            self._differs(level, path, term, (one.traced, other.traced))
+
+    def _differs(self, level: str, path: str, term: str, traces: tuple[Traced, Traced]) -> None:
+        self.inner[path, term] = [key for key in _terms_in(*traces) if key in self.changes]
+        made_of = [self.changes[key] for key in self.inner[path, term]]
+        inherited = tuple(dict.fromkeys(reason for change in made_of for reason in change.reasons))
+        asking = _Asking(self.first, self.second, level, path, term)
+        direct = tuple(asking.reasons(traces, bool(made_of), bool(inherited)))
+        before, after = (traced.value for traced in traces)
+        follows = bool(made_of) and not direct
+        self.changes[path, term] = Change(level, path, term, before, after, direct or inherited, follows)
+
+    def explain_from_outside(self) -> None:
+        """Give what nobody explains the reasons of explained terms that are made of it."""
+        for key, change in self.changes.items():
+            if change.unexplained:
+                around = [c for k, c in self.changes.items() if key in self.inner[k] and c.term not in _WHOLE]
+                reasons = dict.fromkeys(r for outer in around if not outer.follows for r in outer.reasons)
+                self.changes[key] = replace(change, reasons=tuple(reasons))
+
+    def shown(self) -> Iterator[Change]:
+        """What an order hangs on; all of an order of which nothing is decided."""
+        for key, change in self.changes.items():
+            if key in self.counting or change.path.partition("/")[0] not in self.decided:
+                yield change
+
+
+def _pairs(first: Certain, second: Certain) -> Iterator[tuple[str, str, str, Expression, Expression]]:
+    """What can be compared, from the parts outwards: level, path, term, and its formula in each."""
+    sheets = first.rule_set.sheet, second.rule_set.sheet
+    for level in LEVELS:
+        paths = [scope.path for scope in _scopes(first.measured.scopes, level)]
+        for path in paths:
+            for term in sheets[0].terms.get(level, {}):
+                if term in sheets[1].terms.get(level, {}):
+                    name = Expression.parse(term)
+                    yield level, path, term, name, name
+    scores = [(sheet.task if sheet.needs_cohort else None) or sheet.score for sheet in sheets]
+    whole = _TASK_SCORE if any(sheet.needs_cohort for sheet in sheets) else _SCORE
+    yield "trial", "", whole, scores[0], scores[1]
+
+
+def _scopes(trial: Scope, level: str) -> list[Scope]:
+    return [trial] if level == "trial" else list(trial.each(level))
+
+
+def _terms_in(*traces: Traced) -> list[tuple[str, str]]:
+    """The terms numbers are made of, by path and name."""
+    found: dict[tuple[str, str], None] = {}
+    open_ = list(traces)
+    while open_:
+        node = open_.pop()
+        if node.kind == "term":
+            found[node.subject, node.label] = None
+        open_ += node.children
+    return list(found)
+
+
+@dataclass(frozen=True)
+class _Asking:
+    """Looks for the differences that the number of one term shows."""
+
+    first: Certain
+    second: Certain
+    level: str
+    path: str
+    term: str
+
+    def reasons(
+        self, traces: tuple[Traced, Traced], is_made_of: bool, is_explained: bool
+    ) -> Iterator[Difference]:
+        """Those of a check that says something else here, and those named for a formula that is another.
+
+        Where what a term is made of differs too and is explained, a formula that is
+        merely written in another way explains nothing; the score alone is always
+        another formula.
+
+        Args:
+            traces: The number under each rule set.
+            is_made_of: Whether it is made of terms that differ.
+            is_explained: Whether any of these is explained.
+        """
+        names = {f"{self.level}.{self.term}"}
+        if self._is_score:
+            names |= {_SCORE, "task", *self._one_sided(*traces)}
+        sources = [formula.source for formula in self._formulas]
+        other = sources[0] != sources[1]
+        by_name = other if self._is_score else (other or is_made_of) and not is_explained
+        differs = self.second.rule_set.differs
+        for difference in differs.because if differs else ():
+            named = bool(names & set(difference.terms))
+            telling = {check for check in difference.checks if self._tells(check)}
+            if (named and (telling or by_name)) or telling & self._asked(0) | telling & self._asked(1):
+                yield difference
+
+    @property
+    def _is_score(self) -> bool:
+        return self.term in _WHOLE
+
+    @property
+    def _formulas(self) -> list[Expression]:
+        sheets = [certain.rule_set.sheet for certain in (self.first, self.second)]
+        return [sheet.score if self._is_score else sheet.terms[self.level][self.term] for sheet in sheets]
+
+    def _asked(self, which: int) -> set[str]:
+        """The checks that the term's own formula asks under one of the two rule sets."""
+        checks = (self.first, self.second)[which].rule_set.sheet.checks
+        nodes = self._formulas[which].walk()
+        return {node.id for node in nodes if isinstance(node, ast.Name) and node.id in checks}
+
+    def _tells(self, check: str) -> bool:
+        """Whether a check says something else here, or is asked by one of the two formulas alone."""
+        one_asks = (check in self._asked(0)) != (check in self._asked(1))
+        return one_asks or _says(self.first, check, self.path) != _says(self.second, check, self.path)
+
+    def _one_sided(self, *traces: Traced) -> set[str]:
+        """Terms a score is made of that only one of the two rule sets has."""
+        found = {f"{_level_of(path)}.{name}" for path, name in _terms_in(*traces)}
+        first, second = (_all_terms(certain.rule_set) for certain in (self.first, self.second))
+        return found & (first ^ second)
+
+
+def _level_of(path: str) -> str:
+    return LEVELS[::-1][len(path.split("/")) if path else 0]
+
+
+def _all_terms(rule_set: RuleSet) -> set[str]:
+    return {f"{level}.{name}" for level, named in rule_set.sheet.terms.items() for name in named}
+
+
+def _says(certain: Certain, check: str, path: str) -> list[tuple[str, str, tuple[tuple[str, float], ...]]]:
+    """What a check says within a scope."""
+    return [
+        (finding.subject, finding.verdict.value, tuple(sorted(finding.quantities.items())))
+        for finding in certain.measured.of(check).values()
+        if not path or finding.subject == path or finding.subject.startswith(f"{path}/")
+    ]

@@ -1,0 +1,376 @@
+"""Made trials: small, random, and as plain as a counter-example must be to be read.
+
+A case says which task findings are violated and when which safety check was; the
+findings are made from it as a monitor would make them, from samples. Nothing here
+reads a log.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from random import Random
+
+import numpy as np
+
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.expression import Expression, Number
+from ariac_score.scoring.pricing import value_of
+from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.scoring.scope import LEVELS, Scope
+from ariac_score.scoring.sheet import VIOLATION_FUNCTIONS
+from ariac_score.trial.spans import Span, episodes_where
+from ariac_score.trial.sums import exact_sum
+
+__all__ = ["TICKS_PER_S", "Case", "Violation", "World", "draw_case", "draw_violation"]
+
+TICKS_PER_S = 10
+"""Cases are sampled at 10 Hz, or at 5 Hz where the law asks what half the rate gives."""
+
+LONGEST_S = 60
+"""Violations of random cases lie in the first minute."""
+
+PAIRS = ("robot/human_1", "robot/human_2")
+_SEVERITIES = frozenset({"time_in_violation_s", "relative_depth_integral_s", "relative_depth_max"})
+_NUMBERS = (1.0, 2.0, 3.0, 5.0, 10.0)
+_DEPTHS = (1.0, 0.5, 0.1)
+
+
+@dataclass(frozen=True, order=True)
+class Violation:
+    """One stretch in which a safety check is violated.
+
+    Attributes:
+        check: Name in the rule set.
+        pair: Whom it is about: a number into the two pairs there are.
+        start: First tick.
+        end: The tick after the last; the first, for a single event.
+        depth: Relative depth, the same throughout.
+        critical: Whether it is a critical event.
+    """
+
+    check: str
+    pair: int
+    start: int
+    end: int
+    depth: float = 1.0
+    critical: bool = False
+
+    def __str__(self) -> str:
+        when = f"from {_s(self.start)} to {_s(self.end)}" if self.end > self.start else f"at {_s(self.start)}"
+        words = f"{self.check} of {PAIRS[self.pair]} {when}"
+        depth = f", relative depth {self.depth:g}" if self.depth != 1 else ""
+        return f"{words}{depth}{', critical' if self.critical else ''}"
+
+
+def _s(ticks: int) -> str:
+    return f"{ticks / TICKS_PER_S:g} s"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One made trial.
+
+    Attributes:
+        orders: For each order the number of parts of each of its submissions.
+        failed: Task findings that are violated, by check and subject.
+        violations: Of safety checks.
+        numbers: What was measured, by `check.quantity`; the same for every subject.
+        duration: Ticks.
+        step: 1 for every sample, 2 for half the rate.
+        unknown: Safety checks of a pair, or task findings, that are undecided.
+    """
+
+    orders: tuple[tuple[int, ...], ...]
+    failed: frozenset[tuple[str, str]] = frozenset()
+    violations: tuple[Violation, ...] = ()
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    duration: int = LONGEST_S * TICKS_PER_S
+    step: int = 1
+    unknown: frozenset[tuple[str, str]] = frozenset()
+
+
+@dataclass(frozen=True)
+class World:
+    """A rule set as the laws see it.
+
+    Attributes:
+        rule_set: The rule set.
+        events: Checks about single events, which have a moment and no duration.
+    """
+
+    rule_set: RuleSet
+    events: frozenset[str] = frozenset()
+
+    @cached_property
+    def asked(self) -> dict[str, list[tuple[str, str]]]:
+        """For each check the score asks about: at which level and with which function."""
+        found: dict[str, list[tuple[str, str]]] = {}
+        for level, function, check in self.rule_set.sheet.questions(self.rule_set.sheet.score):
+            found.setdefault(check, []).append((level, function))
+        return {check: found[check] for check in sorted(found)}
+
+    @cached_property
+    def measured(self) -> dict[str, tuple[str, ...]]:
+        """The quantities that formulas ask each check for."""
+        found: dict[str, set[str]] = {}
+        for formula in _all_formulas(self.rule_set):
+            for call in formula.walk():
+                if isinstance(call, ast.Call) and ast.unparse(call.func) == "measure" and len(call.args) == 2:
+                    check, quantity = (ast.unparse(argument) for argument in call.args)
+                    found.setdefault(check, set()).add(quantity)
+        return {check: tuple(sorted(found[check])) for check in sorted(found)}
+
+    @cached_property
+    def kinds(self) -> frozenset[str]:
+        """Checks that choose which of two formulas counts, such as that of a kind of task."""
+        choosing: set[str] = set()
+        for formula in _all_formulas(self.rule_set):
+            for node in formula.walk():
+                if (
+                    isinstance(node, ast.IfExp)
+                    and not _a_constant(node.body)
+                    and not _a_constant(node.orelse)
+                ):
+                    choosing |= {name.id for name in ast.walk(node.test) if isinstance(name, ast.Name)}
+        return frozenset(choosing & set(self.rule_set.checks))
+
+    @cached_property
+    def safety(self) -> tuple[str, ...]:
+        """Monitors whose violations the score asks about."""
+        return tuple(
+            check
+            for check, asked in self.asked.items()
+            if self._is_monitor(check)
+            and any(function in VIOLATION_FUNCTIONS for _, function in asked)
+            and set(self.measured.get(check, ())) <= _SEVERITIES
+        )
+
+    @cached_property
+    def watched(self) -> tuple[str, ...]:
+        """Safety checks about stretches of time."""
+        return tuple(check for check in self.safety if check not in self.events)
+
+    @cached_property
+    def task(self) -> tuple[str, ...]:
+        """Rules whose verdicts earn points."""
+        return tuple(
+            check
+            for check, asked in self.asked.items()
+            if not self._is_monitor(check)
+            and check not in self.kinds
+            and any(function != "measure" for _, function in asked)
+        )
+
+    @cached_property
+    def earning(self) -> tuple[str, ...]:
+        """Those of them whose satisfied findings are counted."""
+        return tuple(check for check in self.task if "points" in {f for _, f in self.asked[check]})
+
+    def t_off_s(self, check: str) -> float:
+        """Up to which pause the monitor bridges two violations."""
+        return float(self.rule_set.checks[check].parameters.get("t_off_s", 1.0))
+
+    def _is_monitor(self, check: str) -> bool:
+        return self.rule_set.checks[check].group == "ariac_score.monitors"
+
+    @cached_property
+    def levels(self) -> dict[str, str]:
+        """The level of each rule's findings."""
+        return {check: self._level(check) for check in self.asked if not self._is_monitor(check)}
+
+    def _level(self, check: str) -> str:
+        """Whom a rule speaks about: parts where its points are counted, else the scope that asks."""
+        levels = [LEVELS.index(level) for level, _ in self.asked[check]]
+        counted = any(function in ("points", "count") for _, function in self.asked[check])
+        if counted and check not in self.measured:
+            return "part"
+        return LEVELS[min(*levels, LEVELS.index("order"))]
+
+    def subjects(self, case: Case, check: str) -> tuple[str, ...]:
+        """The subjects of a rule's findings."""
+        return _paths(case.orders, self.levels[check])
+
+    def scopes(self, case: Case) -> Scope:
+        """The orders of a case."""
+        return _scopes(case.orders, case.duration)
+
+    def findings(self, case: Case) -> dict[str, Finding]:
+        """What the checks say about a case."""
+        said = [finding for check in self.asked for finding in self._says(check, case)]
+        numbered: dict[str, Finding] = {}
+        for number, finding in enumerate(said):
+            numbered[f"{finding.check}#{number:03d}"] = finding
+        return numbered
+
+    def _says(self, check: str, case: Case) -> Iterator[Finding]:
+        if check in self.safety:
+            yield from self._watches(check, case)
+        elif self._is_monitor(check):
+            yield Finding(
+                "team", Verdict.SATISFIED, "recorded", quantities=self._numbers(check, case), check=check
+            )
+        else:
+            for subject in self.subjects(case, check):
+                verdict = Verdict.VIOLATED if (check, subject) in case.failed else Verdict.SATISFIED
+                verdict = Verdict.INCONCLUSIVE if (check, subject) in case.unknown else verdict
+                yield Finding(subject, verdict, check, quantities=self._numbers(check, case), check=check)
+
+    def _numbers(self, check: str, case: Case) -> dict[str, float]:
+        return {name: case.numbers[f"{check}.{name}"] for name in self.measured.get(check, ())}
+
+    def _watches(self, check: str, case: Case) -> Iterator[Finding]:
+        """The findings of a safety check about each pair, made from samples."""
+        none = True
+        for pair, subject in enumerate(PAIRS):
+            violations = [v for v in case.violations if (v.check, v.pair) == (check, pair)]
+            if not violations:
+                continue
+            none = False
+            if (check, subject) in case.unknown:
+                first, last = min(v.start for v in violations), max(v.end for v in violations)
+                hidden = Span(first / TICKS_PER_S, last / TICKS_PER_S)
+                yield Finding(subject, Verdict.INCONCLUSIVE, "not recorded", span=hidden, check=check)
+            elif check in self.events:
+                for violation in violations:
+                    moment = Span(violation.start / TICKS_PER_S, violation.start / TICKS_PER_S)
+                    yield _violated(check, subject, moment, critical=violation.critical)
+            else:
+                yield from _episodes(violations, case, subject, self.t_off_s(check))
+        if none:
+            yield Finding(
+                PAIRS[0], Verdict.SATISFIED, "kept", quantities=dict.fromkeys(_SEVERITIES, 0.0), check=check
+            )
+
+    def score(self, case: Case) -> Number | None:
+        """The score, not rounded; `None` when what is undecided withholds it.
+
+        Raises:
+            FormulaError: It has no value in this case.
+        """
+        sheet = self.rule_set.sheet
+        scopes = self.scopes(case)
+        return value_of(
+            self.findings(case), scopes, sheet, self.rule_set.policies, cohort=self._cohort(scopes)
+        )
+
+    def _cohort(self, scopes: Scope) -> CohortValues:
+        """Other teams, always the same ones."""
+        paths = ["", *(order.path for order in scopes.inner)]
+        return CohortValues("", {name: dict.fromkeys(paths, 10.0) for name in self.rule_set.sheet.cohort})
+
+
+def _all_formulas(rule_set: RuleSet) -> list[Expression]:
+    return rule_set.sheet.reached(rule_set.sheet.score)
+
+
+def _a_constant(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant)
+
+
+@lru_cache(maxsize=1024)
+def _paths(orders: tuple[tuple[int, ...], ...], level: str) -> tuple[str, ...]:
+    return tuple(scope.path for scope in _scopes(orders, 0).each(level))
+
+
+@lru_cache(maxsize=256)
+def _scopes(orders: tuple[tuple[int, ...], ...], duration: int) -> Scope:
+    found = []
+    for index, tasks in enumerate(orders):
+        path = f"order_{index}"
+        inner = tuple(
+            Scope(
+                "submission",
+                f"{path}/task_{k}",
+                {"parts": parts},
+                tuple(Scope("part", f"{path}/task_{k}/part_{i}") for i in range(parts)),
+            )
+            for k, parts in enumerate(tasks)
+        )
+        facts = {"index": index, "priority": 1 if index == 0 else 3, "parts": sum(tasks)}
+        found.append(Scope("order", path, facts, inner))
+    whole = {"duration_s": duration / TICKS_PER_S, "orders": len(found)}
+    return Scope("trial", "", whole, tuple(found))
+
+
+def _episodes(violations: list[Violation], case: Case, subject: str, t_off_s: float) -> Iterator[Finding]:
+    """As a monitor finds them: violating samples, grouped over pauses shorter than `t_off_s`."""
+    ticks = np.arange(0, max(case.duration, violations[-1].end + 2), case.step)
+    depth = np.zeros(len(ticks))
+    for violation in violations:
+        inside = (ticks >= violation.start) & (ticks < violation.end)
+        depth[inside] = np.maximum(depth[inside], violation.depth)
+    t = ticks / TICKS_PER_S
+    sample_s = case.step / TICKS_PER_S
+    for span in episodes_where(t, depth > 0, t_off_s=t_off_s):
+        rows = (t >= span.start_s) & (t < span.end_s) & (depth > 0)
+        yield _violated(
+            violations[0].check,
+            subject,
+            span,
+            critical=any(
+                v.critical and v.start / TICKS_PER_S < span.end_s and v.end / TICKS_PER_S > span.start_s
+                for v in violations
+            ),
+            time_in_violation_s=int(rows.sum()) * sample_s,
+            relative_depth_integral_s=exact_sum(depth[rows]) * sample_s,
+            relative_depth_max=float(depth[rows].max()),
+        )
+
+
+def _violated(check: str, subject: str, span: Span, *, critical: bool, **quantities: float) -> Finding:
+    numbers = {**dict.fromkeys(_SEVERITIES, 0.0), **quantities}
+    return Finding(
+        subject,
+        Verdict.VIOLATED,
+        f"{check} violated",
+        span=span,
+        quantities=numbers,
+        critical=critical,
+        check=check,
+    )
+
+
+# Drawing -------------------------------------------------------------------------------
+
+
+def _upto(rng: Random, count: int) -> int:
+    """A whole number below `count`; `random()` alone is the same in every Python."""
+    return int(rng.random() * count)
+
+
+def draw_violation(world: World, rng: Random, *, shortest: int = 1) -> Violation:
+    """A random violation of one of the safety checks."""
+    check = world.safety[_upto(rng, len(world.safety))]
+    start = _upto(rng, 40 * TICKS_PER_S)
+    length = shortest + _upto(rng, (3 if rng.random() < 0.5 else 15) * TICKS_PER_S)
+    pair = int(rng.random() < 0.2)
+    length = 0 if check in world.events else length
+    return Violation(check, pair, start, start + length, _DEPTHS[_upto(rng, 3)], rng.random() < 0.15)
+
+
+def draw_case(world: World, rng: Random, *, most_violations: int = 4) -> Case:
+    """A random case: an order or two, some parts wrong, some violations."""
+    tasks = 1 + int(rng.random() < 0.15)
+    orders = tuple(tuple(1 + _upto(rng, 2) for _ in range(tasks)) for _ in range(1 + int(rng.random() < 0.3)))
+    numbers = {
+        f"{check}.{name}": _NUMBERS[_upto(rng, len(_NUMBERS))]
+        for check, names in world.measured.items()
+        for name in names
+    }
+    case = Case(orders, numbers=numbers)
+    share = (0.0, 0.1, 0.5, 0.9, 1.0)[_upto(rng, 5)]
+    failed = frozenset(
+        (check, subject)
+        for check in world.asked
+        if check in world.levels
+        for subject in world.subjects(case, check)
+        if rng.random() < (0.5 if check in world.kinds else share)
+    )
+    most = 3 * most_violations if rng.random() < 0.2 else most_violations
+    count = _upto(rng, most + 1) if world.safety else 0
+    violations = tuple(sorted(draw_violation(world, rng) for _ in range(count)))
+    return Case(orders, failed, violations, numbers)

@@ -1,0 +1,119 @@
+"""Trying every law on a rule set, and making what breaks one as small as it can be."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from random import Random
+
+from ariac_score.checks.contracts import Monitor
+from ariac_score.checks.registry import Registry
+from ariac_score.errors import FormulaError
+from ariac_score.review.laws.cases import World
+from ariac_score.review.laws.laws import LAWS, Broken, Law, Situation, simpler
+from ariac_score.scoring.ruleset import RuleSet
+
+__all__ = ["DEFAULT_CASES", "Outcome", "check_laws"]
+
+DEFAULT_CASES = 400
+"""Random cases for each law."""
+
+_MOST_STEPS = 2000
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a law fared.
+
+    Attributes:
+        law: The law.
+        verdict: `holds`, `broken`, `not_applicable`, or `untried` when the score had no
+            value in any case.
+        reason: Why it does not apply or could not be tried.
+        cases: How many cases were tried.
+        situation: The smallest counter-example found.
+        broken: What is wrong with it.
+    """
+
+    law: Law
+    verdict: str
+    reason: str = ""
+    cases: int = 0
+    situation: Situation | None = None
+    broken: Broken | None = None
+
+
+def check_laws(
+    rule_set: RuleSet,
+    *,
+    cases: int = DEFAULT_CASES,
+    seed: int = 0,
+    registry: Registry | None = None,
+    only: Collection[str] = (),
+    smallest: bool = True,
+) -> tuple[Outcome, ...]:
+    """Try every law on random cases; the same seed tries the same ones.
+
+    Args:
+        rule_set: What findings are worth.
+        cases: How many for each law.
+        seed: Where the random numbers start.
+        registry: The installed plugins, asked which monitors watch signals; without one
+            every monitor is taken to.
+        only: Names of the laws to try; empty: all.
+        smallest: Whether a counter-example is made as small as it can be, which takes time.
+    """
+    world = World(rule_set, frozenset() if registry is None else _events(rule_set, registry))
+    laws = [law for law in LAWS if not only or law.name in only]
+    return tuple(_tried(law, world, cases, seed, smallest=smallest) for law in laws)
+
+
+def _events(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
+    """The monitors that need no signal: they speak of single events."""
+    built = rule_set.build(registry)
+    return frozenset(
+        name for name, check in built.items() if isinstance(check, Monitor) and not list(check.needs())
+    )
+
+
+def _tried(law: Law, world: World, cases: int, seed: int, *, smallest: bool) -> Outcome:
+    reason = law.idle(world)
+    if reason:
+        return Outcome(law, "not_applicable", reason)
+    rng = Random(f"{law.name}:{seed}")  # noqa: S311  # no secrets are made of it
+    tried, unpriced = 0, ""
+    for _ in range(cases):
+        situation = law.draw(world, rng)
+        try:
+            broken = law.broken(world, situation)
+        except FormulaError as error:
+            unpriced = error.cause
+            continue
+        tried += 1
+        if broken:
+            if smallest:
+                situation, broken = _shrunk(law, world, situation, broken)
+            return Outcome(law, "broken", cases=tried, situation=situation, broken=broken)
+    if not tried and cases:
+        return Outcome(law, "untried", unpriced)
+    return Outcome(law, "holds", cases=tried)
+
+
+def _shrunk(law: Law, world: World, situation: Situation, broken: Broken) -> tuple[Situation, Broken]:
+    """The plainest situation near this one that still breaks the law."""
+    steps = 0
+    shrinking = True
+    while shrinking:
+        shrinking = False
+        for plainer in simpler(situation):
+            steps += 1
+            if steps > _MOST_STEPS:
+                return situation, broken
+            try:
+                still = law.broken(world, plainer)
+            except FormulaError:
+                continue
+            if still:
+                situation, broken, shrinking = plainer, still, True
+                break
+    return situation, broken

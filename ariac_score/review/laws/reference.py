@@ -1,0 +1,171 @@
+"""The made competition that penalties are compared on, and the table of which breaks which law."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from ariac_score.checks.registry import Registry
+from ariac_score.review.laws.laws import LAWS
+from ariac_score.review.laws.proving import Outcome, check_laws
+from ariac_score.review.laws.words import outcome_lines
+from ariac_score.scoring.penalties import Penalty, load_penalty, penalty_names
+from ariac_score.scoring.ruleset import RuleSet, draft_rule_set, load_rule_set, rule_set_names
+
+__all__ = ["DEFAULT", "penalties_page", "reference_rules"]
+
+DEFAULT = "penalty.gated_hyperbolic"
+
+_REFERENCE = """\
+id: reference
+title: A made competition, to compare penalties on
+source: this program
+log_map: ariac2020
+rules:
+  part_color: {use: kitting.presence, with: {compare: type_and_color}}
+  none_unwanted: {use: kitting.none_unwanted}
+monitors:
+  separation: {use: iso_ts_15066.ssm_separation, with: {profile: seed}, on_inconclusive: worst_case}
+  human_contact: {use: ariac.human_contact, on_inconclusive: worst_case}
+  arm_collision: {use: ariac.no_event, with: {kind: arm_collision}}
+terms:
+  submission:
+    kit: points(part_color) - 2 * violated(none_unwanted)
+score: sum(submission.kit)
+include: [PENALTY]
+safety:
+  separation: {class: separation}
+  human_contact: {class: contact}
+  arm_collision: {class: robot_collision}
+"""
+
+
+def reference_rules(penalty: str) -> RuleSet:
+    """The made competition under one penalty: a point for each part, two off for anything unwanted.
+
+    Raises:
+        RuleSetError: There is no such penalty.
+    """
+    return draft_rule_set(_REFERENCE.replace("PENALTY", penalty), file=f"{penalty} on the made competition")
+
+
+def penalties_page(*, cases: int = 120, seed: int = 0) -> str:
+    """`docs/penalties.md`, with the table and the smallest counter-examples."""
+    registry = Registry()
+    found = [
+        (
+            load_penalty(name, beside=Path()),
+            check_laws(reference_rules(name), cases=cases, seed=seed, registry=registry),
+        )
+        for name in sorted(penalty_names(), key=lambda name: (name != DEFAULT, name))
+    ]
+    return "".join([_INTRODUCTION, *_table(found), *_laws(), *_shipped(), *_pages(found)])
+
+
+def _table(found: list[tuple[Penalty, tuple[Outcome, ...]]]) -> Iterator[str]:
+    yield f"| | {' | '.join(law.says for law in LAWS)} |\n|---|{'---|' * len(LAWS)}\n"
+    words = {"holds": "yes", "broken": "**no**", "not_applicable": "", "untried": "?"}
+    for penalty, outcomes in found:
+        short = penalty.id.removeprefix("penalty.")
+        yield f"| `{short}` | {' | '.join(words[outcome.verdict] for outcome in outcomes)} |\n"
+
+
+def _laws() -> Iterator[str]:
+    yield "\n## How a law is tried\n\n| law | how |\n|---|---|\n"
+    for law in LAWS:
+        yield f"| {law.says} | {law.how} |\n"
+
+
+def _shipped() -> Iterator[str]:
+    """What shipped rule sets say of themselves."""
+    yield _SHIPPED
+    laws = {law.name: law.says for law in LAWS}
+    for name in rule_set_names():
+        for law, because in load_rule_set(name).breaks.items():
+            yield f"| `{name}` | {laws[law]} | {because} |\n"
+
+
+def _pages(found: list[tuple[Penalty, tuple[Outcome, ...]]]) -> Iterator[str]:
+    yield "\n## The penalties\n"
+    for penalty, outcomes in found:
+        default = " (default)" if penalty.id == DEFAULT else ""
+        yield f"\n### `{penalty.id}`{default}: {penalty.title}\n\n{penalty.in_words}\n"
+        yield f"\nFrom: {penalty.source}.\n"
+        broken = [outcome for outcome in outcomes if outcome.verdict == "broken"]
+        yield "\nIt keeps every law.\n" if not broken else "\n```\n"
+        for outcome in broken:
+            yield "".join(f"{line}\n" for line in outcome_lines(outcome))
+        yield "```\n" if broken else ""
+
+
+_SHIPPED = """
+## Which shipped rule sets break a law
+
+A rule set repeats what a competition did, faults included. Those that break a law say so in their file, under
+`breaks`; `rules check` repeats it beside the counter-example, and fails all the same. Of the others no
+counter-example is known. `extends` does not take `breaks` over.
+
+| rule set | law | because |
+|---|---|---|
+"""
+
+_INTRODUCTION = """\
+# Penalties
+
+A rule set says what a trial earned; a penalty says what its violations do to that. It is included by name,
+and told which checks are charged:
+
+```yaml
+id: mine
+title: ARIAC 2020 with a penalised final score
+source: this page
+extends: paper2020
+score: task
+include: [penalty.gated_hyperbolic]
+safety:
+  separation: {class: separation}                    # the weight of its class, 0.4
+  human_contact: {class: contact, weight: 1.0}
+  no_arm_collision: {class: robot_collision, critical: false}
+  scale: 1.0                                         # turns all demerits up or down
+```
+
+What comes out is a plain rule set (`ariac-score rules show mine.yaml --expanded`): the `score` of the rule
+set becomes the term `earned`, each weight a parameter `weight_of_<check>`, the terms of the penalty follow,
+and `penalised_score` is the score. A rule set changes a penalty by having a term or parameter of the same
+name itself. `critical: false` keeps the critical violations of a check from closing the gate. The hash of
+the rule set covers the penalty. A class of your own needs a weight.
+
+`ariac-score rules check NAME` tries eight laws on random findings, prints which hold, and for one that does
+not the smallest counter-example found. Findings are drawn independently of each other: a counter-example
+shows what the formulas allow, not that a trial will come to it. Below is that for every penalty, on a made
+competition: a point for each part of the right type and color, two off for anything unwanted, so that what
+was earned can be negative; separation, human contact and arm collision as safety checks; what is undecided
+counts as the worst case. This page is generated; a test compares it.
+
+Weights by class: contact 1.0, robot_collision 0.7, environment_collision 0.6, separation 0.4, limit 0.25,
+informational 0 (`rules/penalty/classes.yaml`).
+
+## Why the default charges time and not episodes
+
+The monitor catalogue suggests 1 + (integral of relative depth) / 5 s for each episode; `demerits(check,
+tau_s=5)` is that, and `paper2020` has it. It breaks a law: violating in the pause between two near misses
+makes one episode of them, and one can be cheaper than two. That cannot be mended by other numbers. Two
+instants T apart that cost 2 are part of every violation that lasts from one to the other; if more
+violations never help, one of length L costs at least 1 + (how often T fits into L), however shallow it is.
+So length must be charged at that rate, and depth cannot lower it.
+
+`charged(…)` is the smooth charge of that kind: the time in violation together with the 5 s after it,
+divided by 5 s. One violation of length L costs its weight times 1 + L / 5 s; two at least 5 s apart cost
+what each costs alone; between nearer ones the time they share is charged once. At each moment the heaviest
+violation of a pair of bodies counts and no other, so that one physical event is charged once, whichever
+monitors saw it. Adding violations can only add to the time that is covered; a pause shorter than 5 s is
+covered anyway; an end that moves by a sample moves the charge by a sample / 5 s. What is deeper than a
+breach of separation, a contact say, is a check of its own in a heavier class.
+
+Negative points are mirrored, earned * (2 - gate * multiplier), because dividing them would make violations
+a gift. The gate has no threshold on demerits: it would make it pay to stop just before. A critical
+violation costs everything at once, in the first piece of work as in any other.
+
+## Which penalty keeps which law
+
+"""

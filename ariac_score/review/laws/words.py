@@ -1,0 +1,60 @@
+"""Counter-examples in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ariac_score.review.laws.cases import Case
+from ariac_score.review.laws.proving import Outcome
+from ariac_score.scoring.expression import Number
+
+__all__ = ["outcome_lines"]
+
+_VERDICTS = {"holds": "holds", "broken": "BROKEN", "not_applicable": "not applicable", "untried": "not tried"}
+
+
+def outcome_lines(outcome: Outcome, known: str = "") -> Iterator[str]:
+    """How a law fared, in a line; the counter-example below it.
+
+    Args:
+        outcome: How it fared.
+        known: Why the rule set says that it breaks this law; empty when it does not.
+    """
+    reason = f": {outcome.reason}" if outcome.reason else ""
+    yield f"{_VERDICTS[outcome.verdict]:<15} {outcome.law.says}{reason}"
+    if known:
+        found = "" if outcome.broken else "; no counter-example was found"
+        yield f"    the rule set says so itself: {known}{found}"
+    if outcome.broken and outcome.situation:
+        broken = outcome.broken
+        yield f"    {_trial(outcome.situation.case)}"
+        first, second = _numbers(broken.first_score, broken.second_score)
+        yield f"    {first}  {broken.first}"
+        yield f"    {second}  {broken.second}"
+
+
+def _numbers(first: Number, second: Number) -> tuple[str, str]:
+    """Both with as many digits as it takes to see that they differ."""
+    digits = next((d for d in (6, 9, 12) if f"{first:.{d}g}" != f"{second:.{d}g}"), 15)
+    return f"{first:>12.{digits}g}", f"{second:>12.{digits}g}"
+
+
+def _trial(case: Case) -> str:
+    """A case in a sentence."""
+    orders = [" and ".join(_count(parts, "part") for parts in tasks) for tasks in case.orders]
+    failed = ", ".join(f"{check} of {subject}" for check, subject in sorted(case.failed))
+    task = f"not satisfied: {failed}" if failed else "all of the task satisfied"
+    safety = "; ".join(_repeated(case)) or "no violations"
+    numbers = ", ".join(f"{name} = {value:g}" for name, value in case.numbers.items())
+    return f"{'; '.join(orders)}; {task}; {safety}{f'; {numbers}' if numbers else ''}"
+
+
+def _repeated(case: Case) -> Iterator[str]:
+    """The violations, with alike ones told once."""
+    for violation in dict.fromkeys(case.violations):
+        times = case.violations.count(violation)
+        yield str(violation) if times == 1 else f"{times} times {violation}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

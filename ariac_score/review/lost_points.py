@@ -1,0 +1,122 @@
+"""What would have earned more: the score again, with one thing at a time as it should have been."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.errors import FormulaError
+from ariac_score.results.result import Result
+from ariac_score.scoring.expression import Number
+from ariac_score.scoring.ledger import rounded
+from ariac_score.scoring.policy import ideal
+from ariac_score.scoring.pricing import value_of
+from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
+from ariac_score.scoring.scope import Scope
+
+__all__ = ["Recoverable", "recoverable_losses"]
+
+MOST = 120
+"""More groups than this are not tried: a page tells the largest dozen."""
+
+
+@dataclass(frozen=True)
+class Recoverable:
+    """One thing that went wrong, and what the trial would have scored without it.
+
+    Attributes:
+        what: The part, task, order or check it is about.
+        kind: `part`, `task`, `order` or `check`.
+        findings: Ids of the findings that would have had to be kept.
+        gain: By how much the score would have been higher.
+    """
+
+    what: str
+    kind: str
+    findings: tuple[str, ...]
+    gain: Decimal
+
+
+def recoverable_losses(result: Result, rule_set: RuleSet | None = None) -> tuple[Recoverable, ...]:
+    """What would have earned more, largest first; empty without a score.
+
+    Each is tried alone, with everything else as it was, through the formulas of the
+    result's own rule set. So gains of things that depend on each other do not add up:
+    an order's bonus is in the gain of the order, not in that of its parts.
+
+    Args:
+        result: The result.
+        rule_set: The rules in the result, where the caller has read them already.
+    """
+    if result.score is None:
+        return ()
+    rules = rule_set or rule_set_from_text(result.rules, file="the rules in the result")
+    wrong = {
+        key: finding
+        for key, finding in result.measured.findings.items()
+        if finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE) and finding.check in rules.sheet.priced
+    }
+
+    def value(findings: Mapping[str, Finding]) -> Number | None:
+        try:
+            return value_of(
+                findings,
+                result.measured.scopes,
+                rules.sheet,
+                rules.policies,
+                cohort=result.cohort,
+            )
+        except FormulaError:
+            return None
+
+    found = [
+        Recoverable(what, kind, keys, gain)
+        for what, kind, keys in list(_groups(result.measured.scopes, wrong))[:MOST]
+        if (gain := _gain(result, keys, value)) > 0
+    ]
+    best: dict[tuple[str, ...], Recoverable] = {}
+    for one in found:  # an order with one task is told once
+        best.setdefault(one.findings, one)
+    return tuple(sorted(best.values(), key=lambda one: (-one.gain, one.what)))
+
+
+def _gain(
+    result: Result, keys: tuple[str, ...], value: Callable[[Mapping[str, Finding]], Number | None]
+) -> Decimal:
+    """How much more the score would be with these findings kept."""
+    assert result.score is not None  # asked only of scored trials
+    findings = result.measured.findings
+    after = value({**findings, **ideal({key: findings[key] for key in keys})})
+    return Decimal(0) if after is None else rounded(after, result.digits) - result.score
+
+
+def _groups(scopes: Scope, wrong: Mapping[str, Finding]) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+    """Things that can go right together: a check about the whole trial, an order, a task, a part."""
+    scoped: set[str] = set()
+    for scope, kind in _below(scopes):
+        keys = tuple(
+            key
+            for key, finding in wrong.items()
+            if finding.subject == scope.path or finding.subject.startswith(f"{scope.path}/")
+        )
+        scoped.update(keys)
+        if keys:
+            yield scope.path, kind, keys
+    others: dict[str, list[str]] = {}
+    for key, finding in wrong.items():
+        if key not in scoped:
+            others.setdefault(finding.check, []).append(key)
+    for check, keys_of in others.items():
+        yield check, "check", tuple(keys_of)
+
+
+def _below(scopes: Scope) -> Iterator[tuple[Scope, str]]:
+    """Every part, task and order, the smallest first."""
+    for order in scopes.inner:
+        for task in order.inner:
+            for part in task.inner:
+                yield part, "part"
+            yield task, "task"
+        yield order, "order"

@@ -1,0 +1,186 @@
+"""Can a log be scored by a rule set, and if not, what is missing and where it would come from?
+
+For teams before they submit: the same reading and the same checks as for the score itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ariac_score.checks.findings import Verdict
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.read import Progress, find_trial
+from ariac_score.engine.score import score_trial
+from ariac_score.engine.signal_needs import needs_of
+from ariac_score.results.result import Result
+from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.channels import Channel, LogMap
+from ariac_score.trial.derive import source_quantities
+from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.spans import Span
+from ariac_score.trial.vocabulary import quantity_of
+
+__all__ = ["Lack", "Readiness", "check_log"]
+
+
+def _no_progress(_done: float) -> None:
+    """Show nothing."""
+
+
+@dataclass(frozen=True)
+class Lack:
+    """Something that a log does not decide.
+
+    Attributes:
+        what: The check, or `score` for what no record of the trial states.
+        effect: `withholds` the score, `costs` points or the whole score by the rules, or
+            `nothing`, for the score does not depend on it.
+        cause: Why it is undecided.
+        remedy: What to record; empty where nothing is known.
+    """
+
+    what: str
+    effect: str
+    cause: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Readiness:
+    """What can be said of a log before it is handed in.
+
+    Attributes:
+        result: Its result as it stands.
+        lacks: What is undecided, what withholds the score first.
+        decided: The checks that can be decided.
+        notes: What is as it should be but worth knowing.
+    """
+
+    result: Result
+    lacks: tuple[Lack, ...]
+    decided: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def ready(self) -> bool:
+        """Whether it can be scored; where scores compare teams, by those who have all logs."""
+        return all(lack.effect != "withholds" for lack in self.lacks)
+
+
+def check_log(
+    path: Path,
+    rule_set: RuleSet,
+    *,
+    log_map: str = "",
+    registry: Registry | None = None,
+    progress: Progress = _no_progress,
+) -> Readiness:
+    """Look whether the log at a path can be scored.
+
+    Args:
+        path: A log, a rosbag2 folder, a bundle folder, or a `bundle.yaml`.
+        rule_set: The rules.
+        log_map: Log map to use instead of the rule set's own.
+        registry: The installed plugins.
+        progress: Called with the share done.
+
+    Raises:
+        ScoreError: It is damaged, no trial at all, or the rules cannot be used.
+    """
+    registry = registry or Registry()
+    result = score_trial(path, rule_set, log_map=log_map, registry=registry, progress=progress)
+    mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
+    lacks = list(_lacks(result, rule_set, mapping, registry, path))
+    undecided = {lack.what for lack in lacks}
+    return Readiness(
+        result=result,
+        lacks=tuple(sorted(lacks, key=lambda lack: _ORDER.index(lack.effect))),
+        decided=tuple(name for name in rule_set.checks if name not in undecided),
+        notes=tuple(_notes(result)),
+    )
+
+
+_ORDER = ("withholds", "costs", "nothing")
+
+
+def _lacks(
+    result: Result, rule_set: RuleSet, log_map: LogMap, registry: Registry, path: Path
+) -> Iterator[Lack]:
+    policies = {assumption.check: assumption.policy for assumption in result.assumptions}
+    causes: dict[str, str] = {}
+    spans: dict[str, list[Span]] = {}
+    for finding in result.measured.findings.values():
+        if finding.verdict is Verdict.INCONCLUSIVE:
+            causes.setdefault(finding.check, f"{finding.subject}: {finding.message}")
+            if finding.span is not None:
+                spans.setdefault(finding.check, []).append(finding.span)
+    recorded = _recorded(path, registry) if causes else frozenset()
+    for check, cause in causes.items():
+        policy = policies.get(check)
+        effect = "nothing" if policy is None else "withholds" if policy == "withhold" else "costs"
+        words = cause + _and_others(spans.get(check, []))
+        yield Lack(check, effect, words, _remedy(check, rule_set, log_map, registry, recorded))
+    if result.status == "incomplete" and result.missing:
+        yield Lack("score", "withholds", result.missing, "add the trial configuration, or record the orders")
+
+
+def _and_others(spans: Sequence[Span]) -> str:
+    """How often a check is undecided, and for how long, where the first time is not the only one."""
+    if len(spans) < 2:
+        return ""
+    longest = max(spans, key=lambda span: span.duration_s)
+    return (
+        f"; undecided {len(spans)} times, {sum(span.duration_s for span in spans):.3f} s in all, "
+        f"the longest {longest.duration_s:.3f} s from {longest.start_s:.3f} s"
+    )
+
+
+def _recorded(path: Path, registry: Registry) -> frozenset[str]:
+    """The topics that are in the logs."""
+    bundle, readers = find_trial(path, registry)
+    return frozenset(
+        topic.name for part in bundle.parts for topic in readers[part.reader].describe(part.path).topics
+    )
+
+
+def _remedy(
+    check: str, rule_set: RuleSet, log_map: LogMap, registry: Registry, recorded: frozenset[str]
+) -> str:
+    """Which topics would have decided a check."""
+    used = rule_set.checks[check]
+    plugin = registry.find(used.group, used.use)
+    asked = needs_of(plugin, check, rule_set.build(registry)[check])
+    needs = [need for need in asked if not need.optional]
+    if not needs:
+        topics = [channel.topic for channel in log_map.channels if channel.decoder]
+        return _words(topics, recorded, "its orders and submissions come from")
+    wanted = source_quantities(need.quantity for need in needs)
+    topics = [channel.topic for channel in log_map.channels if _gives(channel, wanted)]
+    signals = ", ".join(sorted({need.quantity for need in needs}))
+    gap_s = min(need.max_gap_s for need in needs)
+    return _words(topics, recorded, f"it needs {signals} without gaps longer than {gap_s:g} s, from")
+
+
+def _gives(channel: Channel, wanted: Iterable[str]) -> bool:
+    quantities = frozenset(wanted)
+    return bool(channel.poses and "position" in quantities) or any(
+        quantity_of(mapped.signal) in quantities for mapped in channel.signals
+    )
+
+
+def _words(topics: list[str], recorded: frozenset[str], need: str) -> str:
+    if not topics:
+        return ""
+    shown = [f"{topic} ({'recorded' if topic in recorded else 'not recorded'})" for topic in topics]
+    return f"{need} {' or '.join(shown[:4])}"
+
+
+def _notes(result: Result) -> Iterator[str]:
+    if result.status == "needs_cohort":
+        yield f"the score needs all teams: {result.missing}"
+    for defect in result.measured.log_defects:
+        yield f"{defect.where}: {defect.message} ({defect.count})"
+    if result.provenance.ignored:
+        yield f"not read: {', '.join(result.provenance.ignored[:5])}"

@@ -1,0 +1,585 @@
+"""How much a score or a ranking hangs on the numbers an organiser chose.
+
+Each parameter of the formulas, and each number given to a monitor, is varied over a
+range while everything else stays. Formulas need only what was measured; a monitor's
+own numbers need the log, to measure again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from ariac_score.checks.contracts import Monitor, SignalNeed
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.measure import measure_trial
+from ariac_score.engine.price import reprice
+from ariac_score.engine.read import find_trial, read_trial
+from ariac_score.errors import (
+    DataFileError,
+    FormulaError,
+    PluginError,
+    ResultError,
+    RuleSetError,
+    ScoreError,
+)
+from ariac_score.logs.bundle import with_parts
+from ariac_score.ranking.competition import Competition, RunKey
+from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.spec import ranking_spec
+from ariac_score.results.result import Measured, Result
+from ariac_score.scoring.ledger import rounded
+from ariac_score.scoring.pricing import value_of
+from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.model import Trial
+
+__all__ = [
+    "Knob",
+    "RankSensitivity",
+    "RankShift",
+    "ScoreSensitivity",
+    "knobs_of",
+    "load_rank_sensitivity",
+    "rank_sensitivity",
+    "score_sensitivity",
+    "sensitivity_json",
+]
+
+NEEDS_LOG = "needs the log, to measure again"
+UNUSED = "the score does not use it"
+PRECISION = 1e-6
+"""Relative to the range: how exactly the value is found at which something changes."""
+
+_GRID = 8
+"""Steps over a range; changes that undo each other between two of them are not seen."""
+_NUDGE = 1e-4
+_MOST_SHIFTS = 20
+_AROUND = (0.5, 2.0)
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Knob:
+    """A number that can be chosen.
+
+    Attributes:
+        name: A parameter, or `check.parameter` of a monitor.
+        base: Its value in the rule set.
+        low: Lowest value it is given.
+        high: Highest value.
+        declared: Whether the rule set says the range; else it is half to double.
+        check: The monitor it belongs to; empty for a parameter of the formulas.
+        used: Whether the score depends on it.
+    """
+
+    name: str
+    base: float
+    low: float
+    high: float
+    declared: bool
+    check: str = ""
+    used: bool = True
+
+    @property
+    def parameter(self) -> str:
+        """Its name without the check."""
+        return self.name.rpartition(".")[2]
+
+
+@dataclass(frozen=True)
+class ScoreSensitivity:
+    """What one number does to a score.
+
+    Attributes:
+        knob: The number.
+        low: Score at its lowest value; `None` where there is none.
+        base: Score as it is.
+        high: Score at its highest value.
+        elasticity: By how many percent the score changes for one percent of the number,
+            at its value; `None` where the score or the number is 0.
+        changes_below: The nearest lower value at which the rounded score is another one;
+            `None` when it is the same down to the lowest.
+        changes_above: The nearest higher one.
+        skipped: Why it was not varied; empty when it was.
+    """
+
+    knob: Knob
+    low: float | None = None
+    base: float | None = None
+    high: float | None = None
+    elasticity: float | None = None
+    changes_below: float | None = None
+    changes_above: float | None = None
+    skipped: str = ""
+
+
+@dataclass(frozen=True)
+class RankShift:
+    """A value of a number at which ranks change.
+
+    Attributes:
+        value: The value.
+        before: Rank by team below it; `None` for a team without one.
+        after: Rank by team from there on.
+    """
+
+    value: float
+    before: Mapping[str, int | None]
+    after: Mapping[str, int | None]
+
+
+@dataclass(frozen=True)
+class RankSensitivity:
+    """What one number does to a ranking: where ranks change, from the lowest value up."""
+
+    knob: Knob
+    shifts: tuple[RankShift, ...] = ()
+    skipped: str = ""
+
+
+# Numbers -------------------------------------------------------------------------------
+
+
+def knobs_of(rule_set: RuleSet, registry: Registry) -> list[Knob]:
+    """The numbers of a rule set: parameters of its formulas, then those its monitors are given.
+
+    Raises:
+        RuleSetError: A range is given for something of a monitor that is no number.
+    """
+    named = {
+        getattr(node, "id", "")
+        for each in rule_set.sheet.reached(rule_set.sheet.score)
+        for node in each.walk()
+    }
+    knobs = [
+        _knob(rule_set, name, float(value), used=name in named)
+        for name, value in rule_set.sheet.parameters.items()
+    ]
+    built = rule_set.build(registry)
+    for check in rule_set.checks.values():
+        if not isinstance(built[check.name], Monitor):
+            continue
+        ranged = [n.partition(".")[2] for n in rule_set.ranges if n.startswith(f"{check.name}.")]
+        for parameter in dict.fromkeys([*check.parameters, *ranged]):
+            value = check.parameters.get(parameter, getattr(built[check.name], parameter, None))
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                name = f"{check.name}.{parameter}"
+                used = check.name in rule_set.sheet.scored
+                knobs.append(_knob(rule_set, name, float(value), check=check.name, used=used))
+            elif parameter in ranged:
+                raise RuleSetError(
+                    f"a range is given for '{check.name}.{parameter}', which has no number",
+                    file=rule_set.file,
+                    place="$.ranges",
+                    hint="give the parameter a number under 'with:'",
+                )
+    return knobs
+
+
+def _knob(rule_set: RuleSet, name: str, base: float, *, used: bool, check: str = "") -> Knob:
+    declared = rule_set.ranges.get(name)
+    low, high = declared or (sorted(base * factor for factor in _AROUND) if base else (0.0, 1.0))
+    return Knob(name, base, low, high, declared is not None, check, used)
+
+
+def turned(rule_set: RuleSet, knob: Knob, value: float) -> RuleSet:
+    """The rule set with another value of a number."""
+    if not knob.check:
+        parameters = {**rule_set.sheet.parameters, knob.name: value}
+        return replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters), expanded={})
+    check = rule_set.checks[knob.check]
+    changed = replace(check, parameters={**check.parameters, knob.parameter: value})
+    return replace(rule_set, checks={**rule_set.checks, check.name: changed}, expanded={})
+
+
+# One score -----------------------------------------------------------------------------
+
+
+class _Log:
+    """A trial read once, and measured under as many rule sets as needed."""
+
+    def __init__(
+        self, path: Path, rule_set: RuleSet, registry: Registry, *, also: tuple[Path, ...] = ()
+    ) -> None:
+        self.registry = registry
+        self.mapping: LogMap = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
+        bundle, readers = find_trial(path, registry)
+        bundle = with_parts(bundle, also, path, readers)
+        needs = [n for c in rule_set.build(registry).values() if isinstance(c, Monitor) for n in c.needs()]
+        self.trial: Trial = read_trial(
+            bundle,
+            readers,
+            self.mapping,
+            registry,
+            quantities=[need.quantity for need in needs],
+            orders=rule_set.about_orders,
+        )
+        self._last: tuple[tuple[Derivation, ...], Trial] | None = None
+
+    def measure(self, rule_set: RuleSet, only: str = "") -> Measured:
+        """What the checks of a rule set find in it, or one of them alone."""
+        checks = rule_set.build(self.registry)
+        # What is derived depends on the needs of all, so it is that of all even for one.
+        needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
+        asked = {only: checks[only]} if only else checks
+        return measure_trial(self._derived(needs), asked, registry=self.registry, rule_set=rule_set)
+
+    def measure_again(self, measured: Measured, rule_set: RuleSet, check: str) -> Measured:
+        """What was measured, with what one check finds now."""
+        kept = {name: f for name, f in measured.findings.items() if f.check != check}
+        return replace(measured, findings={**kept, **self.measure(rule_set, check).findings})
+
+    def _derived(self, needs: list[SignalNeed]) -> Trial:
+        wanted = tuple(Derivation(need.quantity, need.max_gap_s) for need in needs)
+        if self._last is None or self._last[0] != wanted:
+            trial = derive_signals(self.trial, wanted, speed_window_s=self.mapping.speed_window_s)
+            self._last = wanted, trial
+        return self._last[1]
+
+
+def score_sensitivity(
+    result: Result, rule_set: RuleSet, *, registry: Registry, log: Path | None = None
+) -> list[ScoreSensitivity]:
+    """What each number of a rule set does to the score of a result.
+
+    Args:
+        result: The result.
+        rule_set: By which it is priced; its checks must be among those measured.
+        registry: The installed plugins.
+        log: The log it was made from, for the numbers of its monitors.
+
+    Raises:
+        ResultError: The result has no score, or the log is not its log.
+        RuleSetError: A check of the rule set was not measured.
+    """
+    again = reprice(result, rule_set, result.cohort)
+    if again.score is None:
+        raise ResultError(
+            f"it has no score: {again.status}", hint="only a score can be sensitive to anything"
+        )
+    read = None if log is None else _Log(log, rule_set, registry)
+    if read is not None and _score(read.measure(rule_set), rule_set, again) != _score(
+        again.measured, rule_set, again
+    ):
+        raise ResultError(
+            "the log does not give the score of the result", file=log, hint="give the log it was made from"
+        )
+    found = []
+    for knob in knobs_of(rule_set, registry):
+        if not knob.used or (knob.check and read is None):
+            found.append(ScoreSensitivity(knob, skipped=NEEDS_LOG if knob.used else UNUSED))
+        else:
+            found.append(_score_over(knob, _scorer(knob, rule_set, again, read), rule_set.digits))
+    return found
+
+
+def _scorer(
+    knob: Knob, rule_set: RuleSet, result: Result, log: _Log | None
+) -> Callable[[float], float | None]:
+    def score(value: float) -> float | None:
+        rules = turned(rule_set, knob, value)
+        measured = result.measured
+        if knob.check and log is not None:
+            measured = log.measure_again(measured, rules, knob.check)
+        return _score(measured, rules, result)
+
+    return score
+
+
+def _score(measured: Measured, rule_set: RuleSet, result: Result) -> float | None:
+    """The score, not rounded; `None` where there is none, as where a number is out of its domain."""
+    try:
+        return value_of(
+            measured.findings, measured.scopes, rule_set.sheet, rule_set.policies, cohort=result.cohort
+        )
+    except FormulaError:
+        return None
+
+
+def _score_over(knob: Knob, score: Callable[[float], float | None], digits: int) -> ScoreSensitivity:
+    def shown(value: float) -> str:
+        found = _or_none(score, value)
+        return "none" if found is None else str(rounded(found, digits))
+
+    known = _Remembered(shown)
+    below = _first_change(known, knob.base, knob.low)
+    above = _first_change(known, knob.base, knob.high)
+    return ScoreSensitivity(
+        knob,
+        _or_none(score, knob.low),
+        score(knob.base),
+        _or_none(score, knob.high),
+        _elasticity(knob, score),
+        below,
+        above,
+    )
+
+
+def _or_none(score: Callable[[float], float | None], value: float) -> float | None:
+    """The score; `None` also for a value its plugin refuses."""
+    try:
+        return score(value)
+    except (PluginError, RuleSetError):
+        return None
+
+
+def _elasticity(knob: Knob, score: Callable[[float], float | None]) -> float | None:
+    base = score(knob.base)
+    less = _or_none(score, knob.base * (1 - _NUDGE))
+    more = _or_none(score, knob.base * (1 + _NUDGE))
+    if not knob.base or not base or less is None or more is None:
+        return None
+    return (more - less) / (2 * _NUDGE * base)
+
+
+class _Remembered(Generic[T]):
+    """A function whose values are kept."""
+
+    def __init__(self, function: Callable[[float], T]) -> None:
+        self._function, self._known = function, dict[float, T]()
+
+    def __call__(self, value: float) -> T:
+        if value not in self._known:
+            self._known[value] = self._function(value)
+        return self._known[value]
+
+
+def _first_change(of: Callable[[float], Any], base: float, end: float) -> float | None:
+    """The value nearest to the base, on the way to an end, at which something is not as at the base."""
+    previous = base
+    for step in range(1, _GRID + 1):
+        value = base + (end - base) * step / _GRID
+        if of(value) != of(base):
+            return _edge(of, previous, value, PRECISION * abs(end - base))
+        previous = value
+    return None
+
+
+def _edge(of: Callable[[float], Any], same: float, other: float, precision: float) -> float:
+    """Where, between two values, it stops being as at the first; the far side of the edge."""
+    at_first = of(same)
+    while abs(other - same) > precision:
+        middle = (same + other) / 2
+        if middle in (same, other):
+            break
+        if of(middle) == at_first:
+            same = middle
+        else:
+            other = middle
+    return other
+
+
+# A ranking -----------------------------------------------------------------------------
+
+
+def rank_sensitivity(
+    competition: Competition,
+    rule_set: RuleSet,
+    results: Mapping[RunKey, Result | ScoreError],
+    *,
+    registry: Registry,
+) -> list[RankSensitivity]:
+    """At which values of each number of a rule set the ranks of a competition change.
+
+    Args:
+        competition: Its teams, trials and runs.
+        rule_set: By which it is ranked.
+        results: Each run's result, or why there is none.
+        registry: The installed plugins.
+    """
+    stored = all(run.path.suffix == ".json" for run in competition.runs)
+    logs: dict[RunKey, _Log] = {}
+    found = []
+    for knob in knobs_of(rule_set, registry):
+        if not knob.used or (knob.check and stored):
+            found.append(RankSensitivity(knob, skipped=NEEDS_LOG if knob.used else UNUSED))
+            continue
+        if knob.check and not logs:
+            logs = _logs(competition, rule_set, results, registry)
+        ranks = _Remembered(_ranker(knob, competition, rule_set, results, logs))
+        found.append(RankSensitivity(knob, tuple(_shifts(knob, ranks))))
+    return found
+
+
+def _logs(
+    competition: Competition,
+    rule_set: RuleSet,
+    results: Mapping[RunKey, Result | ScoreError],
+    registry: Registry,
+) -> dict[RunKey, _Log]:
+    teams = {team.id: team.config for team in competition.teams}
+    trials = {trial.id: trial.config for trial in competition.trials}
+    return {
+        run.key: _Log(
+            run.path,
+            rule_set,
+            registry,
+            also=tuple(c for c in (trials.get(run.trial), teams.get(run.team)) if c),
+        )
+        for run in competition.runs
+        if isinstance(results.get(run.key), Result) and run.path.suffix != ".json"
+    }
+
+
+Ranks = Mapping[str, int | None]
+
+
+def _ranker(
+    knob: Knob,
+    competition: Competition,
+    rule_set: RuleSet,
+    results: Mapping[RunKey, Result | ScoreError],
+    logs: Mapping[RunKey, _Log],
+) -> Callable[[float], Ranks | None]:
+    def ranks(value: float) -> Ranks | None:
+        rules = turned(rule_set, knob, value)
+        try:
+            priced = {key: _under(rules, knob, result, logs.get(key)) for key, result in results.items()}
+        except (PluginError, RuleSetError):
+            return None
+        ranking = rank_results(
+            competition, ranking_spec(rules, competition.ranking, file=str(competition.file)), rules, priced
+        )
+        return _ranks(ranking)
+
+    return ranks
+
+
+def _under(rules: RuleSet, knob: Knob, result: Result | ScoreError, log: _Log | None) -> Result | ScoreError:
+    """A run priced by other rules, and measured again where it is a monitor that changed."""
+    if isinstance(result, ScoreError):
+        return result
+    if knob.check:
+        checks = {
+            name: {**stored, "with": dict(rules.checks[name].parameters)} if name == knob.check else stored
+            for name, stored in result.checks.items()
+        }
+        measured = result.measured if log is None else log.measure_again(result.measured, rules, knob.check)
+        result = replace(result, measured=measured, checks=checks)
+    try:
+        return reprice(result, rules)
+    except FormulaError as error:
+        return error
+
+
+def _ranks(ranking: Ranking) -> Ranks:
+    return {standing.team: standing.rank for standing in sorted(ranking.standings, key=lambda s: s.team)}
+
+
+def _shifts(knob: Knob, ranks: Callable[[float], Ranks | None]) -> Iterator[RankShift]:
+    """Every value at which ranks change, from the lowest up, as far as a fine grid shows them."""
+    precision = PRECISION * max(abs(knob.low), abs(knob.high))
+    grid = sorted(
+        {knob.low + (knob.high - knob.low) * step / _GRID for step in range(_GRID + 1)} | {knob.base}
+    )
+    grid = [value for value in grid if knob.low <= value <= knob.high]
+    count = 0
+    for left, right in pairwise(grid):
+        at = left
+        while ranks(at) != ranks(right) and count < _MOST_SHIFTS:
+            value = _edge(ranks, at, right, precision)
+            before, after = ranks(at), ranks(value)
+            yield RankShift(value, before or {}, after or {})
+            at, count = value, count + 1
+
+
+# As JSON -------------------------------------------------------------------------------
+
+
+def sensitivity_json(
+    found: list[ScoreSensitivity] | list[RankSensitivity], rule_set: RuleSet, of: str
+) -> str:
+    """The findings as canonical JSON."""
+    data = {
+        "format": "ariac-score sensitivity",
+        "version": 1,
+        "of": of,
+        "rule_set": {"id": rule_set.id, "sha256": rule_set.sha256},
+        "numbers": [_as_data(each) for each in found],
+    }
+    return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _as_data(each: ScoreSensitivity | RankSensitivity) -> dict[str, Any]:
+    knob = each.knob
+    data: dict[str, Any] = {
+        "name": knob.name,
+        "value": knob.base,
+        "low": knob.low,
+        "high": knob.high,
+        "declared": knob.declared,
+    }
+    if each.skipped:
+        return {**data, "skipped": each.skipped}
+    if isinstance(each, ScoreSensitivity):
+        return {
+            **data,
+            "score": {"low": each.low, "base": each.base, "high": each.high},
+            "elasticity": each.elasticity,
+            "changes_below": each.changes_below,
+            "changes_above": each.changes_above,
+        }
+    shifts = [{"value": s.value, "before": dict(s.before), "after": dict(s.after)} for s in each.shifts]
+    return {**data, "shifts": shifts}
+
+
+def load_rank_sensitivity(path: Path, of: str, rule_set: tuple[str, str]) -> list[RankSensitivity]:
+    """Read back what `sensitivity_json` wrote about a ranking.
+
+    Args:
+        path: The file.
+        of: The competition it must be of.
+        rule_set: Id and SHA-256 of the rules it must be of.
+
+    Raises:
+        DataFileError: Missing, something else, or of another competition or other rules.
+    """
+    hint = "give what 'sensitivity COMPETITION --output-format json' wrote for this competition"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as cause:
+        raise DataFileError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
+    except (ValueError, RecursionError) as cause:
+        raise DataFileError(f"not a sensitivity: {cause}", file=path, hint=hint) from None
+    try:
+        rules = data["rule_set"]["id"], data["rule_set"]["sha256"]
+        if data["format"] != "ariac-score sensitivity" or data["version"] != 1:
+            raise DataFileError("not a sensitivity of this version", file=path, hint=hint)
+        if data["of"] != of or rules != rule_set:
+            raise DataFileError(
+                f"it is of {data['of']!r} under {rules[0]} ({str(rules[1])[:12]}…), "
+                f"not of {of!r} under {rule_set[0]} ({rule_set[1][:12]}…)",
+                file=path,
+                hint=hint,
+            )
+        return [_rank_sensitivity_of(each) for each in data["numbers"]]
+    except (KeyError, TypeError, ValueError, AttributeError) as cause:
+        told = f"{type(cause).__name__}: {cause}"
+        raise DataFileError(f"not the sensitivity of a ranking: {told}", file=path, hint=hint) from None
+
+
+def _rank_sensitivity_of(data: Mapping[str, Any]) -> RankSensitivity:
+    name = str(data["name"])
+    base, low, high = (float(data[key]) for key in ("value", "low", "high"))
+    knob = Knob(name, base, low, high, bool(data["declared"]), name.rpartition(".")[0])
+    if "skipped" in data:
+        return RankSensitivity(knob, skipped=str(data["skipped"]))
+    return RankSensitivity(
+        knob,
+        tuple(
+            RankShift(float(shift["value"]), _ranks_of(shift["before"]), _ranks_of(shift["after"]))
+            for shift in data["shifts"]
+        ),
+    )
+
+
+def _ranks_of(data: Mapping[str, Any]) -> Ranks:
+    return {str(team): None if rank is None else int(rank) for team, rank in data.items()}

@@ -1,0 +1,444 @@
+"""Holding a stored result against itself, against the installed versions, and against its log.
+
+A result can be checked alone as far as its score follows from its findings. That the findings
+are those of the log takes the log: then everything is computed again and compared to the byte.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from ariac_score.checks.registry import Registry, package_sha256
+from ariac_score.documents.schema import schema_errors, strict_json
+from ariac_score.engine.price import reprice
+from ariac_score.engine.score import score_trial
+from ariac_score.engine.settings import plain_value
+from ariac_score.errors import NothingToScoreError, PluginError, ResultError, ScoreError, UsageError
+from ariac_score.ranking.competition import FILE, Competition, Run, load_competition
+from ariac_score.results.adjustments import adjust, load_adjustments
+from ariac_score.results.result import Provenance, Result
+from ariac_score.results.result_file import as_json, check_follows, measured_sha256, newer_schema, read_result
+from ariac_score.scoring.ruleset import RuleSet, differences, expanded_yaml, load_rule_set, rule_set_from_text
+
+__all__ = ["Step", "Verification", "verify_result"]
+
+SHOWN = 5
+"""Differences that are named; one edit changes few places, another log changes many."""
+
+OK, FAILED, NOTE = "ok", "failed", "note"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One thing that was looked at.
+
+    Attributes:
+        name: Such as `schema` or `recomputed`.
+        outcome: `ok`, `failed`, or `note` for what may differ without anything being wrong.
+        words: What was found; several lines for several differences.
+    """
+
+    name: str
+    outcome: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What holds of a stored result.
+
+    Attributes:
+        steps: In the order in which they were taken.
+        result: The result; `None` when it cannot be built from the file.
+    """
+
+    steps: tuple[Step, ...]
+    result: Result | None
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing failed."""
+        return all(step.outcome != FAILED for step in self.steps)
+
+
+def verify_result(
+    path: Path,
+    *,
+    log: Path | None = None,
+    rules: str = "",
+    log_map: str = "",
+    adjustments: Path | None = None,
+    registry: Registry | None = None,
+) -> Verification:
+    """Check a stored result.
+
+    Args:
+        path: The result.
+        log: Its log, bundle, or the competition it is a run of; then everything is computed again.
+        rules: The rule set it should be by; without it, what is installed under the same name.
+        log_map: Log map, where the rule set names one that lies elsewhere.
+        adjustments: The stewards' file, where the result is adjusted.
+        registry: The installed plugins.
+
+    Raises:
+        ResultError: The file is no JSON at all.
+        ScoreError: The log, the rules or the adjustments cannot be read.
+    """
+    text, data = _read(path)
+    steps = [_schema(data)]
+    if steps[0].outcome == FAILED:
+        return Verification(tuple(steps), None)
+    try:
+        result = read_result(path)
+    except ResultError as error:
+        return Verification((*steps, Step("sums", FAILED, _told(error))), None)
+    steps.append(Step("sums", OK, f"every line of the ledger adds up to {_amount(result)}"))
+    steps += _follows(result)
+    steps.append(_canonical(text, result))
+    given = load_rule_set(rules) if rules else _installed(result)
+    steps.append(_rules(result, given, asked=bool(rules)))
+    steps.append(_code(result))
+    if adjustments is not None:
+        steps.append(_adjustments(result, adjustments))
+    if log is not None:
+        rule_set = _rule_set_for(result, given, asked=bool(rules))
+        again = _again(result.automatic, log, rule_set, log_map, registry or Registry())
+        again, parts = _as_it_was_read(result.automatic, again)
+        steps += [*parts, _inputs(result, again), _recomputed(result.automatic, again)]
+    return Verification(tuple(steps), result)
+
+
+# The result alone ----------------------------------------------------------------------
+
+
+def _read(path: Path) -> tuple[str, Any]:
+    try:
+        text = path.read_text(encoding="utf-8")
+        return text, strict_json(text)
+    except OSError as cause:
+        raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
+    except (ValueError, RecursionError) as cause:
+        raise ResultError(
+            f"not a result: {cause}", file=path, hint="give the JSON that 'score --output-format json' wrote"
+        ) from None
+
+
+def _told(error: ScoreError) -> str:
+    return f"{error.place}: {error.cause}" if error.place else error.cause
+
+
+def _amount(result: Result) -> str:
+    return "nothing, for there is no score" if result.score is None else f"{result.score:f}"
+
+
+def _schema(data: Any) -> Step:
+    faults = schema_errors(data, "result")
+    if not faults:
+        return Step("schema", OK, str(data["schema"]))
+    if newer := newer_schema(data):
+        return Step("schema", FAILED, f"$.schema: {newer}; update ariac-score")
+    where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in faults[0][0])
+    return Step("schema", FAILED, f"{where}: {faults[0][1]}")
+
+
+def _follows(result: Result) -> Iterator[Step]:
+    """Whether the automatic score follows from the findings, and the adjusted one from the decisions."""
+    try:
+        check_follows(result.automatic)
+        yield Step(
+            "automatic", OK, f"{_amount(result)} follows from the findings, by the rules in the result"
+        )
+    except ResultError as error:
+        yield Step("automatic", FAILED, _told(error))
+        return
+    adjusted = result.adjusted
+    if adjusted is None:
+        return
+    try:
+        check_follows(result)
+        final = "no score" if adjusted.score is None else f"{adjusted.score:f}"
+        names = ", ".join(decision.id for decision in adjusted.adjustments)
+        yield Step("adjusted", OK, f"{final} follows from the automatic score and the decisions: {names}")
+    except ResultError as error:
+        yield Step("adjusted", FAILED, _told(error))
+
+
+def _canonical(text: str, result: Result) -> Step:
+    """Whether the file is what is written for such a result, which an editor seldom keeps."""
+    if text == as_json(result):
+        return Step("bytes", OK, "as they are written")
+    found = list(_different(json.loads(text), json.loads(as_json(result)), "$"))
+    words = (
+        "the same values, written in another way" if not found else _listed(found, "in the file", "as read")
+    )
+    return Step("bytes", FAILED, words)
+
+
+def _installed(result: Result) -> RuleSet | None:
+    """The rule set of that name, where one is installed."""
+    try:
+        name = result.provenance.rule_set[0]
+        return None if name.endswith((".yaml", ".yml")) or "/" in name else load_rule_set(name)
+    except ScoreError:
+        return None
+
+
+def _rules(result: Result, given: RuleSet | None, *, asked: bool) -> Step:
+    name, sha256 = result.provenance.rule_set
+    own = rule_set_from_text(result.rules, file="the rules in the result")
+    worse = FAILED if asked else NOTE
+    if own.id != name:
+        return Step(
+            "rules", FAILED, f"the rules in the result are {own.id!r}, it says that it is by {name!r}"
+        )
+    told = (own.title, own.notes, {name: _used(own, name) for name in own.checks})
+    if told != (result.rule_set_title, result.notes, {n: dict(used) for n, used in result.checks.items()}):
+        return Step("rules", FAILED, "title, notes or checks are not those of the rules in the result")
+    for check, parameter in _given_otherwise(result):
+        words = f"settings of {check!r} give {parameter!r} another value than the rules in the result"
+        return Step("rules", FAILED, words)
+    if given is None:
+        return Step("rules", NOTE, f"{name} is not installed here; the rules in the result were used")
+    if expanded_yaml(given) != expanded_yaml(own):
+        found = list(differences(own.expanded, given.expanded))
+        whose = "given" if asked else "installed"
+        words = _listed(found, "in the result", f"in {given.id} as {whose}")
+        return Step("rules", worse, f"{name} is another rule set than {given.id} as {whose}: {words}")
+    if given.sha256 != sha256:
+        return Step(
+            "rules", worse, f"{name} says the same, but from a file with another hash: {given.sha256[:16]}…"
+        )
+    return Step("rules", OK, f"{name}, sha256 {sha256[:16]}…")
+
+
+def _given_otherwise(result: Result) -> Iterator[tuple[str, str]]:
+    """Parameters that the settings have from the rule set, and the rule set does not give so."""
+    for name, kept in (result.measured.settings or {}).items():
+        given = dict(result.checks.get(name, {}).get("with", {}))
+        told = {one.name: one for one in kept.parameters}
+        for parameter in sorted(given.keys() - told.keys()):
+            yield name, parameter
+        for parameter, one in told.items():
+            if one.origin == "rule_set" and (
+                parameter not in given or _text(one.value) != _text(plain_value(given[parameter]))
+            ):
+                yield name, parameter
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, sort_keys=True)
+
+
+def _used(rule_set: RuleSet, name: str) -> dict[str, Any]:
+    check = rule_set.checks[name]
+    return {
+        "use": check.use,
+        "with": dict(check.parameters),
+        "on_inconclusive": check.on_inconclusive,
+        "priced": name in rule_set.sheet.priced,
+    }
+
+
+def _code(result: Result) -> Step:
+    """Which recorded versions are not those installed here."""
+    if not result.provenance.code:
+        return Step("code", NOTE, "the result does not say which code made it")
+    others = [words for each in result.provenance.code if (words := _other(*each))]
+    if others:
+        return Step("code", NOTE, "\n".join(others))
+    return Step("code", OK, ", ".join(f"{p} ({d} {v})" for d, v, p, _ in result.provenance.code))
+
+
+def _other(distribution: str, recorded: str, package: str, sha256: str) -> str:
+    """How the installed code differs from the recorded; empty when it does not."""
+    try:
+        here = version(distribution)
+        own = package_sha256(package)
+    except (PackageNotFoundError, PluginError, ValueError, ImportError):
+        return f"{distribution} {recorded} with {package} made it, and is not installed here"
+    if here != recorded:
+        return f"{distribution} {recorded} with {package} made it, here it is {here}"
+    if own != sha256:
+        return f"{package} of {distribution} {recorded} made it, sha256 {sha256[:16]}…, here {own[:16]}…"
+    return ""
+
+
+def _adjustments(result: Result, file: Path) -> Step:
+    """Whether the stewards' file gives what the result says."""
+    if result.adjusted is None:
+        return Step("adjustments", FAILED, "the result is automatic; nobody has adjusted it")
+    loaded = load_adjustments(file)
+    try:
+        again, _ = adjust(result.automatic, loaded, measured=measured_sha256(result.automatic))
+    except ScoreError as error:
+        return Step("adjustments", FAILED, error.cause)
+    if as_json(again) == as_json(result):
+        return Step(
+            "adjustments", OK, f"the decisions are those of {file.name}, sha256 {loaded.sha256[:16]}…"
+        )
+    found = list(_different(json.loads(as_json(result)), json.loads(as_json(again)), "$"))
+    return Step("adjustments", FAILED, _listed(found, "in the result", f"by {file.name}"))
+
+
+# With its log --------------------------------------------------------------------------
+
+
+def _rule_set_for(result: Result, given: RuleSet | None, *, asked: bool) -> RuleSet:
+    """The rules to compute by: those asked for, else those in the result."""
+    own = rule_set_from_text(result.rules, file="the rules in the result")
+    if given is not None and (asked or expanded_yaml(given) == expanded_yaml(own)):
+        return given
+    return replace(own, sha256=result.provenance.rule_set[1])
+
+
+def _again(stored: Result, log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> Result:
+    """The result computed again, with the values across teams it was priced with."""
+    competition = _competition(log, rule_set)
+    if competition is None:
+        result = score_trial(log, rule_set, log_map=log_map, registry=registry)
+    else:
+        run = _run_of(stored, competition)
+        configs = [t.config for t in competition.trials if t.id == run.trial]
+        configs += [t.config for t in competition.teams if t.id == run.team]
+        result = score_trial(
+            run.path,
+            rule_set,
+            log_map=log_map,
+            registry=registry,
+            also=[config for config in configs if config is not None],
+            root=competition.root,
+            trial_id=run.trial,
+            team=run.team,
+        )
+    return reprice(result, rule_set, stored.cohort) if stored.cohort.values else result
+
+
+def _competition(log: Path, rule_set: RuleSet) -> Competition | None:
+    """The competition at a path, where there is one."""
+    if log.name != FILE and not (log / FILE).is_file() and not (log / "logs").is_dir():
+        return None
+    try:
+        return load_competition(log, rule_set.id)
+    except (NothingToScoreError, UsageError):
+        return None
+
+
+def _run_of(stored: Result, competition: Competition) -> Run:
+    """The run of a competition that a result is of, by the names of its files."""
+    names = [source.name for source in stored.provenance.inputs]
+    for run in competition.runs:
+        own = run.path.relative_to(competition.root).as_posix()
+        if any(name == own or name.startswith(f"{own}/") for name in names):
+            return run
+    raise NothingToScoreError(
+        f"the competition has no run with {', '.join(names[:3]) or 'its files'}",
+        file=competition.file,
+        hint="give the log of the run itself as --log",
+    )
+
+
+def _as_it_was_read(stored: Result, again: Result) -> tuple[Result, list[Step]]:
+    """A result of whole files with the sources of one that read parts of them, and what that means."""
+    parts = {(s.role, s.name, s.bytes): s for s in stored.provenance.inputs if s.read_bytes is not None}
+    inputs = tuple(parts.get((s.role, s.name, s.bytes), s) for s in again.provenance.inputs)
+    words = [
+        f"{name}: {source.read_bytes} of {size} bytes were read; that they are those of this file shows only"
+        " what was found in them"
+        for (_, name, size), source in parts.items()
+    ]
+    steps = [Step("parts", NOTE, "\n".join(words))] if words else []
+    return replace(again, provenance=replace(again.provenance, inputs=inputs)), steps
+
+
+def _inputs(result: Result, again: Result) -> Step:
+    """Whether the files are those the result was made from."""
+    then, now = ({(s.role, s.name): s.sha256 for s in each.provenance.inputs} for each in (result, again))
+    words = [
+        f"{role} {name}: {why}"
+        for (role, name) in dict.fromkeys([*then, *now])
+        if (why := _file_difference(then.get((role, name)), now.get((role, name))))
+    ]
+    if words:
+        return Step("log", FAILED, "\n".join(words[:SHOWN]))
+    return Step("log", OK, ", ".join(f"{name}, sha256 {sha[:16]}…" for (_, name), sha in then.items()))
+
+
+def _file_difference(then: str | None, now: str | None) -> str:
+    if then == now:
+        return ""
+    if then is None:
+        return "was not there when the result was made"
+    return "is not there" if now is None else f"another file: sha256 {then[:16]}…, here {now[:16]}…"
+
+
+def _recomputed(stored: Result, again: Result) -> Step:
+    before, after = as_json(stored), as_json(again)
+    if before == after:
+        return Step("recomputed", OK, "the same to the byte")
+    found = list(_different(json.loads(before), json.loads(after), "$"))
+    # A result that keeps no settings is of a version before they were kept, or was robbed of them.
+    unpriced = ["$.provenance"]
+    unpriced += ["$.settings"] if stored.measured.settings is None else []
+    unpriced += ["$.units"] if stored.measured.units is None else []
+    values = [each for each in found if not each[0].startswith(tuple(unpriced))]
+    words = (
+        _listed(values, "in the result", "computed again")
+        if values
+        else "the same score, ledger and findings"
+        + ("; the result does not keep its settings" if stored.measured.settings is None else "")
+    )
+    versions = list(_versions(stored.provenance, again.provenance))
+    return Step("recomputed", FAILED, "\n".join([words, *versions]))
+
+
+def _versions(stored: Provenance, again: Provenance) -> Iterator[str]:
+    """Which of what made a result is not what computed it again."""
+    for what, (name, sha256), (now, own) in (
+        ("rule set", stored.rule_set, again.rule_set),
+        ("log map", stored.log_map, again.log_map),
+    ):
+        if (name, sha256) != (now, own):
+            yield f"another {what}: {name}, sha256 {sha256[:16]}…; here {now}, sha256 {own[:16]}…"
+    then = {(d, p): (v, sha256) for d, v, p, sha256 in stored.code}
+    here = {(d, p): (v, sha256) for d, v, p, sha256 in again.code}
+    for distribution, package in dict.fromkeys([*then, *here]):
+        before, after = then.get((distribution, package)), here.get((distribution, package))
+        if before != after:
+            told = [
+                "nothing" if each is None else f"version {each[0]}, sha256 {each[1][:16]}…"
+                for each in (before, after)
+            ]
+            yield f"another {package} of {distribution}: {told[0]}; here {told[1]}"
+    if stored.ignored != again.ignored:
+        yield "other files were passed over"
+
+
+def _different(first: Any, second: Any, place: str) -> Iterator[tuple[str, Any, Any]]:
+    """Where two values of JSON differ: place, first, second; `None` where one has nothing."""
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        for key in dict.fromkeys([*first, *second]):
+            yield from _different(first.get(key), second.get(key), f"{place}.{key}")
+    elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
+        for i, (one, other) in enumerate(zip(first, second, strict=True)):
+            yield from _different(one, other, f"{place}[{i}]")
+    elif first != second:
+        yield place, first, second
+
+
+def _listed(found: list[tuple[str, Any, Any]], first: str, second: str) -> str:
+    lines = [
+        f"{place}: {_short(one)} {first}, {_short(other)} {second}" for place, one, other in found[:SHOWN]
+    ]
+    return "\n".join([*lines, *([f"and {len(found) - SHOWN} more"] if len(found) > SHOWN else [])])
+
+
+def _short(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 60 else f"{text[:59]}…"

@@ -1,0 +1,214 @@
+"""Penalties: presets that turn the score of a rule set into its penalised final score.
+
+A rule set says `include: [penalty.<name>]` and which of its checks are charged
+(`safety:`). What comes out is a plain rule set: its own score becomes the term
+`earned`, the terms of the penalty follow, and its `penalised_score` is the score. A term or
+parameter that the rule set has itself stays its own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ariac_score.documents.schema import shipped_rules, validate
+from ariac_score.documents.yaml import YamlDocument, load_yaml
+from ariac_score.errors import RuleSetError, did_you_mean
+
+__all__ = ["EARNED", "PREFIX", "Penalty", "load_penalty", "penalty_names", "with_penalty"]
+
+PREFIX = "penalty."
+EARNED = "earned"
+"""The term that holds what the rule set itself gives, before any penalty."""
+
+_FINAL = "penalised_score"
+_SCALE = "safety_scale"
+_CLASSES = "penalty.classes"
+
+
+@dataclass(frozen=True)
+class Penalty:
+    """One preset.
+
+    Attributes:
+        id: Such as `penalty.gate`.
+        title: One line for people.
+        source: Where it comes from.
+        in_words: Its formula in words.
+        terms: Formulas, or templates that are written for each safety check.
+        parameters: Named numbers.
+        sha256: Of its file and that of the classes.
+        classes: Weight by class.
+    """
+
+    id: str
+    title: str
+    source: str
+    in_words: str
+    terms: Mapping[str, Any]
+    parameters: Mapping[str, float]
+    sha256: str
+    classes: Mapping[str, float] = field(default_factory=dict)
+
+
+def penalty_names() -> list[str]:
+    """The shipped penalties."""
+    return [name for name in sorted(shipped_rules()) if name.startswith(PREFIX) and name != _CLASSES]
+
+
+def load_penalty(name: str, *, beside: Path) -> Penalty:
+    """A penalty by name, or from a file by its path relative to a folder.
+
+    Raises:
+        RuleSetError: There is none of that name, or it breaks the schema.
+    """
+    shipped = shipped_rules()
+    if name.endswith((".yaml", ".yml")) or "/" in name:
+        path = beside / name
+    elif name in penalty_names():
+        path = shipped[name]
+    else:
+        raise RuleSetError(
+            f"there is no penalty {name!r}",
+            hint=did_you_mean(name, penalty_names(), what="shipped penalties"),
+        )
+    document = load_yaml(path, error=RuleSetError)
+    validate(document, "penalty", error=RuleSetError)
+    classes = load_yaml(shipped[_CLASSES], error=RuleSetError)
+    data = document.data
+    return Penalty(
+        id=data["id"],
+        title=data["title"],
+        source=data["source"],
+        in_words=data["in_words"],
+        terms=data["terms"],
+        parameters=data.get("parameters", {}),
+        sha256=hashlib.sha256(f"{document.sha256} weighs {classes.sha256}".encode()).hexdigest(),
+        classes=classes.data["weights"],
+    )
+
+
+@dataclass(frozen=True)
+class _Charged:
+    """One safety check as a penalty sees it."""
+
+    check: str
+    weight: float
+    critical: bool
+
+    @property
+    def parameter(self) -> str:
+        return f"weight_of_{self.check}"
+
+
+def with_penalty(document: YamlDocument) -> YamlDocument:
+    """The rule set with its penalty written out; unchanged when it includes none.
+
+    Raises:
+        RuleSetError: The penalty is unknown, `safety` names what is no check or has no
+            weight, or a name would mean two things.
+    """
+    data = dict(document.data)
+    included, safety = data.pop("include", None), data.pop("safety", None)
+    if included is None and safety is None:
+        return document
+    if included is None or not _checks_of(safety):
+        key, other = ("safety", "include") if included is None else ("include", "safety")
+        raise RuleSetError(
+            f"{key!r} needs {other!r} beside it",
+            file=document.file,
+            place=document.place([key]),
+            hint="include one penalty, and name under 'safety' the checks it charges",
+        )
+    try:
+        penalty = load_penalty(included[0], beside=Path(document.file).parent)
+    except RuleSetError as error:
+        error.file, error.place = error.file or document.file, error.place or document.place(["include", 0])
+        raise
+    charged = [_charged(document, penalty, name, body) for name, body in _checks_of(safety).items()]
+    data["parameters"] = _parameters(document, penalty, charged, safety.get("scale", 1))
+    data["terms"] = {**data.get("terms", {}), "trial": _terms(document, penalty, charged)}
+    data["score"] = _FINAL
+    sha256 = hashlib.sha256(f"{document.sha256} includes {penalty.sha256}".encode()).hexdigest()
+    return YamlDocument(data, document.file, sha256, document.lines)
+
+
+def _checks_of(safety: Mapping[str, Any] | None) -> dict[str, Any]:
+    return {name: body for name, body in (safety or {}).items() if name != "scale"}
+
+
+def _charged(document: YamlDocument, penalty: Penalty, name: str, body: Mapping[str, Any]) -> _Charged:
+    checks = [*document.data.get("rules", {}), *document.data.get("monitors", {})]
+    place = document.place(["safety", name])
+    if name not in checks:
+        raise RuleSetError(
+            f"safety names {name!r}, which is no check",
+            file=document.file,
+            place=place,
+            hint=did_you_mean(name, checks, what="checks of this rule set"),
+        )
+    weight = body.get("weight", penalty.classes.get(body["class"]))
+    if weight is None:
+        raise RuleSetError(
+            f"class {body['class']!r} has no weight",
+            file=document.file,
+            place=place,
+            hint=did_you_mean(body["class"], penalty.classes, what="classes with a weight")
+            + "; a class of your own needs 'weight:'",
+        )
+    return _Charged(name, weight, body.get("critical", True))
+
+
+def _parameters(
+    document: YamlDocument, penalty: Penalty, charged: list[_Charged], scale: float
+) -> dict[str, Any]:
+    own = document.data.get("parameters", {})
+    from_safety = {each.parameter: each.weight for each in charged} | {_SCALE: scale}
+    for name in from_safety:
+        if name in own:
+            raise _clash(document, ["parameters", name], f"parameter {name!r} is set by 'safety' as well")
+    return {**own, **from_safety, **{k: v for k, v in penalty.parameters.items() if k not in own}}
+
+
+def _terms(document: YamlDocument, penalty: Penalty, charged: list[_Charged]) -> dict[str, Any]:
+    """The terms of the trial: its own, what was earned, those of the penalty unless overridden."""
+    own = document.data.get("terms", {}).get("trial", {})
+    if EARNED in own:
+        raise _clash(
+            document, ["terms", "trial", EARNED], f"term {EARNED!r} is the penalty's name for the score"
+        )
+    for name in penalty.terms:
+        if name in document.data.get("parameters", {}):
+            raise _clash(document, ["parameters", name], f"parameter {name!r} is also a term of {penalty.id}")
+    before = {name: formula for name, formula in own.items() if name not in penalty.terms}
+    after = {name: own.get(name, _written(template, charged)) for name, template in penalty.terms.items()}
+    return {**before, EARNED: document.data["score"], **after}
+
+
+def _written(template: Any, charged: list[_Charged]) -> Any:
+    """A formula of a penalty for these checks."""
+    if not isinstance(template, Mapping):
+        return template
+    kept = [each for each in charged if _concerns(template.get("of", "all"), each)]
+    if not kept:
+        return 1
+    each = template["join"].join(
+        template["each"].replace("CHECK", one.check).replace("WEIGHT", one.parameter) for one in kept
+    )
+    return str(template.get("in", "EACH")).replace("EACH", each)
+
+
+def _concerns(of: str, each: _Charged) -> bool:
+    return of == "all" or (each.critical if of == "critical" else each.weight > 0)
+
+
+def _clash(document: YamlDocument, path: list[str], cause: str) -> RuleSetError:
+    return RuleSetError(
+        cause,
+        file=document.file,
+        place=document.place(path),
+        hint="each name must be one thing: rename yours",
+    )

@@ -1,0 +1,545 @@
+"""Rule sets: loading and checking the YAML that says what is looked at and what it is worth."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ariac_score.checks.registry import Registry
+from ariac_score.documents.schema import shipped_rules, validate
+from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
+from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
+from ariac_score.scoring.cohort import CohortTerm
+from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.penalties import PREFIX, with_penalty
+from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
+from ariac_score.scoring.scope import LEVELS
+from ariac_score.scoring.sheet import ScoreSheet
+
+__all__ = [
+    "Check",
+    "Difference",
+    "Differences",
+    "RuleSet",
+    "differences",
+    "draft_rule_set",
+    "expanded_yaml",
+    "load_rule_set",
+    "rule_set_from_text",
+    "rule_set_names",
+]
+
+TEXT_FILES = (".rml",)
+"""A parameter that names a file ending so stands for its text."""
+
+MAX_TEXT_BYTES = 1_000_000
+MAX_EXTENDS = 8
+"""Rule sets that may extend each other in a row."""
+
+_SCORE = "score"
+_DEFAULT = "ruleset"
+_NOT_RULE_SETS = frozenset({"log_map"})
+
+
+@dataclass(frozen=True)
+class Check:
+    """One use of a plugin in a rule set.
+
+    Attributes:
+        name: Its name in the rule set, which formulas use.
+        use: Entry-point name of the plugin.
+        group: Entry-point group: rules or monitors.
+        parameters: Its `with:` block.
+        on_inconclusive: What an undecided finding means for the score.
+        place: Line and path of the check in its file, by parameter name.
+    """
+
+    name: str
+    use: str
+    group: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    on_inconclusive: str = "withhold"
+    place: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One point in which two rule sets of an edition part.
+
+    Attributes:
+        name: Its name in the rule set, such as `wrong_tray_type`.
+        terms: The terms it shows in, such as `submission.bonus`; also `score` and `task`.
+        checks: The checks it shows in.
+        coded: What the code does, in words, whichever of the two rule sets follows it.
+        documented: What the document says, in words.
+        source: Where both are found.
+    """
+
+    name: str
+    terms: tuple[str, ...]
+    checks: tuple[str, ...]
+    coded: str
+    documented: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Differences:
+    """In what, and why, a rule set differs from another one.
+
+    Attributes:
+        other: Name of the other rule set.
+        because: Each difference, in the order of the file.
+    """
+
+    other: str
+    because: tuple[Difference, ...]
+
+
+@dataclass(frozen=True)
+class RuleSet:
+    """A rule set, checked against its schema and in itself.
+
+    Attributes:
+        id: Such as `paper2020`.
+        title: One line for people.
+        source: Rulebook or paper.
+        notes: What a referee should know.
+        log_map: Name of the log map it is meant for.
+        checks: By name, in the order of the file.
+        sheet: What findings are worth.
+        digits: Decimal digits of the score.
+        file: Where it was loaded from.
+        sha256: Hash of the file, of those it extends or includes, and of texts that parameters name.
+        expanded: The whole as plain values, after `extends` and `include`.
+        ranking: How runs become a ranking, as the file says it; empty when it does not.
+        edition: Year of the competition; `None` when the file does not say.
+        printed: What the official text of the edition prints, and how it adds up.
+        differs: In what it differs from another rule set, as the file names it; `None` when it does not.
+        ranges: Lowest and highest reasonable value of parameters, as the file says them.
+        breaks: Why a law of `rules check` is known not to be kept, by its name.
+    """
+
+    id: str
+    title: str
+    source: str
+    notes: tuple[str, ...]
+    log_map: str
+    checks: Mapping[str, Check]
+    sheet: ScoreSheet
+    digits: int
+    file: str
+    sha256: str
+    expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    ranking: Mapping[str, Any] = field(default_factory=dict)
+    edition: int | None = None
+    printed: PrintedText = field(default_factory=PrintedText)
+    differs: Differences | None = None
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    breaks: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def text(self) -> str:
+        """The whole as YAML, after `extends` and `include`."""
+        return yaml.safe_dump(dict(self.expanded), sort_keys=False, allow_unicode=True, width=100)
+
+    @property
+    def policies(self) -> dict[str, str]:
+        """What undecided findings count as, by check."""
+        return {check.name: check.on_inconclusive for check in self.checks.values()}
+
+    @property
+    def about_orders(self) -> bool:
+        """Whether it judges or prices orders; what watches bodies alone needs none in the log."""
+        judged = any(check.group == "ariac_score.rules" for check in self.checks.values())
+        return judged or self.sheet.about_orders
+
+    def build(self, registry: Registry) -> dict[str, Any]:
+        """Every check's plugin, built with its parameters, by check name.
+
+        Raises:
+            PluginNotFoundError: A plugin is not installed; the message names the check.
+            RuleSetError: A plugin refuses its parameters.
+        """
+        built: dict[str, Any] = {}
+        for check in self.checks.values():
+            try:
+                plugin = registry.find(check.group, check.use)
+                built[check.name] = plugin.build(check.parameters, place=lambda p, c=check: c.place.get(p, p))  # type: ignore[misc]
+            except (PluginError, RuleSetError) as error:
+                raise self._located(error, check) from error
+        return built
+
+    def _located(self, error: ScoreError, check: Check) -> ScoreError:
+        error.file = self.file
+        error.place = error.place or check.place.get("use", check.name)
+        return error
+
+
+def rule_set_names() -> list[str]:
+    """The shipped rule sets."""
+    return sorted(_shipped())
+
+
+def _shipped() -> dict[str, Path]:
+    shipped = {}
+    for name, path in shipped_rules().items():
+        edition, _, last = name.rpartition(".")
+        if last not in _NOT_RULE_SETS and not name.startswith(PREFIX):
+            shipped[edition if last == _DEFAULT else name] = path
+    return shipped
+
+
+def load_rule_set(name: str) -> RuleSet:
+    """Load a shipped rule set by name, or one from a file by its path.
+
+    Args:
+        name: Such as `paper2020`, or a path ending in `.yaml`.
+
+    Raises:
+        UsageError: There is no rule set of that name.
+        RuleSetError: Malformed, breaks the schema, or contradicts itself or the rule
+            set it extends.
+        FormulaError: A formula cannot be parsed or names something unknown.
+    """
+    return _parsed(with_penalty(_expanded(_path_of(name, Path()), ())))
+
+
+def rule_set_from_text(text: str, *, file: str) -> RuleSet:
+    """A rule set from its expanded text, as a result holds it.
+
+    Raises:
+        RuleSetError: It is not the text of a whole rule set.
+        FormulaError: A formula cannot be parsed or names something unknown.
+    """
+    return _alone(text, file)
+
+
+@lru_cache(maxsize=8)
+def _alone(text: str, file: str) -> RuleSet:
+    """Kept, because the results of a competition all hold the same text."""
+    document = _from_text(text, file)
+    for key in ("extends", "include", "safety"):
+        if key in document.data:
+            raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
+    return _parsed(document)
+
+
+def draft_rule_set(text: str, *, file: str) -> RuleSet:
+    """A rule set from the text of a file that may include a penalty but extends nothing.
+
+    Raises:
+        RuleSetError: It is not the text of a rule set, or its penalty does not fit.
+        FormulaError: A formula cannot be parsed or names something unknown.
+    """
+    return _parsed(with_penalty(_from_text(text, file)))
+
+
+def _from_text(text: str, file: str) -> YamlDocument:
+    document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
+    validate(document, "ruleset", error=RuleSetError)
+    return document
+
+
+def expanded_yaml(rule_set: RuleSet) -> str:
+    """The rule set as it is after `extends` and `include`, as YAML."""
+    return rule_set.text
+
+
+def _path_of(name: str, beside: Path) -> Path:
+    """The file of a rule set, by name or by path relative to a folder."""
+    if name.endswith((".yaml", ".yml")) or "/" in name:
+        return beside / name
+    shipped = _shipped()
+    if name not in shipped:
+        raise UsageError(
+            f"there is no rule set {name!r}",
+            hint=did_you_mean(name, shipped, what="shipped rule sets") + "; a path to a .yaml file works too",
+        )
+    return shipped[name]
+
+
+def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
+    """A rule set file with what it extends merged in, checked against the schema."""
+    document = load_yaml(path, error=RuleSetError)
+    validate(document, "ruleset", error=RuleSetError)
+    document = _with_texts(document)
+    base_name = document.data.pop("extends", None)
+    if base_name is None:
+        return document
+    place = document.place(["extends"])
+    if path.resolve() in below or len(below) >= MAX_EXTENDS:
+        raise RuleSetError(
+            "rule sets extend each other in a circle",
+            file=path,
+            place=place,
+            hint="one must stand alone",
+        )
+    try:
+        base = _expanded(_path_of(base_name, path.parent), (*below, path.resolve()))
+    except UsageError as error:
+        raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
+    if "log_map" not in document.data and base.data["log_map"].endswith((".yaml", ".yml")):
+        base.data["log_map"] = str(Path(base.file).parent / base.data["log_map"])
+    base.data["include"] = [_beside(base.file, name) for name in base.data.get("include", [])]
+    both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
+    return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
+
+
+def _with_texts(document: YamlDocument) -> YamlDocument:
+    """The document with the text of every file that a parameter names, in its place and in the hash.
+
+    So the file counts as part of the rule set: a result holds it, and changes with it.
+    """
+    sha256 = document.sha256
+    for key in ("rules", "monitors"):
+        for name, body in document.data.get(key, {}).items():
+            for parameter, value in body.get("with", {}).items():
+                if isinstance(value, str) and _is_text_file(value):
+                    text = _text_of(document, (key, name, "with", parameter), value.strip())
+                    body["with"][parameter] = text
+                    own = hashlib.sha256(text.encode("utf-8")).hexdigest()
+                    sha256 = hashlib.sha256(f"{sha256} reads {own}".encode()).hexdigest()
+    return replace(document, sha256=sha256)
+
+
+def _is_text_file(value: str) -> bool:
+    return value.strip().endswith(TEXT_FILES) and "\n" not in value.strip() and ";" not in value
+
+
+def _text_of(document: YamlDocument, place: Sequence[str], name: str) -> str:
+    """The text of a file that lies beside the rule set.
+
+    Raises:
+        RuleSetError: It cannot be read, is too large, or is no UTF-8 text.
+    """
+    path = Path(document.file).parent / name
+    try:
+        return read_text(path, error=RuleSetError, max_bytes=MAX_TEXT_BYTES).decode("utf-8-sig")
+    except (RuleSetError, UnicodeDecodeError) as error:
+        cause = error.cause if isinstance(error, RuleSetError) else "not UTF-8 text"
+        raise RuleSetError(
+            f"the file {name!r}, which a parameter names: {cause}",
+            file=document.file,
+            place=document.place(list(place)),
+            hint=f"paths are relative to the folder of the rule set; {str(path)!r} was looked for",
+        ) from error
+
+
+def _beside(file: str, name: str) -> str:
+    """What a file of a rule set names, so that it can be found from elsewhere."""
+    return str(Path(file).parent / name) if name.endswith((".yaml", ".yml")) else name
+
+
+def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """The base with what is new or changed; a check moved between rules and monitors moves."""
+    # What a base differs in, and which laws it breaks, is said of the base alone.
+    merged = {**{key: value for key, value in base.items() if key not in ("differs", "breaks")}, **own}
+    merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
+    for key in ("parameters", "rules", "monitors", "cohort"):
+        merged[key] = {**base.get(key, {}), **own.get(key, {})}
+    for key in ("safety", "ranges"):
+        if key in base or key in own:
+            merged[key] = {**base.get(key, {}), **own.get(key, {})}
+    if not merged.get("include"):
+        merged.pop("include", None)
+    for key, other in (("rules", "monitors"), ("monitors", "rules")):
+        for name in own.get(key, {}):
+            if name not in own.get(other, {}):
+                merged[other].pop(name, None)
+    merged["terms"] = _merged_levels(base, own, "terms")
+    for key in ("printed", "adds_up"):
+        if key in merged:
+            merged[key] = _merged_levels(base, own, key)
+    if "layouts" in own.get("printed", {}):  # which text is of this edition is its own to say
+        merged["printed"]["layouts"] = own["printed"]["layouts"]
+    return merged
+
+
+def _merged_levels(base: Mapping[str, Any], own: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """What is named for each level, the base's with what is new or changed."""
+    first, second = base.get(key, {}), own.get(key, {})
+    levels = dict.fromkeys(level for level in (*first, *second) if level in LEVELS)
+    return {level: {**first.get(level, {}), **second.get(level, {})} for level in levels}
+
+
+def _parsed(document: YamlDocument) -> RuleSet:
+    data = document.data
+    checks: dict[str, Check] = {}
+    for key in ("rules", "monitors"):
+        for name, body in data.get(key, {}).items():
+            if name in checks:
+                raise RuleSetError(
+                    f"{name!r} is both a rule and a monitor",
+                    file=document.file,
+                    place=document.place([key, name]),
+                    hint="formulas use these names: each must be one thing",
+                )
+            checks[name] = _check(document, key, name, body)
+    try:
+        sheet = ScoreSheet(
+            terms={
+                level: {
+                    name: Expression.parse(text, where=f"$.terms.{level}.{name}")
+                    for name, text in data.get("terms", {}).get(level, {}).items()
+                }
+                for level in LEVELS
+            },
+            score=Expression.parse(data["score"], where="$.score"),
+            checks=frozenset(checks),
+            parameters=data.get("parameters", {}),
+            cohort={name: _cohort_term(name, body) for name, body in data.get("cohort", {}).items()},
+            task=Expression.parse(data["task"], where="$.task") if "task" in data else None,
+        )
+        printed = _printed_text(data, sheet)
+    except FormulaError as error:
+        error.file = document.file
+        error.place = document.place(error.place.removeprefix("$.").split("."))
+        raise
+    return RuleSet(
+        id=data["id"],
+        title=data["title"],
+        source=data["source"],
+        notes=tuple(data.get("notes", [])),
+        log_map=data["log_map"],
+        checks=checks,
+        sheet=sheet,
+        digits=data.get("round", 6),
+        file=document.file,
+        sha256=document.sha256,
+        expanded=data,
+        ranking=data.get("ranking", {}),
+        edition=data.get("edition"),
+        differs=_differs(data["differs"]) if "differs" in data else None,
+        ranges=_ranges(document, checks),
+        breaks=data.get("breaks", {}),
+        printed=printed,
+    )
+
+
+def _printed_text(data: Mapping[str, Any], sheet: ScoreSheet) -> PrintedText:
+    items = [
+        _printed_item(name, level, body, sheet)
+        for level in LEVELS
+        for name, bodies in data.get("printed", {}).get(level, {}).items()
+        for body in _one_or_more(bodies)
+    ]
+    sums = [
+        PrintedSum(
+            name,
+            level,
+            Expression.parse(body["formula"], where=f"$.adds_up.{level}.{name}"),
+            body.get("kind", ""),
+            body.get("relation", "equal"),
+            body.get("because", ""),
+        )
+        for level in LEVELS
+        for name, bodies in data.get("adds_up", {}).get(level, {}).items()
+        for body in _one_or_more(bodies)
+    ]
+    return PrintedText(tuple(data.get("printed", {}).get("layouts", ())), tuple(items), tuple(sums))
+
+
+def _one_or_more(bodies: Any) -> list[dict[str, Any]]:
+    """A formula, one body or several: all as bodies."""
+    if isinstance(bodies, list):
+        return bodies
+    return [bodies if isinstance(bodies, dict) else {"formula": bodies}]
+
+
+def _printed_item(name: str, level: str, body: Mapping[str, Any], sheet: ScoreSheet) -> PrintedItem:
+    formula = None
+    if "formula" in body:
+        formula = Expression.parse(body["formula"], where=f"$.printed.{level}.{name}")
+        if level == "trial" and formula.as_name == _SCORE and _SCORE not in sheet.terms.get(level, {}):
+            formula = (sheet.task if sheet.needs_cohort else None) or sheet.score
+        sheet.check_formula(formula, level)
+    labels = tuple(body.get("labels", (name,)))
+    return PrintedItem(
+        name, level, labels, formula, body.get("kind", ""), body.get("within"), body.get("because", "")
+    )
+
+
+def _differs(told: Mapping[str, Any]) -> Differences:
+    return Differences(
+        told["from"],
+        tuple(
+            Difference(
+                name=each["name"],
+                terms=tuple(each.get("terms", [])),
+                checks=tuple(each.get("checks", [])),
+                coded=each["coded"],
+                documented=each["documented"],
+                source=each["source"],
+            )
+            for each in told["because"]
+        ),
+    )
+
+
+def _ranges(document: YamlDocument, checks: Mapping[str, Check]) -> dict[str, tuple[float, float]]:
+    ranges = {}
+    parameters = document.data.get("parameters", {})
+    for name, (low, high) in document.data.get("ranges", {}).items():
+        place = document.place(["ranges", name])
+        check, dot, _ = name.partition(".")
+        known: Iterable[str] = checks if dot else parameters
+        if (check if dot else name) not in known:
+            what = "check" if dot else "parameter"
+            raise RuleSetError(
+                f"a range is given for {name!r}, but there is no such {what}",
+                file=document.file,
+                place=place,
+                hint=did_you_mean(check, known, what=f"{what}s of this rule set"),
+            )
+        if not low < high:
+            raise RuleSetError(
+                f"the range of {name!r} goes from {low:g} to {high:g}",
+                file=document.file,
+                place=place,
+                hint="give the lower value first",
+            )
+        ranges[name] = (low, high)
+    return ranges
+
+
+def _cohort_term(name: str, body: Mapping[str, Any]) -> CohortTerm:
+    return CohortTerm(
+        name=name,
+        level=body["of"],
+        value=Expression.parse(body["mean"], where=f"$.cohort.{name}.mean"),
+        where=Expression.parse(body["where"], where=f"$.cohort.{name}.where") if "where" in body else None,
+        empty=body.get("empty"),
+    )
+
+
+def _check(document: YamlDocument, key: str, name: str, body: dict[str, Any]) -> Check:
+    parameters = body.get("with", {})
+    places = {p: document.place([key, name, "with", p]) for p in parameters}
+    return Check(
+        name=name,
+        use=body["use"],
+        group=f"ariac_score.{key}",
+        parameters=parameters,
+        on_inconclusive=body.get("on_inconclusive", "withhold"),
+        place={**places, "use": document.place([key, name, "use"]), "": document.place([key, name])},
+    )
+
+
+def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    """What differs between two expanded rule sets: place, before, after; `None` where one has nothing."""
+    return _differences("$", first, second)
+
+
+def _differences(place: str, first: Any, second: Any) -> Iterator[tuple[str, Any, Any]]:
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        for key in dict.fromkeys([*first, *second]):
+            yield from _differences(f"{place}.{key}", first.get(key), second.get(key))
+    elif first != second:
+        yield place, first, second

@@ -1,0 +1,135 @@
+"""Writing what a command gives: whole files or nothing, and a progress bar on a terminal."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from shutil import copyfileobj
+from tempfile import NamedTemporaryFile
+from typing import IO
+
+from ariac_score.errors import UsageError
+from ariac_score.terminal.style import plain
+
+__all__ = ["counting_bar", "progress_bar", "refuse_inputs", "write", "write_bytes", "write_copy"]
+
+
+def write(text: str, file: Path | None) -> None:
+    """Print the text, or put it into a file that is either complete or not there.
+
+    A link keeps pointing where it did; a device or pipe is written to, not replaced.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
+    if file is None:
+        sys.stdout.write(text)
+    else:
+        write_bytes(text.encode("utf-8"), file)
+
+
+def write_bytes(content: bytes, file: Path) -> None:
+    """Put bytes into a file that is either complete or not there; see `write`.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
+    _put(lambda out: out.write(content), file)
+
+
+def write_copy(source: Path, file: Path) -> None:
+    """Put what another file holds into a file that is either complete or not there; see `write`.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
+    with source.open("rb") as content:
+        _put(lambda out: copyfileobj(content, out), file)
+
+
+def _put(fill: Callable[[IO[bytes]], object], file: Path) -> None:
+    try:
+        target = file.resolve()
+        if target.exists() and not target.is_file():
+            with target.open("wb") as out:
+                fill(out)
+        else:
+            _replace(target, fill)
+    except (OSError, RuntimeError) as cause:
+        reason = getattr(cause, "strerror", None) or str(cause)
+        raise UsageError(
+            f"cannot be written: {reason}", file=file, hint="check that the folder exists and has room"
+        ) from cause
+
+
+def _replace(target: Path, fill: Callable[[IO[bytes]], object]) -> None:
+    temporary = ""
+    try:
+        with NamedTemporaryFile(dir=target.parent, prefix=".part-", delete=False) as out:
+            temporary = out.name
+            fill(out)
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(temporary).chmod(0o666 & ~mask)  # a temporary file is private, a result is not
+        Path(temporary).replace(target)
+    except OSError:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def refuse_inputs(output: Path | None, source: Path) -> None:
+    """Refuse to write a result over what it was made from; a new file beside a bundle's parts is fine.
+
+    Raises:
+        UsageError: The output is the input, or a file of the folder that is the input.
+    """
+    if output is None:
+        return
+    target, origin = output.resolve(), source.resolve()
+    if target == origin or (target.is_file() and origin in target.parents):
+        raise UsageError(
+            "the result would overwrite what it is made from", file=output, hint="write it somewhere else"
+        )
+
+
+LONG_LOG_BYTES = 4_000_000
+"""Below this a log is read in less than a second."""
+
+
+def _bytes_below(path: Path) -> int:
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file())
+
+
+@contextmanager
+def progress_bar(path: Path) -> Iterator[Callable[[float], None]]:
+    """A bar on stderr for a long log, on a terminal only, and gone when done."""
+    if not sys.stderr.isatty() or _bytes_below(path) < LONG_LOG_BYTES:
+        yield lambda _done: None
+        return
+    # Imported here: rich takes longer to import than most trials to score.
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress  # noqa: PLC0415
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(f"reading {plain(path.name)}", total=1.0)
+        yield lambda done: progress.update(task, completed=done)
+
+
+@contextmanager
+def counting_bar(what: str, total: int) -> Iterator[Callable[[int, str], None]]:
+    """A bar on stderr that counts, on a terminal only, and gone when done."""
+    if not sys.stderr.isatty() or total < 2:
+        yield lambda _done, _now: None
+        return
+    # Imported here: rich takes longer to import than most trials to score.
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress  # noqa: PLC0415
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=total)
+        yield lambda done, now: progress.update(task, completed=done, description=f"{what} {plain(now)}")

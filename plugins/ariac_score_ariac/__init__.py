@@ -1,0 +1,1 @@
+"""ARIAC as a guest: its files, messages, rules, checks and evaluation programs."""

@@ -1,0 +1,1 @@
+"""Trial and team configurations of every edition."""

@@ -1,0 +1,88 @@
+"""Where the organisers' own evaluation and this ranking differ, and why."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ariac_score.ranking.rank import Ranking
+from ariac_score_ariac.evaluation.nist_text import Evaluation
+
+__all__ = ["Difference", "differences"]
+
+RELATIVE = 1e-9
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One number that differs.
+
+    Attributes:
+        team: Team.
+        what: A trial, `sum` or `rank`.
+        strict: By the organisers' program; `None` when it has none.
+        robust: By this ranking; `None` when it has none.
+        because: Why, in words.
+    """
+
+    team: str
+    what: str
+    strict: float | None
+    robust: float | None
+    because: str
+
+
+def differences(strict: Evaluation, ranking: Ranking) -> tuple[Difference, ...]:
+    """Every trial score, sum and rank that differs, in the order of the ranking.
+
+    Equal means equal to 1e-9 of the number, or to the last digit the ranking shows.
+    """
+    sums = dict(strict.leaderboard)
+    places = {team: _place(strict, team) for team in sums}
+    found = []
+    for standing in ranking.standings:
+        team = standing.team
+        for trial, cell in standing.cells.items():
+            entry = strict.trials.get(trial, {}).get(team)
+            theirs = None if entry is None else float(entry.score)
+            if not _same(theirs, float(cell.score)):
+                found.append(
+                    Difference(team, trial, theirs, float(cell.score), _why(strict, ranking, team, trial))
+                )
+        if not _same(sums.get(team), float(standing.execution)):
+            found.append(
+                Difference(team, "sum", sums.get(team), float(standing.execution), "its trials differ")
+            )
+        if places.get(team) != standing.rank:
+            ours = None if standing.rank is None else float(standing.rank)
+            theirs = places.get(team)
+            found.append(
+                Difference(team, "rank", None if theirs is None else float(theirs), ours, "sums differ")
+            )
+    return tuple(found)
+
+
+def _same(first: float | None, second: float | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    return math.isclose(first, second, rel_tol=RELATIVE, abs_tol=1.1e-6)
+
+
+def _place(strict: Evaluation, team: str) -> int:
+    scores = dict(strict.leaderboard)
+    return 1 + sum(1 for score in scores.values() if score > scores[team])
+
+
+def _why(strict: Evaluation, ranking: Ranking, team: str, trial: str) -> str:
+    stops = [s for s in strict.stops if s.trial == trial]
+    own = [f"{s.exception} at {s.run or team}: {s.cause}" for s in stops if s.team == team]
+    entry = strict.trials.get(trial, {}).get(team)
+    own += list(entry.remarks) if entry else []
+    cell = next(s.cells[trial] for s in ranking.standings if s.team == team)
+    if cell.outcome != "scored":
+        own.append(f"here {cell.outcome}: {cell.reason}")
+    if own:
+        return "; ".join(own)
+    if stops:
+        return f"the means over all teams differ, because of {', '.join(sorted({s.team for s in stops}))}"
+    return "the means over all teams differ"

@@ -1,0 +1,373 @@
+"""What lay on a tray, worked out from the poses of models: for logs that show motion and nothing else.
+
+A product is a model whose name is that of a product and whose origin lies in a box
+above the tray. The simulators decide by contact (2017 to 2022) or by the view of a
+sensor (2023 on); the box of the log map stands for both.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.trial.build import LARGEST_STEP_BACK_S
+from ariac_score.trial.channels import KitMap, TrayMatch
+from ariac_score.trial.kits import FaultMarks, Kit
+from ariac_score.trial.model import Pose, Product, Tray
+from ariac_score.trial.spans import FloatArray
+
+__all__ = ["KitPoses", "ModelFrames", "Track", "is_followed", "part_type", "product_type", "relative_pose"]
+
+_TYPES = ("battery", "pump", "sensor", "regulator")
+_COLORS = ("red", "green", "blue", "orange", "purple")
+_FAULTS: Mapping[str, FaultMarks] = {"instance": "listed", "part": "challenged"}
+
+KEPT_EVERY_S = 0.05
+"""Model states of a bag are kept this often at most: contents plugins publish at 20 Hz."""
+
+IntArray = NDArray[np.int64]
+
+
+def product_type(name: str) -> str:
+    """The type in the name of an individual.
+
+    Source: rulebooks 2017 to 2022, model name to product type.
+
+    >>> product_type("bin2|assembly_pump_red_3"), product_type("gear_part_clone_0"), product_type("g_1")
+    ('assembly_pump_red', 'gear_part', 'g_1')
+    """
+    name = name.rpartition("|")[2]
+    stem = name.rstrip("0123456789")
+    if stem.endswith("_") and len(stem) - 1 > 1:
+        name = stem[:-1]
+    before, clone, _ = name.rpartition("_clone")
+    return before if clone else name
+
+
+def part_type(name: str) -> str:
+    """Type and colour that the name of a part contains; empty for the name of anything else.
+
+    Source: ARIAC 2023 and 2024: a part is what has a known type and a known colour in its name.
+
+    >>> part_type("battery_blue_3_faulty"), part_type("kit_tray_03")
+    ('battery_blue', '')
+    """
+    kind = next((kind for kind in _TYPES if kind in name), "")
+    color = next((color for color in _COLORS if color in name), "")
+    return f"{kind}_{color}" if kind and color else ""
+
+
+def relative_pose(frame: Pose, thing: Pose) -> Pose:
+    """A pose in the frame of another, both given in one frame.
+
+    >>> turned = Pose.from_rpy((1.0, 1.0, 0.0), (0.0, 0.0, math.pi / 2))
+    >>> [round(v, 9) + 0.0 for v in relative_pose(turned, Pose((1.0, 3.0, 0.5))).position_m]
+    [2.0, 0.0, 0.5]
+    """
+    w, x, y, z = _unit(frame.orientation_wxyz)
+    back = (w, -x, -y, -z)
+    (fx, fy, fz), (tx, ty, tz) = frame.position_m, thing.position_m
+    offset = (0.0, tx - fx, ty - fy, tz - fz)
+    _, rx, ry, rz = _hamilton(_hamilton(back, offset), (w, x, y, z))
+    return Pose((rx, ry, rz), _hamilton(back, _unit(thing.orientation_wxyz)))
+
+
+_Quaternion = tuple[float, float, float, float]
+
+
+def _unit(q: _Quaternion) -> _Quaternion:
+    w, x, y, z = q
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / norm, x / norm, y / norm, z / norm
+
+
+def _hamilton(p: _Quaternion, q: _Quaternion) -> _Quaternion:
+    a, b, c, d = p
+    e, f, g, h = q
+    return (
+        a * e - b * f - c * g - d * h,
+        a * f + b * e + c * h - d * g,
+        a * g - b * h + c * e + d * f,
+        a * h + b * g - c * f + d * e,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Where one model or link was.
+
+    Attributes:
+        name: Scoped: `model` or `model::link`, with the models it is nested in before it.
+        frames: The frames that list it, shape (m,), increasing.
+        poses: Its pose in each, in the world frame: x, y, z in m, then roll, pitch, yaw in
+            rad, shape (m, 6), or the quaternion w, x, y, z, shape (m, 7).
+        deleted: The frames that say it is gone, shape (k,), increasing.
+    """
+
+    name: str
+    frames: IntArray
+    poses: FloatArray
+    deleted: IntArray
+
+    @property
+    def model(self) -> str:
+        """The top-level model."""
+        return self.name.partition("::")[0]
+
+    def exists(self, frame: int) -> bool:
+        """Whether it was there in a frame: listed by then, and not deleted since."""
+        row = int(np.searchsorted(self.frames, frame, side="right")) - 1
+        gone = int(np.searchsorted(self.deleted, frame, side="right")) - 1
+        return row >= 0 and (gone < 0 or bool(self.deleted[gone] <= self.frames[row]))
+
+    def pose(self, frame: int) -> Pose:
+        """Its last known pose in a frame in which it exists.
+
+        Raises:
+            ValueError: The log gives none that is usable.
+        """
+        row = self.poses[int(np.searchsorted(self.frames, frame, side="right")) - 1].tolist()
+        at, turn = (row[0], row[1], row[2]), row[3:]
+        if len(turn) == 3:
+            if not all(map(math.isfinite, turn)):
+                raise ValueError("a pose must be finite")
+            return Pose.from_rpy(at, (turn[0], turn[1], turn[2]))
+        return Pose(at, (turn[0], turn[1], turn[2], turn[3]))
+
+
+def is_followed(name: str, kits: KitMap) -> bool:
+    """Whether the poses of a model or link, by its scoped name, are needed to find kits."""
+    if _type_of(name.partition("::")[0], kits):
+        return True
+    patterns = [tray.match.replace("{place}", "*").replace("{n}", "*") for tray in kits.trays]
+    return any(fnmatchcase(name, p) for p in (*patterns, *(tray.loose for tray in kits.trays)))
+
+
+def _type_of(model: str, kits: KitMap) -> str:
+    """The type of the product that a model is; empty when it is none."""
+    kind = part_type(model) if kits.names == "part" else product_type(model)
+    return kind if not kits.products or any(fnmatchcase(kind, p) for p in kits.products) else ""
+
+
+class KitPoses:
+    """The contents of kits that the poses of one log show.
+
+    Args:
+        t_s: Time of each frame, shape (n,), s of trial time, as recorded.
+        tracks: The models and links that `is_followed` asks for.
+        kits: The section of the log map.
+        pauses: Whether the log leaves out what does not change, so that its last frame
+            holds until the next one, however late that is.
+        until_s: After this nothing is known, s.
+    """
+
+    def __init__(
+        self,
+        t_s: FloatArray,
+        tracks: Iterable[Track],
+        kits: KitMap,
+        *,
+        pauses: bool,
+        until_s: float = math.inf,
+    ) -> None:
+        self._t_s, self._kits, self._pauses, self._until_s = t_s, kits, pauses, until_s
+        # Two runs in one log would be mixed up.
+        self._usable = len(t_s) > 0 and float(np.diff(t_s).min(initial=0.0)) >= -LARGEST_STEP_BACK_S
+        self._tracks = sorted(tracks, key=lambda track: track.name)
+        self._products = _best_of_each_model(t for t in self._tracks if _type_of(t.model, kits))
+
+    def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
+        """What lay at a place at a time; `None` when the log does not show it.
+
+        Unknown is a place without a tray in the log, a time before its first frame, two
+        loose trays on one AGV, and a product whose pose is not usable.
+        """
+        frame = self._frame_at(t_s, max_age_s)
+        if frame is None:
+            return None
+        try:
+            for tray in self._kits.trays:
+                kit = self._on(tray, place, frame)
+                if kit is not None:
+                    return kit
+        except ValueError:
+            return None
+        return None
+
+    def _frame_at(self, t_s: float, max_age_s: float) -> int | None:
+        """The last frame at or before a time, of those at one time the last."""
+        if not self._usable or t_s > self._until_s:
+            return None
+        before = np.flatnonzero(self._t_s <= t_s)
+        if not len(before):
+            return None
+        latest = float(self._t_s[before].max())
+        if not self._pauses and t_s - latest > max_age_s:
+            return None
+        return int(before[self._t_s[before] == latest][-1])
+
+    def _on(self, tray: TrayMatch, place: str, frame: int) -> Kit | None:
+        if not place.startswith("agv" if tray.at == "agv" else "as"):
+            return None
+        pattern = tray.pattern_for(place)
+        bases = [t for t in self._tracks if fnmatchcase(t.name, pattern) and t.exists(frame)]
+        if not bases:
+            return None
+        base, footprint, found = bases[0].pose(frame), tray.footprint, None
+        t_s, faults = float(self._t_s[frame]), _FAULTS[self._kits.names]
+        if tray.loose and tray.loose_footprint:
+            standing = self._loose(tray, base, frame)
+            if not standing:
+                return Kit(place, t_s, (), Tray(""), faults)
+            if len(standing) > 1:
+                return None  # the simulator takes one of them, and nothing says which
+            name, base, found_pose = standing[0]
+            footprint, found = tray.loose_footprint, Tray(name, found_pose)
+        lying = []
+        for product in self._products:
+            if product.exists(frame):
+                pose = relative_pose(base, product.pose(frame))
+                if footprint.holds(pose.position_m):
+                    lying.append(Product(_type_of(product.model, self._kits), pose, name=product.model))
+        return Kit(place, t_s, _in_known_order(lying, faults), found, faults)
+
+    def _loose(self, tray: TrayMatch, base: Pose, frame: int) -> list[tuple[str, Pose, Pose]]:
+        """The loose trays that stand on a base: type, pose in the world, and on the base."""
+        found = []
+        for track in self._tracks:
+            if fnmatchcase(track.name, tray.loose) and track.exists(frame):
+                pose = track.pose(frame)
+                on_base = relative_pose(base, pose)
+                if tray.footprint.holds(on_base.position_m):
+                    name = track.model if self._kits.names == "part" else product_type(track.model)
+                    found.append((name, pose, on_base))
+        return found
+
+
+def _best_of_each_model(tracks: Iterable[Track]) -> list[Track]:
+    """For each product its link where it has one alone, for links are recorded with more digits."""
+    of_model: dict[str, list[Track]] = {}
+    for track in tracks:
+        of_model.setdefault(track.model, []).append(track)
+    best = []
+    for name, found in of_model.items():
+        links = [track for track in found if track.name != name]
+        own = [track for track in found if track.name == name]
+        best += links if len(links) == 1 else own
+    return best
+
+
+def _in_known_order(products: Sequence[Product], faults: FaultMarks) -> tuple[Product, ...]:
+    """Products by name; those that the order of a sensor's list would decide between lose their pose.
+
+    In 2023 and later the last part listed in a quadrant counts, and poses do not say
+    which that is. They stand first, where a part with a pose is found before them.
+    """
+    if faults != "challenged":
+        return tuple(products)
+    quadrants = [_quadrant(product) for product in products]
+    rivals = [
+        replace(p, pose=None) for p, q in zip(products, quadrants, strict=True) if quadrants.count(q) > 1
+    ]
+    alone = [p for p, q in zip(products, quadrants, strict=True) if quadrants.count(q) == 1]
+    return (*rivals, *alone)
+
+
+def _quadrant(product: Product) -> tuple[bool, bool]:
+    assert product.pose is not None  # it was found by its place
+    x, y, _ = product.pose.position_m
+    return x >= 0, y >= 0
+
+
+@dataclass
+class _Column:
+    """The poses of one model or link as they come in."""
+
+    frames: array[int] = field(default_factory=lambda: array("q"))
+    numbers: array[float] = field(default_factory=lambda: array("d"))
+
+    def track(self, name: str, frame_count: int) -> Track:
+        """Gone is what the next frame does not list, for each frame lists all there is."""
+        frames = np.array(self.frames, dtype=np.int64)
+        after = frames + 1
+        gone = after[~np.isin(after, frames) & (after < frame_count)]
+        return Track(name, frames, np.array(self.numbers, dtype=np.float64).reshape(-1, 7), gone)
+
+
+class ModelFrames:
+    """Collects `gazebo_msgs/ModelStates` or `LinkStates`: poses of products and trays.
+
+    Args:
+        kits: The section of the log map.
+    """
+
+    def __init__(self, kits: KitMap) -> None:
+        self._kits = kits
+        self._stamps_ns: list[int] = []
+        self._columns: dict[str, _Column | None] = {}
+
+    def add(self, message: Any, stamp_ns: int) -> None:
+        """Take one message, unless one was kept just before it."""
+        if self._stamps_ns and 0 <= stamp_ns - self._stamps_ns[-1] < KEPT_EVERY_S * 1e9:
+            return
+        for name, pose in zip(message.name, message.pose, strict=True):
+            if name not in self._columns:
+                self._columns[name] = _Column() if is_followed(name, self._kits) else None
+            column = self._columns[name]
+            if column is not None:
+                at, turn = pose.position, pose.orientation
+                column.frames.append(len(self._stamps_ns))
+                column.numbers.extend((at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z))
+        self._stamps_ns.append(stamp_ns)
+
+    def add_many(
+        self, names: Sequence[str], found: IntArray, rows: FloatArray, counts: IntArray, stamps_ns: IntArray
+    ) -> None:
+        """Take many messages, in recorded order.
+
+        Args:
+            names: Names of models or links.
+            found: Which name each state has, message after message, shape (n,).
+            rows: Its position x, y, z and quaternion w, x, y, z, shape (n, 7).
+            counts: How many states each message has, shape (m,).
+            stamps_ns: The time of each message, ns, shape (m,).
+        """
+        kept, first = [], len(self._stamps_ns)
+        for number, stamp_ns in enumerate(stamps_ns.tolist()):
+            if not self._stamps_ns or not 0 <= stamp_ns - self._stamps_ns[-1] < KEPT_EVERY_S * 1e9:
+                kept.append(number)
+                self._stamps_ns.append(stamp_ns)
+        frames = np.full(len(counts), -1, dtype=np.int64)
+        frames[kept] = np.arange(first, first + len(kept))
+        frame = np.repeat(frames, counts)
+        there = frame >= 0
+        frame, found, rows = frame[there], found[there], rows[there]
+        for code in np.unique(found).tolist():
+            name = names[code]
+            if name not in self._columns:
+                self._columns[name] = _Column() if is_followed(name, self._kits) else None
+            column = self._columns[name]
+            if column is not None:
+                own = found == code
+                column.frames.frombytes(frame[own].tobytes())
+                column.numbers.frombytes(rows[own].tobytes())
+
+    def retime(self, retimed: Callable[[IntArray], IntArray]) -> None:
+        """Put all stamps on another clock."""
+        self._stamps_ns = retimed(np.array(self._stamps_ns, dtype=np.int64)).tolist()
+
+    def record(self, origin_ns: int) -> KitPoses | None:
+        """What the messages show of kits; `None` when there was none."""
+        if not self._stamps_ns:
+            return None
+        t_s = np.array([(stamp_ns - origin_ns) / 1e9 for stamp_ns in self._stamps_ns])
+        count = len(self._stamps_ns)
+        tracks = [c.track(name, count) for name, c in self._columns.items() if c is not None]
+        return KitPoses(t_s, tracks, self._kits, pauses=False)

@@ -1,0 +1,1 @@
+"""What the official programs write: texts and the database."""

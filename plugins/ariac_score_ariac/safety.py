@@ -1,0 +1,542 @@
+"""Safety rules that ARIAC itself has: collisions cost the whole score."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import floor, inf, sqrt
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from ariac_score import (
+    Arrivals,
+    Body,
+    Episodes,
+    Event,
+    Finding,
+    OnlineWatch,
+    Sample,
+    Signal,
+    SignalNeed,
+    Span,
+    Standing,
+    Stretch,
+    Total,
+    Trial,
+    Verdict,
+    check_parameters,
+    parameter,
+)
+from ariac_score_standards.online import PairsOnline
+from ariac_score_standards.severity import (
+    SPEED,
+    Blame,
+    Bound,
+    Judged,
+    Meeting,
+    Rules,
+    Said,
+    Sampled,
+    Seen,
+    exposure_of,
+    no_severities,
+)
+from ariac_score_standards.watching import (
+    ENVIRONMENT,
+    OFF,
+    ON,
+    BoolArray,
+    FloatArray,
+    Watched,
+    Watching,
+    watch_pairs,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_CONTACT_CLAUSE = "ARIAC 2022 scoring, robot-human collision"
+
+
+@dataclass(frozen=True)
+class HumanContact(Sampled):
+    """No robot touches a human.
+
+    Measures:
+        For every robot and human the distance less `contact_distance_m`, in m. With
+        `separation` (surface to surface) contact is 0 m; where a log has only the
+        distance between centres, the two bodies' extent must be allowed for. Where the
+        log has the robot's speed the findings say for how long the human was exposed
+        (`exposure_s`), and contacts whether the robot moved (`robot_moving`).
+    Violated when:
+        The distance is at or below `contact_distance_m`. Every such episode is a
+        critical event.
+    Source:
+        ARIAC 2020-2022, documented scoring: a collision with a human zeroes the
+        trial; the simulator never checked it. The distance that stands for contact
+        between centres is our choice.
+    """
+
+    distance: Literal["centre_distance", "centre_distance_2d", "separation"] = parameter(
+        "separation", source="what a log has; surface to surface is the one that needs no allowance"
+    )
+    contact_distance_m: float = parameter(
+        0.0, unit="m", at_least=0, at_most=100, source="0 between surfaces; between centres set per log"
+    )
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
+    t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    @property
+    def _template(self) -> str:
+        return f"{self.distance}/{{robot}}/{{human}}"
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """The distance between the two, and what tells whether the robot moved."""
+        yield SignalNeed(self.distance, "m", self.max_gap_s)
+        yield SignalNeed("speed", "m/s", self.max_gap_s, optional=True)
+
+    def _say(self, trial: Trial) -> Iterator[Said]:
+        """Findings for every pair: its contacts, or its closest moment."""
+        return watch_pairs(
+            trial,
+            {self._template: "m"},
+            max_gap_s=self.max_gap_s,
+            clause=_CONTACT_CLAUSE,
+            judge=self._judge,
+            optional={SPEED: "m/s"},
+        )
+
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that says of every instant whether the two touch."""
+        wanted = {self._template: "m"}
+        return PairsOnline(wanted, bodies, max_gap_s=self.max_gap_s, judge=self._stand, watch=self.watch)
+
+    def _stand(self, subject: str, t_s: float, values: tuple[float, ...]) -> Standing:
+        margin_m = values[0] - self.contact_distance_m
+        if margin_m > 0:
+            return Standing(subject, t_s, Verdict.SATISFIED, f"{values[0]:.3f} m apart", margin_m, "m")
+        return Standing(subject, t_s, Verdict.VIOLATED, f"contact: {values[0]:.3f} m", margin_m, "m")
+
+    def _judge(self, subject: str, watched: Watching) -> Iterator[Said]:
+        words = self.distance.replace("_", " ")
+
+        def bound(least_m: float) -> Callable[[Watched], Bound]:
+            def judge(window: Watched) -> Bound:
+                (distance_m,) = window.columns.values()
+                return Bound(words, distance_m, np.full_like(distance_m, least_m), "m")
+
+            return judge
+
+        yield Seen(subject, watched, lambda: bound(self.contact_distance_m))
+        # Contact is at the limit too, so the limit itself must count as below it.
+        beyond = float(np.nextafter(self.contact_distance_m, np.inf))
+        exposure = exposure_of(watched, self._template)
+        judged = Judged(
+            Seen(subject, watched, lambda: bound(beyond)),
+            Rules(_CONTACT_CLAUSE, 0.0, self.t_off_s),
+            gathered=lambda: Blame(lambda window: Meeting.of(window, self._template)),
+        )
+        for one in judged.violations():
+            yield Finding(
+                subject,
+                Verdict.VIOLATED,
+                f"contact: {one.worst.actual:.3f} m at {one.worst.t_s:.3f} s",
+                span=one.span,
+                robustness=one.worst.actual - self.contact_distance_m,
+                unit="m",
+                quantities={**one.quantities, **exposure},
+                labels={"robot_moving": one.told.labels["robot_moving"]},
+                evidence=one.worst.evidence,
+                clause=_CONTACT_CLAUSE,
+                critical=True,
+            )
+        closest = judged.closest
+        if closest is not None and not judged.violated and not watched.gaps:
+            yield Finding(
+                subject,
+                Verdict.SATISFIED,
+                f"never nearer than {closest.actual:.3f} m, at {closest.t_s:.3f} s",
+                robustness=closest.actual - self.contact_distance_m,
+                unit="m",
+                quantities={**no_severities("m"), **exposure},
+                evidence=closest.evidence,
+                clause=_CONTACT_CLAUSE,
+            )
+
+
+@dataclass(frozen=True)
+class NoEvent:
+    """Something that a log would have recorded did not happen.
+
+    Measures:
+        The events of one kind, such as `arm_collision` or `part_dropped`.
+    Violated when:
+        The log holds such an event; each is one violation. A log that would not have
+        recorded the kind is inconclusive, not clean.
+    Source:
+        ARIAC 2019-2022, scoring: arm collisions zero the trial; 2021-2022: every
+        dropped product costs a point.
+    """
+
+    kind: str = parameter("arm_collision", source="which events; ARIAC 2019-2022")
+    critical: bool = parameter(False, source="whether each is a critical event")
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """No signal: events come with every log."""
+        return iter(())
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """One finding for each event, or one that there was none."""
+        name = self.kind.replace("_", " ")
+        events = trial.events_of(self.kind)
+        for event in events:
+            yield Finding(
+                event.subject or "trial",
+                Verdict.VIOLATED,
+                f"{name} at {event.t_s:.3f} s{': ' if event.detail else ''}{event.detail}",
+                span=Span(event.t_s, event.t_s),
+                critical=self.critical,
+                clause="ARIAC scoring",
+            )
+        if not events and self.kind in trial.witnessed:
+            yield Finding.satisfied("trial", f"the log records no {name}", clause="ARIAC scoring")
+        elif not events:
+            yield Finding.inconclusive(
+                "trial", f"the log does not show whether there was any {name}", clause="ARIAC scoring"
+            )
+
+    def begin(self, _bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that says so when there is such an event, and nothing before."""
+        return _EventsOnline(self)
+
+
+class _EventsOnline:
+    """One trial, watched for events of a kind."""
+
+    def __init__(self, monitor: NoEvent) -> None:
+        self._monitor, self._arrivals = monitor, Arrivals()
+        self._told_s: dict[str, float] = {}
+
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
+        """Say that there was such an event; several of one time are one thing to say."""
+        self._arrivals.take(samples)
+        for event in events:
+            subject = event.subject or "trial"
+            if event.kind == self._monitor.kind and event.t_s > self._told_s.get(subject, -inf):
+                self._told_s[subject] = event.t_s
+                words = f"{event.kind.replace('_', ' ')} at {event.t_s:.3f} s"
+                yield Standing(subject, event.t_s, Verdict.VIOLATED, words)
+
+    def end(self, trial: Trial) -> Iterator[Finding]:
+        """What is found in the trial, whose events are all there."""
+        return self._monitor.watch(self._arrivals.complete(trial))
+
+
+# Collisions that cost per occurrence -----------------------------------------------------------
+
+_COLLISION_CLAUSE = "ARIAC 2025 rules, collisions"
+_COLLISION_QUANTITIES = (
+    "occurrences",
+    "length_s",
+    "time_in_violation_s",
+    "relative_speed_m_s",
+    "force_max_N",
+    "impulse_N_s",
+)
+"""What may be measured of a collision; all 0 where there is none."""
+_ROUNDING = 1e-9
+
+
+def occurrences(
+    duration_s: float, *, every_s: float = 5.0, closed_right: bool = True, weight: int = 1
+) -> int:
+    """How often a collision of some length counts: once, and again after every 5 s.
+
+    Args:
+        duration_s: Its length, s.
+        every_s: Time after which it counts again, s.
+        closed_right: Whether exactly 5 s count twice; the rules do not say.
+        weight: Each counts so often; 2 for two robots.
+
+    >>> [occurrences(d) for d in (0.5, 4.9, 5.0, 12.3, 25.0)]
+    [1, 1, 2, 3, 6]
+    """
+    times = duration_s / every_s
+    again = floor(times + _ROUNDING) if closed_right else max(-floor(-(times - _ROUNDING)) - 1, 0)
+    return weight * (1 + again)
+
+
+@dataclass(frozen=True)
+class _Touching:
+    """What tells where two bodies touch, and how hard.
+
+    Attributes:
+        told: A signal that tells where they touch.
+        touches: Which of its values do.
+        force: The force, where it is known; in N.
+    """
+
+    told: Signal
+    touches: Callable[[FloatArray], BoolArray]
+    force: Signal | None
+
+
+class _Hardness:
+    """For how long two bodies touched in a collision, and how hard, as its samples come."""
+
+    def __init__(self, stretch: Stretch) -> None:
+        self.span, self._left = stretch.span, stretch.samples
+        self._touched_s, self._impulse = Total(stretch.samples), Total(stretch.samples)
+        self._largest_n: float | None = None
+
+    def take(self, touching: _Touching, window: Watched, rows: NDArray[np.intp]) -> None:
+        """Take samples of the collision, in order."""
+        self._left -= len(rows)
+        weights_s = window.durations_s[rows]
+        self._touched_s.take(weights_s)
+        if touching.force is not None:
+            force_n = touching.force.at(window.t[rows])
+            self._impulse.take(force_n * weights_s)
+            largest_n = float(force_n.max())
+            self._largest_n = largest_n if self._largest_n is None else max(self._largest_n, largest_n)
+
+    @property
+    def complete(self) -> bool:
+        """Whether all of its samples have come."""
+        return self._left <= 0
+
+    @property
+    def quantities(self) -> dict[str, float]:
+        """What there is to tell."""
+        found = {"time_in_violation_s": self._touched_s.value}
+        if self._largest_n is not None:
+            found |= {"force_max_N": self._largest_n, "impulse_N_s": self._impulse.value}
+        return found
+
+
+@dataclass(frozen=True)
+class _Contact:
+    """Two bodies over the competition, window by window."""
+
+    touching: _Touching
+    watched: Watching
+
+    def _windows(self) -> Iterator[tuple[Watched, BoolArray]]:
+        name = self.touching.told.name
+        return ((window, self.touching.touches(window.columns[name])) for window in self.watched)
+
+    def collisions(self, t_off_s: float) -> list[Stretch]:
+        """Where they touch, pauses shorter than some time bridged."""
+        episodes = Episodes(t_off_s=t_off_s, longest_s=self.watched.max_gap_s)
+        for window, touching in self._windows():
+            episodes.take(window.t, touching)
+        return episodes.end()
+
+    def hardness(self, collisions: Sequence[Stretch]) -> Iterator[_Hardness]:
+        """Each collision, in order of time."""
+        waiting = [_Hardness(one) for one in collisions]
+        first = 0
+        for window, touching in self._windows() if waiting else ():
+            rows = np.flatnonzero(touching)
+            times = window.t[rows]
+            for one in waiting[first:]:
+                if one.span.start_s > window.t[-1]:
+                    break
+                own = rows[
+                    times.searchsorted(one.span.start_s) : times.searchsorted(one.span.end_s, side="right")
+                ]
+                if len(own):
+                    one.take(self.touching, window, own)
+            while first < len(waiting) and waiting[first].complete:
+                yield waiting[first]
+                first += 1
+
+
+@dataclass(frozen=True)
+class CollisionEpisodes:
+    """Machines do not collide: with each other, with themselves, or with what stands around.
+
+    Measures:
+        For every two machines (and every machine and the environment, where the log has
+        anything about it or `between` asks for it) the contacts:
+        from `in_contact`, else `contact_force` above `contact_on_n`, else the distance
+        of surfaces, else events `in_contact` with details `on` and `off`. Touches less
+        than `t_off_s` apart are one collision. Each counts once, and again for every
+        `every_s` it lasts; of two robots `robot_robot_weight` times.
+    Violated when:
+        There is a collision; `occurrences` says how often it counts.
+    Source:
+        ARIAC 2025 rules: every 5 s another occurrence, two robots count double, two
+        AGVs are an entry of their own. That exactly 5 s count twice is our reading
+        (`closed_right`). ARIAC 2020-2022: any collision zeroes the trial (`critical`).
+    """
+
+    between: Literal["any", "robot_robot", "robot_agv", "agv_agv", "robot_environment", "agv_environment"] = (
+        parameter("any", source="which entry of the rules")
+    )
+    every_s: float = parameter(
+        5.0, unit="s", above=0, at_most=600, status="verified", source="ARIAC 2025 rules"
+    )
+    closed_right: bool = parameter(True, source="whether exactly every_s counts twice; rules are silent")
+    robot_robot_weight: int = parameter(
+        2, unit="1", at_least=1, at_most=100, status="verified", source="ARIAC 2025 rules"
+    )
+    contact_on_n: float = parameter(5.0, unit="N", at_least=0, at_most=1e4, source="catalogue, M4")
+    critical: bool = parameter(False, status="verified", source="ARIAC 2020-2022: zeroes the trial")
+    max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
+    t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """Whatever tells of contacts."""
+        told = {"in_contact": "1", "contact_force": "N", "body_separation": "m", "velocity": "m/s"}
+        for quantity, unit in told.items():
+            yield SignalNeed(quantity, unit, self.max_gap_s)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """For every two bodies each collision, or that there was none."""
+        pairs = list(self._pairs(trial))
+        if not pairs:
+            yield self._nobody(trial)
+        for first, second in pairs:
+            yield from self._judge(trial, first, second)
+
+    def _pairs(self, trial: Trial) -> Iterator[tuple[Body, Body]]:
+        surroundings = Body(ENVIRONMENT, ENVIRONMENT)
+        machines = [*trial.bodies_of("robot"), *trial.bodies_of("agv")]
+        for first, second in [*trial.body_pairs(), *((machine, surroundings) for machine in machines)]:
+            kinds = f"{first.kind}_{second.kind}"
+            recorded = second.kind != ENVIRONMENT or self._recorded(trial, first, second)
+            wanted = kinds == self.between or (self.between == "any" and recorded)
+            if wanted and second.kind != "human":
+                yield first, second
+
+    def _recorded(self, trial: Trial, first: Body, second: Body) -> bool:
+        """Whether the log has anything about two bodies; with the environment not every log has."""
+        return self._touching(trial, first, second) is not None or bool(
+            self._from_events(trial, first, second)
+        )
+
+    def _nobody(self, trial: Trial) -> Finding:
+        message = "the log shows no two bodies that could collide"
+        if "bodies" in trial.witnessed:
+            return Finding.not_applicable("trial", message, clause=_COLLISION_CLAUSE)
+        return Finding.inconclusive("trial", message, span=trial.window, clause=_COLLISION_CLAUSE)
+
+    def _touching(self, trial: Trial, first: Body, second: Body) -> _Touching | None:
+        for a, b in ((first.id, second.id), (second.id, first.id)):
+            flag = trial.signals.get(f"in_contact/{a}/{b}")
+            force = trial.signals.get(f"contact_force/{a}/{b}")
+            if flag is not None:
+                known = force if force is not None and len(force) else None
+                return _Touching(flag, lambda values: values >= 0.5, known)
+            if force is not None:
+                return _Touching(force, lambda values: values > self.contact_on_n, force)
+        for a, b in ((first.id, second.id), (second.id, first.id)):
+            apart = trial.signals.get(f"body_separation/{a}/{b}")
+            if apart is not None:
+                return _Touching(apart, lambda values: values <= 0, None)
+        return None
+
+    def _from_events(self, trial: Trial, first: Body, second: Body) -> list[Span]:
+        """Contacts between `on` and `off` events; one that never ends lasts as long as the log."""
+        names = {f"{first.id}/{second.id}", f"{second.id}/{first.id}"}
+        spans, began = [], None
+        for event in (e for e in trial.events_of("in_contact") if e.subject in names):
+            if event.detail == ON and began is None:
+                began = event.t_s
+            elif event.detail == OFF and began is not None:
+                spans.append(Span(began, event.t_s))
+                began = None
+        if began is not None:
+            spans.append(Span(began, max(began, trial.window.end_s if trial.window else began)))
+        return spans
+
+    def _judge(self, trial: Trial, first: Body, second: Body) -> Iterator[Finding]:
+        subject = f"{first.id}/{second.id}"
+        touching = self._touching(trial, first, second)
+        contact, gaps = None, list[Span]()
+        collisions: Iterator[tuple[Span, Mapping[str, float]]]
+        if touching is not None:
+            watched = Watching([touching.told], self.max_gap_s, trial.window, {}, {})
+            contact, gaps = _Contact(touching, watched), list(watched.gaps)
+            found = contact.collisions(self.t_off_s)
+            spans = [one.span for one in found]
+            collisions = ((one.span, one.quantities) for one in contact.hardness(found))
+        else:
+            spans = _merged(self._from_events(trial, first, second), self.t_off_s)
+            collisions = ((span, {}) for span in spans)
+        if contact is None and not spans and "in_contact" not in trial.witnessed:
+            message = "the log does not show whether they touched"
+            yield Finding.inconclusive(subject, message, span=trial.window, clause=_COLLISION_CLAUSE)
+            return
+        for gap in gaps:
+            message = f"no samples for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
+            yield Finding.inconclusive(subject, message, span=gap, clause=_COLLISION_CLAUSE)
+        both = first.kind == second.kind == "robot"
+        for span, hardness in collisions:
+            weight = self.robot_robot_weight if both else 1
+            speed = self._speed_against(trial, first, second, span.start_s)
+            yield self._collision(subject, span, weight, speed, hardness)
+        if not spans and not gaps:
+            yield Finding(
+                subject,
+                Verdict.SATISFIED,
+                "they never touched",
+                quantities=dict.fromkeys(_COLLISION_QUANTITIES, 0.0),
+                clause=_COLLISION_CLAUSE,
+            )
+
+    def _speed_against(self, trial: Trial, first: Body, second: Body, t_s: float) -> float | None:
+        """Speed of the two against each other when they met; what stands around does not move."""
+        at, relative = np.array([t_s]), np.zeros(3)
+        for body, sign in ((first, 1.0), (second, -1.0)):
+            velocity = trial.signals.get(f"velocity/{body.id}")
+            if body.kind == ENVIRONMENT:
+                continue
+            if velocity is None or not velocity.covers(at, max_gap_s=self.max_gap_s)[0]:
+                return None
+            relative = relative + sign * velocity.at(at)[0]
+        x, y, z = relative.tolist()
+        return sqrt(x * x + y * y + z * z)
+
+    def _collision(
+        self,
+        subject: str,
+        span: Span,
+        weight: int,
+        speed_m_s: float | None,
+        hardness: Mapping[str, float],
+    ) -> Finding:
+        times = occurrences(
+            span.duration_s, every_s=self.every_s, closed_right=self.closed_right, weight=weight
+        )
+        quantities = {"occurrences": float(times), "length_s": span.duration_s}
+        if speed_m_s is not None:
+            quantities["relative_speed_m_s"] = speed_m_s
+        return Finding(
+            subject,
+            Verdict.VIOLATED,
+            f"collision of {span.duration_s:.2f} s, which counts {times} time{'s' if times > 1 else ''}",
+            span=span,
+            quantities={**quantities, **hardness},
+            clause=_COLLISION_CLAUSE,
+            critical=self.critical,
+            units={"occurrences": "count"},
+        )
+
+
+def _merged(spans: list[Span], t_off_s: float) -> list[Span]:
+    merged: list[Span] = []
+    for span in spans:
+        if merged and span.start_s - merged[-1].end_s < t_off_s - _ROUNDING:
+            merged[-1] = Span(merged[-1].start_s, span.end_s)
+        else:
+            merged.append(span)
+    return merged

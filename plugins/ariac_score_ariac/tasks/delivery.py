@@ -1,0 +1,185 @@
+"""Whether, where and when a kit was handed in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from ariac_score import Finding, Limit, Order, Submission, Task, Trial
+from ariac_score_ariac.tasks.claims import (
+    NOT_SUBMITTED,
+    CountsFrom,
+    KindOfTask,
+    claimed,
+    first_announced_s,
+    kitting_tasks,
+    not_kits,
+)
+
+
+def _unwitnessed(trial: Trial, submission: Submission | None) -> bool:
+    return submission is None and "submissions" not in trial.witnessed
+
+
+@dataclass(frozen=True)
+class Submitted:
+    """Each shipment was handed in.
+
+    Measures:
+        Whether a submission of the shipment's type came after its announcement.
+    Violated when:
+        None did, in a log that shows submissions.
+    Source:
+        ARIAC 2017-2022, "claiming" in the rulebook's coded section.
+    """
+
+    kind: KindOfTask = "kitting"
+    counts_from: CountsFrom = "update"
+
+    def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
+        """One finding for each task of the kind."""
+        yield from not_kits(order, self.kind)
+        for subject, task in kitting_tasks(order, self.kind):
+            submission = claimed(trial, order, task, self.counts_from)
+            if _unwitnessed(trial, submission):
+                yield Finding.inconclusive(subject, "the log does not show submissions")
+            elif submission is None:
+                yield Finding.violated(subject, NOT_SUBMITTED)
+            else:
+                yield Finding.satisfied(subject, f"submitted at {submission.submitted_s:.3f} s")
+
+
+@dataclass(frozen=True)
+class Destination:
+    """Each shipment left on the ordered AGV, and went where it should.
+
+    Measures:
+        AGV, assembly station, or both, of the submission against the ordered ones.
+    Violated when:
+        They differ. An order for `any` AGV is always right. Where the names the
+        simulator knows are given, an order for another one (or for none) is never right.
+    Source:
+        ARIAC 2019-2022, scoring: a shipment on the wrong AGV is worth nothing. As
+        coded: agv1 and agv2 in 2019 and 2020, agv1 to agv4 and as1 to as4 from 2021.
+    """
+
+    compare: Literal["agv", "station", "agv_and_station"] = "agv"
+    known_agvs: tuple[str, ...] = ()
+    known_stations: tuple[str, ...] = ()
+    kind: KindOfTask = "kitting"
+
+    def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
+        """One finding for each task of the kind."""
+        clause = "ARIAC scoring, destination"
+        yield from not_kits(order, self.kind)
+        for subject, task in kitting_tasks(order, self.kind):
+            submission = claimed(trial, order, task)
+            if _unwitnessed(trial, submission):
+                yield Finding.inconclusive(subject, "the log does not show submissions", clause=clause)
+            elif submission is None:
+                yield Finding.not_applicable(subject, NOT_SUBMITTED, clause=clause)
+            else:
+                yield self._compared(subject, task, submission, clause)
+
+    def _compared(self, subject: str, task: Task, submission: Submission, clause: str) -> Finding:
+        asked: list[tuple[str, str, str, tuple[str, ...]]] = []
+        if self.compare != "station" and task.agv != "any":
+            asked.append(("AGV", task.agv, submission.agv, self.known_agvs))
+        if self.compare != "agv":
+            asked.append(("station", task.station, submission.station, self.known_stations))
+        never = [f"{what} {wanted or 'none'}" for what, wanted, _, known in asked if _unknown(wanted, known)]
+        asked = [found for found in asked if found[3] or found[1] not in ("", "any")]
+        wrong = [f"{what} {got}, ordered {wanted}" for what, wanted, got, _ in asked if got and got != wanted]
+        unseen = [what for what, _, got, _ in asked if not got]
+        if never:
+            return Finding.violated(
+                subject,
+                f"{' and '.join(never)} was ordered, which the simulator does not know, so nothing is right",
+                clause=clause,
+            )
+        if wrong:
+            return Finding.violated(subject, "; ".join(wrong), clause=clause)
+        if unseen:
+            return Finding.inconclusive(
+                subject, f"the log does not show the {' and '.join(unseen)}", clause=clause
+            )
+        went = submission.station if self.compare == "station" else submission.agv
+        return Finding.satisfied(subject, f"went out as ordered ({went or 'any AGV'})", clause=clause)
+
+
+def _unknown(wanted: str, known: tuple[str, ...]) -> bool:
+    """Whether the simulator's list of names excludes the ordered one; no list excludes none."""
+    return bool(known) and wanted not in known
+
+
+@dataclass(frozen=True)
+class OrderTime:
+    """The order was completed, and how long that took.
+
+    Measures:
+        `time_taken_s`: from the announcement of the order's latest version (`since:
+        announcement`: of its first) to the last counted submission. With
+        `until: last_complete_kind` that of one kind of task: of several kinds the last in
+        the list that the order asks for and that is complete gives the time. With
+        `until: all_complete` that of all tasks of these kinds, once none is missing.
+    Violated when:
+        A shipment of it is missing, or the time exceeds `max_time_s` where that is
+        positive.
+    Source:
+        ARIAC 2019-2022, coded section: "time taken"; in 2021 as of a931894 and in 2022
+        the time of the assemblies replaces that of the kits. As documented: the time
+        taken to complete the order, measured from when it was first requested; 2023 and
+        2024: its submission duration.
+    """
+
+    max_time_s: float = 0.0
+    kinds: tuple[str, ...] = ("kitting",)
+    until: Literal["last_complete_kind", "all_complete"] = "last_complete_kind"
+    since: CountsFrom = "update"
+    counts_from: CountsFrom = "update"
+
+    def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
+        """One finding for the order."""
+        clause = "ARIAC scoring, order time"
+        claims = {
+            kind: [claimed(trial, order, task, self.counts_from) for _, task in kitting_tasks(order, kind)]
+            for kind in self.kinds
+        }
+        everything = [submission for found in claims.values() for submission in found]
+        if any(_unwitnessed(trial, submission) for submission in everything):
+            yield Finding.inconclusive(order.id, "the log does not show submissions", clause=clause)
+            return
+        missing = everything.count(None)
+        message = f"{len(everything) - missing} of {len(everything)} shipments were submitted"
+        together = self.until == "all_complete"
+        end_s = _last_complete_s([everything] if together else list(claims.values()))
+        start_s = order.announced_s if self.since == "update" else first_announced_s(trial, order)
+        if not everything:
+            yield Finding.not_applicable(order.id, "the order asks for no kit", clause=clause)
+        elif end_s is None:
+            yield Finding.violated(order.id, message, clause=clause)
+        elif start_s is None:
+            yield Finding.inconclusive(order.id, "the log does not show when it was announced", clause=clause)
+        else:
+            limit = self.max_time_s if self.max_time_s > 0 else float("inf")
+            taken = Limit("time taken", end_s - start_s, "s", at_most=limit)
+            verdict = Finding.violated(order.id, "") if missing else Finding.from_limits(order.id, taken)
+            yield Finding(
+                order.id,
+                verdict.verdict,
+                message if missing else f"completed in {taken.value:.3f} s",
+                quantities={"time_taken_s": taken.value},
+                clause=clause,
+                units={"time_taken_s": "s"},
+            )
+
+
+def _last_complete_s(claims: list[list[Submission | None]]) -> float | None:
+    """The latest submission of the last kind of which all were submitted."""
+    end_s = None
+    for found in claims:
+        times = [submission.submitted_s for submission in found if submission is not None]
+        if times and len(times) == len(found):
+            end_s = max(times)
+    return end_s

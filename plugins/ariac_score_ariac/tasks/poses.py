@@ -1,0 +1,423 @@
+"""Where the parts lie on the tray, and the tray on its AGV."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from ariac_score import Finding, Limit, Order, Pose, Product, Task, Tray, Trial, WantedProduct
+from ariac_score_ariac.tasks.claims import (
+    EMPTY_KIT,
+    NOT_SUBMITTED,
+    CountsFrom,
+    claimed,
+    kitting_tasks,
+    not_kits,
+    undecidable,
+)
+from ariac_score_ariac.tasks.contents import sound
+from ariac_score_ariac.tasks.names import TypeNames, base_type, delivered_type
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """How far a delivered pose is from the wanted one.
+
+    Attributes:
+        distance_m: In the plane of the tray; height does not count.
+        quaternion_dot: Absolute dot product of the two quaternions as recorded.
+        heading_error_rad: Difference of the yaw angles, not negative.
+        facing_error_rad: Angle between the two vertical axes; pi is upside down.
+        rotation_rad: Angle of the whole rotation from one to the other, 0 to pi.
+    """
+
+    distance_m: float
+    quaternion_dot: float
+    heading_error_rad: float
+    facing_error_rad: float
+    rotation_rad: float
+
+    @classmethod
+    def between(cls, wanted: Pose, delivered: Pose) -> PoseError:
+        """The error of a delivered pose.
+
+        Source: rulebooks, sections 0.3 and 0.4: nothing is normalised before the dot
+        product, yaw is read from a normalised copy.
+        """
+        dx, dy = (d - w for w, d in zip(wanted.position_m[:2], delivered.position_m[:2], strict=True))
+        dot = _dot(wanted.orientation_wxyz, delivered.orientation_wxyz)
+        cosine = _dot(_up(wanted), _up(delivered))
+        return cls(
+            math.sqrt(dx * dx + dy * dy),
+            abs(dot),
+            abs(delivered.yaw_rad - wanted.yaw_rad),
+            math.acos(min(1.0, max(-1.0, cosine))),
+            rotation_between(wanted, delivered),
+        )
+
+
+def rotation_between(wanted: Pose, delivered: Pose) -> float:
+    """The angle of the whole rotation that takes one orientation to the other, in rad, 0 to pi.
+
+    By the arctangent, which keeps small angles that an arccosine near 1 would lose.
+
+    >>> rotation_between(Pose((0, 0, 0)), Pose((0, 0, 0), (0.0, 0.0, 0.0, -2.0))) == math.pi
+    True
+    """
+    (a, b, c, d), (e, f, g, h) = wanted.orientation_wxyz, delivered.orientation_wxyz
+    scalar = a * e + b * f + c * g + d * h
+    i = a * f - b * e - c * h + d * g
+    j = a * g + b * h - c * e - d * f
+    k = a * h - b * g + c * f - d * e
+    return 2.0 * math.atan2(math.sqrt(i * i + j * j + k * k), abs(scalar))
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    """Scalar product, added up left to right as the simulator does.
+
+    Not by `sum`: from Python 3.12 on it rounds differently, which would decide at a limit.
+    """
+    total = 0.0
+    for x, y in zip(a, b, strict=True):
+        total += x * y
+    return total
+
+
+def _up(pose: Pose) -> tuple[float, float, float]:
+    """The part's own vertical axis in the tray frame."""
+    norm = math.sqrt(_dot(pose.orientation_wxyz, pose.orientation_wxyz))
+    w, x, y, z = (v / norm for v in pose.orientation_wxyz)
+    return 2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z
+
+
+def _normalised(pose: Pose) -> Pose:
+    """The pose with a quaternion of norm 1, divided as the simulator's maths library does."""
+    norm = math.sqrt(_dot(pose.orientation_wxyz, pose.orientation_wxyz))
+    w, x, y, z = pose.orientation_wxyz
+    return Pose(pose.position_m, (w / norm, x / norm, y / norm, z / norm))
+
+
+@dataclass(frozen=True)
+class PoseTest:
+    """Whether a part lies where it is wanted.
+
+    Attributes:
+        max_distance_m: Largest distance in the plane; equality passes.
+        min_quaternion_dot: Least absolute dot product; equality passes. `None`: no test.
+        max_heading_error_rad: Bound of the yaw error, equality failing unless
+            `heading_limit_passes`; the long way round equality passes. `None`: no test.
+        heading_limit_passes: Whether a yaw error at the bound passes.
+        normalise_delivered: Whether the delivered quaternion gets norm 1 first.
+        max_rotation_rad: Largest angle of the whole rotation, whatever its axis; equality
+            passes. `None`: no test.
+
+    Source:
+        Rulebooks, sections 0.3 and 0.4; the whole rotation: "the orientation must be
+        within 0.1 radians", scoring pages of 2017 to 2021.
+    """
+
+    max_distance_m: float
+    min_quaternion_dot: float | None
+    max_heading_error_rad: float | None
+    heading_limit_passes: bool = False
+    normalise_delivered: bool = False
+    max_rotation_rad: float | None = None
+
+    def error(self, wanted: Pose, delivered: Pose) -> PoseError:
+        """The error of a delivered pose as this test sees it."""
+        return PoseError.between(wanted, _normalised(delivered) if self.normalise_delivered else delivered)
+
+    def limits(self, error: PoseError) -> tuple[Limit, ...]:
+        """The errors against their limits."""
+        limits = [Limit("distance", error.distance_m, "m", at_most=self.max_distance_m)]
+        if self.min_quaternion_dot is not None:
+            limits.append(
+                Limit("quaternion dot", error.quaternion_dot, "1", at_least=self.min_quaternion_dot)
+            )
+        if self.max_rotation_rad is not None:
+            limits.append(Limit("rotation", error.rotation_rad, "rad", at_most=self.max_rotation_rad))
+        if self.max_heading_error_rad is not None:
+            heading = min(error.heading_error_rad, abs(error.heading_error_rad - 2 * math.pi))
+            strict = heading == error.heading_error_rad and not self.heading_limit_passes
+            limits.append(
+                Limit("heading error", heading, "rad", at_most=self.max_heading_error_rad, strict=strict)
+            )
+        return tuple(limits)
+
+    def passes(self, wanted: Pose | None, delivered: Pose | None) -> bool:
+        """Whether both poses are known and the delivered one keeps every limit."""
+        if wanted is None or delivered is None:
+            return False
+        return all(limit.kept for limit in self.limits(self.error(wanted, delivered)))
+
+
+@dataclass(frozen=True)
+class KitPose:
+    """Each part lies where the order wants it.
+
+    Measures:
+        Distance in the tray's plane, absolute dot product of the quaternions (part
+        facing), yaw error, and angle of the whole rotation of each part, as far as they
+        have a limit. Parts of one exact type (`compare: type`: of one type, whatever
+        their colour) are assigned to their slots so that as many as possible pass
+        (`best_assignment`), or in order of delivery each to the first free slot where
+        it passes (`greedy`).
+    Violated when:
+        No delivered part of the right type and colour (`compare: type`: of the right
+        type) passes at the slot: distance above its limit, dot product below its limit,
+        rotation above its limit (limits themselves pass), or yaw error at or above its
+        limit (`heading_limit_passes`: above it), a full turn allowed for.
+    Source:
+        ARIAC 2019-2022 as coded: pose test P(0.03 m, 0.1 rad), best assignment. 2017
+        and 2018 as coded: greedy, the delivered quaternion normalised, a yaw error at
+        the limit passing. 2017 to 2022 as documented: within 3 cm and 0.1 rad, from
+        2020 on whatever the colour.
+    """
+
+    max_distance_m: float = 0.03
+    min_quaternion_dot: float | None = 0.95
+    max_heading_error_rad: float | None = 0.1
+    max_rotation_rad: float | None = None
+    compare: Literal["type_and_color", "type"] = "type_and_color"
+    heading_limit_passes: bool = False
+    normalise_delivered: bool = False
+    matching: Literal["best_assignment", "greedy"] = "best_assignment"
+    type_names: TypeNames = "whole"
+    counts_from: CountsFrom = "update"
+
+    @property
+    def test(self) -> PoseTest:
+        """The test of one part at one slot."""
+        return PoseTest(
+            self.max_distance_m,
+            self.min_quaternion_dot,
+            self.max_heading_error_rad,
+            self.heading_limit_passes,
+            self.normalise_delivered,
+            self.max_rotation_rad,
+        )
+
+    def _kind(self, product_type: str) -> str:
+        """What products must have in common to compete for a slot."""
+        return base_type(product_type) if self.compare == "type" else product_type
+
+    def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
+        """One finding for each wanted product of each kitting task."""
+        clause = "ARIAC scoring, product pose"
+        yield from not_kits(order)
+        for subject, task in kitting_tasks(order):
+            submission = claimed(trial, order, task, self.counts_from)
+            if not task.products:
+                yield Finding.not_applicable(subject, EMPTY_KIT, clause=clause)
+                continue
+            unknown = undecidable(trial, submission, subject, clause, order=order)
+            for wanted in task.products:
+                slot = f"{subject}/{wanted.slot}"
+                if unknown:
+                    yield replace(unknown, subject=slot)
+                elif submission is None:
+                    yield Finding.violated(slot, f"{wanted.type}: {NOT_SUBMITTED}", clause=clause)
+            if submission is not None and not unknown:
+                yield from self._placed(subject, task, submission.contents or (), clause)
+
+    def _placed(
+        self, subject: str, task: Task, contents: tuple[Product, ...], clause: str
+    ) -> Iterator[Finding]:
+        findings: dict[str, Finding] = {}
+        for kind in sorted({self._kind(wanted.type) for wanted in task.products}):
+            slots = [wanted for wanted in task.products if self._kind(wanted.type) == kind]
+            parts = [
+                part
+                for part in sound(contents)
+                if self._kind(delivered_type(part.type, self.type_names)) == kind
+            ]
+            findings |= self._assigned(subject, slots, parts, clause)
+        yield from (findings[wanted.slot] for wanted in task.products)
+
+    def _assigned(
+        self, subject: str, slots: Sequence[WantedProduct], parts: Sequence[Product], clause: str
+    ) -> dict[str, Finding]:
+        """The finding of each slot of products that compete."""
+        passing = [[j for j, p in enumerate(parts) if self.test.passes(slot.pose, p.pose)] for slot in slots]
+        match = (
+            best_assignment(passing)
+            if self.matching == "best_assignment"
+            else greedy_assignment(passing, len(parts))
+        )
+        unseen = any(part.pose is None for part in parts)
+        return {
+            slot.slot: self._finding(f"{subject}/{slot.slot}", slot, parts, match[i], unseen, clause)
+            for i, slot in enumerate(slots)
+        }
+
+    def _finding(
+        self,
+        subject: str,
+        slot: WantedProduct,
+        parts: Sequence[Product],
+        matched: int | None,
+        unseen: bool,
+        clause: str,
+    ) -> Finding:
+        if slot.pose is None:
+            return Finding.inconclusive(subject, "the order gives no pose that can be used", clause=clause)
+        if matched is None and unseen:
+            return Finding.inconclusive(subject, f"the pose of a {slot.type} is not usable", clause=clause)
+        errors = [self.test.error(slot.pose, p.pose) for p in parts if p.pose is not None]
+        if matched is not None:
+            pose = parts[matched].pose
+            assert pose is not None  # only a part with a pose passes
+            nearest = self.test.error(slot.pose, pose)
+        elif errors:
+            nearest = min(errors, key=lambda error: error.distance_m)
+        else:
+            return Finding.violated(subject, f"no {slot.type} on the tray", clause=clause)
+        limits = self.test.limits(nearest)
+        if matched is None and all(limit.kept for limit in limits):
+            return Finding.violated(
+                subject, f"the {slot.type} near it counts for another slot", clause=clause
+            )
+        return Finding.from_limits(subject, *limits, clause=clause)
+
+
+def greedy_assignment(passing: Sequence[Sequence[int]], parts: int) -> list[int | None]:
+    """Assign each part in turn to the first free slot where it passes.
+
+    Fewer slots may be filled than by the best assignment.
+
+    Args:
+        passing: For each slot the parts that pass there.
+        parts: How many parts there are.
+
+    Returns:
+        For each slot its part, or `None`.
+
+    Source:
+        Rulebooks, section 1, code: pose.
+
+    >>> greedy_assignment([[0, 1], [0]], 2)
+    [0, None]
+    """
+    part_of: list[int | None] = [None] * len(passing)
+    for part in range(parts):
+        for slot, fitting in enumerate(passing):
+            if part_of[slot] is None and part in fitting:
+                part_of[slot] = part
+                break
+    return part_of
+
+
+def best_assignment(passing: Sequence[Sequence[int]]) -> list[int | None]:
+    """Assign parts to slots so that as many slots as possible get a part that passes.
+
+    A maximum bipartite matching by augmenting paths; the number of pairs is that of
+    the official search over all permutations.
+
+    Args:
+        passing: For each slot the parts that pass there.
+
+    Returns:
+        For each slot its part, or `None`.
+
+    >>> best_assignment([[0, 1], [0], []])
+    [1, 0, None]
+    """
+    slot_of: dict[int, int] = {}
+
+    def augment(slot: int, seen: set[int]) -> bool:
+        for part in passing[slot]:
+            if part not in seen:
+                seen.add(part)
+                if part not in slot_of or augment(slot_of[part], seen):
+                    slot_of[part] = slot
+                    return True
+        return False
+
+    for slot in range(len(passing)):
+        augment(slot, set())
+    part_of = {slot: part for part, slot in slot_of.items()}
+    return [part_of.get(slot) for slot in range(len(passing))]
+
+
+def best_total(worth: Sequence[Sequence[int | None]]) -> list[int | None]:
+    """Assign parts to slots so that they are worth the most together.
+
+    Of equal totals the one that gives earlier slots earlier parts.
+
+    Args:
+        worth: For each slot what each part is worth there, more than 0, or `None` where it does not fit.
+            A dozen parts at most: every set of parts taken is looked at.
+
+    Returns:
+        For each slot its part, or `None`.
+
+    >>> best_total([[3, 2], [2, None]])
+    [1, 0]
+    """
+    # By the set of parts taken: the most it brings, and how.
+    reached: dict[int, tuple[int, list[int | None]]] = {0: (0, [])}
+    for row in worth:
+        further: dict[int, tuple[int, list[int | None]]] = {}
+        for taken, (total, parts) in reached.items():
+            fitting = [(j, value) for j, value in enumerate(row) if value is not None and not taken >> j & 1]
+            options: list[tuple[int, int, int | None]] = [(taken | 1 << j, v, j) for j, v in fitting]
+            for key, value, part in [*options, (taken, 0, None)]:
+                if key not in further or further[key][0] < total + value:
+                    further[key] = (total + value, [*parts, part])
+        reached = further
+    return max(reached.values(), key=lambda found: found[0])[1]
+
+
+@dataclass(frozen=True)
+class TrayRight:
+    """The kit is built on the ordered movable tray, which lies where it should.
+
+    Measures:
+        The tray's type, its pose against the middle of the AGV, or whether there is one.
+    Violated when:
+        `type`: the type differs. `pose`: the distance in the plane exceeds its limit, the
+        dot product is below its limit, or the whole rotation exceeds its limit (the
+        limits themselves pass), or there is no tray. `present`: there is none.
+    Source:
+        ARIAC 2022 as coded: 0.10 m and |dot| 0.95. As documented: 0.02 m and 0.1 rad,
+        and without a tray a kit is worth nothing.
+    """
+
+    compare: Literal["type", "pose", "present"] = "type"
+    max_distance_m: float = 0.10
+    min_quaternion_dot: float | None = 0.95
+    max_rotation_rad: float | None = None
+
+    def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
+        """One finding for each kitting task."""
+        clause = "ARIAC 2022 scoring, movable tray"
+        yield from not_kits(order)
+        for subject, task in kitting_tasks(order):
+            submission = claimed(trial, order, task)
+            if task.tray is None:
+                yield Finding.not_applicable(subject, "no movable tray is ordered", clause=clause)
+            elif submission is None and "submissions" not in trial.witnessed:
+                yield Finding.inconclusive(subject, "the log does not show submissions", clause=clause)
+            elif submission is None:
+                yield Finding.not_applicable(subject, NOT_SUBMITTED, clause=clause)
+            elif submission.tray is None:
+                yield Finding.inconclusive(subject, "the log does not show the tray", clause=clause)
+            else:
+                yield self._tray(subject, task.tray, submission.tray, clause)
+
+    def _tray(self, subject: str, wanted: Tray, got: Tray, clause: str) -> Finding:
+        if not got.type:
+            return Finding.violated(subject, "the kit was built without a tray", clause=clause)
+        if self.compare != "pose":
+            right = self.compare == "present" or got.type == wanted.type
+            make = Finding.satisfied if right else Finding.violated
+            return make(subject, f"tray {got.type}, ordered {wanted.type}", clause=clause)
+        if got.pose is None:
+            return Finding.inconclusive(subject, "the log does not show the tray's pose", clause=clause)
+        test = PoseTest(
+            self.max_distance_m, self.min_quaternion_dot, None, max_rotation_rad=self.max_rotation_rad
+        )
+        error = test.error(wanted.pose or Pose((0.0, 0.0, 0.0)), got.pose)
+        return Finding.from_limits(subject, *test.limits(error), clause=clause)

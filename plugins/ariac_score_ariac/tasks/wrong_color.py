@@ -1,0 +1,99 @@
+"""Products of the wrong colour that lie where the right ones belong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from ariac_score import Finding, Order, Product, Task, Trial, WantedProduct
+from ariac_score_ariac.tasks.claims import (
+    each_delivered,
+)
+from ariac_score_ariac.tasks.contents import sound
+from ariac_score_ariac.tasks.names import TypeNames, base_type, delivered_type
+from ariac_score_ariac.tasks.poses import PoseTest
+
+_CLAUSE = "ARIAC 2021 finals and 2022, product pose of a wrong colour"
+
+
+@dataclass(frozen=True)
+class WrongColorPose:
+    """No product of the wrong colour lies where one of the right colour belongs.
+
+    Measures:
+        `pairs`: ordered product and delivered product of a type nobody ordered, base
+        types alike, pose test passed. `groups`: exact ordered types of which a sound
+        product was delivered. `counted`: how often the simulator counts a pose: each
+        pair once for every group (`each_delivered_type`), so not at all without one;
+        or once for each ordered product with a pair (`once`).
+    Violated when:
+        There is such a pair, whatever it counts. With `without_color: aborts` a name
+        without `_` among the wrong colours is inconclusive where the simulator
+        compares them: it would have aborted.
+    Source:
+        ARIAC 2021 finals (a97e234 and later) and 2022 as coded: the loop over wrong
+        colours stands inside the loop over exact types. Meant was `once`.
+    """
+
+    max_distance_m: float = 0.03
+    min_quaternion_dot: float = 0.95
+    max_heading_error_rad: float = 0.1
+    counting: Literal["each_delivered_type", "once"] = "each_delivered_type"
+    without_color: Literal["whole_name", "aborts"] = "whole_name"
+    type_names: TypeNames = "whole"
+
+    def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
+        """One finding for each kitting task."""
+        return each_delivered(trial, order, _CLAUSE, self._counted)
+
+    def _counted(self, subject: str, task: Task, contents: tuple[Product, ...]) -> Finding:
+        ordered = {wanted.type for wanted in task.products}
+        types = [delivered_type(product.type, self.type_names) for product in sound(contents)]
+        wrong = [p for p, kind in zip(sound(contents), types, strict=True) if kind not in ordered]
+        groups = len(ordered & set(types))
+        nameless = [p.type for p in wrong if "_" not in delivered_type(p.type, self.type_names)]
+        if groups and nameless and self.without_color == "aborts":
+            return Finding.inconclusive(
+                subject,
+                f"the simulator would have aborted at the product name {nameless[0]!r}, which has no colour",
+                clause=_CLAUSE,
+            )
+        rivals = [[p for p in wrong if self._alike(wanted, p)] for wanted in task.products]
+        if groups and any(
+            near and (wanted.pose is None or any(p.pose is None for p in near))
+            for wanted, near in zip(task.products, rivals, strict=True)
+        ):
+            return Finding.inconclusive(
+                subject, "a pose that decides about a wrong colour is not usable", clause=_CLAUSE
+            )
+        return self._finding(subject, self._pairs(task.products, rivals), groups)
+
+    def _alike(self, wanted: WantedProduct, delivered: Product) -> bool:
+        return base_type(delivered_type(delivered.type, self.type_names)) == base_type(wanted.type)
+
+    def _pairs(self, ordered: Sequence[WantedProduct], rivals: Sequence[Sequence[Product]]) -> list[int]:
+        """For each ordered product how many of the wrong colour lie in its place."""
+        test = PoseTest(self.max_distance_m, self.min_quaternion_dot, self.max_heading_error_rad)
+        return [
+            sum(1 for product in near if test.passes(wanted.pose, product.pose))
+            for wanted, near in zip(ordered, rivals, strict=True)
+        ]
+
+    def _finding(self, subject: str, pairs: Sequence[int], groups: int) -> Finding:
+        total = sum(pairs)
+        taken = sum(1 for number in pairs if number)
+        counted = total * groups if self.counting == "each_delivered_type" else taken
+        quantities = {"pairs": float(total), "groups": float(groups), "counted": float(counted)}
+        if not total:
+            made = Finding.satisfied(subject, "no wrong colour lies in the place of a right one")
+        else:
+            made = Finding.violated(
+                subject,
+                f"{total} of wrong colour in the place of a right one, {groups} ordered types delivered: "
+                f"counted {counted} times",
+            )
+        units = dict.fromkeys(quantities, "count")
+        return Finding(
+            subject, made.verdict, made.message, quantities=quantities, clause=_CLAUSE, units=units
+        )

@@ -1,0 +1,163 @@
+"""What a monitor shows of what it judged: asked like its findings, and refused when it is broken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ariac_score import Charting, Course, Finding, SignalNeed, Trial, load_rule_set
+from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.engine.ask import courses_of, margins_of
+from ariac_score.errors import PluginError
+from ariac_score.testing import NEAR_MISS, kitting_trial
+
+TRIAL = kitting_trial()
+RULES = load_rule_set("paper2020")
+REGISTRY = Registry()
+PLUGIN: Plugin = REGISTRY.find("ariac_score.monitors", "iso_ts_15066.ssm_separation")
+
+
+@dataclass
+class Showing:
+    """A monitor that shows whatever it was made with."""
+
+    show: Callable[[Trial], Iterable[Any]]
+
+    def needs(self) -> Iterator[SignalNeed]:
+        return iter(())
+
+    def watch(self, _trial: Trial) -> Iterator[Finding]:
+        yield Finding.satisfied("trial", "fine")
+
+    def courses(self, trial: Trial) -> Iterable[Any]:
+        return self.show(trial)
+
+    def margins(self, trial: Trial) -> Iterable[Any]:
+        return self.show(trial)
+
+
+def _raise(_trial: Trial) -> Iterator[Course]:
+    raise RuntimeError("out of ink")
+
+
+def _break_in(trial: Trial) -> Iterator[Course]:
+    object.__setattr__(trial, "events", ())
+    return iter(())
+
+
+@pytest.mark.parametrize(
+    ("show", "words"),
+    [
+        (_raise, "raised RuntimeError when asked what it saw: out of ink"),
+        (lambda _trial: None, "raised TypeError when asked what it saw"),
+        (lambda _trial: ["a line"], "shows a str instead of a Course"),
+        (_break_in, "changed the trial it was asked about"),
+    ],
+)
+@pytest.mark.parametrize("asked", [courses_of, margins_of])
+def test_a_monitor_that_cannot_show_what_it_saw_is_named(asked: Any, show: Any, words: str) -> None:
+    with pytest.raises(PluginError, match=words):
+        asked(PLUGIN, "separation", Showing(show), TRIAL)
+
+
+def _late(made: Callable[[], Iterable[Any]]) -> Course:
+    return Course.late("r/h", "distance", "m", made, times=list, max_gap_s=1.0)
+
+
+def _part(*t: float) -> Course:
+    return Course("r/h", "distance", "m", np.array(t), np.zeros(len(t)), np.zeros(len(t)))
+
+
+def _raise_late() -> Iterator[Course]:
+    print("dipping the pen")  # noqa: T201  # plugins do
+    yield _part(0.0)
+    raise RuntimeError("out of ink")
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (_raise_late, "raised RuntimeError when asked what it saw: out of ink"),
+        (lambda: None, "raised TypeError when asked what it saw"),
+        (lambda: ["a line"], "shows a str instead of part of a Course"),
+        (lambda: [_part(0.0, 1.0), _part(1.0, 2.0)], "shows a Course whose times do not increase"),
+    ],
+)
+@pytest.mark.parametrize("asked", [courses_of, margins_of])
+def test_a_monitor_that_fails_while_its_course_is_made_is_named(
+    asked: Any, made: Any, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (course,) = asked(PLUGIN, "separation", Showing(lambda _trial: [_late(made)]), TRIAL)
+
+    with pytest.raises(PluginError, match=words):
+        list(course.parts())
+    assert capsys.readouterr().out == ""
+
+
+def test_a_course_that_is_made_late_is_as_it_was_told() -> None:
+    parts = [_part(0.0, 1.0), _part(), _part(1.5)]
+    told = Course.late(
+        "r/h",
+        "distance",
+        "m",
+        lambda: parts,
+        times=lambda: (part.t for part in parts),
+        max_gap_s=2.0,
+        at_most=True,
+    )
+
+    (course,) = margins_of(PLUGIN, "separation", Showing(lambda _trial: [told]), TRIAL)
+
+    assert (course.subject, course.what, course.unit) == ("r/h", "distance", "m")
+    assert (course.max_gap_s, course.at_most) == (2.0, True)
+    assert list(course.parts()) == parts
+    assert course.t.tolist() == [0.0, 1.0, 1.5]
+
+
+def test_a_signal_that_is_missing_leaves_nothing_to_draw() -> None:
+    showing = Showing(lambda trial: [trial.signal("nothing/robot", unit="m")])
+
+    assert courses_of(PLUGIN, "separation", showing, TRIAL) == []
+    assert margins_of(PLUGIN, "separation", showing, TRIAL) == []
+
+
+def test_a_check_that_shows_nothing_is_not_asked() -> None:
+    assert courses_of(PLUGIN, "part_type", RULES.build(REGISTRY)["part_type"], TRIAL) == []
+
+
+def test_the_separation_monitor_shows_the_distance_it_judges_and_the_one_it_asks_for() -> None:
+    check = RULES.build(REGISTRY)["separation"]
+    assert isinstance(check, Charting)
+
+    (course,) = courses_of(PLUGIN, "separation", check, TRIAL)
+
+    window = TRIAL.window
+    assert window is not None
+    assert (course.t[0], course.t[-1]) == (window.start_s, window.end_s)
+    assert course.actual.min() == pytest.approx(NEAR_MISS.closest_m, abs=0.005)
+    # By hand: 0.943 m/s (1.0 s + 1.5 s) + 0.5 m/s 1.0 s + 2.6 m while nearing.
+    assert course.limit.max() == pytest.approx(NEAR_MISS.required_m)
+    assert int((course.actual < course.limit).sum()) == 240  # 2.4 s at 100 Hz
+
+
+def test_a_monitor_without_pairs_shows_nothing() -> None:
+    check = RULES.build(REGISTRY)["separation"]
+
+    assert courses_of(PLUGIN, "separation", check, Trial("empty")) == []
+
+
+def test_where_the_robot_may_come_near_because_it_stands_no_distance_is_required() -> None:
+    from ariac_score_standards import SsmSeparation  # noqa: PLC0415  # a plugin, as strangers see it
+
+    check = SsmSeparation(profile="standard", distance="centre_distance", speeds="scalar")
+    still = {**TRIAL.signals}
+    speed = still["speed/robot"]
+    still["speed/robot"] = replace(speed, values=np.zeros(len(speed)))
+
+    (course,) = check.courses(replace(TRIAL, signals=still))
+
+    assert np.isnan(course.limit).all()

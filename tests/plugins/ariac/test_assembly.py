@@ -1,0 +1,357 @@
+"""Briefcases, wrong colours, names and greedy matching: where a log decides nothing, and laws.
+
+What they are worth is worked out case by case in `tests/cases/worked`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import permutations
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ariac_score import (
+    Event,
+    Finding,
+    Order,
+    Pose,
+    Product,
+    Rule,
+    Submission,
+    Task,
+    Trial,
+    Verdict,
+    WantedProduct,
+)
+from ariac_score_ariac.tasks import (
+    AssemblyCounters,
+    AssemblyPart,
+    Destination,
+    KitPose,
+    NoneFaulty,
+    NoneMissing,
+    NoneUnwanted,
+    OnlyKitting,
+    OrderTime,
+    Presence,
+    RightNumber,
+    Submitted,
+    WrongColorPose,
+)
+from ariac_score_ariac.tasks.poses import best_assignment, greedy_assignment
+
+SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
+INCONCLUSIVE, NOT_APPLICABLE = Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE
+LAWS = settings(max_examples=150, derandomize=True, deadline=None)
+
+PUMP, BLUE = "assembly_pump_red", "assembly_pump_blue"
+
+OF_ASSEMBLIES: list[Rule] = [
+    AssemblyPart(),
+    AssemblyPart(matching="first_in_place", compare="type_pose_and_color", max_heading_error_rad=None),
+    AssemblyCounters(),
+    NoneMissing(kind="assembly"),
+    NoneUnwanted(kind="assembly"),
+    NoneFaulty(kind="assembly"),
+    Submitted(kind="assembly"),
+    Destination(kind="assembly", compare="station"),
+]
+OF_KITS: list[Rule] = [WrongColorPose(), RightNumber()]
+
+
+def at(x: float, yaw: float = 0.0) -> Pose:
+    return Pose.from_rpy((x, 0.0, 0.0), (0.0, 0.0, yaw))
+
+
+def order(kind: str, *wanted: tuple[str, Pose | None], **task: Any) -> Order:
+    products = tuple(WantedProduct(f"part_{i}", name, pose) for i, (name, pose) in enumerate(wanted))
+    return Order("o", (Task("s", kind, products, **task),), announced_s=10.0)
+
+
+def handed_in(*contents: Product, at_s: float = 20.0, station: str = "as1") -> Submission:
+    return Submission("s", at_s, contents, "agv1", station)
+
+
+def trial(*submissions: Submission, witnessed: Iterable[str] = ("submissions",)) -> Trial:
+    return Trial("t", submissions=submissions, witnessed=frozenset(witnessed))
+
+
+def verdicts(rule: Rule, of: Trial, asked: Order) -> list[Verdict]:
+    return [finding.verdict for finding in rule.judge(of, asked)]
+
+
+def only(rule: Rule, of: Trial, asked: Order) -> Finding:
+    (finding,) = rule.judge(of, asked)
+    return finding
+
+
+# What a log does not show --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rule", OF_ASSEMBLIES, ids=repr)
+def test_without_a_record_of_submissions_nothing_about_an_assembly_is_decided(rule: Rule) -> None:
+    assert verdicts(rule, trial(witnessed=()), order("assembly", (PUMP, at(0)))) == [INCONCLUSIVE]
+
+
+@pytest.mark.parametrize("rule", OF_KITS, ids=repr)
+def test_without_a_record_of_submissions_nothing_about_a_kit_is_decided(rule: Rule) -> None:
+    assert verdicts(rule, trial(witnessed=()), order("kitting", (PUMP, at(0)))) == [INCONCLUSIVE]
+
+
+@pytest.mark.parametrize("rule", [*OF_ASSEMBLIES[:6], *OF_KITS], ids=repr)
+def test_unknown_contents_are_undecided(rule: Rule) -> None:
+    unseen = trial(Submission("s", 20.0, contents=None))
+    kind = "kitting" if rule in OF_KITS else "assembly"
+
+    assert verdicts(rule, unseen, order(kind, (PUMP, at(0)))) == [INCONCLUSIVE]
+
+
+@pytest.mark.parametrize("rule", [*OF_ASSEMBLIES, *OF_KITS], ids=repr)
+def test_a_task_of_another_kind_is_not_judged_and_not_passed_over(rule: Rule) -> None:
+    kind = "assembly" if rule in OF_KITS else "kitting"
+
+    finding = only(rule, trial(handed_in(Product(PUMP, at(0)))), order(kind, (PUMP, at(0))))
+
+    assert (finding.verdict, finding.subject) == (NOT_APPLICABLE, "o/s")
+
+
+@pytest.mark.parametrize("rule", OF_ASSEMBLIES[:3], ids=repr)
+@pytest.mark.parametrize(
+    ("wanted", "delivered"), [(None, at(0)), (at(0), None)], ids=["ordered", "delivered"]
+)
+def test_a_pose_that_is_not_usable_leaves_a_briefcase_undecided(
+    rule: Rule, wanted: Pose | None, delivered: Pose | None
+) -> None:
+    briefcase = trial(handed_in(Product(PUMP, delivered)))
+
+    assert verdicts(rule, briefcase, order("assembly", (PUMP, wanted))) == [INCONCLUSIVE]
+
+
+@pytest.mark.parametrize("rule", OF_ASSEMBLIES[:3], ids=repr)
+def test_the_pose_of_a_faulty_product_is_not_needed(rule: Rule) -> None:
+    briefcase = trial(handed_in(Product(PUMP, None, faulty=True), Product(PUMP, at(0))))
+
+    assert verdicts(rule, briefcase, order("assembly", (PUMP, at(0)))) == [SATISFIED]
+
+
+@pytest.mark.parametrize("rule", OF_ASSEMBLIES[:3], ids=repr)
+def test_more_products_than_any_briefcase_holds_are_refused_not_searched(rule: Rule) -> None:
+    asked = order("assembly", *[(PUMP, at(0))] * 10)
+
+    assert set(verdicts(rule, trial(handed_in(Product(PUMP, at(0)))), asked)) == {INCONCLUSIVE}
+
+
+@pytest.mark.parametrize("rule", OF_ASSEMBLIES[:2], ids=repr)
+def test_an_order_for_an_empty_briefcase_has_nothing_to_judge(rule: Rule) -> None:
+    assert only(rule, trial(handed_in()), order("assembly")).verdict is NOT_APPLICABLE
+
+
+@pytest.mark.parametrize(
+    ("rule", "verdict"),
+    [
+        (AssemblyPart(), VIOLATED),
+        (AssemblyCounters(), NOT_APPLICABLE),
+        (NoneMissing(kind="assembly"), VIOLATED),
+    ],
+    ids=repr,
+)
+def test_a_briefcase_never_submitted_earns_nothing(rule: Rule, verdict: Verdict) -> None:
+    assert verdicts(rule, trial(), order("assembly", (PUMP, at(0)))) == [verdict]
+
+
+# Briefcases ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("compare", "messages"),
+    [
+        ("type", ["assembly_pump_red is noted for it", "another assembly_pump_red was noted before it"]),
+        (
+            "type_and_pose",
+            ["assembly_pump_red is noted for it", "another assembly_pump_red was noted before it"],
+        ),
+    ],
+)
+def test_the_second_of_two_alike_is_told_to_have_fallen_into_the_first(
+    compare: Any, messages: list[str]
+) -> None:
+    asked = order("assembly", (PUMP, at(0)), (PUMP, at(0.1)))
+    briefcase = trial(handed_in(Product(PUMP, at(0)), Product(PUMP, at(0.1))))
+
+    assert [f.message for f in AssemblyPart(compare=compare).judge(briefcase, asked)] == messages
+
+
+@pytest.mark.parametrize(
+    ("x", "verdict"), [(0.02, SATISFIED), (0.0200001, VIOLATED)], ids=["at the limit", "beyond"]
+)
+def test_two_centimetres_are_the_limit_of_an_assembly(x: float, verdict: Verdict) -> None:
+    briefcase = trial(handed_in(Product(PUMP, at(x))))
+
+    for matching in ("by_type_then_permutations", "first_in_place"):
+        rule = AssemblyPart(matching=matching)
+        assert verdicts(rule, briefcase, order("assembly", (PUMP, at(0)))) == [verdict]
+
+
+@pytest.mark.parametrize(("limit", "verdict"), [(0.1, VIOLATED), (None, SATISFIED)])
+def test_without_a_limit_the_yaw_is_not_tested(limit: float | None, verdict: Verdict) -> None:
+    briefcase = trial(handed_in(Product(PUMP, at(0, yaw=0.3))))
+
+    assert verdicts(
+        AssemblyPart(max_heading_error_rad=limit), briefcase, order("assembly", (PUMP, at(0)))
+    ) == [verdict]
+
+
+# Wrong colours -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("counting", "counted"), [("each_delivered_type", 2), ("once", 1)])
+def test_a_pair_of_wrong_color_counts_for_each_delivered_type_or_once(counting: Any, counted: int) -> None:
+    asked = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)), ("b_red", at(0.2)))
+    tray = trial(handed_in(Product(BLUE, at(0)), Product("a_red", at(0.1)), Product("b_red", at(0.2))))
+
+    finding = only(WrongColorPose(counting=counting), tray, asked)
+
+    assert (finding.verdict, finding.quantities["counted"]) == (VIOLATED, counted)
+
+
+def test_a_wrong_color_elsewhere_and_a_faulty_one_in_place_are_no_pair() -> None:
+    asked = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)))
+    tray = trial(
+        handed_in(Product(BLUE, at(0.5)), Product(BLUE, at(0), faulty=True), Product("a_red", at(0.1)))
+    )
+
+    finding = only(WrongColorPose(), tray, asked)
+
+    assert (finding.verdict, dict(finding.quantities)) == (SATISFIED, {"pairs": 0, "groups": 1, "counted": 0})
+
+
+def test_an_unknown_pose_of_a_wrong_color_decides_only_where_it_would_count() -> None:
+    asked = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)))
+    blue = Product(BLUE, None)
+
+    assert (
+        only(WrongColorPose(), trial(handed_in(blue, Product("a_red", at(0.1)))), asked).verdict
+        is INCONCLUSIVE
+    )
+    assert only(WrongColorPose(), trial(handed_in(blue)), asked).verdict is SATISFIED
+
+
+# Names, numbers, places ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("names", "verdict"), [("whole", VIOLATED), ("after_colon", SATISFIED)])
+def test_a_prefix_is_cut_off_where_the_rule_set_says_so(names: Any, verdict: Verdict) -> None:
+    asked = order("kitting", (PUMP, at(0)))
+    tray = trial(handed_in(Product(f"agv1::tray::{PUMP}", at(0))))
+    rules: list[Rule] = [
+        Presence(type_names=names),
+        Presence(compare="type", type_names=names),
+        KitPose(type_names=names),
+        NoneMissing(type_names=names),
+        NoneUnwanted(type_names=names),
+    ]
+
+    assert [verdicts(rule, tray, asked) for rule in rules] == [[verdict]] * 5
+
+
+@pytest.mark.parametrize(("count_faulty", "verdict"), [(True, VIOLATED), (False, SATISFIED)])
+def test_a_faulty_product_counts_in_the_number_or_not(count_faulty: bool, verdict: Verdict) -> None:
+    tray = trial(handed_in(Product(PUMP, at(0)), Product(PUMP, at(0), faulty=True)))
+
+    assert verdicts(RightNumber(count_faulty=count_faulty), tray, order("kitting", (PUMP, at(0)))) == [
+        verdict
+    ]
+
+
+@pytest.mark.parametrize(
+    ("known", "agv", "verdict"),
+    [((), "agv3", VIOLATED), ((), "", SATISFIED), (("agv1",), "", VIOLATED), (("agv1",), "any", SATISFIED)],
+)
+def test_an_agv_that_is_not_known_is_never_right(known: tuple[str, ...], agv: str, verdict: Verdict) -> None:
+    asked = order("kitting", (PUMP, at(0)), agv=agv)
+
+    assert verdicts(Destination(known_agvs=known), trial(handed_in()), asked) == [verdict]
+
+
+def test_of_two_kinds_of_task_the_later_complete_one_gives_the_time() -> None:
+    both = Order("o", (Task("k"), Task("a", "assembly")), announced_s=10.0)
+    rule = OrderTime(kinds=("kitting", "assembly"))
+    kit, briefcase = Submission("k", 30.0, ()), Submission("a", 20.0, ())
+
+    assert only(rule, trial(briefcase, kit), both).quantities["time_taken_s"] == 10.0
+    unfinished = only(rule, trial(kit), both)
+    assert (unfinished.verdict, unfinished.quantities["time_taken_s"]) == (VIOLATED, 20.0)
+    assert only(rule, trial(), both).verdict is VIOLATED
+
+
+def test_kinds_of_task_the_rule_set_names_are_covered() -> None:
+    rule = OnlyKitting(kinds=("kitting", "assembly"))
+
+    assert only(rule, trial(), order("assembly")).verdict is SATISFIED
+    assert only(rule, trial(), order("combined")).verdict is INCONCLUSIVE
+
+
+# Claiming and greedy matching ----------------------------------------------------------
+
+
+@pytest.mark.parametrize(("submitted_s", "verdict"), [(9.9, VIOLATED), (10.0, SATISFIED)])
+def test_submissions_count_from_the_first_announcement(submitted_s: float, verdict: Verdict) -> None:
+    announced = Event(10.0, "order_announced", "o")
+    of = Trial(
+        "t",
+        events=(announced,),
+        submissions=(handed_in(at_s=submitted_s),),
+        witnessed=frozenset({"submissions"}),
+    )
+    updated = Order("o", (Task("s"),), announced_s=50.0)
+
+    assert verdicts(Submitted(counts_from="announcement"), of, updated) == [verdict]
+    assert verdicts(Submitted(counts_from="update"), of, updated) == [VIOLATED]
+
+
+@pytest.mark.parametrize(("passes", "verdict"), [(False, VIOLATED), (True, SATISFIED)])
+def test_a_heading_error_at_the_limit_passes_where_the_rule_set_says_so(
+    passes: bool, verdict: Verdict
+) -> None:
+    turned = at(0, yaw=0.1)
+    asked, tray = order("kitting", (PUMP, at(0))), trial(handed_in(Product(PUMP, turned)))
+    rule = KitPose(heading_limit_passes=passes, max_heading_error_rad=abs(turned.yaw_rad))
+
+    assert verdicts(rule, tray, asked) == [verdict]
+
+
+@given(passing=st.lists(st.lists(st.integers(0, 4), unique=True), max_size=5))
+@LAWS
+def test_greedy_fills_as_the_simulator_walks_and_never_more_than_the_best(passing: list[list[int]]) -> None:
+    found = greedy_assignment(passing, 5)
+
+    # Rulebook, section 1: each delivered part in turn takes the first free place where it passes.
+    free = list(range(len(passing)))
+    for part in range(5):
+        place = next((slot for slot in free if part in passing[slot]), None)
+        assert [slot for slot, taken in enumerate(found) if taken == part] == (
+            [] if place is None else [place]
+        )
+        if place is not None:
+            free.remove(place)
+    filled = sum(part is not None for part in found)
+    assert filled <= sum(part is not None for part in best_assignment(passing))
+
+
+@given(
+    names=st.lists(st.sampled_from([PUMP, BLUE, "assembly_battery_red"]), min_size=1, max_size=4),
+    places=st.permutations(range(4)),
+)
+@LAWS
+def test_a_briefcase_never_earns_more_than_one_record_for_each_name(
+    names: list[str], places: list[int]
+) -> None:
+    asked = order("assembly", *((name, at(0.1 * i)) for i, name in enumerate(names)))
+    delivered = [Product(names[i], at(0.1 * i)) for i in places if i < len(names)]
+
+    for contents in permutations(delivered):
+        found = verdicts(AssemblyPart(), trial(handed_in(*contents)), asked)
+        assert found.count(SATISFIED) == len(set(names))  # all lie right, so each name is noted once

@@ -1,0 +1,308 @@
+"""The laws of penalties: that each finds what breaks it, and that the default penalty keeps them all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ariac_score.checks.registry import Registry
+from ariac_score.cli import main
+from ariac_score.documents.schema import schema
+from ariac_score.review.laws.cases import Case, Violation, World
+from ariac_score.review.laws.laws import LAWS
+from ariac_score.review.laws.proving import Outcome, check_laws
+from ariac_score.review.laws.reference import DEFAULT, penalties_page, reference_rules
+from ariac_score.review.laws.words import outcome_lines
+from ariac_score.scoring.penalties import penalty_names
+from ariac_score.scoring.ruleset import RuleSet, draft_rule_set, load_rule_set, rule_set_names
+
+ROOT = Path(__file__).parents[2]
+REGISTRY = Registry()
+MADE = """\
+id: made
+title: Made
+source: a test
+log_map: ariac2020
+rules:
+  part_color: {use: kitting.presence, with: {compare: type_and_color}}
+monitors:
+  separation: {use: iso_ts_15066.ssm_separation, with: {profile: seed}, on_inconclusive: POLICY}
+  dropped: {use: ariac.no_event, with: {kind: part_dropped}}
+terms:
+  submission: {kit: points(part_color)}
+  trial: {earned: sum(submission.kit)}
+score: SCORE
+"""
+
+
+def made(score: str, policy: str = "withhold") -> RuleSet:
+    return draft_rule_set(MADE.replace("SCORE", score).replace("POLICY", policy), file="made.yaml")
+
+
+def verdicts(rule_set: RuleSet, *, cases: int = 150, seed: int = 0) -> dict[str, str]:
+    return {o.law.name: o.verdict for o in check_laws(rule_set, cases=cases, seed=seed, registry=REGISTRY)}
+
+
+def outcome(rule_set: RuleSet, law: str, cases: int = 400) -> Outcome:
+    found = {o.law.name: o for o in check_laws(rule_set, cases=cases, registry=REGISTRY)}
+    return found[law]
+
+
+# The default ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_default_penalty_keeps_every_law(seed: int) -> None:
+    assert verdicts(reference_rules(DEFAULT), seed=seed) == {law.name: "holds" for law in LAWS}
+
+
+@pytest.mark.parametrize("policy", ["withhold", "worst_case"])
+def test_it_keeps_them_whatever_undecided_means_and_for_points_that_grow(policy: str) -> None:
+    safety = "  separation: {class: separation}\n  dropped: {class: limit}"
+    score = f"earned ** 2\ninclude: [{DEFAULT}]\nsafety:\n{safety}"
+    text = MADE.replace("SCORE", score).replace("POLICY", policy).replace("trial: {earned:", "trial: {parts:")
+    rule_set = draft_rule_set(text.replace("earned ** 2", "parts ** 2"), file="made.yaml")
+
+    assert set(verdicts(rule_set).values()) == {"holds"}
+
+
+def test_no_other_shipped_penalty_keeps_them_all() -> None:
+    for name in penalty_names():
+        assert ("broken" in verdicts(reference_rules(name)).values()) == (name != DEFAULT), name
+
+
+# Each law finds what breaks it ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("score", "policy", "broken"),
+    [
+        ("earned + count(separation)", "withhold", "more_violations"),
+        ("earned / (1 + demerits(separation, tau_s=5))", "withhold", "more_violations"),
+        ("0 - earned", "withhold", "more_points"),
+        ("earned / trial.duration_s", "withhold", "waiting"),
+        ("earned * max(0, 1 - seconds(separation) / trial.duration_s)", "withhold", "waiting"),
+        ("earned - occurrences(separation, every_s=2)", "withhold", "log_rate"),
+        ("earned - 3 * count(dropped)", "withhold", "doing_nothing"),
+        ("earned * product(separation, p=0.5)", "withhold", "stopping_early"),
+        ("earned * gate(separation) if count(separation) < 2 else 0", "withhold", "stopping_early"),
+        ("earned / (1 + charged(separation=0.4))", "exclude", "unknown"),
+        ("earned / (1 + count(separation))", "worst_case", "unknown"),
+        ("0 - charged(separation=0.4)", "zero", "unknown"),
+        ("earned - 0.1 * seconds(separation)", "withhold", "short_pause"),
+    ],
+)
+def test_a_rule_set_that_breaks_a_law_is_found_out(score: str, policy: str, broken: str) -> None:
+    assert verdicts(made(score, policy))[broken] == "broken"
+
+
+@pytest.mark.parametrize(
+    ("score", "idle"),
+    [
+        (
+            "earned",
+            {"more_violations", "log_rate", "doing_nothing", "stopping_early", "short_pause"},
+        ),
+        ("earned - count(dropped)", {"log_rate", "short_pause"}),
+        ("holds(separation)", {"more_points", "doing_nothing", "stopping_early"}),
+    ],
+)
+def test_a_law_that_says_nothing_about_a_rule_set_says_why(score: str, idle: set[str]) -> None:
+    found = check_laws(made(score), cases=20, registry=REGISTRY)
+
+    assert {o.law.name for o in found if o.verdict == "not_applicable"} == idle
+    assert all(o.reason for o in found if o.verdict == "not_applicable")
+
+
+def test_a_score_that_never_has_a_value_is_said_to_be_untried() -> None:
+    found = outcome(made("earned / (1 - 1)"), "waiting", cases=10)
+
+    assert (found.verdict, found.cases) == ("untried", 0)
+    assert "division by zero" in found.reason
+
+
+# Counter-examples ----------------------------------------------------------------------
+
+
+def test_the_counter_example_to_counting_episodes_is_the_smallest_there_is() -> None:
+    found = outcome(load_rule_set("paper2020"), "more_violations")
+
+    assert found.situation is not None
+    assert found.broken is not None
+    assert found.situation.case.orders == ((1,),)
+    assert len(found.situation.case.violations) == 2
+    assert found.situation.case.failed == frozenset()
+    # A part is worth 4. Two breaches of 0.1 s: 0.4 * (2 + 0.2 / 5) demerits;
+    # bridged, one of 0.3 s: 0.4 * (1 + 0.3 / 5).
+    assert found.broken.first_score == pytest.approx(4 / (1 + 0.4 * 2.04))
+    assert found.broken.second_score == pytest.approx(4 / (1 + 0.4 * 1.06))
+
+
+def test_a_counter_example_is_told_in_words() -> None:
+    lines = list(outcome_lines(outcome(made("earned + count(dropped)"), "more_violations")))
+
+    assert lines == [
+        "BROKEN          more violations never help",
+        "    1 part; all of the task satisfied; no violations",
+        "               1  as it is",
+        "               2  with one more violation, dropped of robot/human_1 at 0 s",
+    ]
+
+
+def test_the_same_seed_gives_the_same_counter_example_and_another_need_not() -> None:
+    rules = load_rule_set("paper2020")
+
+    assert check_laws(rules, cases=60, seed=5) == check_laws(rules, cases=60, seed=5)
+
+
+# Made findings -------------------------------------------------------------------------
+
+
+def world() -> World:
+    return World(made("earned - charged(separation=1) - count(dropped)"), frozenset({"dropped"}))
+
+
+def test_the_findings_of_a_case_are_those_a_monitor_would_make() -> None:
+    violations = (
+        Violation("separation", 0, 10, 20, 0.5),
+        Violation("separation", 0, 25, 30, 1.0, critical=True),  # 0.5 s later: bridged
+        Violation("separation", 0, 40, 41),  # 1.0 s later: not bridged
+    )
+    found = [
+        f for f in world().findings(Case(((1,),), violations=violations)).values() if f.check == "separation"
+    ]
+
+    assert [(f.span.start_s, f.span.end_s) for f in found if f.span] == [(1.0, 3.0), (4.0, 4.1)]
+    assert [f.quantities["time_in_violation_s"] for f in found] == [pytest.approx(1.5), pytest.approx(0.1)]
+    assert found[0].quantities["relative_depth_integral_s"] == pytest.approx(0.5 * 1.0 + 0.5)
+    assert [f.critical for f in found] == [True, False]
+
+
+def test_half_the_rate_sees_every_second_sample() -> None:
+    case = Case(((1,),), violations=(Violation("separation", 0, 11, 30),), step=2)
+    (found,) = [f for f in world().findings(case).values() if f.check == "separation"]
+
+    assert found.span is not None
+    assert (found.span.start_s, found.span.end_s) == (1.2, 3.0)
+
+
+# Shipped -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", rule_set_names())
+def test_every_shipped_rule_set_can_be_checked(name: str) -> None:
+    assert "untried" not in verdicts(load_rule_set(name), cases=15).values()
+
+
+def test_the_page_on_penalties_is_up_to_date() -> None:
+    """Written by `penalties_page()`."""
+    assert (ROOT / "docs/penalties.md").read_text(encoding="utf-8") == penalties_page()
+
+
+# The command ---------------------------------------------------------------------------
+
+
+def test_the_command_says_which_laws_hold(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rules", "check", DEFAULT, "--cases", "40"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("  holds ") == 8
+    assert "320 random cases, seed 0" in out
+
+
+def test_the_command_fails_for_a_broken_law_and_goes_on_to_the_next_rule_set(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["rules", "check", "paper2020", "ariac2023.as_coded", "--cases", "100"]) == 1
+    out = capsys.readouterr().out
+    assert "BROKEN          more violations never help" in out
+    assert "ariac2023.as_coded: 300 random cases" in out
+    assert "not applicable  more violations never help: the score asks about no violation" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "cause"),
+    [
+        (["penalty.gatd"], "there is no penalty 'penalty.gatd'"),
+        (["papper2020"], "there is no rule set 'papper2020'"),
+        (["nowhere.yaml"], "no such file"),
+    ],
+)
+def test_an_unknown_name_is_a_usage_error(
+    arguments: list[str], cause: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["rules", "check", *arguments]) == 4
+    assert cause in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("cases", ["0", "-1", "many", "1000001"])
+def test_a_number_of_cases_that_is_none_is_a_usage_error(cases: str) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["rules", "check", DEFAULT, "--cases", cases])
+
+    assert stopped.value.code == 4
+
+
+# What shipped rule sets say of themselves ------------------------------------------------
+
+
+@pytest.mark.parametrize("name", rule_set_names())
+def test_a_shipped_rule_set_breaks_the_laws_it_says_it_breaks_and_no_other(name: str) -> None:
+    rule_set = load_rule_set(name)
+    said = set(rule_set.breaks)
+
+    if said:
+        # The rarest of them shows itself in one case of five hundred.
+        found = check_laws(rule_set, cases=3000, seed=7, registry=REGISTRY, only=said, smallest=False)
+        assert {o.law.name for o in found if o.verdict == "broken"} == said
+    # Few cases, for there are many rule sets; `rules check` without a name tries 400.
+    others = check_laws(rule_set, cases=25, seed=1, registry=REGISTRY, smallest=False)
+    assert {o.law.name for o in others if o.verdict == "broken"} <= said
+
+
+def test_what_is_broken_and_said_to_be_is_told_with_its_reason_and_fails_all_the_same(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["rules", "check", "ariac2024.release_5"]) == 1
+    out = capsys.readouterr().out
+
+    assert (
+        "BROKEN          more task points never hurt\n      the rule set says so itself: the score of a"
+        in out
+    )
+    assert "does not say" not in out
+
+
+def test_a_file_that_is_silent_about_what_it_breaks_is_told_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.yaml").write_text("id: mine\ntitle: M\nsource: a test\nextends: ariac2024.release_5\n")
+
+    # `breaks` is not inherited: what a rule set changes may mend it.
+    assert main(["rules", "check", str(tmp_path / "mine.yaml")]) == 1
+    out = capsys.readouterr().out
+    assert "its file does not say under 'breaks' that it breaks: more task points never hurt\n" in out
+
+
+def test_a_law_that_is_said_to_be_broken_and_is_not_is_told_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = MADE.replace("SCORE", "earned").replace("POLICY", "withhold")
+    (tmp_path / "made.yaml").write_text(text + "breaks: {waiting: a slip}\n")
+
+    assert main(["rules", "check", str(tmp_path / "made.yaml"), "--cases", "20"]) == 0
+    assert "the rule set says so itself: a slip; no counter-example was found" in capsys.readouterr().out
+
+
+def test_a_law_that_does_not_exist_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = MADE.replace("SCORE", "earned").replace("POLICY", "withhold")
+    (tmp_path / "made.yaml").write_text(text + "breaks: {gravity: it is strong}\n")
+
+    assert main(["rules", "validate", str(tmp_path / "made.yaml")]) == 4
+    assert "'gravity'" in capsys.readouterr().err
+
+
+def test_the_schema_knows_every_law() -> None:
+    pattern = next(iter(schema("ruleset")["properties"]["breaks"]["patternProperties"]))
+
+    assert pattern == f"^({'|'.join(law.name for law in LAWS)})$"

@@ -1,0 +1,393 @@
+"""A stored result held against itself, the installed versions and its log; edits are found and named."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ariac_score import as_json, load_result, score_trial
+from ariac_score.cli import main
+from ariac_score.errors import NothingToScoreError, ResultError
+from ariac_score.results.result_file import measured_sha256
+from ariac_score.review.verify import Verification, verify_result
+
+ROOT = Path(__file__).parents[2]
+LOG = ROOT / "examples/kitting_near_miss.mcap"
+COMPETITION = ROOT / "examples/competition/2024"
+
+Edit = Callable[[dict[str, Any]], None]
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The example, scored by the code as it is."""
+    file = tmp_path_factory.mktemp("stored") / "result.json"
+    file.write_text(as_json(score_trial(LOG, "paper2020")), encoding="utf-8")
+    return file
+
+
+@pytest.fixture
+def adjusted(stored: Path, tmp_path: Path) -> tuple[Path, Path]:
+    """The same with a decision, and the file of it."""
+    file, result = tmp_path / "adjustments.yaml", tmp_path / "adjusted.json"
+    decision = {
+        "id": "d1",
+        "author": "A. Steward",
+        "reason": "late",
+        "time": "2024-05-12T14:30:00Z",
+        "target": {"trial": "kitting_near_miss", "measured": measured_sha256(load_result(stored))},
+        "effect": {"points": -2},
+    }
+    file.write_text(yaml.safe_dump({"adjustments": [decision]}))
+    assert main(["adjust", str(stored), str(file), "--output-format", "json", "-o", str(result)]) == 0
+    return result, file
+
+
+def edited(stored: Path, folder: Path, edit: Edit) -> Path:
+    data = json.loads(stored.read_text(encoding="utf-8"))
+    edit(data)
+    file = folder / "edited.json"
+    file.write_text(rewritten(data), encoding="utf-8")
+    return file
+
+
+def rewritten(data: dict[str, Any]) -> str:
+    """Changed data in the form in which results are written: sketch and settings each on one line."""
+    long = {key: data[key] for key in ("sketch", "settings") if data.get(key) is not None}
+    bare = {**data, **dict.fromkeys(long)}
+    text = json.dumps(bare, sort_keys=True, indent=1, ensure_ascii=False) + "\n"
+    for key, value in long.items():
+        line = json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+        text = text.replace(f'\n "{key}": null', f'\n "{key}": {line}', 1)
+    return text
+
+
+def failed(found: Verification) -> list[str]:
+    return [step.name for step in found.steps if step.outcome == "failed"]
+
+
+def words(found: Verification, name: str) -> str:
+    return next(step.words for step in found.steps if step.name == name)
+
+
+# What holds ----------------------------------------------------------------------------
+
+
+def test_a_result_holds_alone_and_with_its_log(stored: Path) -> None:
+    alone, whole = verify_result(stored), verify_result(stored, log=LOG, rules="paper2020")
+
+    assert [s.name for s in alone.steps] == ["schema", "sums", "automatic", "bytes", "rules", "code"]
+    assert [s.name for s in whole.steps][6:] == ["log", "recomputed"]
+    assert {s.outcome for s in whole.steps} == {"ok"}
+    assert words(whole, "recomputed") == "the same to the byte"
+
+
+def test_automatic_and_adjusted_are_told_apart(
+    stored: Path, adjusted: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["verify", str(stored)]) == 0
+    assert "automatic result, score 19.761677, under paper2020" in capsys.readouterr().out
+
+    result, file = adjusted
+    assert main(["verify", str(result), "--log", str(LOG), "--adjustments", str(file)]) == 0
+    out = capsys.readouterr().out
+    assert "adjusted result, score 17.761677 by 1 decision of stewards, automatic score 19.761677" in out
+    assert out.endswith("it holds\n")
+
+
+def test_a_run_of_a_competition_is_found_by_the_names_of_its_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / "cup"
+    for team in ("aurora", "cygnus"):
+        shutil.copytree(COMPETITION / "logs" / team / "kitting_1", root / "logs" / team / "kitting_1")
+    shutil.copytree(COMPETITION / "trials", root / "trials")
+    assert main(["rank", str(root), "--rules", "ariac2024.official", "--results", str(tmp_path / "r")]) in (
+        0,
+        6,
+    )
+    capsys.readouterr()
+
+    found = verify_result(tmp_path / "r/cygnus/kitting_1.json", log=root)
+    assert failed(found) == []
+    assert found.result is not None
+    assert found.result.cohort.values
+    # The log of another team is another log.
+    (root / "logs/cygnus/kitting_1/trial_log.txt").write_bytes(
+        (root / "logs/aurora/kitting_1/trial_log.txt").read_bytes()
+    )
+    again = verify_result(tmp_path / "r/cygnus/kitting_1.json", log=root)
+    assert failed(again) == ["log", "recomputed"]
+    assert "logs/cygnus/kitting_1/trial_log.txt: another file" in words(again, "log")
+
+
+def test_rules_that_are_not_installed_are_taken_from_the_result(tmp_path: Path) -> None:
+    text = (ROOT / "rules/paper2020/ruleset.yaml").read_text(encoding="utf-8")
+    ours = tmp_path / "ours.yaml"
+    ours.write_text(text.replace("id: paper2020", "id: ours", 1), encoding="utf-8")
+    (tmp_path / "r.json").write_text(as_json(score_trial(LOG, str(ours))), encoding="utf-8")
+
+    found = verify_result(tmp_path / "r.json", log=LOG)
+    assert failed(found) == []
+    assert words(found, "rules") == "ours is not installed here; the rules in the result were used"
+    assert failed(verify_result(tmp_path / "r.json", log=LOG, rules=str(ours))) == []
+
+
+def test_the_outcome_is_there_for_programs(stored: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["verify", str(stored), "--output-format", "json"]) == 0
+
+    data = json.loads(capsys.readouterr().out)
+    assert (data["holds"], data["kind"], data["score"]) == (True, "automatic", 19.761677)
+    assert [step["name"] for step in data["steps"]][:2] == ["schema", "sums"]
+
+
+# What does not -------------------------------------------------------------------------
+
+
+def _set(path: str, value: Any) -> Edit:
+    def edit(data: dict[str, Any]) -> None:
+        *way, last = path.split("/")
+        at: Any = data
+        for step in way:
+            at = at[int(step)] if step.isdigit() else at[step]
+        at[int(last) if last.isdigit() else last] = value
+
+    return edit
+
+
+def _score_and_ledger(data: dict[str, Any]) -> None:
+    """A forger who knows that the ledger must add up."""
+    data["score"] = data["ledger"]["amount"] = 20.761677
+    data["ledger"]["children"][1]["amount"] += 1.0
+
+
+@pytest.mark.parametrize(
+    ("edit", "step", "told"),
+    [
+        (_set("schema", "ariac-score/result/9"), "schema", "$.schema"),
+        (_set("surplus", 1), "schema", "unknown key 'surplus'"),
+        (_set("score", 20.0), "sums", "the score is 20"),
+        (_set("status", "incomplete"), "sums", "status 'incomplete' does not go with score"),
+        (_set("ledger/children/1/amount", -7.0), "sums", "its lines add up to"),
+        (_score_and_ledger, "automatic", "does not follow from its findings"),
+        (_set("possible", 37.0), "automatic", "does not follow from its findings"),
+        (_set("measured/findings/separation#1/verdict", "satisfied"), "automatic", "does not follow"),
+        (
+            _set("measured/findings/separation#1/quantities/relative_depth_integral_s", 0.1),
+            "automatic",
+            "follow",
+        ),
+        (_set("checks/separation/with", {"t1_s": 9}), "rules", "are not those of the rules in the result"),
+        (_set("rule_set_title", "something else"), "rules", "are not those of the rules in the result"),
+        (
+            _set("provenance/rule_set/id", "ariac2024.official"),
+            "rules",
+            "the rules in the result are 'paper2020'",
+        ),
+    ],
+)
+def test_an_edit_is_found_without_the_log(
+    edit: Edit, step: str, told: str, stored: Path, tmp_path: Path
+) -> None:
+    found = verify_result(edited(stored, tmp_path, edit))
+
+    assert step in failed(found)
+    assert told in words(found, step)
+
+
+@pytest.mark.parametrize(
+    ("edit", "told"),
+    [
+        (_set("measured/findings/separation#1/clause", "nowhere"), "$.measured.findings.separation#1.clause"),
+        (
+            _set("measured/findings/separation#1/robustness", -0.5),
+            "-0.5 in the result, -0.956 computed again",
+        ),
+        (_set("measured/findings/separation#1/span_s/0", 18.0), "$.measured.findings.separation#1.span_s[0]"),
+        (_set("measured/trial", "another_trial"), "$.measured.trial"),
+        (_set("measured/team", "another_team"), "$.measured.team"),
+        (_set("measured/coverage/0/largest_gap_s", 0.5), "$.measured.coverage[0].largest_gap_s"),
+        (_set("provenance/rule_set/sha256", "0" * 64), "another rule set: paper2020, sha256 0000"),
+        (_set("provenance/log_map/sha256", "0" * 64), "another log map: ariac2020, sha256 0000"),
+        (_set("provenance/code/0/sha256", "0" * 64), "another ariac_score of ariac-score: version"),
+        (_set("provenance/code/0/version", "9.9"), "version 9.9, sha256"),
+        (_set("provenance/code/2/package", "stranger"), "another stranger of ariac-score: version"),
+        (_set("provenance/ignored", ["x"]), "other files were passed over"),
+    ],
+)
+def test_an_edit_that_follows_from_itself_is_found_with_the_log(
+    edit: Edit, told: str, stored: Path, tmp_path: Path
+) -> None:
+    file = edited(stored, tmp_path, edit)
+
+    assert failed(verify_result(file)) == []
+    found = verify_result(file, log=LOG)
+    assert failed(found) == ["recomputed"]
+    assert told in words(found, "recomputed")
+
+
+def test_another_hash_or_size_of_the_log_is_found_with_the_log(stored: Path, tmp_path: Path) -> None:
+    file = edited(stored, tmp_path, _set("provenance/inputs/0/sha256", "0" * 64))
+    found = verify_result(file, log=LOG)
+
+    assert failed(found) == ["log", "recomputed"]
+    assert words(found, "log").startswith("log kitting_near_miss.mcap: another file: sha256 0000")
+
+
+def test_another_log_is_not_its_log(stored: Path, tmp_path: Path) -> None:
+    from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log  # noqa: PLC0415
+
+    other = write_trial_log(tmp_path / "kitting_near_miss.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
+    found = verify_result(stored, log=other)
+
+    assert failed(found) == ["log", "recomputed"]
+    assert "kitting_near_miss.mcap: is not there" in words(found, "log")
+
+
+def test_a_log_that_was_changed_is_named(stored: Path, tmp_path: Path) -> None:
+    changed = tmp_path / LOG.name
+    changed.write_bytes(LOG.read_bytes())
+    with changed.open("r+b") as stream:
+        stream.seek(-1, 2)
+        stream.write(b"\0")
+
+    # A recording whose end is damaged cannot be read at all: that is said, and nothing is guessed.
+    assert main(["verify", str(stored), "--log", str(changed)]) in (1, 6)
+
+
+def test_rules_asked_for_that_are_others_are_named_with_what_differs(stored: Path, tmp_path: Path) -> None:
+    text = (ROOT / "rules/paper2020/ruleset.yaml").read_text(encoding="utf-8")
+    ours = tmp_path / "paper2020.yaml"
+    ours.write_text(text.replace("round: 6", "round: 5") if "round: 6" in text else text + "round: 5\n")
+    found = verify_result(stored, rules=str(ours))
+
+    assert failed(found) == ["rules"]
+    assert "$.round" in words(found, "rules")
+
+
+def test_a_reformatted_file_is_not_what_was_written(stored: Path, tmp_path: Path) -> None:
+    file = tmp_path / "r.json"
+    file.write_text(json.dumps(json.loads(stored.read_text())), encoding="utf-8")
+    found = verify_result(file)
+
+    assert failed(found) == ["bytes"]
+    assert words(found, "bytes") == "the same values, written in another way"
+
+
+def test_other_code_alone_is_a_note_and_no_failure(stored: Path, tmp_path: Path) -> None:
+    found = verify_result(edited(stored, tmp_path, _set("provenance/code/0/version", "0.0.1")))
+
+    assert failed(found) == []
+    assert "ariac-score 0.0.1 with ariac_score made it, here it is" in words(found, "code")
+
+
+def test_code_that_is_not_installed_is_named(stored: Path, tmp_path: Path) -> None:
+    stranger = {"distribution": "stranger", "version": "2", "package": "stranger", "sha256": "0" * 64}
+    found = verify_result(edited(stored, tmp_path, _set("provenance/code/0", stranger)))
+
+    assert "stranger 2 with stranger made it, and is not installed here" in words(found, "code")
+
+
+# Adjusted results ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("edit", "step"),
+    [
+        (_set("adjusted/score", 20.0), "sums"),
+        (_set("adjusted/adjustments/0/effect", {"points": -1.0}), "adjusted"),
+        (_set("adjusted/adjustments/0/reason", "another"), "adjusted"),
+        (_set("adjusted/adjustments/0/target/measured", "0" * 64), "adjusted"),
+        (_set("measured/findings/separation#1/clause", "nowhere"), "adjusted"),
+    ],
+)
+def test_an_edited_decision_is_found(
+    edit: Edit, step: str, adjusted: tuple[Path, Path], tmp_path: Path
+) -> None:
+    assert step in failed(verify_result(edited(adjusted[0], tmp_path, edit)))
+
+
+@pytest.mark.parametrize(
+    ("edit", "told"),
+    [
+        (_set("adjusted/adjustments/0/time", "2024-05-13T14:30:00Z"), "adjustments[0].time"),
+        (_set("adjusted/sha256", "0" * 64), "$.adjusted.sha256"),
+    ],
+)
+def test_what_only_the_stewards_file_can_tell_is_found_with_it(
+    edit: Edit, told: str, adjusted: tuple[Path, Path], tmp_path: Path
+) -> None:
+    file = edited(adjusted[0], tmp_path, edit)
+    found = verify_result(file, adjustments=adjusted[1])
+
+    assert failed(verify_result(file)) == []
+    assert failed(found) == ["adjustments"]
+    assert told in words(found, "adjustments")
+
+
+def test_a_dropped_decision_is_found_with_the_stewards_file(
+    stored: Path, adjusted: tuple[Path, Path]
+) -> None:
+    found = verify_result(stored, adjustments=adjusted[1])
+
+    assert failed(found) == ["adjustments"]
+    assert "nobody has adjusted it" in words(found, "adjustments")
+
+
+# Files that are none -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["", "nothing", "\x00", "[" * 100_000])
+def test_a_file_that_is_no_json_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "r.json").write_text(text)
+
+    with pytest.raises(ResultError, match="not a result"):
+        verify_result(tmp_path / "r.json")
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", "3", '{"schema": "x"}'])
+def test_json_that_is_no_result_fails_its_schema(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "r.json").write_text(text)
+
+    assert main(["verify", str(tmp_path / "r.json")]) == 1
+    assert "does not hold: schema" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("number", ["2", "999", "9" * 5000])
+def test_a_result_from_a_newer_version_is_named_as_one(
+    number: str, stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    newer = tmp_path / "newer.json"
+    text = stored.read_text(encoding="utf-8")
+    newer.write_text(text.replace("ariac-score/result/1", f"ariac-score/result/{number}"), encoding="utf-8")
+
+    assert main(["verify", str(newer)]) == 1
+    assert "a newer version wrote it" in capsys.readouterr().out
+    assert main(["report", str(newer), "-o", str(tmp_path / "page.html")]) == 6
+    assert "update ariac-score" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("schema", ["ariac-score/result/0", "ariac-score/result/x", "other/result/2", ""])
+def test_what_no_newer_version_wrote_is_not_called_so(
+    schema: str, stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = stored.read_text(encoding="utf-8").replace("ariac-score/result/1", schema)
+    (tmp_path / "r.json").write_text(text, encoding="utf-8")
+
+    assert main(["verify", str(tmp_path / "r.json")]) == 1
+    assert "newer" not in capsys.readouterr().out
+
+
+def test_a_log_that_is_not_there_is_named(stored: Path) -> None:
+    with pytest.raises(NothingToScoreError):
+        verify_result(stored, log=Path("nowhere.mcap"))
+    assert main(["verify", str(stored), "--log", "nowhere.mcap"]) == 5
+    assert main(["verify", "nowhere.json"]) == 6

@@ -1,0 +1,404 @@
+"""Rule sets: the shipped ones are sound, and each kind of mistake is told with place, cause and remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ariac_score.checks.contracts import Monitor, Rule
+from ariac_score.checks.registry import Registry
+from ariac_score.documents.schema import shipped_rules
+from ariac_score.errors import FormulaError, PluginNotFoundError, RuleSetError, ScoreError, UsageError
+from ariac_score.scoring.penalties import penalty_names
+from ariac_score.scoring.policy import POLICIES
+from ariac_score.scoring.ruleset import load_rule_set, rule_set_names
+from ariac_score.scoring.scope import Scope
+from ariac_score.scoring.sheet import FACTS
+from ariac_score.trial.logmap import load_log_map
+
+REGISTRY = Registry()
+SOUND = """\
+id: example
+title: Example
+source: by hand
+log_map: ariac2020
+parameters:
+  weight: 0.4
+rules:
+  pose:
+    use: kitting.pose
+    with: {max_distance_m: 0.03}
+monitors:
+  separation:
+    use: iso_ts_15066.ssm_separation
+    with:
+      profile: seed
+      delta_m: 2.6
+terms:
+  order:
+    total: points(pose) * order.priority
+  trial:
+    demerits: weight * demerits(separation, tau_s=5)
+score: sum(order.total) / (1 + demerits)
+round: 3
+"""
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    return tmp_path / "rules.yaml"
+
+
+def mistaken(path: Path, old: str, new: str) -> str:
+    """The sound rule set with one mistake, as a path."""
+    assert SOUND.count(old) == 1
+    path.write_text(SOUND.replace(old, new), encoding="utf-8")
+    return str(path)
+
+
+def refusal(path: Path, old: str, new: str, kind: type[ScoreError]) -> ScoreError:
+    """The error on loading or building the mistaken rule set."""
+    with pytest.raises(ScoreError) as refused:
+        load_rule_set(mistaken(path, old, new)).build(REGISTRY)
+    assert type(refused.value) is kind
+    assert refused.value.file == str(path)
+    assert refused.value.exit_code == 4
+    return refused.value
+
+
+# Shipped -------------------------------------------------------------------------------
+
+
+def test_every_shipped_yaml_file_is_a_rule_set_a_log_map_or_a_penalty() -> None:
+    maps = [name for name in shipped_rules() if name.endswith(".log_map")]
+    penalties = [*penalty_names(), "penalty.classes"]
+
+    assert rule_set_names()
+    assert {*rule_set_names(), *penalties}.isdisjoint(maps)
+    assert len(rule_set_names()) + len(maps) + len(penalties) == len(shipped_rules())
+
+
+@pytest.mark.parametrize("name", rule_set_names())
+def test_every_shipped_rule_set_loads_and_goes_by_its_own_name(name: str) -> None:
+    rule_set = load_rule_set(name)
+
+    assert rule_set.id == name
+    assert rule_set.source
+    assert all(check.on_inconclusive in POLICIES for check in rule_set.checks.values())
+
+
+@pytest.mark.parametrize("name", rule_set_names())
+def test_every_shipped_rule_set_builds_with_installed_plugins_only(name: str) -> None:
+    rule_set = load_rule_set(name)
+    built = rule_set.build(REGISTRY)
+
+    assert list(built) == list(rule_set.checks)
+    for check in rule_set.checks.values():
+        assert check.use in REGISTRY.names(check.group)
+        assert isinstance(
+            built[check.name], {"ariac_score.rules": Rule, "ariac_score.monitors": Monitor}[check.group]
+        )
+
+
+@pytest.mark.parametrize("name", rule_set_names())
+def test_every_shipped_rule_set_names_a_log_map_that_exists(name: str) -> None:
+    rule_set = load_rule_set(name)
+
+    assert load_log_map(rule_set.log_map).id == rule_set.log_map
+
+
+# The sound one -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [name for name in rule_set_names() if name.startswith("ariac")])
+def test_a_rule_set_reads_recordings_by_the_log_map_of_its_own_edition(name: str) -> None:
+    rule_set = load_rule_set(name)
+    has_its_own = (Path(rule_set.file).parent / "log_map.yaml").is_file()
+
+    assert not has_its_own or rule_set.log_map == f"ariac{rule_set.edition}"
+
+
+def test_a_sound_rule_set_is_read_as_written(written: Path) -> None:
+    written.write_text(SOUND, encoding="utf-8")
+
+    rule_set = load_rule_set(str(written))
+
+    assert (rule_set.id, rule_set.digits, rule_set.file) == ("example", 3, str(written))
+    assert list(rule_set.checks) == ["pose", "separation"]
+    assert rule_set.checks["pose"].group == "ariac_score.rules"
+    assert dict(rule_set.checks["separation"].parameters) == {"profile": "seed", "delta_m": 2.6}
+    assert rule_set.checks["pose"].on_inconclusive == "withhold"
+    assert rule_set.sheet.priced == {"pose", "separation"}
+    built = rule_set.build(REGISTRY)
+    assert built["pose"].max_distance_m == 0.03
+    assert built["separation"].delta_m == 2.6
+
+
+def test_a_different_byte_is_a_different_rule_set(written: Path) -> None:
+    written.write_text(SOUND, encoding="utf-8")
+    before = load_rule_set(str(written)).sha256
+    written.write_text(SOUND.replace("0.4", "0.5"), encoding="utf-8")
+
+    assert load_rule_set(str(written)).sha256 != before
+
+
+def test_digits_default_to_6(written: Path) -> None:
+    assert load_rule_set(mistaken(written, "round: 3\n", "")).digits == 6
+
+
+# Mistakes ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "cause", "hint"),
+    [
+        ("title:", "tilte:", "line 2, $.tilte", "unknown key 'tilte' (and 1 more)", "did you mean 'title'?"),
+        ("title: Example\n", "", "line 1, $", "key 'title' is missing", "add 'title'"),
+        (
+            "parameters:",
+            "parameter:",
+            "line 5, $.parameter",
+            "unknown key 'parameter'",
+            "did you mean 'parameters'?",
+        ),
+        (
+            "    use: kitting.pose\n    with:",
+            "    use: kitting.pose\n    wiht:",
+            "line 10, $.rules.pose.wiht",
+            "unknown key 'wiht'",
+            "did you mean 'with'?",
+        ),
+        ("  order:\n", "  ordr:\n", "line 18, $.terms.ordr", "unknown key 'ordr'", "did you mean 'order'?"),
+        (
+            "{max_distance_m: 0.03}",
+            "{max_distanc_m: 0.03}",
+            "line 10, $.rules.pose.with.max_distanc_m",
+            "kitting.pose has no parameter 'max_distanc_m'",
+            "did you mean 'max_distance_m'?",
+        ),
+        (
+            "{max_distance_m: 0.03}",
+            "{max_distance_m: 3 cm}",
+            "line 10, $.rules.pose.with.max_distance_m",
+            "parameter 'max_distance_m' of kitting.pose: '3 cm' is not a float",
+            "its default is 0.03",
+        ),
+        (
+            "delta_m: 2.6",
+            "delta_m: yes",
+            "line 16, $.monitors.separation.with.delta_m",
+            "parameter 'delta_m' of iso_ts_15066.ssm_separation: True is not a float",
+            "its default is",
+        ),
+        (
+            "delta_m: 2.6",
+            "delta_m: .nan",
+            "line 16, $.monitors.separation.with.delta_m",
+            "parameter 'delta_m' of iso_ts_15066.ssm_separation: nan is not finite",
+            "its default is",
+        ),
+        (
+            "delta_m: 2.6",
+            "delta_m: [2.6]",
+            "line 16, $.monitors.separation.with.delta_m",
+            "[2.6] is not a float",
+            "its default is",
+        ),
+        (
+            "profile: seed",
+            "profile: sed",
+            "line 15, $.monitors.separation.with.profile",
+            "'sed' is not one of",
+            "its default is",
+        ),
+        (
+            "weight: 0.4",
+            "weight: true",
+            "line 6, $.parameters.weight",
+            "True is not of type 'number'",
+            "give a number",
+        ),
+        (
+            "weight: 0.4",
+            "weight: heavy",
+            "line 6, $.parameters.weight",
+            "'heavy' is not of type 'number'",
+            "",
+        ),
+        ("round: 3", "round: 3.5", "line 23, $.round", "3.5 is not of type 'integer'", "give a integer"),
+        (
+            "round: 3",
+            "round: 10",
+            "line 23, $.round",
+            "10 is greater than the maximum of 9",
+            "Decimal digits",
+        ),
+        ("  pose:", "  Pose:", "line 7, $.rules", "'Pose' does not match", ""),
+        (
+            "use: kitting.pose",
+            "use: kitting",
+            "$.rules.pose.use",
+            "'kitting' does not match",
+            "Entry-point name",
+        ),
+        (
+            "  separation:\n",
+            "  pose:\n    use: ariac.human_contact\n  separation:\n",
+            "line 12, $.monitors.pose",
+            "'pose' is both a rule and a monitor",
+            "each must be one thing",
+        ),
+        (
+            "    with: {max",
+            "    on_inconclusive: worst\n    with: {max",
+            "line 10, $.rules.pose.on_inconclusive",
+            "'worst' is not allowed here",
+            "did you mean 'worst_case'?",
+        ),
+        (
+            "title: Example",
+            "title: Example\ntitle: Twice",
+            "line 3",
+            "key 'title' is given twice",
+            "keep one",
+        ),
+    ],
+)
+def test_a_mistake_is_told_with_its_place_its_cause_and_a_remedy(
+    written: Path, old: str, new: str, place: str, cause: str, hint: str
+) -> None:
+    error = refusal(written, old, new, RuleSetError)
+
+    assert place in error.place
+    assert cause in error.cause
+    assert hint in error.hint
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "cause", "hint"),
+    [
+        ("points(pose)", "points(pos)", "line 19, $.terms.order.total", "'pos', which is no check", "'pose'"),
+        (
+            "points(pose)",
+            "pose",
+            "line 19, $.terms.order.total",
+            "unknown name 'pose'",
+            "'pose' is a check: ask",
+        ),
+        (
+            "points(pose)",
+            "pionts(pose)",
+            "line 19, $.terms.order.total",
+            "unknown function 'pionts'",
+            "'points'",
+        ),
+        ("points(pose)", "count(pos)", "line 19, $.terms.order.total", "'pos', which is no check", "'pose'"),
+        (
+            "order.priority",
+            "order.prority",
+            "line 19",
+            "unknown name 'order.prority'",
+            "did you mean 'priority'?",
+        ),
+        (
+            "weight * dem",
+            "wieght * dem",
+            "line 21, $.terms.trial.demerits",
+            "unknown name 'wieght'",
+            "'weight'",
+        ),
+        ("tau_s=5", "tau=5", "line 21, $.terms.trial.demerits", "wrong arguments", "tau_s"),
+        ("(1 + demerits)", "(1 + demerit)", "line 22, $.score", "unknown name 'demerit'", "'demerits'"),
+        ("(1 + demerits)", "(1 + demerits", "line 22, $.score", "is not a formula", "formulas have numbers"),
+        ("(1 + demerits)", "open('x')", "line 22, $.score", "a str is not allowed", "formulas have numbers"),
+        (
+            "(1 + demerits)",
+            "order.__class__",
+            "line 22, $.score",
+            "leading underscore",
+            "formulas have numbers",
+        ),
+        (
+            "    total:",
+            "    priority:",
+            "$.terms.order.priority",
+            "also the name of a fact of each order",
+            "one thing",
+        ),
+        ("    demerits:", "    weight:", "$.terms.trial.weight", "also the name of a parameter", "one thing"),
+    ],
+)
+def test_a_mistake_in_a_formula_is_told_with_its_term(
+    written: Path, old: str, new: str, place: str, cause: str, hint: str
+) -> None:
+    error = refusal(written, old, new, FormulaError)
+
+    assert place in error.place
+    assert cause in error.cause
+    assert hint in error.hint
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "hint"),
+    [
+        ("kitting.pose", "kitting.poze", "line 9, $.rules.pose.use", "did you mean 'kitting.pose'?"),
+        (
+            "kitting.pose",
+            "ariac.no_event",
+            "line 9, $.rules.pose.use",
+            "it is a plugin of ariac_score.monitors",
+        ),
+        (
+            "iso_ts_15066.ssm_separation",
+            "kitting.pose",
+            "line 13, $.monitors",
+            "it is a plugin of ariac_score.rules",
+        ),
+    ],
+)
+def test_a_plugin_that_is_not_there_is_told_with_its_place(
+    written: Path, old: str, new: str, place: str, hint: str
+) -> None:
+    error = refusal(written, f"use: {old}", f"use: {new}", PluginNotFoundError)
+
+    assert place in error.place
+    assert hint in error.hint
+    assert repr(new) in error.cause
+
+
+def test_a_parameter_that_is_no_number_is_refused_when_a_formula_uses_it(written: Path) -> None:
+    # JSON Schema counts NaN as a number; a score must not.
+    path = mistaken(written, "weight: 0.4", "weight: .nan")
+    written.write_text(
+        written.read_text(encoding="utf-8").replace("score: sum", "score: weight + sum"), "utf-8"
+    )
+    sheet = load_rule_set(path).sheet
+
+    with pytest.raises(FormulaError, match="too large to be a score"):
+        sheet.evaluate(Scope("trial", ""), {})
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("paper202", "did you mean 'paper2020'?"), ("", "shipped rule sets"), ("x y", "a path to")],
+)
+def test_an_unknown_rule_set_is_a_mistake_in_the_command(name: str, hint: str) -> None:
+    with pytest.raises(UsageError, match="there is no rule set") as refused:
+        load_rule_set(name)
+    assert hint in refused.value.hint
+
+
+@pytest.mark.parametrize("name", ["ariac2020", "ariac2020.log_map"])
+def test_a_log_map_is_no_rule_set(name: str) -> None:
+    with pytest.raises(UsageError, match="there is no rule set"):
+        load_rule_set(name)
+
+
+def test_a_rule_set_file_that_is_missing_is_said_to_be_missing(tmp_path: Path) -> None:
+    with pytest.raises(RuleSetError, match="no such file"):
+        load_rule_set(str(tmp_path / "gone.yaml"))
+
+
+def test_every_fact_a_formula_may_name_is_described() -> None:
+    assert all(words for facts in FACTS.values() for words in facts.values())

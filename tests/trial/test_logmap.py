@@ -1,0 +1,299 @@
+"""Log maps: the shipped ones are sound, and each kind of mistake is told with place, cause and remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ariac_score.checks.registry import Registry
+from ariac_score.errors import LogMapError
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, TrayMatch
+from ariac_score.trial.logmap import load_log_map, log_map_names
+from ariac_score.trial.model import Body
+from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
+
+SOUND = """\
+id: example
+title: Example
+source: by hand
+bodies:
+  robot: {kind: robot, radius_m: 0.3}
+  human: {kind: human}
+channels:
+  - topic: snapshot
+    type: a/msg/B
+    stamp: header
+    signals:
+      speed/human: v
+      position/robot: [p.x, p.y, p.z]
+      centre_distance/robot/human: d
+  - topic: /events
+    decoder: ariac_score.records
+    witnesses: [submissions]
+models:
+  - {match: "person_*", kind: human, links: ["*hand*"]}
+kits:
+  names: part
+  max_age_s: 2
+  products: ["pump_*"]
+  trays:
+    - at: station
+      match: "*::{place}_{n}"
+      half_length_m: 0.2
+      half_width_m: 0.3
+      height_m: 0.4
+      loose: {match: "tray_*", half_length_m: 0.1, half_width_m: 0.15, height_m: 0.1}
+"""
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    return tmp_path / "map.yaml"
+
+
+def refusal(path: Path, old: str, new: str) -> LogMapError:
+    assert SOUND.count(old) == 1
+    path.write_text(SOUND.replace(old, new), encoding="utf-8")
+    with pytest.raises(LogMapError) as refused:
+        load_log_map(str(path))
+    assert refused.value.file == str(path)
+    assert refused.value.exit_code == 4
+    return refused.value
+
+
+@pytest.mark.parametrize("name", log_map_names())
+def test_every_shipped_log_map_loads_and_goes_by_its_own_name(name: str) -> None:
+    assert load_log_map(name).id == name
+
+
+@pytest.mark.parametrize("name", log_map_names())
+def test_every_shipped_log_map_names_installed_decoders_and_known_quantities_only(name: str) -> None:
+    log_map = load_log_map(name)
+
+    decoders = {channel.decoder for channel in log_map.channels if channel.decoder}
+    assert decoders <= set(Registry().names("ariac_score.decoders"))
+    fields = [field for channel in log_map.channels for field in channel.signals]
+    assert all(field.unit == QUANTITIES[quantity_of(field.signal)].unit for field in fields)
+
+
+def test_there_are_log_maps() -> None:
+    assert {f"ariac{year}" for year in range(2018, 2025)} <= set(log_map_names())
+
+
+def test_a_sound_log_map_is_read_as_written(written: Path) -> None:
+    written.write_text(SOUND, encoding="utf-8")
+
+    log_map = load_log_map(str(written))
+
+    assert log_map.bodies == (Body("robot", "robot", 0.3), Body("human", "human"))
+    assert log_map.channels[0] == Channel(
+        topic="/snapshot",  # a leading slash is supplied
+        type="a/msg/B",
+        stamp="header",
+        signals=(
+            FieldMap("speed/human", "m/s", ("v",)),
+            FieldMap("position/robot", "m", ("p.x", "p.y", "p.z")),
+            FieldMap("centre_distance/robot/human", "m", ("d",)),
+        ),
+    )
+    assert log_map.channels[1] == Channel(
+        "/events", decoder="ariac_score.records", witnesses=("submissions",)
+    )
+    assert log_map.models == (BodyMatch("person_*", "human", links=("*hand*",)),)
+    tray = TrayMatch(
+        "station", "*::{place}_{n}", Footprint(0.2, 0.3, 0.4, 0.02), "tray_*", Footprint(0.1, 0.15, 0.1, 0.02)
+    )
+    assert log_map.kits == KitMap(2.0, "part", ("pump_*",), (tray,))
+    assert tray.pattern_for("as3") == "*::as3_3"
+    assert (log_map.root_frame, log_map.speed_window_s) == ("world", 0.0)
+
+
+def test_a_relative_path_is_looked_up_beside_the_rule_set(written: Path) -> None:
+    written.write_text(SOUND, encoding="utf-8")
+
+    assert load_log_map("map.yaml", beside=written.parent).id == "example"
+    with pytest.raises(LogMapError, match="no such file"):
+        load_log_map("map.yaml", beside=written.parent / "elsewhere")
+
+
+def test_an_absolute_path_is_taken_as_it_is(written: Path) -> None:
+    written.write_text(SOUND, encoding="utf-8")
+
+    assert load_log_map(str(written), beside=Path("/nowhere")).id == "example"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "cause", "hint"),
+    [
+        ("title:", "tilte:", "line 2, $.tilte", "unknown key 'tilte' (and 1 more)", "did you mean 'title'?"),
+        ("title: Example\n", "", "line 1, $", "key 'title' is missing", "add 'title'"),
+        (
+            "    stamp:",
+            "    stmap:",
+            "line 10, $.channels[0].stmap",
+            "unknown key 'stmap'",
+            "did you mean 'stamp'?",
+        ),
+        (
+            "stamp: header",
+            "stamp: heder",
+            "line 10, $.channels[0].stamp",
+            "'heder' is not allowed",
+            "'header'",
+        ),
+        ("kind: robot,", "kind: robt,", "line 5, $.bodies.robot.kind", "'robt' is not allowed", "'robot'"),
+        (
+            "radius_m: 0.3",
+            "radius_m: -0.3",
+            "$.bodies.robot.radius_m",
+            "-0.3 is less than the minimum",
+            "Radius",
+        ),
+        (
+            "radius_m: 0.3",
+            "radius_m: true",
+            "$.bodies.robot.radius_m",
+            "True is not of type 'number'",
+            "give",
+        ),
+        (
+            "speed/human",
+            "sped/human",
+            "line 12, $.channels[0].signals.sped/human",
+            "unknown quantity 'sped'",
+            "did you mean 'speed'?",
+        ),
+        (
+            "[p.x, p.y, p.z]",
+            "[p.x, p.y]",
+            "line 13, $.channels[0].signals.position/robot",
+            "position has 3 component(s), 2 field(s) are given",
+            "one field for each component",
+        ),
+        (
+            "human: v",
+            "human: [v, w]",
+            "line 12",
+            "speed has 1 component(s), 2 field(s) are given",
+            "one field",
+        ),
+        ("[p.x, p.y, p.z]", "p", "line 13", "position has 3 component(s), 1 field(s) are given", "one field"),
+        (
+            "speed/human",
+            "speed/humn",
+            "line 12",
+            "'speed/humn' does not name one body",
+            "did you mean 'human'?",
+        ),
+        ("speed/human", "speed/robot/human", "line 12", "does not name one body", "bodies"),
+        (
+            "centre_distance/robot/human",
+            "centre_distance/human",
+            "line 14",
+            "'centre_distance/human' does not name a robot and a human",
+            "bodies",
+        ),
+        (
+            "centre_distance/robot/human",
+            "centre_distance/robot/persn",
+            "line 14",
+            "does not name a robot and a human",
+            "bodies of this log map",
+        ),
+        # No check would ever ask for the distance of a human to a robot, or of a robot to itself.
+        (
+            "distance/robot/human",
+            "distance/human/robot",
+            "line 14",
+            "does not name a robot and a human",
+            "bodies",
+        ),
+        (
+            "distance/robot/human",
+            "distance/robot/robot",
+            "line 14",
+            "does not name a robot and a human",
+            "bodies",
+        ),
+        (
+            "    decoder: ariac_score.records\n    witnesses: [submissions]\n",
+            "    type: a/msg/B\n",
+            "line 15, $.channels[1]",
+            "a channel must map signals, poses or a decoder, or witness something",
+            "add 'signals:'",
+        ),
+        (
+            "    decoder: ariac_score.records\n    witnesses: [submissions]\n",
+            "    signals: {}\n",
+            "line 15, $.channels[1]",
+            "a channel must map signals",
+            "add 'signals:'",
+        ),
+        (
+            "    type: a/msg/B\n",
+            "    poses: all\n",
+            "$.channels[0].poses",
+            "'all' is not allowed here",
+            "allowed",
+        ),
+        (
+            "  - topic: snapshot\n    type",
+            "  - type",
+            "line 8, $.channels[0]",
+            "key 'topic' is missing",
+            "add",
+        ),
+        (
+            "source: by hand",
+            "source: by hand\nspeed_window_s: -1",
+            "$.speed_window_s",
+            "-1 is less than",
+            "Half",
+        ),
+        ("  human: {", "  robot: {", "line 6", "key 'robot' is given twice", "keep one"),
+        (
+            "witnesses: [submissions]",
+            "optional: 1",
+            "$.channels[1].optional",
+            "1 is not of type 'boolean'",
+            "",
+        ),
+        (
+            "half_length_m: 0.2",
+            "half_lenght_m: 0.2",
+            "$.kits.trays[0].half_lenght_m",
+            "unknown key 'half_lenght_m'",
+            "did you mean 'half_length_m'?",
+        ),
+        ("half_length_m: 0.2", "half_length_m: 0", "$.kits.trays[0].half_length_m", "0 is less than or", ""),
+        ("names: part", "names: parts", "$.kits.names", "'parts' is not allowed", "'part'"),
+        ("max_age_s: 2", "max_age_s: -2", "$.kits.max_age_s", "-2 is less than the minimum", ""),
+        ("height_m: 0.1}", "depth_m: 0.1}", "$.kits.trays[0].loose", "key 'height_m' is missing", "add"),
+        ("id: example", "id: Example 1", "line 1, $.id", "'Example 1' does not match", ""),
+    ],
+)
+def test_a_mistake_is_told_with_its_place_its_cause_and_a_remedy(
+    written: Path, old: str, new: str, place: str, cause: str, hint: str
+) -> None:
+    error = refusal(written, old, new)
+
+    assert place in error.place
+    assert cause in error.cause
+    assert hint in error.hint
+
+
+def test_an_unknown_log_map_is_answered_with_the_nearest_one() -> None:
+    with pytest.raises(LogMapError, match="there is no log map 'ariac202'") as refused:
+        load_log_map("ariac202")
+    assert "did you mean 'ariac202" in refused.value.hint
+
+
+def test_a_missing_file_is_said_to_be_missing(written: Path) -> None:
+    with pytest.raises(LogMapError, match="no such file"):
+        load_log_map(str(written))
+
+
+def test_a_rule_set_is_no_log_map() -> None:
+    with pytest.raises(LogMapError, match="there is no log map 'paper2020'"):
+        load_log_map("paper2020")
