@@ -19,12 +19,14 @@ if TYPE_CHECKING:
         Decoder,
         EventMonitor,
         EventWatch,
+        Likeness,
         LogDescription,
         Margined,
         Monitor,
         OnlineMonitor,
         OnlineWatch,
         Reader,
+        ReaderFacts,
         Resolving,
         Rule,
         SignalNeed,
@@ -40,10 +42,12 @@ if TYPE_CHECKING:
         parameter,
         parameter_facts,
     )
+    from ariac_score.documents.yaml import YamlDocument, load_yaml
     from ariac_score.engine.measure import measure_trial
     from ariac_score.engine.price import price_trial, reprice
     from ariac_score.engine.score import score_trial
     from ariac_score.errors import (
+        DataFileError,
         FormulaError,
         LogError,
         MissingSignalError,
@@ -51,17 +55,25 @@ if TYPE_CHECKING:
         ScoreError,
         did_you_mean,
     )
+    from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
     from ariac_score.results.cohort_file import Cohort, load_cohort
     from ariac_score.results.result import Measured, Provenance, Result
     from ariac_score.results.result_file import as_json, load_result
     from ariac_score.scoring.expression import Expression, add_up
     from ariac_score.scoring.ruleset import RuleSet, load_rule_set
     from ariac_score.trial.arrivals import Alignment, Arrivals
-    from ariac_score.trial.build import TrialBuilder
-    from ariac_score.trial.channels import LogMap
+    from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
+    from ariac_score.trial.channels import KitMap, LogMap, TrayMatch
     from ariac_score.trial.course import Course
-    from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
-    from ariac_score.trial.kits import Kit
+    from ariac_score.trial.events import (
+        ARM_COLLISION,
+        COMPETITION_ENDED,
+        COMPETITION_STARTED,
+        ORDER_ANNOUNCED,
+        PART_DROPPED,
+        Event,
+    )
+    from ariac_score.trial.kits import FaultMarks, Kit, KitRecord, ModelTrack
     from ariac_score.trial.logmap import load_log_map
     from ariac_score.trial.model import (
         Body,
@@ -81,6 +93,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.signals import Sample, Signal, align
     from ariac_score.trial.spans import (
         Episodes,
+        FloatArray,
         Span,
         Stretch,
         episodes_where,
@@ -94,34 +107,41 @@ if TYPE_CHECKING:
 
 _HOME = {
     "ariac_score.checks.contracts": (
-        "Charting Decoder EventMonitor EventWatch LogDescription Margined Monitor OnlineMonitor OnlineWatch "
-        "Reader Resolving Rule SignalNeed Standing TopicDescription Wanted"
+        "Charting Decoder EventMonitor EventWatch Likeness LogDescription Margined Monitor "
+        "OnlineMonitor OnlineWatch Reader ReaderFacts Resolving Rule SignalNeed Standing "
+        "TopicDescription Wanted"
     ),
-    "ariac_score.results.cohort_file": "Cohort load_cohort",
-    "ariac_score.engine.score": "measure_trial price_trial reprice score_trial",
-    "ariac_score.errors": (
-        "FormulaError LogError MissingSignalError NothingToScoreError ScoreError did_you_mean"
-    ),
-    "ariac_score.scoring.expression": "Expression add_up",
     "ariac_score.checks.findings": "Finding Limit Verdict",
-    "ariac_score.trial.logmap": "load_log_map",
     "ariac_score.checks.parameters": "ParameterFacts Status check_parameters parameter parameter_facts",
+    "ariac_score.documents.yaml": "YamlDocument load_yaml",
+    "ariac_score.engine.measure": "measure_trial",
+    "ariac_score.engine.price": "price_trial reprice",
+    "ariac_score.engine.score": "score_trial",
+    "ariac_score.errors": (
+        "DataFileError FormulaError LogError MissingSignalError NothingToScoreError ScoreError did_you_mean"
+    ),
+    "ariac_score.ranking.evaluation": "Entry Evaluation OrderPlan Stop",
+    "ariac_score.results.cohort_file": "Cohort load_cohort",
     "ariac_score.results.result": "Measured Provenance Result",
     "ariac_score.results.result_file": "as_json load_result",
+    "ariac_score.scoring.expression": "Expression add_up",
     "ariac_score.scoring.ruleset": "RuleSet load_rule_set",
     "ariac_score.trial.arrivals": "Alignment Arrivals",
-    "ariac_score.trial.build": "TrialBuilder",
-    "ariac_score.trial.channels": "LogMap",
-    "ariac_score.trial.events": "COMPETITION_ENDED COMPETITION_STARTED Event",
-    "ariac_score.trial.kits": "Kit",
+    "ariac_score.trial.build": "LARGEST_STEP_BACK_S TrialBuilder",
+    "ariac_score.trial.channels": "KitMap LogMap TrayMatch",
+    "ariac_score.trial.course": "Course",
+    "ariac_score.trial.events": (
+        "ARM_COLLISION COMPETITION_ENDED COMPETITION_STARTED Event ORDER_ANNOUNCED PART_DROPPED"
+    ),
+    "ariac_score.trial.kits": "FaultMarks Kit KitRecord ModelTrack",
+    "ariac_score.trial.logmap": "load_log_map",
     "ariac_score.trial.model": (
-        "Body LogDefect OfficialOrder OfficialResult Order Pose Product Submission Task TeamSetup Tray "
-        "Trial WantedProduct"
+        "Body LogDefect OfficialOrder OfficialResult Order Pose Product Submission Task TeamSetup "
+        "Tray Trial WantedProduct"
     ),
     "ariac_score.trial.signals": "Sample Signal align",
-    "ariac_score.results.sketch": "Course",
     "ariac_score.trial.spans": (
-        "Episodes Span Stretch episodes_where gaps_between sample_durations uncovered_spans"
+        "Episodes FloatArray Span Stretch episodes_where gaps_between sample_durations uncovered_spans"
     ),
     "ariac_score.trial.sums": "Total exact_sum",
     "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
@@ -130,8 +150,12 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
 __all__ = [
+    "ARM_COLLISION",
     "COMPETITION_ENDED",
     "COMPETITION_STARTED",
+    "LARGEST_STEP_BACK_S",
+    "ORDER_ANNOUNCED",
+    "PART_DROPPED",
     "QUANTITIES",
     "Aligned",
     "Alignment",
@@ -140,15 +164,23 @@ __all__ = [
     "Charting",
     "Cohort",
     "Course",
+    "DataFileError",
     "Decoder",
+    "Entry",
     "Episodes",
+    "Evaluation",
     "Event",
     "EventMonitor",
     "EventWatch",
     "Expression",
+    "FaultMarks",
     "Finding",
+    "FloatArray",
     "FormulaError",
     "Kit",
+    "KitMap",
+    "KitRecord",
+    "Likeness",
     "Limit",
     "LogDefect",
     "LogDescription",
@@ -157,6 +189,7 @@ __all__ = [
     "Margined",
     "Measured",
     "MissingSignalError",
+    "ModelTrack",
     "Monitor",
     "NothingToScoreError",
     "OfficialOrder",
@@ -164,12 +197,14 @@ __all__ = [
     "OnlineMonitor",
     "OnlineWatch",
     "Order",
+    "OrderPlan",
     "ParameterFacts",
     "Pose",
     "Product",
     "Provenance",
     "Quantity",
     "Reader",
+    "ReaderFacts",
     "Resolving",
     "Result",
     "Rule",
@@ -181,6 +216,7 @@ __all__ = [
     "Span",
     "Standing",
     "Status",
+    "Stop",
     "Stretch",
     "Submission",
     "Task",
@@ -189,11 +225,13 @@ __all__ = [
     "TopicDescription",
     "Total",
     "Tray",
+    "TrayMatch",
     "Trial",
     "TrialBuilder",
     "Verdict",
     "Wanted",
     "WantedProduct",
+    "YamlDocument",
     "add_up",
     "align",
     "as_json",
@@ -206,6 +244,7 @@ __all__ = [
     "load_log_map",
     "load_result",
     "load_rule_set",
+    "load_yaml",
     "measure_trial",
     "parameter",
     "parameter_facts",

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.local import LocalExecutor, usable_cores
-from ariac_score.errors import UsageError, did_you_mean
+from ariac_score.checks.registry import Registry
+from ariac_score.errors import PluginError, UsageError, did_you_mean
 
 __all__ = ["GROUP", "executor_names", "local_executor", "make_executor"]
 
@@ -16,7 +16,7 @@ GROUP = "ariac_score.executors"
 
 def executor_names() -> list[str]:
     """The installed executors."""
-    return sorted({point.name for point in entry_points(group=GROUP)})
+    return Registry().names(GROUP)
 
 
 def make_executor(name: str, *, jobs: int, scheduler: str, out: Path, work: Path) -> Any:
@@ -32,17 +32,17 @@ def make_executor(name: str, *, jobs: int, scheduler: str, out: Path, work: Path
     Raises:
         UsageError: There is none of that name, or a library it needs is not installed.
     """
-    points = [point for point in entry_points(group=GROUP) if point.name == name]
-    if not points:
+    registry = Registry()
+    if name not in registry.names(GROUP):
         raise UsageError(
-            f"there is no executor {name!r}", hint=did_you_mean(name, executor_names(), what="installed")
+            f"there is no executor {name!r}", hint=did_you_mean(name, registry.names(GROUP), what="installed")
         )
     try:
-        make = points[0].load()
-    except ImportError as cause:
-        raise UsageError(
-            f"executor {name!r} cannot be loaded: {cause}", hint=f"pip install 'ariac-score[{name}]'"
-        ) from cause
+        make = registry.find(GROUP, name).load()
+    except PluginError as error:
+        if isinstance(error.__cause__, ImportError):
+            error.hint = f"pip install 'ariac-score[{name}]'"
+        raise
     return make(jobs=jobs, scheduler=scheduler, out=out, work=work)
 
 

@@ -10,36 +10,43 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from ariac_score.checks.findings import Finding, Verdict
-from ariac_score.trial.channels import LogMap
+from ariac_score.trial.channels import KitMap, LogMap
+from ariac_score.trial.course import Course
 from ariac_score.trial.events import Event
+from ariac_score.trial.kits import Kit, KitRecord, ModelTrack
 from ariac_score.trial.model import Body, LogDefect, Order, Submission, Trial
 from ariac_score.trial.signals import Sample
-
-if TYPE_CHECKING:
-    from ariac_score.trial.course import Course
-    from ariac_score.trial.kits import Kit
+from ariac_score.trial.spans import FloatArray
 
 __all__ = [
     "GROUPS",
+    "OTHER_GROUPS",
     "Charting",
+    "Competition",
     "Decoder",
     "EventMonitor",
     "EventWatch",
+    "HoldsRuns",
+    "KitFinder",
+    "Likeness",
+    "Likening",
     "LogDescription",
     "Margined",
     "Monitor",
     "OnlineMonitor",
     "OnlineWatch",
     "Reader",
+    "ReaderFacts",
     "Resolving",
     "Rule",
     "SignalNeed",
     "Standing",
     "TopicDescription",
     "Wanted",
+    "reader_facts",
 ]
 
 
@@ -291,6 +298,45 @@ class Decoder(Protocol):
         ...
 
 
+@runtime_checkable
+class KitFinder(Protocol):
+    """Finds what lay on trays in the poses of models: entry-point group `ariac_score.kits`.
+
+    Which model is a product, and which names mean a faulty one, only the competition knows.
+    """
+
+    def follows(self, name: str, kits: KitMap) -> bool:
+        """Whether the poses of a model or link, by its scoped name, are needed to find kits."""
+        ...
+
+    def record(
+        self, t_s: FloatArray, tracks: Iterable[ModelTrack], kits: KitMap, *, pauses: bool, until_s: float
+    ) -> KitRecord:
+        """What the poses of one log show of kits.
+
+        Args:
+            t_s: Time of each frame, shape (n,), s of trial time, as recorded.
+            tracks: The models and links that `follows` answers for.
+            kits: The section of the log map.
+            pauses: Whether the log leaves out what does not change, so that its last frame
+                holds until the next one, however late that is.
+            until_s: After this nothing is known, s; infinite where the log shows everything.
+        """
+        ...
+
+
+@runtime_checkable
+class Competition(Protocol):
+    """What a competition knows of its editions: entry-point group `ariac_score.competitions`."""
+
+    def unknown_products(self, orders: Sequence[Order], edition: int) -> Iterable[LogDefect]:
+        """A defect for each product that is ordered although that edition has none of its type.
+
+        Nothing where the edition is not one of this competition.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class Wanted:
     """What a reader should bring.
@@ -303,6 +349,7 @@ class Wanted:
         run: Which run, by its number, of a file that holds several; `None`: the only one.
         jobs: Threads a reader may use for what does not depend on their number; 0: as many as
             there are processors.
+        kits: Finds kits in poses of models, where the log map says where trays lie.
     """
 
     log_map: LogMap
@@ -311,11 +358,73 @@ class Wanted:
     progress: Callable[[float], None] = _silent
     run: int | None = None
     jobs: int = 0
+    kits: KitFinder | None = None
+
+
+@dataclass(frozen=True)
+class ReaderFacts:
+    """What a reader says of the files it reads.
+
+    Attributes:
+        role: What such a file is in a trial: `log`, `trial_config`, `team_config`, `official`, or a
+            word of the competition's own. A trial has one part of each role; of `log`, one for each
+            reader.
+        a_file: Such a file in words, with its article.
+        formats: What it reads, for messages that list what is known; empty to be left out.
+        holds_runs: Whether a file may hold several runs; the reader then has `runs` (see `HoldsRuns`).
+        folders: Whether a whole folder may be one log, as rosbag2 writes it.
+    """
+
+    role: str = "log"
+    a_file: str = "a log"
+    formats: str = ""
+    holds_runs: bool = False
+    folders: bool = False
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """What a file looks like to a reader, which may know of it although it cannot read it.
+
+    Attributes:
+        words: That end `it looks like …`. No value of the file is part of them: files hold access tokens.
+        editions: The years whose form the file has; empty where the form says none.
+    """
+
+    words: str
+    editions: frozenset[int] = frozenset()
+
+
+@runtime_checkable
+class Likening(Protocol):
+    """A reader of configurations that knows a file by its form."""
+
+    def likeness(self, path: Path) -> Likeness:
+        """What the file looks like; never an error."""
+        ...
+
+
+@runtime_checkable
+class HoldsRuns(Protocol):
+    """A reader of files that hold several runs."""
+
+    def runs(self, path: Path) -> Iterable[tuple[int, str, str]]:
+        """Number, team and trial of every run in a file, in the order in which they began."""
+        ...
+
+
+def reader_facts(reader: object) -> ReaderFacts:
+    """What a reader says of its files; one that says nothing reads logs."""
+    facts = getattr(reader, "facts", None)
+    return facts if isinstance(facts, ReaderFacts) else ReaderFacts()
 
 
 @runtime_checkable
 class Reader(Protocol):
-    """Reads one kind of log: entry-point group `ariac_score.readers`."""
+    """Reads one kind of log: entry-point group `ariac_score.readers`.
+
+    A class attribute `facts` (`ReaderFacts`) says what its files are in a trial; without one they are logs.
+    """
 
     def can_read(self, path: Path) -> bool:
         """Whether this looks like a log of its kind; cheap, and never an error."""
@@ -339,5 +448,15 @@ GROUPS: Mapping[str, type] = {
     "ariac_score.monitors": Monitor,
     "ariac_score.readers": Reader,
     "ariac_score.decoders": Decoder,
+    "ariac_score.kits": KitFinder,
+    "ariac_score.competitions": Competition,
 }
-"""Entry-point groups and the contract of each."""
+"""Entry-point groups of classes, and the contract of each."""
+
+OTHER_GROUPS = (
+    "ariac_score.commands",
+    "ariac_score.evaluations",
+    "ariac_score.executors",
+    "ariac_score.messages",
+)
+"""Entry-point groups whose contract stands where they are used: `cli`, `ranking`, `batch`, `logs`."""

@@ -6,7 +6,17 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from ariac_score.checks.captured_output import quiet
-from ariac_score.checks.contracts import Decoder, LogDescription, Reader, Wanted
+from ariac_score.checks.contracts import (
+    Decoder,
+    HoldsRuns,
+    Likeness,
+    Likening,
+    LogDescription,
+    Reader,
+    ReaderFacts,
+    Wanted,
+    reader_facts,
+)
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.trial.events import Event
@@ -36,6 +46,11 @@ class GuardedReader:
 
     def __init__(self, plugin: Plugin, reader: Reader) -> None:
         self.plugin, self.reader = plugin, reader
+
+    @property
+    def facts(self) -> ReaderFacts:
+        """What the reader says of its files."""
+        return reader_facts(self.reader)
 
     def can_read(self, path: Path) -> bool:
         """What the reader says.
@@ -81,6 +96,36 @@ class GuardedReader:
             raise broken(self.plugin, f"brings a {type(trial).__name__} instead of a Trial")
         return trial
 
+    def likeness(self, path: Path) -> Likeness | None:
+        """What the file looks like to the reader; `None` where it knows nothing by its form.
+
+        Raises:
+            PluginError: It raised, which this question never should.
+        """
+        if not isinstance(self.reader, Likening):
+            return None
+        try:
+            with quiet(self.plugin.origin):
+                return self.reader.likeness(path)
+        except (Exception, SystemExit) as cause:
+            raise self._failed(cause, path) from cause
+
+    def runs(self, path: Path) -> list[tuple[int, str, str]]:
+        """Number, team and trial of every run in a file; none where the reader knows of one run only.
+
+        Raises:
+            PluginError: It raised something other than an error for the user.
+        """
+        if not isinstance(self.reader, HoldsRuns):
+            return []
+        try:
+            with quiet(self.plugin.origin, deep=True):
+                return list(self.reader.runs(path))
+        except ScoreError:
+            raise
+        except (Exception, SystemExit) as cause:
+            raise self._failed(cause, path) from cause
+
     def _failed(self, cause: BaseException, path: Path) -> PluginError:
         return broken(self.plugin, f"raised {type(cause).__name__} on {path.name}: {cause}")
 
@@ -120,13 +165,13 @@ def _misfits(message: object, cause: BaseException) -> bool:
     return isinstance(cause, AttributeError) and hasattr(type(cause.obj), "__msgtype__")
 
 
-def open_readers(registry: Registry) -> tuple[dict[str, Reader], tuple[PluginError, ...]]:
+def open_readers(registry: Registry) -> tuple[dict[str, GuardedReader], tuple[PluginError, ...]]:
     """Every installed reader that can be used, by name, and why the others cannot.
 
     A broken reader stops only the logs that need it, so nobody's log may depend on
     it being quietly absent: callers say the problems when no reader knows a file.
     """
-    readers: dict[str, Reader] = {}
+    readers: dict[str, GuardedReader] = {}
     problems: list[PluginError] = []
     for name in registry.names("ariac_score.readers"):
         try:

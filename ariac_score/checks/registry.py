@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from importlib.metadata import Distribution, EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, UnionType
@@ -30,9 +31,8 @@ from ariac_score.errors import (
     RuleSetError,
     did_you_mean,
 )
-from ariac_score.installed import attribute_of, points_in
 
-__all__ = ["Plugin", "Registry", "package_sha256"]
+__all__ = ["Plugin", "Registry", "origin_of", "package_sha256"]
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Plugin:
         """
         try:
             with quiet(self.origin, deep=True):
-                return attribute_of(self.target)
+                return EntryPoint(self.name, self.target, self.group).load()
         except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
             raise PluginError(
                 f"plugin {self.origin} cannot be imported: {type(cause).__name__}: {cause}",
@@ -243,6 +243,9 @@ def _as_type(value: Any, wanted: Any) -> Any:
 _NUMBER = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
 _LARGEST = sys.float_info.max
 
+OURS = "ariac_score."
+"""How the name of every entry-point group begins that anything of ours looks into."""
+
 
 class Registry:
     """The plugins installed here, by group and name."""
@@ -254,6 +257,10 @@ class Registry:
             # An editable install beside its own sources shows one distribution twice.
             if all((p.distribution, p.target) != (plugin.distribution, plugin.target) for p in known):
                 known.append(plugin)
+
+    def groups(self) -> list[str]:
+        """Every group of ours that something is installed in, sorted."""
+        return sorted({group for group, _ in self._providers})
 
     def names(self, group: str) -> list[str]:
         """The names in a group, sorted."""
@@ -290,8 +297,27 @@ class Registry:
 
 
 def _installed() -> Iterator[Plugin]:
-    for point in points_in(GROUPS):
-        yield Plugin(point.name, point.group, point.target, point.distribution, point.version)
+    """Every entry point of a group of ours, sorted, so that no order of `sys.path` shows."""
+    everything = entry_points()
+    points = [
+        p for group in everything.groups if group.startswith(OURS) for p in everything.select(group=group)
+    ]
+    origins = cache(origin_of)  # one distribution brings many, and reading its metadata takes time
+    found = [Plugin(p.name, p.group, p.value, *origins(p.dist)) for p in points]
+    yield from sorted(found, key=lambda plugin: (plugin.group, plugin.name, plugin.target))
+
+
+def origin_of(distribution: Distribution | None) -> tuple[str, str]:
+    """Normalised name and version of a distribution; `?` where its metadata do not say."""
+    try:
+        metadata = distribution.metadata if distribution else None
+    except (TypeError, FileNotFoundError):  # what Python makes of missing metadata depends on its version
+        metadata = None
+    if metadata is None:
+        return "?", "?"
+    stated = {key: metadata[key] for key in ("Name", "Version") if key in metadata}
+    name, version = stated.get("Name", "?"), stated.get("Version", "?")
+    return re.sub(r"[-_.]+", "-", name).lower(), version
 
 
 _DATA_PACKAGES = frozenset({"rules", "schemas"})

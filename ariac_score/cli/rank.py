@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ariac_score.ranking.competition import Competition, RunKey
+    from ariac_score.ranking.evaluation import Evaluation
     from ariac_score.ranking.publication import StoredResult
     from ariac_score.ranking.rank import Ranking
     from ariac_score.ranking.spec import Spec
     from ariac_score.ranking.statistics import Statistics
     from ariac_score.scoring.ruleset import RuleSet
-    from ariac_score_ariac.evaluation.nist_text import Evaluation
 
 EXIT_UNDECIDED = 6
 _UNSETTLED = ("undecided", "unreadable", "refused", "no_value")
@@ -168,26 +168,26 @@ def evaluation_of(competition: Competition, rule_set: RuleSet, spec: Spec) -> Ev
     if not spec.strict:
         return None
     try:
-        return _evaluated(competition, rule_set)
+        return _evaluated(competition, rule_set, spec)
     except ScoreError as error:
         print(f"not compared with the organisers' own program: {plain(str(error))}", file=sys.stderr)
         return None
 
 
-def _evaluated(competition: Competition, rule_set: RuleSet) -> Evaluation:
-    from ariac_score.ranking.runs import strict_evaluation  # noqa: PLC0415
+def _evaluated(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation:
+    from ariac_score.ranking.evaluation import strict_evaluation  # noqa: PLC0415
     from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415  # keeps --help quick
 
     log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
-    return strict_evaluation(competition, log_map)
+    return strict_evaluation(competition, spec.strict, log_map)
 
 
 def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: RuleSet, spec: Spec) -> int:
     """Show what the organisers' own program gives: its CSV, or its leaderboard."""
     from ariac_score.errors import UsageError  # noqa: PLC0415
+    from ariac_score.ranking.evaluation import evaluation_program  # noqa: PLC0415
     from ariac_score.report.ranking import strict_text  # noqa: PLC0415
     from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-    from ariac_score_ariac.evaluation.nist_text import results_csv  # noqa: PLC0415
 
     if arguments.adjustments is not None:
         raise UsageError(
@@ -203,8 +203,9 @@ def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: R
             "the strict policy writes text or csv",
             hint="--policy robust --output-format json holds the strict evaluation as well",
         )
-    evaluation = _evaluated(competition, rule_set)
-    text = results_csv(evaluation) if arguments.output_format == "csv" else strict_text(evaluation)
+    evaluation = _evaluated(competition, rule_set, spec)
+    as_csv = arguments.output_format == "csv"
+    text = evaluation_program(spec.strict).results_csv(evaluation) if as_csv else strict_text(evaluation)
     write(text, arguments.output)
     if evaluation.stops and arguments.output_format == "csv":
         print(strict_text(evaluation), file=sys.stderr, end="")
@@ -217,11 +218,11 @@ def _show(
     strict: Evaluation | None,
     stored: Mapping[RunKey, StoredResult],
 ) -> None:
+    from ariac_score.ranking.compare import differences  # noqa: PLC0415
     from ariac_score.ranking.publication import ranking_json  # noqa: PLC0415
     from ariac_score.report.ranking import ranking_csv, ranking_text  # noqa: PLC0415
     from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
     from ariac_score.terminal.style import Style, style_for  # noqa: PLC0415
-    from ariac_score_ariac.evaluation.compare import differences  # noqa: PLC0415
 
     ranking = shown.ranking
     found = differences(strict, ranking) if strict else ()

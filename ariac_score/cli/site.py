@@ -80,6 +80,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     from tempfile import TemporaryDirectory  # noqa: PLC0415  # keeps --help quick
 
     from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code  # noqa: PLC0415
+    from ariac_score.ranking.compare import differences  # noqa: PLC0415
     from ariac_score.ranking.competition import load_competition  # noqa: PLC0415
     from ariac_score.ranking.publication import ranking_json  # noqa: PLC0415
     from ariac_score.ranking.rank import rank_results  # noqa: PLC0415
@@ -89,7 +90,6 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     from ariac_score.ranking.stored import write_results  # noqa: PLC0415
     from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
     from ariac_score.terminal.output import counting_bar, write  # noqa: PLC0415
-    from ariac_score_ariac.evaluation.compare import differences  # noqa: PLC0415
 
     out = _out(arguments)
     competition = load_competition(arguments.result, arguments.rules, may_be_empty=True)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache, partial
+from importlib.metadata import version
 from pathlib import Path
 from threading import Event
 
@@ -14,7 +15,6 @@ from ariac_score.checks.registry import Registry, package_sha256
 from ariac_score.errors import (
     LogError,
 )
-from ariac_score.installed import version_of
 from ariac_score.logs.bundle import Bundle, Part, name_from
 from ariac_score.logs.containers.ranged import ranged
 from ariac_score.results.result import (
@@ -52,6 +52,7 @@ def hashing_files(bundle: Bundle, *, beside: bool) -> Iterator[Callable[[], tupl
 def provenance_of(
     bundle: Bundle, inputs: tuple[Source, ...], rule_set: RuleSet, log_map: LogMap, registry: Registry
 ) -> Provenance:
+    """What a result rests on: its inputs, its rules, and the packages of all plugins that took part."""
     plugins = [registry.find(check.group, check.use) for check in rule_set.checks.values()]
     plugins += [registry.find("ariac_score.readers", part.reader) for part in bundle.parts]
     plugins += [
@@ -120,7 +121,7 @@ def refuse_other_contents(bundle: Bundle, inputs: Sequence[Source]) -> None:
 def engine_code() -> tuple[str, str, str, str]:
     """The code that prices, whoever measured."""
     name, package = "ariac-score", "ariac_score"
-    return name, version_of(name), package, package_sha256(package)
+    return name, version(name), package, package_sha256(package)
 
 
 def _by_role(source: Source) -> tuple[str, str]:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from ariac_score.checks.contracts import Reader, Wanted
-from ariac_score.checks.guarded import GuardedDecoder, open_readers
+from ariac_score.checks.contracts import Decoder, KitFinder, Likening, Reader, Wanted
+from ariac_score.checks.guarded import GuardedDecoder, GuardedReader, open_readers
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.signal_needs import needs_of_all
 from ariac_score.errors import (
@@ -25,8 +25,6 @@ from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.kits import with_contents
 from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import TeamSetup, Trial
-from ariac_score_ariac.config.config_forms import form_in
-from ariac_score_ariac.config.product_types import unknown_products
 
 __all__ = [
     "find_trial",
@@ -53,35 +51,36 @@ def no_progress(_done: float) -> None:
     """Show nothing."""
 
 
-def refuse_other_years(bundle: Bundle, rule_set: RuleSet) -> None:
+def refuse_other_years(bundle: Bundle, readers: Mapping[str, Reader], rule_set: RuleSet) -> None:
     """Refuse a configuration of another edition: its words mean other things there.
 
     Raises:
         DataFileError: Saying what the configuration looks like.
     """
     for part in bundle.parts if rule_set.edition is not None else ():
-        if part.role not in ("trial_config", "team_config"):
-            continue
-        form = form_in(part.path)
-        if form.years and rule_set.edition not in form.years:
+        reader = readers[part.reader]
+        likeness = reader.likeness(part.path) if isinstance(reader, Likening) else None
+        if likeness and likeness.editions and rule_set.edition not in likeness.editions:
             raise DataFileError(
-                f"it looks like {form}, and {rule_set.id} is for {rule_set.edition}",
+                f"it looks like {likeness.words}, and {rule_set.id} is for {rule_set.edition}",
                 file=part.path,
                 hint="score under the rules of its year ('rules list'), or give the right configuration",
             )
 
 
 def with_names(trial: Trial, trial_id: str, team: str) -> Trial:
+    """The trial under the names its caller knows it and its team by; empty where the files know better."""
     setup = replace(trial.team or TeamSetup(), name=team) if team else trial.team
     return replace(trial, id=trial_id or trial.id, team=setup)
 
 
-def with_unknown_products(trial: Trial, rule_set: RuleSet) -> Trial:
+def with_unknown_products(trial: Trial, rule_set: RuleSet, registry: Registry) -> Trial:
     """The trial with the product types nobody knows among its defects, unless its reader has named them."""
     named = any(defect.kind == "unknown_product_type" for defect in trial.log_defects)
     if named or rule_set.edition is None:
         return trial
-    unknown = unknown_products(trial.orders, rule_set.edition)
+    competitions = (plugin.build({}) for plugin in registry.all("ariac_score.competitions"))
+    unknown = [d for each in competitions for d in each.unknown_products(trial.orders, rule_set.edition)]
     return replace(trial, log_defects=(*trial.log_defects, *unknown))
 
 
@@ -94,7 +93,7 @@ def topics_read(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
     return frozenset(name for plain in names for name in (plain, f"/{plain}"))
 
 
-def find_trial(path: Path, registry: Registry) -> tuple[Bundle, dict[str, Reader]]:
+def find_trial(path: Path, registry: Registry) -> tuple[Bundle, dict[str, GuardedReader]]:
     """The parts of the trial at a path, and the readers that know them.
 
     Raises:
@@ -139,13 +138,7 @@ def read_trial(
         LogError: A part is damaged, or two parts contradict each other.
         NothingToScoreError: There is configuration but no record of a trial, or no order.
     """
-    decoders = {}
-    for name in sorted({channel.decoder for channel in log_map.channels if channel.decoder}):
-        try:
-            plugin = registry.find("ariac_score.decoders", name)
-            decoders[name] = GuardedDecoder(plugin, plugin.build({}))
-        except PluginError as error:
-            raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
+    decoders, kits = _decoders(log_map, registry), _kit_finder(log_map, registry)
     if not any(part.role in ("log", "official") for part in bundle.parts):
         ignored = f"; not read: {', '.join(bundle.ignored[:5])}" if bundle.ignored else ""
         raise NothingToScoreError(
@@ -160,7 +153,7 @@ def read_trial(
         def step(done: float, number: int = number) -> None:
             progress((number + done) / len(bundle.parts))
 
-        wanted = Wanted(log_map, sources, decoders, step, part.run, jobs)
+        wanted = Wanted(log_map, sources, decoders, step, part.run, jobs, kits)
         trials.append(readers[part.reader].read(part.path, wanted))
     trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
     if not trial.orders and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
@@ -179,6 +172,39 @@ def read_trial(
         )
     progress(1.0)
     return trial
+
+
+def _decoders(log_map: LogMap, registry: Registry) -> dict[str, Decoder]:
+    """The decoders that a log map names, by name."""
+    decoders: dict[str, Decoder] = {}
+    for name in sorted({channel.decoder for channel in log_map.channels if channel.decoder}):
+        try:
+            plugin = registry.find("ariac_score.decoders", name)
+            decoders[name] = GuardedDecoder(plugin, plugin.build({}))
+        except PluginError as error:
+            raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
+    return decoders
+
+
+def _kit_finder(log_map: LogMap, registry: Registry) -> KitFinder | None:
+    """What finds kits in poses, where the log map says where trays lie.
+
+    A log map need not name the only one that is installed.
+    """
+    if not log_map.kits.trays:
+        return None
+    names = registry.names("ariac_score.kits")
+    try:
+        if not log_map.kits.use and len(names) != 1:
+            raise LogMapError(
+                f"'kits' does not say which plugin finds them; installed: {', '.join(names) or 'none'}",
+                file=log_map.id,
+                hint="add 'use:' to the section, with the name of one of group ariac_score.kits",
+            )
+        finder: KitFinder = registry.find("ariac_score.kits", log_map.kits.use or names[0]).build({})
+    except PluginError as error:
+        raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
+    return finder
 
 
 def _no_orders_hint(bundle: Bundle, trial: Trial) -> str:

@@ -83,7 +83,7 @@ def score_trial(
     mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
     bundle, readers = find_trial(path, registry)
     bundle = with_parts(bundle, also, root or path, readers, binding=binding)
-    refuse_other_years(bundle, rule_set)
+    refuse_other_years(bundle, readers, rule_set)
     refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
     needs = needs_of_all(checks, rule_set, registry)
     quantities = [need.quantity for need in needs]
@@ -98,7 +98,7 @@ def score_trial(
             jobs=jobs,
             orders=rule_set.about_orders,
         )
-        trial = with_unknown_products(with_names(trial, trial_id, team), rule_set)
+        trial = with_unknown_products(with_names(trial, trial_id, team), rule_set, registry)
         wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
         trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
         measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set, known=known)

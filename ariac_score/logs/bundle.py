@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from types import MappingProxyType
 
-from ariac_score.checks.contracts import Reader
+from ariac_score.checks.contracts import Likening, Reader, ReaderFacts, reader_facts
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, is_there, load_yaml
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score_ariac.config.config_forms import looks_like
 
-__all__ = ["MAX_DEPTH", "MAX_FILES", "ROLES", "Bundle", "Part", "find_parts", "name_from", "with_parts"]
+__all__ = ["MAX_DEPTH", "MAX_FILES", "Bundle", "Part", "find_parts", "name_from", "with_parts"]
 
 BUNDLE_FILE = "bundle.yaml"
 MAX_DEPTH = 4
@@ -26,39 +24,15 @@ MAX_DEPTH = 4
 MAX_FILES = 2000
 """Files that are looked at before the folder is taken for something else than a trial."""
 
-ROLES: Mapping[str, str] = MappingProxyType(
-    {
-        "gazebo": "log",
-        "jsonl": "log",
-        "rosbag": "log",
-        "gazebo_text": "official",
-        "trial_log": "official",
-        "ariac_database": "official",
-        "sensor_cost": "sensor_cost",
-        "ariac_config": "trial_config",
-        "ariac_team": "team_config",
-        "ariac_team_name": "team_name",
-    }
-)
-"""What each reader's files are in a trial; those of any other reader are logs."""
-
-HOLD_RUNS = frozenset({"ariac_database"})
-"""Readers whose files may hold several runs."""
-
 _RUN = re.compile(r"(?P<file>.+)#run=(?P<run>\d{1,15})")
-_WORDS = {
+_A_FILE = {
     "log": "a log",
     "trial_config": "a trial configuration",
     "team_config": "a team configuration",
-    "team_name": "a team entry",
     "official": "an official result",
     "sensor_cost": "an official sensor cost",
 }
-
-FORMATS = (
-    "ROS bags, Gazebo state.log, JSON Lines trial logs, ROSMonitoring logs, ARIAC performance.log, "
-    "trial_log.txt, sensor_cost.txt, the database of 2025, trial and team configurations (YAML)"
-)
+"""The roles that `bundle.yaml` can name, in words."""
 _SHOWN = 5
 
 
@@ -67,16 +41,21 @@ class Part:
     """One file (or bag folder) of a trial.
 
     Attributes:
-        role: `log`, `trial_config`, `team_config`, `team_name`, `official` or `sensor_cost`.
         path: Where it is.
         reader: Name of the reader that recognised it.
+        facts: What that reader says of its files.
         run: Which run of it, by number, where one is named.
     """
 
-    role: str
     path: Path
     reader: str
+    facts: ReaderFacts = field(default_factory=ReaderFacts)
     run: int | None = None
+
+    @property
+    def role(self) -> str:
+        """What it is in the trial."""
+        return self.facts.role
 
 
 @dataclass(frozen=True)
@@ -124,7 +103,7 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
         )
     if (path / BUNDLE_FILE).is_file():
         return _named_parts(path / BUNDLE_FILE, readers)
-    bag = _as_bag(path, readers)
+    bag = _as_folder(path, readers)
     if bag is not None:
         return Bundle(_folder_name(path), path, (bag,))
     return _searched_folder(path, readers)
@@ -159,7 +138,9 @@ def with_parts(
 def _recognised(path: Path, readers: Mapping[str, Reader]) -> Part:
     part = _as_part(path, readers)
     if part is None:
-        raise LogError("no reader recognises this file", file=path, hint=f"known formats: {FORMATS}")
+        raise LogError(
+            "no reader recognises this file", file=path, hint=f"known formats: {known_formats(readers)}"
+        )
     return part
 
 
@@ -193,7 +174,7 @@ def _as_part(path: Path, readers: Mapping[str, Reader]) -> Part | None:
     """
     for name in sorted(readers):
         if readers[name].can_read(path):
-            return Part(ROLES.get(name, "log"), path, name)
+            return Part(path, name, reader_facts(readers[name]))
     try:
         if path.is_file():
             path.open("rb").close()
@@ -204,27 +185,38 @@ def _as_part(path: Path, readers: Mapping[str, Reader]) -> Part | None:
     return None
 
 
-def _as_bag(folder: Path, readers: Mapping[str, Reader]) -> Part | None:
-    """The part a folder is; the bag reader alone knows which folders are bags."""
-    reader = readers.get("rosbag")
-    if reader is not None and reader.can_read(folder):
-        return Part(ROLES["rosbag"], folder, "rosbag")
+def _as_folder(folder: Path, readers: Mapping[str, Reader]) -> Part | None:
+    """The part a whole folder is, for a reader of which a log may be one."""
+    for name in sorted(readers):
+        facts = reader_facts(readers[name])
+        if facts.folders and readers[name].can_read(folder):
+            return Part(folder, name, facts)
     return None
+
+
+def known_formats(readers: Mapping[str, Reader]) -> str:
+    """What the installed readers read, for a message that says what could have been given."""
+    return ", ".join(sorted({facts.formats for r in readers.values() if (facts := reader_facts(r)).formats}))
 
 
 def _single_file(path: Path, readers: Mapping[str, Reader]) -> Bundle:
     part = _as_part(path, readers)
     if part is None:
         cause = (
-            f"no reader recognises this file{_likeness(path)}" if path.stat().st_size else "the file is empty"
+            f"no reader recognises this file{_likeness(path, readers)}"
+            if path.stat().st_size
+            else "the file is empty"
         )
-        raise NothingToScoreError(cause, file=path, hint=f"known formats: {FORMATS}")
+        raise NothingToScoreError(cause, file=path, hint=f"known formats: {known_formats(readers)}")
     return Bundle(path.stem, path, (part,))
 
 
-def _likeness(path: Path) -> str:
+def _likeness(path: Path, readers: Mapping[str, Reader]) -> str:
     """Words for a YAML file that is no part of a trial."""
-    return f"; it looks like {looks_like(path)}" if path.suffix in (".yaml", ".yml") else ""
+    if path.suffix not in (".yaml", ".yml"):
+        return ""
+    found = (r.likeness(path) for _, r in sorted(readers.items()) if isinstance(r, Likening))
+    return next((f"; it looks like {likeness.words}" for likeness in found if likeness), "")
 
 
 def _split_run(path: Path) -> tuple[Path, int | None]:
@@ -247,12 +239,12 @@ def _single_run(path: Path, run: int, readers: Mapping[str, Reader]) -> Bundle:
 
 
 def _of_run(part: Part, run: int, *, file: Path, place: str) -> Part:
-    if part.reader not in HOLD_RUNS:
+    if not part.facts.holds_runs:
         raise LogError(
-            f"{part.path.name!r} is {_WORDS[part.role]} of one run, so none can be chosen from it",
+            f"{part.path.name!r} is {part.facts.a_file} of one run, so none can be chosen from it",
             file=file,
             place=place,
-            hint="name a run of the database of 2025 only",
+            hint="name a run only of a file that holds several, such as a database",
         )
     return replace(part, run=run)
 
@@ -261,7 +253,7 @@ def _searched_folder(folder: Path, readers: Mapping[str, Reader]) -> Bundle:
     parts: list[Part] = []
     ignored: list[str] = []
     for path in _candidates(folder, readers):
-        part = _as_bag(path, readers) if path.is_dir() else _as_part(path, readers)
+        part = _as_folder(path, readers) if path.is_dir() else _as_part(path, readers)
         if part is None:
             ignored.append(path.relative_to(folder).as_posix())
         else:
@@ -273,7 +265,7 @@ def _searched_folder(folder: Path, readers: Mapping[str, Reader]) -> Bundle:
         raise NothingToScoreError(
             f"nothing to score in this folder; {_seen(ignored)}",
             file=folder,
-            hint=f"known formats: {FORMATS}",
+            hint=f"known formats: {known_formats(readers)}",
         )
     _refuse_two_trials(parts, folder)
     return Bundle(_folder_name(folder), folder, tuple(parts), tuple(sorted(ignored)))
@@ -309,7 +301,7 @@ def _walk(folder: Path, root: Path, readers: Mapping[str, Reader], depth: int) -
     for path in paths:
         if not _is_inside(path, root):
             continue  # what it means lies elsewhere; `_links_out` names it
-        if path.is_file() or (path.is_dir() and _as_bag(path, readers) is not None):
+        if path.is_file() or (path.is_dir() and _as_folder(path, readers) is not None):
             yield path
         elif path.is_dir() and not path.is_symlink() and depth > 0:
             yield from _walk(path, root, readers, depth - 1)
@@ -342,7 +334,7 @@ def _refuse_two_trials(parts: list[Part], where: Path) -> None:
         if first is not part:
             raise LogError(
                 f"two trials in one bundle: {first.path.as_posix()!r} and {part.path.as_posix()!r} "
-                f"are each {_WORDS[part.role]}",
+                f"are each {part.facts.a_file}",
                 file=where,
                 hint=f"score them one by one, or write {BUNDLE_FILE} to say which belong together",
             )
@@ -402,13 +394,13 @@ def _named_part(
             place=where,
             hint="check the name, or remove the entry",
         )
-    part = _as_bag(path, readers) if path.is_dir() else _as_part(path, readers)
+    part = _as_folder(path, readers) if path.is_dir() else _as_part(path, readers)
     if part is None or part.role != role:
-        found = "is not recognised" if part is None else f"is {_WORDS[part.role]}"
+        found = "is not recognised" if part is None else f"is {part.facts.a_file}"
         raise LogError(
-            f"{name!r} {found}, not {_WORDS[role]}",
+            f"{name!r} {found}, not {_A_FILE[role]}",
             file=file,
             place=where,
-            hint=f"known formats: {FORMATS}",
+            hint=f"known formats: {known_formats(readers)}",
         )
     return part

@@ -24,15 +24,15 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.checks.contracts import LogDescription, TopicDescription, Wanted
+from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.columnar.columns import ranges
 from ariac_score.logs.gazebo_text import CorruptError, Tape, frames, text, without_cdata
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.kits import ModelTrack
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.spans import FloatArray, Span
-from ariac_score_ariac.kit_from_poses import KitPoses, Track, is_followed
 
 __all__ = ["Entity", "GazeboStateReader", "GazeboStates", "read_states"]
 
@@ -659,6 +659,8 @@ class GazeboStateReader:
         log formats, section 4.
     """
 
+    facts = ReaderFacts(formats="Gazebo state.log")
+
     def can_read(self, path: Path) -> bool:
         """Whether the file begins like a Gazebo log, or is an empty `state.log`."""
         try:
@@ -707,11 +709,11 @@ class GazeboStateReader:
             LogError: A complete chunk is corrupt, there is not one whole frame, or
                 time runs back so far that the file holds two recordings.
         """
-        models, kits = wanted.log_map.models, wanted.log_map.kits
+        models, kits, finder = wanted.log_map.models, wanted.log_map.kits, wanted.kits
         positions = "position" in wanted.quantities
 
         def of_kits(entity: Entity) -> bool:
-            return bool(kits.trays) and is_followed(entity.scoped, kits)
+            return finder is not None and finder.follows(entity.scoped, kits)
 
         states = read_states(
             path,
@@ -727,12 +729,12 @@ class GazeboStateReader:
             _add_entity(builder, states, states.entities[key], models, positions=positions)
         t_s = states.t_s
         builder.recorded = Span(float(t_s.min()), float(t_s.max()))
-        if kits.trays:
+        if finder is not None:
             tracks = [
                 _track(states, entity) for _, entity in sorted(states.entities.items()) if of_kits(entity)
             ]
             until_s = float(t_s.max()) if states.cut_off else math.inf
-            builder.kit_records.append(KitPoses(t_s, tracks, kits, pauses=True, until_s=until_s))
+            builder.kit_records.append(finder.record(t_s, tracks, kits, pauses=True, until_s=until_s))
         return builder.build()
 
 
@@ -761,11 +763,11 @@ def _is_followed(entity: Entity, models: tuple[BodyMatch, ...]) -> bool:
     return found[0].follows_link(entity.link) if entity.link else entity.model == entity.top
 
 
-def _track(states: GazeboStates, entity: Entity) -> Track:
+def _track(states: GazeboStates, entity: Entity) -> ModelTrack:
     frames, poses = states.poses[entity.key]
     deleted = [states.deleted[name] for name in sorted({entity.top, entity.model}) if name in states.deleted]
     gone: IntArray = np.unique(np.concatenate(deleted)) if deleted else np.zeros(0, dtype=np.int64)
-    return Track(entity.scoped, frames, poses, gone)
+    return ModelTrack(entity.scoped, frames, poses, gone)
 
 
 def _add_entity(

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.checks.contracts import LogDescription, TopicDescription, Wanted
+from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
 from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import LogError, NothingToScoreError, did_you_mean
 from ariac_score.trial.build import TrialBuilder
@@ -74,6 +74,8 @@ class JsonLinesReader:
     Source:
         `schemas/trial_log.schema.json`, our own format.
     """
+
+    facts = ReaderFacts(formats="JSON Lines trial logs")
 
     def can_read(self, path: Path) -> bool:
         """Whether the first line is the head of a trial log, or the file is an empty `.jsonl`."""

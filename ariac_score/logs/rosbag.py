@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from ariac_score.checks.contracts import LogDescription, Wanted
+from ariac_score.checks.contracts import LogDescription, ReaderFacts, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.containers.detect import SUFFIXES, cannot_be_read, looks_like_recording, open_scan
 from ariac_score.logs.containers.items import Batch, Connection, Message, Scan
@@ -36,6 +36,8 @@ class RosbagReader:
     Source:
         ROS bag format 2.0, rosbag2, the MCAP specification; messages as the log map says.
     """
+
+    facts = ReaderFacts(formats="ROS bags", folders=True)
 
     def can_read(self, path: Path) -> bool:
         """Whether this looks like a ROS recording, whole or not; never an error."""

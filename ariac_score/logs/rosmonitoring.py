@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.checks.contracts import LogDescription, TopicDescription, Wanted
+from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type
 from ariac_score.logs.gather.collector import Gathering, Route
@@ -288,6 +288,8 @@ class RosMonitoringReader:
     Source:
         ROSMonitoring 3.0.0 and its branches `ros1_legacy`, `ros2`, `with_verdict`, `ros_services_1and2`.
     """
+
+    facts = ReaderFacts(formats="ROSMonitoring logs")
 
     def can_read(self, path: Path) -> bool:
         """Whether its first object is an event or a row of a status log; cheap, and never an error."""

@@ -16,10 +16,11 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from ariac_score.checks.guarded import open_readers
+from ariac_score.checks.registry import Registry
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, is_there, load_yaml
-from ariac_score.errors import DataFileError, NothingToScoreError, UsageError, did_you_mean
-from ariac_score_ariac.official.ariac_database import run_owners
+from ariac_score.errors import DataFileError, LogError, NothingToScoreError, UsageError, did_you_mean
 
 __all__ = ["Competition", "Run", "RunKey", "Team", "TrialPlan", "load_competition", "stored_results"]
 
@@ -317,12 +318,12 @@ def _listed(
 def _stored(
     document: YamlDocument, root: Path, teams: Sequence[str], trials: Sequence[str]
 ) -> tuple[tuple[Run, ...], tuple[str, ...]]:
-    """The runs in databases of 2025, numbered for each team and trial in the order in which they began."""
+    """The runs in databases, numbered for each team and trial in the order in which they began."""
     runs, strangers = [], []
     numbers: Counter[tuple[str, str]] = Counter()
     for i, name in enumerate(document.data["runs"]["databases"]):
         path = _existing(document, root, name, ("runs", "databases", i))
-        for run_id, team, trial in run_owners(path):
+        for run_id, team, trial in _owners(path):
             at = path.with_name(f"{path.name}#run={run_id}")
             unknown = [
                 f"{name}, run {run_id}: {what} {told!r} is not listed; {did_you_mean(told, known)}"
@@ -335,6 +336,19 @@ def _stored(
                 numbers[team, trial] += 1
                 runs.append(Run(team, trial, numbers[team, trial], at))
     return tuple(sorted(runs, key=lambda run: run.key)), tuple(strangers)
+
+
+def _owners(path: Path) -> list[tuple[int, str, str]]:
+    """Number, team and trial of every run in a database."""
+    readers, _ = open_readers(Registry())
+    reader = next((r for _, r in sorted(readers.items()) if r.facts.holds_runs and r.can_read(path)), None)
+    if reader is None:
+        raise LogError(
+            "no reader knows this as a file that holds several runs",
+            file=path,
+            hint="give a database of runs; 'ariac-score plugins list' shows which readers are installed",
+        )
+    return reader.runs(path)
 
 
 def _matching(

@@ -11,14 +11,14 @@ from typing import Any
 
 from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import DataFileError
+from ariac_score.ranking.compare import Difference
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.evaluation import Evaluation
 from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing, Stewarded, final_ranking
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec
 from ariac_score.ranking.statistics import Group, Pair, Statistics, TeamOdds
 from ariac_score.results.cohort_file import cohort_text
 from ariac_score.results.result_file import adjustment_data, adjustment_from
-from ariac_score_ariac.evaluation.compare import Difference
-from ariac_score_ariac.evaluation.nist_text import Evaluation
 
 __all__ = ["Publication", "StoredResult", "load_publication", "ranking_json"]
 

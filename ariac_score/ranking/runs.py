@@ -6,23 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from ariac_score.checks.contracts import Wanted
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
-from ariac_score.errors import LogError, ResultError, ScoreError
+from ariac_score.errors import ResultError, ScoreError
 from ariac_score.ranking.competition import Competition, Run, RunKey
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import load_result
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.trial.channels import LogMap
-from ariac_score_ariac.config.ariac_config import TrialConfigReader
-from ariac_score_ariac.evaluation.nist_text import Evaluation, OrderPlan, RunTexts, evaluate
 
-__all__ = ["score_runs", "strict_evaluation", "without_sketch"]
-
-MAX_TEXT_BYTES = 4_000_000
-"""An official text is a few kilobytes."""
+__all__ = ["score_runs", "without_sketch"]
 
 Progress = Callable[[int, Run], None]
 
@@ -136,52 +129,3 @@ def _refuse_different_rules(made_under: Mapping[tuple[str, str], Run]) -> None:
 
 def _rules_told(rules: tuple[str, str]) -> str:
     return f"{rules[0]} (SHA-256 {rules[1][:12]}…)"
-
-
-def strict_evaluation(competition: Competition, log_map: LogMap) -> Evaluation:
-    """The organisers' own evaluation of 2023 and 2024, from the official texts of the runs.
-
-    Args:
-        competition: Its runs and trial configurations.
-        log_map: That of the rule set.
-
-    Raises:
-        LogError: The runs are no folders with official texts, or a trial has no configuration.
-    """
-    orders: dict[str, list[OrderPlan]] = {}
-    for trial in competition.trials:
-        if trial.config is None:
-            raise LogError(
-                f"trial {trial.id!r} has no configuration, which the organisers' program reads orders from",
-                file=competition.file,
-                hint="add trials/<trial>.yaml, or 'config:' to the trial",
-            )
-        planned = TrialConfigReader().read(trial.config, Wanted(log_map)).orders
-        orders[trial.id] = [OrderPlan(order.id, order.priority > 1) for order in planned]
-    if competition.logs is None:
-        raise LogError(
-            "the runs do not lie as <team>/<trial>_<n>, which is what the organisers' program reads",
-            file=competition.file,
-            hint="rank with --policy robust",
-        )
-    teams = {team.name: [_texts(run) for run in _folders(team)] for team in _folders(competition.logs)}
-    # The program takes trials from the folders; of one without a configuration it knows no order.
-    found = {run.trial for runs in teams.values() for run in runs}
-    return evaluate(teams, {trial: orders.get(trial, []) for trial in found})
-
-
-def _folders(folder: Path) -> list[Path]:
-    return sorted(entry for entry in folder.iterdir() if entry.is_dir())
-
-
-def _texts(folder: Path) -> RunTexts:
-    return RunTexts(folder.name, _text(folder / "trial_log.txt"), _text(folder / "sensor_cost.txt"))
-
-
-def _text(file: Path) -> str | None:
-    try:
-        if file.stat().st_size > MAX_TEXT_BYTES:
-            return None
-        return file.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return None

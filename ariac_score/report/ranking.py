@@ -7,12 +7,12 @@ import io
 from collections.abc import Iterator, Sequence
 
 from ariac_score.ranking.adjusting import decisions_by_run
+from ariac_score.ranking.compare import Difference
+from ariac_score.ranking.evaluation import Evaluation
 from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing, final_ranking, remarks_on_team
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import Style, plain
-from ariac_score_ariac.evaluation.compare import Difference
-from ariac_score_ariac.evaluation.nist_text import Evaluation
 
 __all__ = ["changes_text", "ranking_csv", "ranking_text", "strict_text"]
 

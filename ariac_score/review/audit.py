@@ -182,7 +182,7 @@ def audit(
         return Audit(bundle.id, official.source, layout, outcome)
     block = _block_of(official)
     rule_set = _chosen(rules, layout, block)
-    refuse_other_years(bundle, rule_set)
+    refuse_other_years(bundle, readers, rule_set)
     look = _Look(bundle, readers, registry, progress)
     trial, ours = look.at(rule_set)
     items = _Items(rule_set.printed, trial.orders, ours, look.without_text(rule_set), official.source)

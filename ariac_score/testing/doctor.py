@@ -6,13 +6,12 @@ import inspect
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, distribution, entry_points, version
+from importlib.metadata import PackageNotFoundError, distribution, version
 from typing import Any
 
-from ariac_score.checks.contracts import GROUPS
+from ariac_score.checks.contracts import GROUPS, OTHER_GROUPS
 from ariac_score.checks.registry import Plugin, Registry, package_sha256
 from ariac_score.errors import PluginError, ScoreError, did_you_mean
-from ariac_score.installed import brought_by
 from ariac_score.testing.contract import built_by_name, undocumented
 from ariac_score.testing.pages import example_parameters
 
@@ -25,8 +24,6 @@ _ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "ariac_score.decoders": {"decode": ("msgtype", "message", "t_s")},
 }
 _NAME = re.compile(r"[a-z0-9_]+(\.[a-z0-9_]+)+")
-_PREFIX = "ariac_score."
-_EXECUTORS = "ariac_score.executors"
 """Where the runs of a batch are scored: no plugins of a trial, and checked when they are named."""
 
 
@@ -48,25 +45,31 @@ class Ailment:
 def ailments() -> list[Ailment]:
     """Everything that is wrong with what is installed."""
     registry = Registry()
-    found = [*_unknown_groups()]
+    found = [*_unknown_groups(registry)]
     for group in GROUPS:
         for plugin in registry.all(group):
             found += (Ailment(plugin.origin, problem, hint) for problem, hint in _problems(registry, plugin))
+    for group in OTHER_GROUPS:
+        for plugin in registry.all(group):
+            found += (Ailment(plugin.origin, *problem) for problem in _conflicts(registry, plugin))
     return found
 
 
-def _unknown_groups() -> Iterator[Ailment]:
+def _unknown_groups(registry: Registry) -> Iterator[Ailment]:
     """Plugins that nobody will ever ask: their group is misspelt, or of another version."""
-    for group in sorted(entry_points().groups):
-        if not group.startswith(_PREFIX) or group in GROUPS or group == _EXECUTORS:
-            continue
-        for point in entry_points(group=group):
-            name, brought = brought_by(point)
+    known = [*GROUPS, *OTHER_GROUPS]
+    for group in registry.groups():
+        for plugin in registry.all(group) if group not in known else ():
             yield Ailment(
-                f"{point.name} ({name} {brought})",
-                f"is in the group {group!r}, which does not exist",
-                did_you_mean(group, [*GROUPS, _EXECUTORS]),
+                plugin.origin, f"is in the group {group!r}, which does not exist", did_you_mean(group, known)
             )
+
+
+def _conflicts(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
+    try:
+        registry.find(plugin.group, plugin.name)
+    except PluginError as conflict:
+        yield conflict.cause, conflict.hint
 
 
 def _problems(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
@@ -75,10 +78,7 @@ def _problems(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
             "comes from a distribution without metadata",
             "install it with pip: a result names who measured",
         )
-    try:
-        registry.find(plugin.group, plugin.name)
-    except PluginError as conflict:
-        yield conflict.cause, conflict.hint
+    yield from _conflicts(registry, plugin)
     if plugin.group in ("ariac_score.rules", "ariac_score.monitors") and not _NAME.fullmatch(plugin.name):
         yield "has a name that no rule set can use", "name it like family.check, in small letters"
     yield from _requirement(plugin)

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ariac_score.logs.jsonl import FORMAT
+from ariac_score.logs.own_messages import NO_TRAY
 from ariac_score.testing.bags import Recorded
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.events import ARM_COLLISION, COMPETITION_ENDED, COMPETITION_STARTED, WATCHING, Event
@@ -28,7 +29,6 @@ from ariac_score.trial.model import (
 )
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
-from ariac_score_ariac.messages import NO_TRAY
 
 __all__ = [
     "NEAR_MISS",

@@ -151,16 +151,18 @@ class KitMap:
 
     Attributes:
         max_age_s: How old contents may be at the submission, s.
-        names: How the name of a model tells its type: `instance` (2017 to 2022, type and number)
-            or `part` (2023 on, a name that contains a type and a colour).
+        names: How the name of a model tells its type: `instance` (the type and a number)
+            or `part` (a name that contains a type and a colour).
         products: Shell patterns over the types that are products; any where there are none.
         trays: Where kits lie among the models.
+        use: Name of the plugin that finds them; empty for the only one installed.
     """
 
     max_age_s: float = 1.0
     names: ProductNames = "instance"
     products: tuple[str, ...] = ()
     trays: tuple[TrayMatch, ...] = ()
+    use: str = ""
 
 
 @dataclass(frozen=True)

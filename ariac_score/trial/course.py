@@ -5,14 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ariac_score.trial.spans import FloatArray
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["Course"]
 

@@ -90,6 +90,7 @@ def _kits(data: dict[str, Any]) -> KitMap:
         names=data.get("names", "instance"),
         products=tuple(data.get("products", [])),
         trays=tuple(_tray(t) for t in data.get("trays", [])),
+        use=data.get("use", ""),
     )
 
 

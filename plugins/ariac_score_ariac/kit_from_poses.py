@@ -8,29 +8,32 @@ sensor (2023 on); the box of the log map stands for both.
 from __future__ import annotations
 
 import math
-from array import array
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.trial.build import LARGEST_STEP_BACK_S
-from ariac_score.trial.channels import KitMap, TrayMatch
-from ariac_score.trial.kits import FaultMarks, Kit
-from ariac_score.trial.model import Pose, Product, Tray
-from ariac_score.trial.spans import FloatArray
+from ariac_score import (
+    LARGEST_STEP_BACK_S,
+    FaultMarks,
+    FloatArray,
+    Kit,
+    KitMap,
+    KitRecord,
+    ModelTrack,
+    Pose,
+    Product,
+    Tray,
+    TrayMatch,
+)
 
-__all__ = ["KitPoses", "ModelFrames", "Track", "is_followed", "part_type", "product_type", "relative_pose"]
+__all__ = ["KitPoses", "KitsOfModels", "is_followed", "part_type", "product_type", "relative_pose"]
 
 _TYPES = ("battery", "pump", "sensor", "regulator")
 _COLORS = ("red", "green", "blue", "orange", "purple")
 _FAULTS: Mapping[str, FaultMarks] = {"instance": "listed", "part": "challenged"}
-
-KEPT_EVERY_S = 0.05
-"""Model states of a bag are kept this often at most: contents plugins publish at 20 Hz."""
 
 IntArray = NDArray[np.int64]
 
@@ -99,49 +102,6 @@ def _hamilton(p: _Quaternion, q: _Quaternion) -> _Quaternion:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Track:
-    """Where one model or link was.
-
-    Attributes:
-        name: Scoped: `model` or `model::link`, with the models it is nested in before it.
-        frames: The frames that list it, shape (m,), increasing.
-        poses: Its pose in each, in the world frame: x, y, z in m, then roll, pitch, yaw in
-            rad, shape (m, 6), or the quaternion w, x, y, z, shape (m, 7).
-        deleted: The frames that say it is gone, shape (k,), increasing.
-    """
-
-    name: str
-    frames: IntArray
-    poses: FloatArray
-    deleted: IntArray
-
-    @property
-    def model(self) -> str:
-        """The top-level model."""
-        return self.name.partition("::")[0]
-
-    def exists(self, frame: int) -> bool:
-        """Whether it was there in a frame: listed by then, and not deleted since."""
-        row = int(np.searchsorted(self.frames, frame, side="right")) - 1
-        gone = int(np.searchsorted(self.deleted, frame, side="right")) - 1
-        return row >= 0 and (gone < 0 or bool(self.deleted[gone] <= self.frames[row]))
-
-    def pose(self, frame: int) -> Pose:
-        """Its last known pose in a frame in which it exists.
-
-        Raises:
-            ValueError: The log gives none that is usable.
-        """
-        row = self.poses[int(np.searchsorted(self.frames, frame, side="right")) - 1].tolist()
-        at, turn = (row[0], row[1], row[2]), row[3:]
-        if len(turn) == 3:
-            if not all(map(math.isfinite, turn)):
-                raise ValueError("a pose must be finite")
-            return Pose.from_rpy(at, (turn[0], turn[1], turn[2]))
-        return Pose(at, (turn[0], turn[1], turn[2], turn[3]))
-
-
 def is_followed(name: str, kits: KitMap) -> bool:
     """Whether the poses of a model or link, by its scoped name, are needed to find kits."""
     if _type_of(name.partition("::")[0], kits):
@@ -154,6 +114,26 @@ def _type_of(model: str, kits: KitMap) -> str:
     """The type of the product that a model is; empty when it is none."""
     kind = part_type(model) if kits.names == "part" else product_type(model)
     return kind if not kits.products or any(fnmatchcase(kind, p) for p in kits.products) else ""
+
+
+class KitsOfModels:
+    """Finds the kits of ARIAC in the poses of Gazebo's models.
+
+    Reads:
+        The names and poses of products, trays, AGVs and stations.
+    Source:
+        ARIAC notes on log formats, sections 4.2 and 4.3; rulebooks 2017 to 2024, model names.
+    """
+
+    def follows(self, name: str, kits: KitMap) -> bool:
+        """Whether the poses of a model or link, by its scoped name, are needed to find kits."""
+        return is_followed(name, kits)
+
+    def record(
+        self, t_s: FloatArray, tracks: Iterable[ModelTrack], kits: KitMap, *, pauses: bool, until_s: float
+    ) -> KitRecord:
+        """The contents of kits that the poses show; see `KitPoses`."""
+        return KitPoses(t_s, tracks, kits, pauses=pauses, until_s=until_s)
 
 
 class KitPoses:
@@ -171,7 +151,7 @@ class KitPoses:
     def __init__(
         self,
         t_s: FloatArray,
-        tracks: Iterable[Track],
+        tracks: Iterable[ModelTrack],
         kits: KitMap,
         *,
         pauses: bool,
@@ -251,9 +231,9 @@ class KitPoses:
         return found
 
 
-def _best_of_each_model(tracks: Iterable[Track]) -> list[Track]:
+def _best_of_each_model(tracks: Iterable[ModelTrack]) -> list[ModelTrack]:
     """For each product its link where it has one alone, for links are recorded with more digits."""
-    of_model: dict[str, list[Track]] = {}
+    of_model: dict[str, list[ModelTrack]] = {}
     for track in tracks:
         of_model.setdefault(track.model, []).append(track)
     best = []
@@ -284,90 +264,3 @@ def _quadrant(product: Product) -> tuple[bool, bool]:
     assert product.pose is not None  # it was found by its place
     x, y, _ = product.pose.position_m
     return x >= 0, y >= 0
-
-
-@dataclass
-class _Column:
-    """The poses of one model or link as they come in."""
-
-    frames: array[int] = field(default_factory=lambda: array("q"))
-    numbers: array[float] = field(default_factory=lambda: array("d"))
-
-    def track(self, name: str, frame_count: int) -> Track:
-        """Gone is what the next frame does not list, for each frame lists all there is."""
-        frames = np.array(self.frames, dtype=np.int64)
-        after = frames + 1
-        gone = after[~np.isin(after, frames) & (after < frame_count)]
-        return Track(name, frames, np.array(self.numbers, dtype=np.float64).reshape(-1, 7), gone)
-
-
-class ModelFrames:
-    """Collects `gazebo_msgs/ModelStates` or `LinkStates`: poses of products and trays.
-
-    Args:
-        kits: The section of the log map.
-    """
-
-    def __init__(self, kits: KitMap) -> None:
-        self._kits = kits
-        self._stamps_ns: list[int] = []
-        self._columns: dict[str, _Column | None] = {}
-
-    def add(self, message: Any, stamp_ns: int) -> None:
-        """Take one message, unless one was kept just before it."""
-        if self._stamps_ns and 0 <= stamp_ns - self._stamps_ns[-1] < KEPT_EVERY_S * 1e9:
-            return
-        for name, pose in zip(message.name, message.pose, strict=True):
-            if name not in self._columns:
-                self._columns[name] = _Column() if is_followed(name, self._kits) else None
-            column = self._columns[name]
-            if column is not None:
-                at, turn = pose.position, pose.orientation
-                column.frames.append(len(self._stamps_ns))
-                column.numbers.extend((at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z))
-        self._stamps_ns.append(stamp_ns)
-
-    def add_many(
-        self, names: Sequence[str], found: IntArray, rows: FloatArray, counts: IntArray, stamps_ns: IntArray
-    ) -> None:
-        """Take many messages, in recorded order.
-
-        Args:
-            names: Names of models or links.
-            found: Which name each state has, message after message, shape (n,).
-            rows: Its position x, y, z and quaternion w, x, y, z, shape (n, 7).
-            counts: How many states each message has, shape (m,).
-            stamps_ns: The time of each message, ns, shape (m,).
-        """
-        kept, first = [], len(self._stamps_ns)
-        for number, stamp_ns in enumerate(stamps_ns.tolist()):
-            if not self._stamps_ns or not 0 <= stamp_ns - self._stamps_ns[-1] < KEPT_EVERY_S * 1e9:
-                kept.append(number)
-                self._stamps_ns.append(stamp_ns)
-        frames = np.full(len(counts), -1, dtype=np.int64)
-        frames[kept] = np.arange(first, first + len(kept))
-        frame = np.repeat(frames, counts)
-        there = frame >= 0
-        frame, found, rows = frame[there], found[there], rows[there]
-        for code in np.unique(found).tolist():
-            name = names[code]
-            if name not in self._columns:
-                self._columns[name] = _Column() if is_followed(name, self._kits) else None
-            column = self._columns[name]
-            if column is not None:
-                own = found == code
-                column.frames.frombytes(frame[own].tobytes())
-                column.numbers.frombytes(rows[own].tobytes())
-
-    def retime(self, retimed: Callable[[IntArray], IntArray]) -> None:
-        """Put all stamps on another clock."""
-        self._stamps_ns = retimed(np.array(self._stamps_ns, dtype=np.int64)).tolist()
-
-    def record(self, origin_ns: int) -> KitPoses | None:
-        """What the messages show of kits; `None` when there was none."""
-        if not self._stamps_ns:
-            return None
-        t_s = np.array([(stamp_ns - origin_ns) / 1e9 for stamp_ns in self._stamps_ns])
-        count = len(self._stamps_ns)
-        tracks = [c.track(name, count) for name, c in self._columns.items() if c is not None]
-        return KitPoses(t_s, tracks, self._kits, pauses=False)

@@ -13,14 +13,21 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
-from ariac_score.trial.kits import Kit
-from ariac_score.trial.model import Order, Pose, Product, Submission, Task, Tray, WantedProduct
+from ariac_score import (
+    COMPETITION_ENDED,
+    COMPETITION_STARTED,
+    Event,
+    Kit,
+    Order,
+    Pose,
+    Product,
+    Task,
+    Tray,
+    WantedProduct,
+)
 
 __all__ = [
-    "NO_TRAY",
     "AriacMsgs2023",
-    "AriacScoreRecords",
     "NistGear2020",
     "NistGear2021",
     "NistGear2022",
@@ -161,39 +168,6 @@ class AriacMsgs2023:
         make = {"kitting": _kitting_task, "assembly": _station_task, "combined": _station_task}[kind]
         task = make(message.id, kind, getattr(message, f"{kind}_task"))
         return Order(message.id, (task,), t_s, _HIGH_PRIORITY if message.priority else 1)
-
-
-class AriacScoreRecords:
-    """Messages of `ariac_score_msgs`: what a recorder node writes for us in any edition."""
-
-    def decode(self, msgtype: str, message: Any, t_s: float) -> Submission | Event | None:
-        """A submission or an event; `None` for anything else.
-
-        A product whose pose is not usable keeps its type and loses its pose.
-
-        Args:
-            msgtype: `package/msg/Name`.
-            message: The message.
-            t_s: Its stamp, s of trial time.
-        """
-        if msgtype == "ariac_score_msgs/msg/TrialEvent":
-            return Event(t_s, message.kind, message.subject, message.detail)
-        if msgtype == "ariac_score_msgs/msg/Submission":
-            # The first form of the message had neither of the two.
-            unknown, tray = getattr(message, "contents_unknown", False), getattr(message, "tray", "")
-            return Submission(
-                task_id=message.shipment_type,
-                submitted_s=t_s,
-                contents=None if unknown else tuple(_product(p, p.name) for p in message.products),
-                agv=message.agv,
-                station=message.station,
-                tray=Tray("" if tray == NO_TRAY else tray) if tray else None,
-            )
-        return None
-
-
-NO_TRAY = "none"
-"""What our own submission says in place of a tray where there was none; empty means unknown."""
 
 
 def _of_another_edition(msgtype: str, cause: AttributeError) -> ValueError:

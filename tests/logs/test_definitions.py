@@ -153,7 +153,8 @@ def test_reading_a_recording_with_definitions_does_not_load_rosbags(tmp_path: An
         tmp_path / "t.mcap", [Recorded("/v", "geometry_msgs/msg/Vector3", 5, {"x": 1.0})], storage="mcap"
     )
     code = (
-        "import sys; from pathlib import Path; from ariac_score.logs.gather.wanted_fields import read_tables\n"
+        "import sys; from pathlib import Path\n"
+        "from ariac_score.logs.gather.wanted_fields import read_tables\n"
         f"(table,) = read_tables(Path({str(path)!r}), {{'/v': ['x']}})\n"
         "assert table.columns['x'].values.tolist() == [1.0]\n"
         "print(sorted({'rosbags', 'jsonschema', 'yaml'} & sys.modules.keys()))"

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Literal
 
+from ariac_score.checks.registry import Registry
 from ariac_score.logs.columnar.columns import UNDECODABLE
 from ariac_score.logs.columnar.definitions import FieldDefinitions, parsed_definitions
 from ariac_score.logs.containers.items import Connection
@@ -40,13 +41,17 @@ _WIDE = re.compile(r"^[ \t]*wstring\b|<[ \t]*wstring\b", re.MULTILINE)
 _IDL_SEPARATOR = "=" * 80 + "\n"
 
 
+GROUP = "ariac_score.messages"
+"""Entry points that name a package, whose folder `msg/NAME` holds the message definitions of NAME."""
+
+
 class UnknownTypeError(Exception):
     """The messages of a connection cannot be decoded; the text says why."""
 
 
 @cache
 def bundled_typestore(ros: Literal[1, 2]) -> Typestore:
-    """The stock types of rosbags and every type bundled in `ariac_score/logs/msg`.
+    """The stock types of rosbags, those in `ariac_score/logs/msg`, and those that plugins bring.
 
     Do not register anything in it: it is shared.
 
@@ -67,8 +72,11 @@ def bundled_typestore(ros: Literal[1, 2]) -> Typestore:
 def _bundled_definitions() -> Iterator[tuple[str, str]]:
     from importlib.resources import files  # noqa: PLC0415  # slow to load
 
-    packages = files("ariac_score.logs").joinpath("msg")
-    for package in sorted(packages.iterdir(), key=lambda p: p.name):
+    registry = Registry()
+    packages = [*files("ariac_score.logs").joinpath("msg").iterdir()]
+    for name in registry.names(GROUP):
+        packages.append(files(registry.find(GROUP, name).target).joinpath("msg", name))
+    for package in sorted(packages, key=lambda p: p.name):
         for definition in sorted(package.iterdir(), key=lambda p: p.name):
             name = f"{package.name}/msg/{definition.name.removesuffix('.msg')}"
             yield name, definition.read_text(encoding="utf-8")

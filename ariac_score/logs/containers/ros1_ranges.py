@@ -1,6 +1,6 @@
 """Which bytes of a ROS 1 bag a scan for some topics reads, so that they are fetched together.
 
-As in `ariac_score.logs.containers.mcap_ranges` nothing depends on what is foreseen here but the number of requests.
+As in `mcap_ranges`, nothing depends on what is foreseen here but the number of requests.
 
 Source: ROS wiki, "Bags/Format/2.0".
 """

@@ -14,11 +14,11 @@ from ariac_score.logs.columnar import Column, ColumnDecoder
 from ariac_score.logs.columnar.message_buffer import Waiting
 from ariac_score.logs.columnar.types import column_decoder_for
 from ariac_score.logs.containers.items import Connection, IntArray
+from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gather.model_states import ModelPoses
 from ariac_score.logs.gather.transforms import TransformTree
 from ariac_score.trial.channels import Channel
 from ariac_score.trial.spans import FloatArray
-from ariac_score_ariac.kit_from_poses import ModelFrames
 
 __all__ = [
     "Decoded",

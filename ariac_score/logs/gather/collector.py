@@ -27,6 +27,7 @@ from ariac_score.logs.gather.collected_columns import (
     clock_key,
     columns_for,
 )
+from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gather.model_states import ModelPoses
 from ariac_score.logs.gather.transforms import TransformTree, times_s
 from ariac_score.trial.build import TrialBuilder
@@ -34,7 +35,6 @@ from ariac_score.trial.channels import Channel, FieldMap, LogMap
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import quantity_of, subject_of
-from ariac_score_ariac.kit_from_poses import ModelFrames
 
 __all__ = ["Gathering", "Route"]
 
@@ -69,7 +69,8 @@ class Gathering:
         self._tree = TransformTree(log_map.root_frame, file=file)
         self._models = ModelPoses(log_map.models)
         # Links first: they are recorded as exactly, and trays that are nested are links alone.
-        self._kits = {True: ModelFrames(log_map.kits), False: ModelFrames(log_map.kits)}
+        finder = wanted.kits
+        self._kits = {links: ModelFrames(log_map.kits, finder) for links in (True, False)} if finder else {}
         channels = [self._stamped(channel) for channel in log_map.channels_for(wanted.quantities)]
         self._intakes = [_Intake(channel, wanted) for channel in channels]
         self._ticks = _Ticks(self._clocks) if any(map(by_header, channels)) else None
@@ -143,8 +144,7 @@ class Gathering:
         self._decode_each({connection: waiting[connection] for connection in alone})
         for intake in self._intakes:
             intake.settle_columns()
-        kits = self._kits if self._wanted.log_map.kits.trays else {}
-        together.hand_over(self._tree, self._models, kits, share=self.share)
+        together.hand_over(self._tree, self._models, self._kits, share=self.share)
 
     def _one_by_one(self, waiting: Iterable[Connection]) -> list[Connection]:
         """The connections whose messages must be decoded one by one.
@@ -219,7 +219,7 @@ class Gathering:
         if channel.poses == "models":
             links = item.connection.type.endswith("LinkStates")
             self._models.add(message, stamp_ns, links=links)
-            if self._wanted.log_map.kits.trays:
+            if self._kits:
                 self._kits[links].add(message, stamp_ns)
             return
         intake.take(message, item.connection.type, stamp_ns)

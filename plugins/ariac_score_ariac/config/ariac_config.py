@@ -9,11 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.contracts import LogDescription, Wanted
-from ariac_score.documents.yaml import load_yaml
-from ariac_score.errors import DataFileError
-from ariac_score.trial.model import Order, Trial
-from ariac_score_ariac.config.config_forms import form_of, top_level_keys
+from ariac_score import DataFileError, Likeness, LogDescription, Order, ReaderFacts, Trial, Wanted, load_yaml
+from ariac_score_ariac.config.config_forms import form_in, form_of, top_level_keys
 from ariac_score_ariac.config.config_values import ConfigPath, ConfigValues
 from ariac_score_ariac.config.listed_orders import listed_orders
 from ariac_score_ariac.config.order_counts import REQUIRED_KEYS, order_counts
@@ -41,10 +38,19 @@ class TrialConfigReader:
         `nist_gear/script/gear.py` of 2017 to 2022; ARIAC notes on log formats, section 7.
     """
 
+    facts = ReaderFacts(
+        role="trial_config", a_file="a trial configuration", formats="trial configurations of ARIAC (YAML)"
+    )
+
     def can_read(self, path: Path) -> bool:
         """Whether it is a YAML file with `orders`, or the numbers of 2025, at its top level."""
         keys = top_level_keys(path)
         return "orders" in keys or len(keys & set(REQUIRED_KEYS)) > 2
+
+    def likeness(self, path: Path) -> Likeness:
+        """What the file looks like, by the form that each edition has."""
+        form = form_in(path)
+        return Likeness(str(form), frozenset(form.years))
 
     def describe(self, path: Path) -> LogDescription:
         """How many orders, tasks and products it asks for; of 2025 its numbers."""

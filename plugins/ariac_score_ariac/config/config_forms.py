@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ariac_score.documents.yaml import load_yaml
-from ariac_score.errors import DataFileError
+from ariac_score import DataFileError, load_yaml
 
 __all__ = ["Form", "form_in", "form_of", "looks_like", "top_level_keys"]
 

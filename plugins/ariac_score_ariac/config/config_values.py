@@ -18,9 +18,7 @@ from pathlib import PurePath
 from types import MappingProxyType
 from typing import Any, NoReturn, TypeVar
 
-from ariac_score.documents.yaml import YamlDocument
-from ariac_score.errors import DataFileError, did_you_mean
-from ariac_score.trial.model import LogDefect, Pose
+from ariac_score import DataFileError, LogDefect, Pose, YamlDocument, did_you_mean
 
 __all__ = ["MAX_COUNT", "ConfigPath", "ConfigValues", "arithmetic", "shown"]
 

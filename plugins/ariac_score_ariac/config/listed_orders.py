@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ariac_score.errors import did_you_mean
-from ariac_score.trial.model import Order, Task, Tray, WantedProduct
+from ariac_score import Order, Task, Tray, WantedProduct, did_you_mean
 from ariac_score_ariac.config.config_values import MAX_COUNT, ConfigPath, ConfigValues
 
 __all__ = ["PRODUCT_TYPES", "listed_orders"]

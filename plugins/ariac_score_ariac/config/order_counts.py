@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-from ariac_score.errors import did_you_mean
+from ariac_score import did_you_mean
 from ariac_score_ariac.config.config_values import MAX_COUNT, ConfigPath, ConfigValues, shown
 
 __all__ = ["REQUIRED_KEYS", "order_counts"]

@@ -6,20 +6,31 @@ Source: rulebooks 2017-2024, orders; ARIAC notes on log formats, sections 7.1 to
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
-from ariac_score.errors import did_you_mean
-from ariac_score.trial.model import LogDefect, Order
+from ariac_score import LogDefect, Order, did_you_mean
 from ariac_score_ariac.config import listed_orders, shipment_orders
 from ariac_score_ariac.config.config_values import shown
 
-__all__ = ["unknown_products"]
+__all__ = ["Ariac", "unknown_products"]
 
 _TYPES = {
     range(2017, 2023): ("2017 to 2022", shipment_orders.PRODUCT_TYPES),
     range(2023, 2025): ("2023 and 2024", listed_orders.PRODUCT_TYPES),
 }
 """Editions, their name, and their product types; orders of 2025 name none."""
+
+
+class Ariac:
+    """What ARIAC knows of its editions.
+
+    Source:
+        Rulebooks 2017 to 2024, orders.
+    """
+
+    def unknown_products(self, orders: Sequence[Order], edition: int) -> list[LogDefect]:
+        """A defect for each product that is ordered although that edition has none of its type."""
+        return unknown_products(orders, edition)
 
 
 def unknown_products(orders: Iterable[Order], edition: int) -> list[LogDefect]:

@@ -9,8 +9,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ariac_score.errors import did_you_mean
-from ariac_score.trial.model import Order, Pose, Task, Tray, WantedProduct
+from ariac_score import Order, Pose, Task, Tray, WantedProduct, did_you_mean
 from ariac_score_ariac.config.config_values import MAX_COUNT, ConfigPath, ConfigValues, shown
 
 __all__ = ["PRODUCT_TYPES", "shipment_orders"]

@@ -11,11 +11,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ariac_score.checks.contracts import LogDescription, Wanted
-from ariac_score.documents.yaml import load_yaml
-from ariac_score.errors import DataFileError, did_you_mean
-from ariac_score.trial.model import TeamSetup, Trial
-from ariac_score_ariac.config.config_forms import form_of, top_level_keys
+from ariac_score import (
+    DataFileError,
+    Likeness,
+    LogDescription,
+    ReaderFacts,
+    TeamSetup,
+    Trial,
+    Wanted,
+    did_you_mean,
+    load_yaml,
+)
+from ariac_score_ariac.config.config_forms import form_in, form_of, top_level_keys
 from ariac_score_ariac.config.config_values import MAX_COUNT, ConfigPath, ConfigValues, shown
 from ariac_score_ariac.config.sensor_grades import graded_type
 
@@ -62,10 +69,19 @@ class TeamConfigReader:
         ARIAC notes on log formats, section 8.
     """
 
+    facts = ReaderFacts(
+        role="team_config", a_file="a team configuration", formats="team configurations of ARIAC (YAML)"
+    )
+
     def can_read(self, path: Path) -> bool:
         """Whether it is a YAML file with sensors (2024: static ones or robot cameras) but no `orders`."""
         keys = top_level_keys(path)
         return bool(keys & set(_SENSOR_KEYS)) and "orders" not in keys
+
+    def likeness(self, path: Path) -> Likeness:
+        """What the file looks like, by the form that each edition has."""
+        form = form_in(path)
+        return Likeness(str(form), frozenset(form.years))
 
     def describe(self, path: Path) -> LogDescription:
         """How many sensors the team has, by type."""
@@ -106,6 +122,8 @@ class TeamNameReader:
     Source:
         ARIAC notes on log formats, section 8.
     """
+
+    facts = ReaderFacts(role="team_name", a_file="a team entry")
 
     def can_read(self, path: Path) -> bool:
         """Whether it is a YAML file with `team_name` and what to fetch or launch."""

@@ -15,10 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
-from ariac_score.scoring.expression import add_up
+from ariac_score import Entry, Evaluation, OrderPlan, Stop, add_up
 
-__all__ = ["Evaluation", "OrderPlan", "RunTexts", "Stop", "evaluate", "results_csv"]
+__all__ = ["NistTextEvaluation", "RunTexts", "evaluate", "results_csv"]
+
+MAX_TEXT_BYTES = 4_000_000
+"""An official text is a few kilobytes."""
 
 _SUMMARY, _DETAILS = "Order Summary", "Order Details"
 _LINES_OF_AN_ORDER, _SCORE_IN_ORDER = 8, 5
@@ -26,14 +30,6 @@ _COMPLETION_LINE = 6
 _COST_LINE = 15
 _SCORE_AFTER_ID, _DURATION_AFTER_ID = 5, 7
 _PRIORITY_FACTOR = 3
-
-
-@dataclass(frozen=True)
-class OrderPlan:
-    """An order of the trial file: its id and whether it is a priority order."""
-
-    id: str
-    priority: bool
 
 
 @dataclass(frozen=True)
@@ -56,55 +52,42 @@ class RunTexts:
         return self.folder.rpartition("_")[0]
 
 
-@dataclass(frozen=True, order=True)
-class Stop:
-    """Where the program would have ended: trial, team, run (empty for the team), exception, cause."""
+class NistTextEvaluation:
+    """NIST's evaluation of 2023 and 2024, from the texts in the folders of runs.
 
-    trial: str
-    team: str
-    run: str
-    exception: str
-    cause: str
-
-
-@dataclass(frozen=True)
-class Entry:
-    """What the program makes of one team in one trial.
-
-    Attributes:
-        run: Folder of the best run; empty when there is none.
-        raw: Integer sum of its task scores.
-        scores: By order; `None` where it was not submitted.
-        durations_s: By order, s.
-        cost: Sensor cost, dollars.
-        score: Trial score.
-        remarks: Quirks that moved a number.
+    Reads:
+        `<team>/<trial>_<n>/trial_log.txt` and `sensor_cost.txt`.
+    Source:
+        jfernandez37/ARIAC_evaluation, automated_evaluation/scoring.
     """
 
-    run: str
-    raw: int
-    scores: Mapping[str, int | None]
-    durations_s: Mapping[str, float | None]
-    cost: int
-    score: float = 0
-    remarks: tuple[str, ...] = ()
+    def evaluate(self, logs: Path, orders: Mapping[str, Sequence[OrderPlan]]) -> Evaluation:
+        """Evaluate every team folder, whoever takes part."""
+        teams = {team.name: [_texts(run) for run in _folders(team)] for team in _folders(logs)}
+        # The program takes trials from the folders; of one without a configuration it knows no order.
+        found = {run.trial for runs in teams.values() for run in runs}
+        return evaluate(teams, {trial: orders.get(trial, []) for trial in found})
+
+    def results_csv(self, evaluation: Evaluation) -> str:
+        """The table `scores.csv` of the program."""
+        return results_csv(evaluation)
 
 
-@dataclass(frozen=True)
-class Evaluation:
-    """The whole evaluation.
+def _folders(folder: Path) -> list[Path]:
+    return sorted(entry for entry in folder.iterdir() if entry.is_dir())
 
-    Attributes:
-        trials: By trial (sorted by name) what each team got; teams set aside are missing.
-        orders: The orders of each trial.
-        leaderboard: Team and sum, best first; equal ones in the order of the teams.
-        stops: Where the program would have ended.
-    """
 
-    trials: Mapping[str, Mapping[str, Entry]]
-    orders: Mapping[str, Sequence[OrderPlan]]
-    leaderboard: tuple[tuple[str, float], ...]
-    stops: tuple[Stop, ...]
+def _texts(folder: Path) -> RunTexts:
+    return RunTexts(folder.name, _text(folder / "trial_log.txt"), _text(folder / "sensor_cost.txt"))
+
+
+def _text(file: Path) -> str | None:
+    try:
+        if file.stat().st_size > MAX_TEXT_BYTES:
+            return None
+        return file.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
 
 
 class _StoppedError(Exception):

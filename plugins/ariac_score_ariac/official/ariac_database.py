@@ -19,11 +19,23 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ariac_score.checks.contracts import LogDescription, Wanted
-from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED, Event
-from ariac_score.trial.model import OfficialOrder, OfficialResult, Submission, TeamSetup, Trial
+from ariac_score import (
+    COMPETITION_ENDED,
+    COMPETITION_STARTED,
+    ORDER_ANNOUNCED,
+    Event,
+    LogDescription,
+    LogError,
+    NothingToScoreError,
+    OfficialOrder,
+    OfficialResult,
+    ReaderFacts,
+    Submission,
+    TeamSetup,
+    Trial,
+    TrialBuilder,
+    Wanted,
+)
 
 __all__ = [
     "ORDER_TYPES",
@@ -134,6 +146,10 @@ class AriacDatabaseReader:
         ARIAC notes on log formats, section 10; `ariac_db/schema/ariac.sql`.
     """
 
+    facts = ReaderFacts(
+        role="official", a_file="an official result", formats="the database of ARIAC 2025", holds_runs=True
+    )
+
     def can_read(self, path: Path) -> bool:
         """Whether it is an SQLite file with the tables of 2025, whole or not."""
         try:
@@ -144,6 +160,10 @@ class AriacDatabaseReader:
         except OSError:
             return False
         return head.startswith(_MAGIC) and all(name in head for name in (b"OrderSubmission", b"Competitor"))
+
+    def runs(self, path: Path) -> tuple[tuple[int, str, str], ...]:
+        """Number, team and trial of every run; see `run_owners`."""
+        return run_owners(path)
 
     def describe(self, path: Path) -> LogDescription:
         """How many runs it holds; of one run its numbers, of several what each is."""

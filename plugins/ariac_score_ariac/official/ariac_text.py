@@ -23,18 +23,26 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.checks.contracts import LogDescription, Wanted
-from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
-from ariac_score.trial.events import (
+from ariac_score import (
     ARM_COLLISION,
     COMPETITION_ENDED,
     COMPETITION_STARTED,
+    LARGEST_STEP_BACK_S,
     ORDER_ANNOUNCED,
     PART_DROPPED,
     Event,
+    LogDefect,
+    LogDescription,
+    LogError,
+    NothingToScoreError,
+    OfficialOrder,
+    OfficialResult,
+    ReaderFacts,
+    Submission,
+    Trial,
+    TrialBuilder,
+    Wanted,
 )
-from ariac_score.trial.model import LogDefect, OfficialOrder, OfficialResult, Submission, Trial
 
 __all__ = ["PerformanceLogReader"]
 
@@ -78,6 +86,8 @@ class PerformanceLogReader:
     Source:
         ARIAC notes on log formats, section 3; task manager plug-ins of 2017 to 2022.
     """
+
+    facts = ReaderFacts(role="official", a_file="an official result", formats="performance.log of ARIAC")
 
     def can_read(self, path: Path) -> bool:
         """Whether it is a Gazebo log or a printed score; ROS logs that repeat one are not."""

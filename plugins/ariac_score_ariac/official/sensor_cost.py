@@ -13,9 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from ariac_score.checks.contracts import LogDescription, Wanted
-from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.trial.model import TeamSetup, Trial
+from ariac_score import LogDescription, LogError, NothingToScoreError, ReaderFacts, TeamSetup, Trial, Wanted
 
 __all__ = ["SensorCostReader"]
 
@@ -42,6 +40,10 @@ class SensorCostReader:
     Source:
         ARIAC notes on log formats, section 6.
     """
+
+    facts = ReaderFacts(
+        role="sensor_cost", a_file="an official sensor cost", formats="sensor_cost.txt of ARIAC"
+    )
 
     def can_read(self, path: Path) -> bool:
         """Whether its first lines are the heading of such a file."""

@@ -17,11 +17,22 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
-from ariac_score.checks.contracts import LogDescription, Wanted
-from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED, Event
-from ariac_score.trial.model import OfficialOrder, OfficialResult, Submission, Trial
+from ariac_score import (
+    COMPETITION_ENDED,
+    COMPETITION_STARTED,
+    ORDER_ANNOUNCED,
+    Event,
+    LogDescription,
+    LogError,
+    NothingToScoreError,
+    OfficialOrder,
+    OfficialResult,
+    ReaderFacts,
+    Submission,
+    Trial,
+    TrialBuilder,
+    Wanted,
+)
 
 __all__ = ["CLOCK", "TrialLogReader"]
 
@@ -77,6 +88,8 @@ class TrialLogReader:
     Source:
         ARIAC notes on log formats, sections 5.1 to 5.3.
     """
+
+    facts = ReaderFacts(role="official", a_file="an official result", formats="trial_log.txt of ARIAC")
 
     def can_read(self, path: Path) -> bool:
         """Whether it has the headings of such a text, or is what the evaluation script wrote instead."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ariac_score.ranking.evaluation import Evaluation
 from ariac_score.ranking.rank import Ranking
-from ariac_score_ariac.evaluation.nist_text import Evaluation
 
 __all__ = ["Difference", "differences"]
 

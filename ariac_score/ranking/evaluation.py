@@ -1,0 +1,172 @@
+"""The organisers' own evaluation of a competition, as a program of theirs would give it.
+
+Such a program reads the folders of all teams in its own way, quirks included. A plugin reproduces it; what it
+gives stands beside the ranking and never enters it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from ariac_score.checks.contracts import Wanted
+from ariac_score.checks.guarded import broken, open_readers
+from ariac_score.checks.registry import Registry
+from ariac_score.errors import LogError
+from ariac_score.ranking.competition import Competition, TrialPlan
+from ariac_score.trial.channels import LogMap
+
+__all__ = [
+    "GROUP",
+    "Entry",
+    "Evaluation",
+    "EvaluationProgram",
+    "OrderPlan",
+    "Stop",
+    "evaluation_program",
+    "strict_evaluation",
+]
+
+GROUP = "ariac_score.evaluations"
+
+
+@dataclass(frozen=True)
+class OrderPlan:
+    """An order of the trial file: its id and whether it is a priority order."""
+
+    id: str
+    priority: bool
+
+
+@dataclass(frozen=True, order=True)
+class Stop:
+    """Where the program would have ended: trial, team, run (empty for the team), exception, cause."""
+
+    trial: str
+    team: str
+    run: str
+    exception: str
+    cause: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the program makes of one team in one trial.
+
+    Attributes:
+        run: Folder of the best run; empty when there is none.
+        raw: Integer sum of its task scores.
+        scores: By order; `None` where it was not submitted.
+        durations_s: By order, s.
+        cost: Sensor cost, dollars.
+        score: Trial score.
+        remarks: Quirks that moved a number.
+    """
+
+    run: str
+    raw: int
+    scores: Mapping[str, int | None]
+    durations_s: Mapping[str, float | None]
+    cost: int
+    score: float = 0
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The whole evaluation.
+
+    Attributes:
+        trials: By trial (sorted by name) what each team got; teams set aside are missing.
+        orders: The orders of each trial.
+        leaderboard: Team and sum, best first; equal ones in the order of the teams.
+        stops: Where the program would have ended.
+    """
+
+    trials: Mapping[str, Mapping[str, Entry]]
+    orders: Mapping[str, Sequence[OrderPlan]]
+    leaderboard: tuple[tuple[str, float], ...]
+    stops: tuple[Stop, ...]
+
+
+@runtime_checkable
+class EvaluationProgram(Protocol):
+    """An evaluation of the organisers, reproduced: entry-point group `ariac_score.evaluations`.
+
+    Rule sets name it in `ranking: {strict: NAME}`.
+    """
+
+    def evaluate(self, logs: Path, orders: Mapping[str, Sequence[OrderPlan]]) -> Evaluation:
+        """Evaluate as the organisers' program does.
+
+        Args:
+            logs: The folder with a folder for each team, which holds one for each run.
+            orders: The orders of each trial that has a configuration, in the order of that file.
+        """
+        ...
+
+    def results_csv(self, evaluation: Evaluation) -> str:
+        """The table that the organisers' program writes."""
+        ...
+
+
+def evaluation_program(name: str, registry: Registry | None = None) -> EvaluationProgram:
+    """The evaluation program of that name.
+
+    Raises:
+        PluginError: None is installed, two are, or it is none.
+    """
+    plugin = (registry or Registry()).find(GROUP, name)
+    kind = plugin.load()
+    program = kind() if isinstance(kind, type) else kind
+    if not isinstance(program, EvaluationProgram):
+        raise broken(plugin, "has no evaluate and results_csv")
+    return program
+
+
+def strict_evaluation(
+    competition: Competition, name: str, log_map: LogMap, *, registry: Registry | None = None
+) -> Evaluation:
+    """What the organisers' own program gives for a competition.
+
+    Args:
+        competition: Its runs and trial configurations.
+        name: Of the program.
+        log_map: That of the rule set.
+        registry: The installed plugins.
+
+    Raises:
+        LogError: The runs do not lie as the program expects, or a trial has no configuration.
+        PluginError: There is no such program.
+    """
+    registry = registry or Registry()
+    program = evaluation_program(name, registry)
+    orders = {trial.id: _planned(competition, trial, log_map, registry) for trial in competition.trials}
+    if competition.logs is None:
+        raise LogError(
+            "the runs do not lie as <team>/<trial>_<n>, which is what the organisers' program reads",
+            file=competition.file,
+            hint="rank with --policy robust",
+        )
+    return program.evaluate(competition.logs, orders)
+
+
+def _planned(
+    competition: Competition, trial: TrialPlan, log_map: LogMap, registry: Registry
+) -> list[OrderPlan]:
+    """The orders of a trial as its configuration states them."""
+    if trial.config is None:
+        raise LogError(
+            f"trial {trial.id!r} has no configuration, which the organisers' program reads orders from",
+            file=competition.file,
+            hint="add trials/<trial>.yaml, or 'config:' to the trial",
+        )
+    readers, _ = open_readers(registry)
+    reader = next((r for _, r in sorted(readers.items()) if r.can_read(trial.config)), None)
+    if reader is None:
+        raise LogError("no reader recognises this configuration", file=trial.config, hint="check the file")
+    return [
+        OrderPlan(order.id, order.priority > 1) for order in reader.read(trial.config, Wanted(log_map)).orders
+    ]
