@@ -73,10 +73,13 @@ if TYPE_CHECKING:
         PART_DROPPED,
         Event,
     )
-    from ariac_score.trial.kits import FaultMarks, Kit, KitRecord, ModelTrack
+    from ariac_score.trial.kits import ModelTrack
     from ariac_score.trial.logmap import load_log_map
     from ariac_score.trial.model import (
         Body,
+        FaultMarks,
+        Kit,
+        KitRecord,
         LogDefect,
         OfficialOrder,
         OfficialResult,
@@ -133,11 +136,11 @@ _HOME = {
     "ariac_score.trial.events": (
         "ARM_COLLISION COMPETITION_ENDED COMPETITION_STARTED Event ORDER_ANNOUNCED PART_DROPPED"
     ),
-    "ariac_score.trial.kits": "FaultMarks Kit KitRecord ModelTrack",
+    "ariac_score.trial.kits": "ModelTrack",
     "ariac_score.trial.logmap": "load_log_map",
     "ariac_score.trial.model": (
-        "Body LogDefect OfficialOrder OfficialResult Order Pose Product Submission Task TeamSetup "
-        "Tray Trial WantedProduct"
+        "Body FaultMarks Kit KitRecord LogDefect OfficialOrder OfficialResult Order Pose Product "
+        "Submission Task TeamSetup Tray Trial WantedProduct"
     ),
     "ariac_score.trial.signals": "Sample Signal align",
     "ariac_score.trial.spans": (

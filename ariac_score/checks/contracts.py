@@ -16,8 +16,8 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.trial.channels import KitMap, LogMap
 from ariac_score.trial.course import Course
 from ariac_score.trial.events import Event
-from ariac_score.trial.kits import Kit, KitRecord, ModelTrack
-from ariac_score.trial.model import Body, LogDefect, Order, Submission, Trial
+from ariac_score.trial.kits import ModelTrack
+from ariac_score.trial.model import Body, Kit, KitRecord, LogDefect, Order, Submission, Trial
 from ariac_score.trial.signals import Sample
 from ariac_score.trial.spans import FloatArray
 

@@ -20,8 +20,7 @@ from ariac_score.checks.contracts import (
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.trial.events import Event
-from ariac_score.trial.kits import Kit
-from ariac_score.trial.model import Order, Submission, Trial
+from ariac_score.trial.model import Kit, Order, Submission, Trial
 
 __all__ = ["GuardedDecoder", "GuardedReader", "broken", "open_readers"]
 

@@ -1,7 +1,8 @@
 """For authors of plugins and tests: trials made to order, and their record in every log format."""
 
 from ariac_score.testing.bags import Recorded, write_bag
-from ariac_score.testing.contract import ContractCheck, ContractError, contract_checks
+from ariac_score.testing.contract import contract_checks
+from ariac_score.testing.contract_check import ContractCheck, ContractError
 from ariac_score.testing.made import made_trial
 from ariac_score.testing.rosmonitoring import monitored_events, write_event_log
 from ariac_score.testing.trials import (

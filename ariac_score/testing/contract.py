@@ -10,40 +10,36 @@ A check that fails names the plugin with its distribution and version, and says 
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ariac_score.checks.contracts import GROUPS, Monitor, Reader, Rule
 from ariac_score.checks.findings import Finding, Verdict
-from ariac_score.checks.registry import Plugin, Registry, not_by_name
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of
-from ariac_score.errors import PluginError
+from ariac_score.testing.contract_check import (
+    ContractCheck,
+    ContractError,
+    built_by_name,
+    origin_of,
+    snapshot,
+    undocumented,
+)
 from ariac_score.testing.margin_contract import margin_fault
 from ariac_score.testing.online_contract import OnlineChecks
+from ariac_score.testing.reader_contract import reader_checks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.testing.variants import HOLLOW, SIGNAL_VARIANTS, bare, only, reordered, shifted, without
 from ariac_score.trial.course import Course
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
 
-__all__ = [
-    "BUDGET_S",
-    "SECTIONS",
-    "ContractCheck",
-    "ContractError",
-    "contract_checks",
-    "origin_of",
-    "snapshot",
-    "undocumented",
-]
+__all__ = ["BUDGET_S", "SECTIONS", "contract_checks"]
+
 
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "ariac_score.rules": ("Measures", "Violated when", "Source"),
@@ -53,43 +49,11 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
 }
 """The sections that the docstring of a plugin has: its help page."""
 
+
 SHIFT_S = 64.0
 
-HINT = "see ariac_score.checks.contracts and docs/write-a-monitor.md"
 
 _DECIDED = (Verdict.SATISFIED, Verdict.VIOLATED)
-
-
-class ContractError(PluginError):
-    """A plugin does not keep its contract."""
-
-
-@dataclass(frozen=True)
-class ContractCheck:
-    """One requirement, ready to be tried.
-
-    Attributes:
-        name: Such as `time_shift`.
-        about: What is required, in one sentence.
-        run: Tries it.
-    """
-
-    name: str
-    about: str
-    run: Callable[[], None] = dataclasses.field(repr=False)
-
-    @property
-    def __name__(self) -> str:
-        """What pytest calls it."""
-        return self.name
-
-    def __call__(self) -> None:
-        """Try it.
-
-        Raises:
-            PluginError: The plugin does otherwise; the message names it.
-        """
-        self.run()
 
 
 def contract_checks(
@@ -108,8 +72,6 @@ def contract_checks(
         TypeError: It is none of these, or the second argument does not fit it.
     """
     if isinstance(plugin, Reader):
-        from ariac_score.testing.reader_contract import reader_checks  # noqa: PLC0415  # it imports this module
-
         if isinstance(trial, Trial):
             raise TypeError("a reader is checked with the path of a log, not with a trial")
         return reader_checks(plugin, origin_of(plugin), Path(trial), budget_s=budget_s, log_map=log_map)
@@ -118,67 +80,6 @@ def contract_checks(
     if not isinstance(trial, Trial):
         raise TypeError("a rule or monitor is checked with a trial, such as made_trial()")
     return _Checked(plugin, trial, budget_s).checks()
-
-
-# Whose fault it is ---------------------------------------------------------------------
-
-
-def origin_of(plugin: Any) -> Plugin:
-    """The installed plugin that an object is of; where none is, one that says so."""
-    kind = plugin if isinstance(plugin, type) else type(plugin)
-    group = next((name for name, contract in GROUPS.items() if isinstance(plugin, contract)), "")
-    package = kind.__module__.partition(".")[0]
-    for known in Registry().all(group):
-        if known.package == package and _loads(known, kind):
-            return known
-    return Plugin(kind.__name__, group, f"{kind.__module__}:{kind.__qualname__}", package, "not installed")
-
-
-def _loads(known: Plugin, kind: type) -> bool:
-    try:
-        return known.load() is kind
-    except PluginError:
-        return False
-
-
-def undocumented(plugin: Plugin, kind: Any) -> list[str]:
-    """The sections that the docstring of a plugin lacks."""
-    page = f"\n{inspect.cleandoc(kind.__doc__ or '')}\n"
-    return [section for section in SECTIONS[plugin.group] if f"\n{section}:\n" not in page]
-
-
-def built_by_name(kind: type) -> str:
-    """Why a class cannot be built from the `with:` block of a rule set; empty when it can."""
-    problem = not_by_name(kind)
-    if problem:
-        return problem
-    try:
-        parameters = inspect.signature(kind).parameters.values()
-    except (TypeError, ValueError):
-        return ""
-    for parameter in parameters:
-        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
-            return f"takes *{parameter.name}, so that a misspelt parameter would pass"
-    return ""
-
-
-def snapshot(value: Any) -> Any:
-    """A copy of a value down to its last number, to see later whether anything changed.
-
-    >>> snapshot({"a": (1, [2.5])})
-    (('a', (1, (2.5,))),)
-    """
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        held = ((f.name, snapshot(getattr(value, f.name))) for f in dataclasses.fields(value))
-        return type(value).__name__, *held
-    if isinstance(value, Mapping):
-        return tuple((key, snapshot(item)) for key, item in value.items())
-    if isinstance(value, list | tuple):
-        return tuple(snapshot(item) for item in value)
-    return value.tobytes() if isinstance(value, np.ndarray) else value
-
-
-# Rules and monitors --------------------------------------------------------------------
 
 
 class _Checked:
@@ -511,9 +412,6 @@ class _Told:
     def watch(self, _trial: Trial) -> Iterable[Finding]:
         """What was found."""
         return self._findings
-
-
-# Comparing -----------------------------------------------------------------------------
 
 
 def _decided(findings: Iterable[Finding]) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 from ariac_score.checks.contracts import GROUPS, OTHER_GROUPS
 from ariac_score.checks.registry import Plugin, Registry, package_sha256
 from ariac_score.errors import PluginError, ScoreError, did_you_mean
-from ariac_score.testing.contract import built_by_name, undocumented
+from ariac_score.testing.contract_check import built_by_name, undocumented
 from ariac_score.testing.pages import example_parameters
 
 __all__ = ["Ailment", "ailments"]

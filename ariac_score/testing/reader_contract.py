@@ -15,7 +15,7 @@ from ariac_score.checks.guarded import GuardedDecoder, GuardedReader
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.ask import SMALLEST_LOG_SAMPLES, budget_of
 from ariac_score.errors import PluginError, ScoreError
-from ariac_score.testing.contract import (
+from ariac_score.testing.contract_check import (
     HINT,
     ContractCheck,
     ContractError,

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.kits import Kit, KitRecord
-from ariac_score.trial.model import Trial
+from ariac_score.trial.model import Kit, KitRecord, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import quantity_of

@@ -17,9 +17,11 @@ from ariac_score.trial.events import (
     WATCHING,
     Event,
 )
-from ariac_score.trial.kits import Kit, KitRecord, RecordedKits
+from ariac_score.trial.kits import RecordedKits
 from ariac_score.trial.model import (
     Body,
+    Kit,
+    KitRecord,
     LogDefect,
     OfficialOrder,
     OfficialResult,

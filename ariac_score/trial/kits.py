@@ -12,56 +12,17 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.trial.model import LogDefect, Pose, Product, Submission, Task, Tray, Trial
+from ariac_score.trial.model import Kit, LogDefect, Pose, Product, Submission, Task, Trial
 from ariac_score.trial.spans import FloatArray
 
-__all__ = ["FaultMarks", "Kit", "KitRecord", "ModelTrack", "RecordedKits", "with_contents"]
-
-FaultMarks = Literal["seen", "listed", "challenged"]
-"""Where it is said which products are faulty: in the record itself, in the list of the trial's
-configuration, or (2023 on) in its challenges, which the wanted products hold."""
+__all__ = ["ModelTrack", "RecordedKits", "with_contents"]
 
 FAULTY_ENDING = "_faulty"
 """What the quality check of 2023 and later appends to the name of a faulty part."""
-
-
-@dataclass(frozen=True)
-class Kit:
-    """What lay on one tray, or in one briefcase or insert, at one instant.
-
-    Attributes:
-        place: The AGV or the station, such as `agv1` or `as2`.
-        t_s: When, s of trial time.
-        contents: The products, in the frame of the tray.
-        tray: The movable tray, where the edition has them.
-        faults: Where it is said which products are faulty.
-    """
-
-    place: str
-    t_s: float
-    contents: tuple[Product, ...] = ()
-    tray: Tray | None = None
-    faults: FaultMarks = "seen"
-
-
-@runtime_checkable
-class KitRecord(Protocol):
-    """A log that shows what lay on trays over time."""
-
-    def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
-        """What lay at a place at a time; `None` when the log does not show it.
-
-        Args:
-            place: Such as `agv1` or `as2`.
-            t_s: When, s of trial time.
-            max_age_s: How old the last sight may be in a log that goes on without pause, s.
-        """
-        ...
 
 
 @dataclass(frozen=True, eq=False)

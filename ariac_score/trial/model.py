@@ -6,18 +6,18 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Literal, Protocol, runtime_checkable
 
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.signals import LARGEST_VALUE, Signal
 from ariac_score.trial.spans import Span
 
-if TYPE_CHECKING:
-    from ariac_score.trial.kits import KitRecord
-
 __all__ = [
     "Body",
+    "FaultMarks",
+    "Kit",
+    "KitRecord",
     "LogDefect",
     "OfficialOrder",
     "OfficialResult",
@@ -175,6 +175,45 @@ class Order:
     updates: str = ""
     outline: bool = False
     priority_said: bool = field(default=True, compare=False)
+
+
+FaultMarks = Literal["seen", "listed", "challenged"]
+"""Where it is said which products are faulty: in the record itself, in the list of the trial's
+configuration, or (2023 on) in its challenges, which the wanted products hold."""
+
+
+@dataclass(frozen=True)
+class Kit:
+    """What lay on one tray, or in one briefcase or insert, at one instant.
+
+    Attributes:
+        place: The AGV or the station, such as `agv1` or `as2`.
+        t_s: When, s of trial time.
+        contents: The products, in the frame of the tray.
+        tray: The movable tray, where the edition has them.
+        faults: Where it is said which products are faulty.
+    """
+
+    place: str
+    t_s: float
+    contents: tuple[Product, ...] = ()
+    tray: Tray | None = None
+    faults: FaultMarks = "seen"
+
+
+@runtime_checkable
+class KitRecord(Protocol):
+    """A log that shows what lay on trays over time."""
+
+    def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
+        """What lay at a place at a time; `None` when the log does not show it.
+
+        Args:
+            place: Such as `agv1` or `as2`.
+            t_s: When, s of trial time.
+            max_age_s: How old the last sight may be in a log that goes on without pause, s.
+        """
+        ...
 
 
 @dataclass(frozen=True)

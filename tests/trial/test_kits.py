@@ -10,8 +10,19 @@ import pytest
 
 from ariac_score.trial.build import TrialBuilder, merge_trials
 from ariac_score.trial.events import COMPETITION_STARTED, Event
-from ariac_score.trial.kits import FaultMarks, Kit, RecordedKits, with_contents
-from ariac_score.trial.model import Order, Pose, Product, Submission, Task, Tray, Trial, WantedProduct
+from ariac_score.trial.kits import RecordedKits, with_contents
+from ariac_score.trial.model import (
+    FaultMarks,
+    Kit,
+    Order,
+    Pose,
+    Product,
+    Submission,
+    Task,
+    Tray,
+    Trial,
+    WantedProduct,
+)
 from ariac_score.trial.signals import Signal
 
 GEAR = Product("gear_part_red", Pose((0.1, 0.0, 0.0)), name="bin1|gear_part_red_7")

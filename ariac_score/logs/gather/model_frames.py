@@ -13,7 +13,8 @@ import numpy as np
 from ariac_score.checks.contracts import KitFinder
 from ariac_score.logs.containers.items import IntArray
 from ariac_score.trial.channels import KitMap
-from ariac_score.trial.kits import KitRecord, ModelTrack
+from ariac_score.trial.kits import ModelTrack
+from ariac_score.trial.model import KitRecord
 from ariac_score.trial.spans import FloatArray
 
 __all__ = ["ModelFrames"]

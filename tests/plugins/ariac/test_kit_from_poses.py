@@ -22,9 +22,8 @@ from ariac_score import score_trial
 from ariac_score.checks.contracts import Wanted
 from ariac_score.logs.gazebo import GazeboStateReader
 from ariac_score.trial.channels import Footprint, KitMap, LogMap, TrayMatch
-from ariac_score.trial.kits import Kit
 from ariac_score.trial.logmap import load_log_map
-from ariac_score.trial.model import Pose, Product, Tray
+from ariac_score.trial.model import Kit, Pose, Product, Tray
 from ariac_score_ariac.kit_from_poses import ModelFrames, part_type, product_type, relative_pose
 
 QUARTER = "1.5707963267948966"
