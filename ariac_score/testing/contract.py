@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -38,16 +38,7 @@ from ariac_score.trial.course import Course
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
 
-__all__ = ["BUDGET_S", "SECTIONS", "contract_checks"]
-
-
-SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "ariac_score.rules": ("Measures", "Violated when", "Source"),
-    "ariac_score.monitors": ("Measures", "Violated when", "Source"),
-    "ariac_score.readers": ("Reads", "Refuses", "Source"),
-    "ariac_score.decoders": (),
-}
-"""The sections that the docstring of a plugin has: its help page."""
+__all__ = ["BUDGET_S", "contract_checks"]
 
 
 SHIFT_S = 64.0

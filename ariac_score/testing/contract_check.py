@@ -13,9 +13,8 @@ import numpy as np
 from ariac_score.checks.contracts import GROUPS
 from ariac_score.checks.registry import Plugin, Registry, not_by_name
 from ariac_score.errors import PluginError
-from ariac_score.testing.contract import SECTIONS
 
-__all__ = ["ContractCheck", "ContractError", "origin_of", "snapshot", "undocumented"]
+__all__ = ["SECTIONS", "ContractCheck", "ContractError", "origin_of", "snapshot", "undocumented"]
 
 
 HINT = "see ariac_score.checks.contracts and docs/write-a-monitor.md"
@@ -106,3 +105,12 @@ def snapshot(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return tuple(snapshot(item) for item in value)
     return value.tobytes() if isinstance(value, np.ndarray) else value
+
+
+SECTIONS: Mapping[str, tuple[str, ...]] = {
+    "ariac_score.rules": ("Measures", "Violated when", "Source"),
+    "ariac_score.monitors": ("Measures", "Violated when", "Source"),
+    "ariac_score.readers": ("Reads", "Refuses", "Source"),
+    "ariac_score.decoders": (),
+}
+"""The sections that the docstring of a plugin has: its help page."""
