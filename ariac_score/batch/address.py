@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.tasks import Task
-from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import Prepared
 from ariac_score.engine.provenance import code_of
 from ariac_score.errors import ScoreError
 from ariac_score.logs.bundle import name_from
 from ariac_score.logs.containers.ranged import ranged
-from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.trial.logmap import load_log_map
 
 __all__ = [
     "RunTooLargeError",
@@ -36,14 +34,14 @@ MOST_ENTRIES = 100_000
 """Files and folders of one run that are looked at."""
 
 
-def basis_of(rule_set: RuleSet, registry: Registry) -> str:
+def basis_of(prepared: Prepared) -> str:
     """Hash of what measures, whatever is measured: the checks, the log map, the edition, the code.
 
     Prices are not in it: when only they change, what was measured stays good.
     """
-    log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
+    rule_set = prepared.rule_set
     checks = [[check.name, check.use, dict(check.parameters)] for check in rule_set.checks.values()]
-    return _hash([_SCHEMA, rule_set.edition, log_map.sha256, checks, code_of(rule_set, registry)])
+    return _hash([_SCHEMA, rule_set.edition, prepared.log_map.sha256, checks, code_of(prepared)])
 
 
 def measuring_address(task: Task, contents: str, basis: str) -> str:

@@ -195,7 +195,7 @@ def _serve(connection: Connection, setting: Setting, out: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     store = Store(Path(out))
     with suppress(EOFError, ConnectionError, ScoreError):
-        _, rule_set, _ = prepared(setting)
+        rule_set = prepared(setting)[0].rule_set
         while True:
             asked: list[_Asked] = connection.recv()
             try:

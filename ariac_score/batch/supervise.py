@@ -24,8 +24,8 @@ from ariac_score.batch.pricing import Measurement, Priced, Pricing
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Setting, Task, TaskKey
 from ariac_score.batch.worker import Done
-from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import needs_alike
+from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.provenance import code_of
 from ariac_score.errors import BatchError, ResultError, ScoreError, UsageError
 from ariac_score.results.result_file import load_result
@@ -116,10 +116,9 @@ def run_batch(
         ScoreError: A check of the rules cannot be built.
     """
     described(store.root)
-    registry = Registry()
-    rule_set.build(registry)  # what is wrong with it is said once, not for every run
-    basis = basis_of(rule_set, registry)
-    setting = replace(setting, earlier_basis=_earlier_basis(store, rule_set, setting, registry))
+    prepared = prepare(rule_set)  # what is wrong with it is said once, not for every run
+    basis = basis_of(prepared)
+    setting = replace(setting, earlier_basis=_earlier_basis(store, prepared, setting))
     seen, rows = Seen(store.root), _remembering(store, work)
     pricing = Pricing(setting, store, work)
     settled, kept_s = _Settled(rows, told), time.monotonic()
@@ -152,7 +151,7 @@ def run_batch(
 
     try:
         settled.journal = store.journal.open("a", encoding="ascii", newline="\n")
-        _describe(store, rule_set, registry, setting, about)
+        _describe(store, prepared, setting, about)
         look(missing())
         contradictions += write_tables(store, rows, work, trusted=trusted)
         _finished(store, seen)
@@ -208,14 +207,15 @@ def _remembering(store: Store, work: Path) -> Rows:
     return rows
 
 
-def _earlier_basis(store: Store, rule_set: RuleSet, setting: Setting, registry: Registry) -> str:
+def _earlier_basis(store: Store, prepared: Prepared, setting: Setting) -> str:
     """The basis of the rules that scored here before, by the code of now; empty where it is of no use."""
     try:
         text = _earlier_rules(store, setting)
         if not text:
             return ""
         earlier = replace(rule_set_from_text(text, file=setting.rules_file), file=setting.rules_file)
-        return basis_of(earlier, registry) if needs_alike(earlier, rule_set, registry) else ""
+        rules = prepare(earlier, registry=prepared.registry)
+        return basis_of(rules) if needs_alike(rules, prepared) else ""
     except (OSError, ValueError, ScoreError):
         return ""  # the first call, or rules that cannot be read any more
 
@@ -348,15 +348,13 @@ def _kept(done: Done, setting: Setting, store: Store) -> Row:
     return Row.kept(task.key, done.document, name)
 
 
-def _describe(
-    store: Store, rule_set: RuleSet, registry: Registry, setting: Setting, about: Mapping[str, object]
-) -> None:
+def _describe(store: Store, prepared: Prepared, setting: Setting, about: Mapping[str, object]) -> None:
     """Write by which rules and code, and for what, before anything else."""
     names = ("distribution", "version", "package", "sha256")
     told = {
         "schema": SCHEMA,
-        "rule_set": {"id": rule_set.id, "sha256": rule_set.sha256},
-        "code": [dict(zip(names, code, strict=True)) for code in code_of(rule_set, registry)],
+        "rule_set": {"id": prepared.rule_set.id, "sha256": prepared.rule_set.sha256},
+        "code": [dict(zip(names, code, strict=True)) for code in code_of(prepared)],
         **about,
     }
     text = json.dumps(told, sort_keys=True, indent=1, ensure_ascii=True) + "\n"

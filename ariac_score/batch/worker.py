@@ -30,6 +30,7 @@ from ariac_score.batch.outcomes import outcome_document, outcome_of, told_within
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import Limits, Setting, Task
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import reprice
 from ariac_score.engine.read import topics_read
 from ariac_score.engine.score import score_trial
@@ -122,7 +123,7 @@ def _perform_here(task: Task, setting: Setting, out: Path | None, hashed: Hashed
     contents = contents_of(task)
     hashed(contents, before)
     try:
-        registry, rule_set, basis = prepared(setting)
+        rules, basis = prepared(setting)
     except ScoreError as error:  # this machine has not what the one has where the batch began
         words = told_within(error, Path(setting.rules_file).parent)
         return Done(task, "", contents, before, _because(task, "failed", words))
@@ -130,10 +131,10 @@ def _perform_here(task: Task, setting: Setting, out: Path | None, hashed: Hashed
     store = Store(out) if out is not None else None
     if store is not None and _is_result(store.place(address, setting.rules_sha256)):
         return Done(task, address, contents, before, None)
-    document = _priced_again(store, address, rule_set) if store is not None else None
+    document = _priced_again(store, address, rules.rule_set) if store is not None else None
     if document is None:
         known = _known(task, contents, setting, store) if store is not None else None
-        document = _scored(task, rule_set, registry, known)
+        document = _scored(task, rules, known)
     if not changing and signature_of(task) != before:
         document = _because(task, "changing", "its files changed while they were read; call again when done")
         return Done(task, "", "", "", document)
@@ -147,8 +148,8 @@ def _perform_elsewhere(
     task: Task, setting: Setting, out: Path | None, folder: Path, brought: Callable[[Near], None]
 ) -> Done:
     """Fetch a run, score what came, and see that nothing changed meanwhile."""
-    _, rule_set, _ = prepared(setting)
-    topics = topics_read(rule_set, installed()) if setting.ranges else None
+    rules, _ = prepared(setting)
+    topics = topics_read(rules) if setting.ranges else None
     try:
         near = bring(task, folder, topics, most_bytes=setting.limits.input_bytes)
     except RunTooLargeError as error:
@@ -221,13 +222,12 @@ def _known(task: Task, contents: str, setting: Setting, store: Store) -> Result 
         return None  # an outcome, or a damaged file: ask every check
 
 
-def _scored(task: Task, rule_set: RuleSet, registry: Registry, known: Result | None) -> bytes:
+def _scored(task: Task, rules: Prepared, known: Result | None) -> bytes:
     root = Path(task.root) if task.root else Path(task.path).parent
     try:
         result = score_trial(
             Path(task.path),
-            rule_set,
-            registry=registry,
+            rules,
             also=[Path(name) for name in task.also],
             binding=task.binding,
             root=Path(task.root) if task.root else None,
@@ -265,12 +265,11 @@ def installed() -> Registry:
 
 
 @cache
-def prepared(setting: Setting) -> tuple[Registry, RuleSet, str]:
-    """Plugins, rule set and basis of a setting, made once in a process and in those that come out of it."""
-    rule_set = setting.rule_set()
-    rule_set.build(installed())
-    expanded_yaml(rule_set)  # it keeps its text
-    return installed(), rule_set, basis_of(rule_set, installed())
+def prepared(setting: Setting) -> tuple[Prepared, str]:
+    """The rules and the basis of a setting, made once in a process and in those that come out of it."""
+    rules = prepare(setting.rule_set(), registry=installed())
+    expanded_yaml(rules.rule_set)  # it keeps its text
+    return rules, basis_of(rules)
 
 
 # In a process of its own ---------------------------------------------------------------

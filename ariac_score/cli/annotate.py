@@ -31,14 +31,13 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the log again, watch it, write."""
     # Imported here, so that --help and --version stay quick.
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415
+    from ariac_score.engine.prepared import prepare  # noqa: PLC0415
     from ariac_score.results.result_file import load_result  # noqa: PLC0415
     from ariac_score.review.annotate import messages_of, without_margins  # noqa: PLC0415
     from ariac_score.review.annotation_messages import recorded  # noqa: PLC0415
     from ariac_score.review.margins import read_again, tracks  # noqa: PLC0415
     from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text  # noqa: PLC0415
     from ariac_score.terminal.output import refuse_inputs, write_copy  # noqa: PLC0415
-    from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415
 
     for source in (arguments.path, arguments.result):
         refuse_inputs(arguments.output, source)
@@ -48,11 +47,10 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.rules
         else rule_set_from_text(result.rules, file="the rules in the result")
     )
-    registry = Registry()
-    mapping = load_log_map(arguments.log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
-    trial = read_again(result, arguments.path, rule_set, log_map=arguments.log_map, registry=registry)
-    found = tracks(result, trial, rule_set, registry=registry)
-    with recorded(messages_of(result, trial, found, frame=mapping.root_frame)) as recording:
+    prepared = prepare(rule_set, log_map=arguments.log_map)
+    trial = read_again(result, arguments.path, prepared)
+    found = tracks(result, trial, prepared)
+    with recorded(messages_of(result, trial, found, frame=prepared.log_map.root_frame)) as recording:
         write_copy(recording, arguments.output)
     bare = without_margins(found)
     if bare:

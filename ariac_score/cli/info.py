@@ -75,6 +75,7 @@ def _described(description: Any) -> list[str]:
 def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, registry: Any) -> list[str]:
     """Orders, entities, signals; with a rule set also what could be decided."""
     from ariac_score.engine.measure import decidable  # noqa: PLC0415
+    from ariac_score.engine.prepared import prepare  # noqa: PLC0415
     from ariac_score.engine.read import read_trial  # noqa: PLC0415
     from ariac_score.errors import LogError, NothingToScoreError  # noqa: PLC0415
     from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
@@ -87,7 +88,8 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     name = arguments.log_map or (rule_set.log_map if rule_set else "")
     if not name:
         return ["", "Give --rules (or --log-map) to see orders, entities and which checks could be decided."]
-    mapping = load_log_map(name, beside=Path(rule_set.file).parent if rule_set else None)
+    prepared = prepare(rule_set, log_map=arguments.log_map, registry=registry) if rule_set else None
+    mapping = prepared.log_map if prepared else load_log_map(name)
     try:
         with progress_bar(arguments.path) as progress:
             trial = read_trial(bundle, readers, mapping, registry, quantities=QUANTITIES, progress=progress)
@@ -110,10 +112,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     lines += [f"  not recorded: {plain(item)}" for item in trial.unrecorded]
     slow = [defect for defect in trial.log_defects if defect.kind == "decoded_one_by_one"]
     lines += [f"  note: {plain(defect.where)}: {plain(defect.message)}" for defect in slow]
-    if rule_set:
-        lines += ["", f"Under rule set {rule_set.id}"]
-        lines += [
-            f"  {check:<20} {plain(answer)}"
-            for check, answer in decidable(trial, rule_set, mapping, registry)
-        ]
+    if prepared:
+        lines += ["", f"Under rule set {prepared.rule_set.id}"]
+        lines += [f"  {check:<20} {plain(answer)}" for check, answer in decidable(trial, prepared)]
     return lines

@@ -175,11 +175,10 @@ def evaluation_of(competition: Competition, rule_set: RuleSet, spec: Spec) -> Ev
 
 
 def _evaluated(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation:
+    from ariac_score.engine.prepared import log_map_of  # noqa: PLC0415  # keeps --help quick
     from ariac_score.ranking.evaluation import strict_evaluation  # noqa: PLC0415
-    from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415  # keeps --help quick
 
-    log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
-    return strict_evaluation(competition, spec.strict, log_map)
+    return strict_evaluation(competition, spec.strict, log_map_of(rule_set))
 
 
 def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: RuleSet, spec: Spec) -> int:

@@ -161,16 +161,13 @@ def _changed_ranks(competition: Any, first: Any, second: Any) -> Iterator[str]:
 def run_validate(arguments: argparse.Namespace) -> int:
     """Load each rule set, build its checks and load its log map."""
     from ariac_score.checks.registry import Registry  # noqa: PLC0415
-    from ariac_score.engine.signal_needs import check_needs  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-    from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415  # keeps --help quick
+    from ariac_score.engine.prepared import prepare  # noqa: PLC0415  # keeps --help quick
 
     registry = Registry()
     for name in arguments.names:
-        rule_set = load_rule_set(name)
-        checks = rule_set.build(registry)
-        log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
-        check_needs(rule_set, checks, log_map, registry)
+        prepared = prepare(name, registry=registry)
+        prepared.refuse_unknown_quantities()
+        rule_set = prepared.rule_set
         unpriced = sorted(set(rule_set.checks) - rule_set.sheet.priced)
         remark = f"; not priced: {', '.join(unpriced)}" if unpriced else ""
         print(f"{rule_set.id}: sound, {len(rule_set.checks)} checks{remark}")

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 
-from ariac_score.checks.contracts import Monitor, Rule, SignalNeed
+from ariac_score.checks.contracts import SignalNeed
 from ariac_score.checks.findings import Finding, Verdict
-from ariac_score.checks.registry import Registry
 from ariac_score.engine.ask import ask, courses_of
-from ariac_score.engine.signal_needs import needs_of, needs_of_all
+from ariac_score.engine.prepared import Prepared
 from ariac_score.errors import (
     LogError,
 )
@@ -22,12 +20,9 @@ from ariac_score.results.result import (
     declared_units,
 )
 from ariac_score.results.sketch import Sketch, sketch_of
-from ariac_score.scoring.ruleset import Check, RuleSet
+from ariac_score.scoring.ruleset import Check
 from ariac_score.scoring.scope import Scope
-from ariac_score.trial.channels import LogMap
-from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.events import ORDER_ANNOUNCED
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span, longest_silence_s
@@ -36,36 +31,27 @@ from ariac_score.trial.vocabulary import quantity_of
 __all__ = ["decidable", "measure_trial", "needs_alike", "sketch_trial", "stored_findings", "stored_name"]
 
 
-def measure_trial(
-    trial: Trial,
-    checks: Mapping[str, Rule | Monitor],
-    *,
-    registry: Registry,
-    rule_set: RuleSet,
-    known: Result | None = None,
-) -> Measured:
-    """Ask every check about a trial.
+def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = None) -> Measured:
+    """Put every check to a trial.
 
     Args:
         trial: With the derived signals.
-        checks: The built plugins by check name.
-        registry: To name the plugin when one fails.
-        rule_set: Where the checks come from.
-        known: A result whose findings hold for this trial; checks that it has are not asked.
+        prepared: The rule set, with its checks.
+        known: A result whose findings hold for this trial; checks that it has are not run.
 
     Raises:
         PluginError: A plugin raised, said nothing, or yielded something else.
         LogError: A signal is recorded in another unit than a check reads it in.
     """
     findings: dict[str, Finding] = {}
-    for name, check in checks.items():
-        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
-        _refuse_recorded_units(trial, name, needs_of(plugin, name, check))
-        before = stored_name(known, rule_set.checks[name]) if known else None
+    for name, each in prepared.checks.items():
+        _refuse_recorded_units(trial, name, each.needs)
+        wanted = prepared.rule_set.checks[name]
+        before = stored_name(known, wanted) if known else None
         if known and before is not None:
-            said = stored_findings(known, before, rule_set.checks[name])
+            said = stored_findings(known, before, wanted)
         else:
-            said = ask(plugin, name, check, trial)
+            said = ask(each.plugin, name, each.check, trial)
         for number, finding in enumerate(said, start=1):
             findings[f"{name}#{number}"] = finding
     return Measured(
@@ -99,13 +85,13 @@ def stored_findings(known: Result, name: str, check: Check) -> list[Finding]:
     return [f if f.check == check.name else replace(f, check=check.name) for f in said]
 
 
-def needs_alike(first: RuleSet, second: RuleSet, registry: Registry) -> bool:
+def needs_alike(first: Prepared, second: Prepared) -> bool:
     """Whether two rule sets make the same trial of the same files: what one measured holds for the other."""
-    if first.edition != second.edition:
-        return False
-    maps = [load_log_map(r.log_map, beside=Path(r.file).parent).sha256 for r in (first, second)]
-    needs = [list(dict.fromkeys(needs_of_all(r.build(registry), r, registry))) for r in (first, second)]
-    return maps[0] == maps[1] and needs[0] == needs[1]
+    return (
+        first.rule_set.edition == second.rule_set.edition
+        and first.log_map.sha256 == second.log_map.sha256
+        and list(dict.fromkeys(first.needs)) == list(dict.fromkeys(second.needs))
+    )
 
 
 def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed]) -> None:
@@ -121,30 +107,20 @@ def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed])
             )
 
 
-def sketch_trial(
-    trial: Trial,
-    checks: Mapping[str, Rule | Monitor],
-    measured: Measured,
-    *,
-    registry: Registry,
-    rule_set: RuleSet,
-) -> Sketch:
+def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch:
     """What a page draws of a trial, finest where something was found.
 
     Args:
         trial: With the derived signals.
-        checks: The built plugins by check name.
+        prepared: The rule set, with its checks.
         measured: What they found.
-        registry: To name the plugin when one fails.
-        rule_set: Where the checks come from.
 
     Raises:
         PluginError: A monitor cannot show what it saw.
     """
-    courses = {}
-    for name, check in checks.items():
-        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
-        courses[name] = courses_of(plugin, name, check, trial)
+    courses = {
+        name: courses_of(each.plugin, name, each.check, trial) for name, each in prepared.checks.items()
+    }
     found = sorted(
         (f for f in measured.findings.values() if f.robustness is not None and (f.span or f.evidence)),
         key=lambda f: f.robustness or 0.0,
@@ -198,21 +174,16 @@ def _coverage(signal: Signal, window: Span | None) -> Coverage:
     return Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source)
 
 
-def decidable(trial: Trial, rule_set: RuleSet, log_map: LogMap, registry: Registry) -> list[tuple[str, str]]:
+def decidable(trial: Trial, prepared: Prepared) -> list[tuple[str, str]]:
     """For each check of a rule set whether this trial can decide it, and if not, why.
 
     Args:
         trial: As read, with every quantity the log has.
-        rule_set: Whose checks are asked.
-        log_map: For how speeds are derived.
-        registry: The installed plugins.
+        prepared: The rule set, with its checks.
     """
-    checks = rule_set.build(registry)
-    wanted = [Derivation(n.quantity, n.max_gap_s) for n in needs_of_all(checks, rule_set, registry)]
-    derived = derive_signals(trial, wanted, speed_window_s=log_map.speed_window_s)
-    measured = measure_trial(derived, checks, registry=registry, rule_set=rule_set)
+    measured = measure_trial(prepared.derived(trial), prepared)
     answers = []
-    for name in rule_set.checks:
+    for name in prepared.checks:
         found = measured.of(name).values()
         undecided = [f for f in found if f.verdict is Verdict.INCONCLUSIVE]
         idle = [f for f in found if f.verdict is Verdict.NOT_APPLICABLE]

@@ -11,18 +11,14 @@ from importlib.metadata import version
 from pathlib import Path
 from threading import Event
 
-from ariac_score.checks.registry import Registry, package_sha256
+from ariac_score.checks.registry import package_sha256
+from ariac_score.engine.prepared import Prepared
 from ariac_score.errors import (
     LogError,
 )
 from ariac_score.logs.bundle import Bundle, Part, name_from
 from ariac_score.logs.containers.ranged import ranged
-from ariac_score.results.result import (
-    Provenance,
-    Source,
-)
-from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.trial.channels import LogMap
+from ariac_score.results.result import Provenance, Source
 
 __all__ = ["code_of", "engine_code", "file_hashes", "hashing_files", "provenance_of", "refuse_other_contents"]
 
@@ -49,11 +45,10 @@ def hashing_files(bundle: Bundle, *, beside: bool) -> Iterator[Callable[[], tupl
             stopped.set()
 
 
-def provenance_of(
-    bundle: Bundle, inputs: tuple[Source, ...], rule_set: RuleSet, log_map: LogMap, registry: Registry
-) -> Provenance:
+def provenance_of(bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared) -> Provenance:
     """What a result rests on: its inputs, its rules, and the packages of all plugins that took part."""
-    plugins = [registry.find(check.group, check.use) for check in rule_set.checks.values()]
+    rule_set, log_map, registry = prepared.rule_set, prepared.log_map, prepared.registry
+    plugins = [each.plugin for each in prepared.checks.values()]
     plugins += [registry.find("ariac_score.readers", part.reader) for part in bundle.parts]
     plugins += [
         registry.find("ariac_score.decoders", channel.decoder)
@@ -70,13 +65,14 @@ def provenance_of(
     )
 
 
-def code_of(rule_set: RuleSet, registry: Registry) -> tuple[tuple[str, str, str, str], ...]:
+def code_of(prepared: Prepared) -> tuple[tuple[str, str, str, str], ...]:
     """All code a measurement may depend on: distribution, version, package, SHA-256.
 
     That is the engine, the plugins of the checks, and every reader and decoder, for each of them
     may take part in the reading.
     """
-    plugins = [registry.find(check.group, check.use) for check in rule_set.checks.values()]
+    registry = prepared.registry
+    plugins = [each.plugin for each in prepared.checks.values()]
     plugins += [p for group in ("ariac_score.readers", "ariac_score.decoders") for p in registry.all(group)]
     packages = {(p.distribution, p.version, p.package) for p in plugins}
     return tuple(sorted({engine_code(), *((d, v, p, package_sha256(p)) for d, v, p in packages)}))

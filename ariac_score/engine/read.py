@@ -9,7 +9,7 @@ from pathlib import Path
 from ariac_score.checks.contracts import Decoder, KitFinder, Likening, Reader, Wanted
 from ariac_score.checks.guarded import GuardedDecoder, GuardedReader, open_readers
 from ariac_score.checks.registry import Registry
-from ariac_score.engine.signal_needs import needs_of_all
+from ariac_score.engine.prepared import Prepared
 from ariac_score.errors import (
     DataFileError,
     LogMapError,
@@ -23,12 +23,12 @@ from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.kits import with_contents
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import TeamSetup, Trial
 
 __all__ = [
     "find_trial",
     "no_progress",
+    "read_needed",
     "read_trial",
     "refuse_other_years",
     "topics_read",
@@ -84,11 +84,9 @@ def with_unknown_products(trial: Trial, rule_set: RuleSet, registry: Registry) -
     return replace(trial, log_defects=(*trial.log_defects, *unknown))
 
 
-def topics_read(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
+def topics_read(prepared: Prepared) -> frozenset[str]:
     """The topics whose messages a rule set reads of a recording, with and without leading slash."""
-    mapping = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
-    needs = needs_of_all(rule_set.build(registry), rule_set, registry)
-    channels = mapping.channels_for(source_quantities(need.quantity for need in needs))
+    channels = prepared.log_map.channels_for(source_quantities(prepared.quantities))
     names = {channel.topic.lstrip("/") for channel in channels}
     return frozenset(name for plain in names for name in (plain, f"/{plain}"))
 
@@ -172,6 +170,41 @@ def read_trial(
         )
     progress(1.0)
     return trial
+
+
+def read_needed(
+    bundle: Bundle,
+    readers: Mapping[str, Reader],
+    prepared: Prepared,
+    *,
+    progress: Progress = no_progress,
+    jobs: int = 0,
+    orders: bool | None = None,
+) -> Trial:
+    """The trial of a bundle, with whatever the checks of a rule set need of it; nothing is derived yet.
+
+    Args:
+        bundle: What to read.
+        readers: By name.
+        prepared: The rule set.
+        progress: Called with the share done.
+        jobs: Threads that read a recording; see `read_trial`.
+        orders: Whether a trial without any order is none; by default where the rules are about orders.
+
+    Raises:
+        LogError: A part is damaged, or two parts contradict each other.
+        NothingToScoreError: There is no record of a trial, or no order where the rules are about orders.
+    """
+    return read_trial(
+        bundle,
+        readers,
+        prepared.log_map,
+        prepared.registry,
+        quantities=prepared.quantities,
+        progress=progress,
+        jobs=jobs,
+        orders=prepared.rule_set.about_orders if orders is None else orders,
+    )
 
 
 def _decoders(log_map: LogMap, registry: Registry) -> dict[str, Decoder]:

@@ -12,37 +12,30 @@ from pathlib import Path
 from ariac_score.checks.guarded import open_readers
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial, sketch_trial
+from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.engine.provenance import hashing_files, provenance_of, refuse_other_contents
 from ariac_score.engine.read import (
     Progress,
     find_trial,
     no_progress,
-    read_trial,
+    read_needed,
     refuse_other_years,
     with_names,
     with_unknown_products,
 )
 from ariac_score.engine.settings import settings_of
-from ariac_score.engine.signal_needs import check_needs, needs_of_all, refuse_other_units
-from ariac_score.errors import (
-    LogError,
-)
+from ariac_score.errors import LogError
 from ariac_score.logs.bundle import Bundle, with_parts
-from ariac_score.results.result import (
-    Result,
-)
-from ariac_score.scoring.ruleset import RuleSet, load_rule_set
-from ariac_score.trial.derive import Derivation, derive_signals
-from ariac_score.trial.logmap import load_log_map
-from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score.results.result import Result
+from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["check_configuration", "check_needs", "score_trial"]
+__all__ = ["check_configuration", "score_trial"]
 
 
 def score_trial(
     path: Path,
-    rules: str | RuleSet,
+    rules: str | RuleSet | Prepared,
     *,
     log_map: str = "",
     registry: Registry | None = None,
@@ -59,7 +52,7 @@ def score_trial(
 
     Args:
         path: A log, a rosbag2 folder, a bundle folder, or a `bundle.yaml`.
-        rules: A rule set or its name.
+        rules: A rule set or its name; prepared already (`prepare`) where many trials are scored by it.
         log_map: Log map to use instead of the rule set's own.
         registry: The installed plugins, where the caller has them already.
         progress: Called with the share done, 0 to 1.
@@ -77,37 +70,21 @@ def score_trial(
     Raises:
         ScoreError: For everything a user can act on; see `ariac_score.errors`.
     """
-    registry = registry or Registry()
-    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules)
-    checks = rule_set.build(registry)
-    mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
+    prepared = prepare(rules, log_map=log_map, registry=registry)
+    rule_set, registry = prepared.rule_set, prepared.registry
     bundle, readers = find_trial(path, registry)
     bundle = with_parts(bundle, also, root or path, readers, binding=binding)
     refuse_other_years(bundle, readers, rule_set)
-    refuse_other_units(rule_set, checks, {**QUANTITIES, **mapping.quantities}, registry)
-    needs = needs_of_all(checks, rule_set, registry)
-    quantities = [need.quantity for need in needs]
     with hashing_files(bundle, beside=jobs != 1) as hashes:
-        trial = read_trial(
-            bundle,
-            readers,
-            mapping,
-            registry,
-            quantities=quantities,
-            progress=progress,
-            jobs=jobs,
-            orders=rule_set.about_orders,
-        )
+        trial = read_needed(bundle, readers, prepared, progress=progress, jobs=jobs)
         trial = with_unknown_products(with_names(trial, trial_id, team), rule_set, registry)
-        wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
-        trial = derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
-        measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set, known=known)
-        sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
+        trial = prepared.derived(trial)
+        measured = measure_trial(trial, prepared, known=known)
+        sketch = sketch_trial(trial, prepared, measured)
         inputs = hashes()
     refuse_other_contents(bundle, inputs)
-    provenance = provenance_of(bundle, inputs, rule_set, mapping, registry)
-    settings = settings_of(checks, registry=registry, rule_set=rule_set)
-    return price_trial(replace(measured, sketch=sketch, settings=settings), rule_set, provenance)
+    measured = replace(measured, sketch=sketch, settings=settings_of(prepared))
+    return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared))
 
 
 def check_configuration(path: Path, rule_set: RuleSet) -> None:
@@ -119,7 +96,7 @@ def check_configuration(path: Path, rule_set: RuleSet) -> None:
     """
     readers, _ = open_readers(Registry())
     bundle = with_parts(Bundle(path.stem, path, ()), [path], path, readers)
-    refuse_other_years(bundle, rule_set)
+    refuse_other_years(bundle, readers, rule_set)
     (part,) = bundle.parts
     if part.role != "trial_config":
         raise LogError(

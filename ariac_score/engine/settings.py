@@ -12,31 +12,25 @@ from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import Resolving
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.parameters import ParameterFacts, unit_told_by
-from ariac_score.checks.registry import Plugin, Registry, parameters_of
+from ariac_score.checks.registry import Plugin, parameters_of
+from ariac_score.engine.prepared import Prepared
 from ariac_score.results.result import Setting, Settings, canonical
-from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["plain_value", "settings_of"]
 
 _SOURCE = re.compile(r"^Source:\n((?:(?:[ ]{4}.*)?\n)+)", re.MULTILINE)
 
 
-def settings_of(checks: Mapping[str, Any], *, registry: Registry, rule_set: RuleSet) -> dict[str, Settings]:
+def settings_of(prepared: Prepared) -> dict[str, Settings]:
     """Every parameter in force, by check.
-
-    Args:
-        checks: The built plugins by check name.
-        registry: To find what the plugins declare.
-        rule_set: Which values it gives.
 
     Raises:
         PluginError: A plugin cannot say what its parameters come to.
     """
     found = {}
-    for name, check in checks.items():
-        used = rule_set.checks[name]
-        plugin = registry.find(used.group, used.use)
-        found[name] = Settings(_source(check), tuple(_settings(plugin, name, check, used.parameters)))
+    for name, each in prepared.checks.items():
+        given = prepared.rule_set.checks[name].parameters
+        found[name] = Settings(_source(each.check), tuple(_settings(each.plugin, name, each.check, given)))
     return found
 
 

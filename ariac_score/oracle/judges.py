@@ -26,14 +26,13 @@ from ariac_score.checks.contracts import (
 from ariac_score.checks.findings import Verdict
 from ariac_score.checks.guarded import GuardedDecoder, broken
 from ariac_score.checks.registry import Plugin, Registry
-from ariac_score.engine.score import check_needs
+from ariac_score.engine.prepared import prepare
 from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
 from ariac_score.logs.containers.items import normalised_type
 from ariac_score.logs.rosmonitoring import channel_of, clock_of, fields_of, stamp_s
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.channels import FieldMap, LogMap
 from ariac_score.trial.events import Event as Happened
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Body
 from ariac_score.trial.signals import LARGEST_VALUE, Sample
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
@@ -123,19 +122,17 @@ class RulesBench:
 
     def __init__(self, rule_set: RuleSet, registry: Registry, *, log_map: str = "") -> None:
         self.rule_set = rule_set
-        self._map = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
-        checks = rule_set.build(registry)
-        check_needs(rule_set, checks, self._map)
+        prepared = prepare(rule_set, log_map=log_map, registry=registry)
+        prepared.refuse_unknown_quantities()
+        self._map = prepared.log_map
         self._lives: list[_Live] = []
         later: dict[str, str] = {}
-        for name, check in checks.items():
-            used = rule_set.checks[name]
+        for name, each in prepared.checks.items():
+            check = each.check
             why_not = _why_later(check, self._map)
             if not why_not:
-                gaps_s = (need.max_gap_s for need in check.needs() if not need.optional)
-                gap_s = min(gaps_s, default=math.inf)
-                plugin = registry.find(used.group, used.use)
-                live = _Live(name, plugin, check, _signals_for(check, self._map), gap_s)
+                gap_s = min((need.max_gap_s for need in each.needs if not need.optional), default=math.inf)
+                live = _Live(name, each.plugin, check, _signals_for(check, self._map), gap_s)
                 why_not = str(getattr(_begun(live, self._map.bodies), "undecided", ""))
             if why_not:
                 later[name] = why_not

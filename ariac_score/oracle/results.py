@@ -7,20 +7,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.contracts import Monitor, Wanted
-from ariac_score.checks.guarded import GuardedDecoder
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
-from ariac_score.engine.read import find_trial
+from ariac_score.engine.prepared import prepare
+from ariac_score.engine.read import find_trial, read_needed
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import NothingToScoreError, ScoreError
 from ariac_score.oracle.conversation import Conversation
 from ariac_score.results.result import Measured
 from ariac_score.results.result_file import as_json, findings_json
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.trial.build import merge_trials
-from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
-from ariac_score.trial.logmap import load_log_map
 
 __all__ = ["SCHEMA", "report_json", "write_results"]
 
@@ -86,20 +82,10 @@ def _measured(log: Path, rule_set: RuleSet, log_map: str, registry: Registry) ->
     Raises:
         ScoreError: The log holds nothing at all, or a plugin fails.
     """
-    checks = rule_set.build(registry)
-    mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
-    needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
+    prepared = prepare(rule_set, log_map=log_map, registry=registry)
     bundle, readers = find_trial(log, registry)
-    plugins = {
-        c.decoder: registry.find("ariac_score.decoders", c.decoder) for c in mapping.channels if c.decoder
-    }
-    decoders = {name: GuardedDecoder(plugin, plugin.build({})) for name, plugin in plugins.items()}
-    wanted = Wanted(mapping, source_quantities(need.quantity for need in needs), decoders)
-    trials = [readers[part.reader].read(part.path, wanted) for part in bundle.parts]
-    trial = merge_trials(trials[0].id, trials, file=log)
-    derivations = [Derivation(need.quantity, need.max_gap_s) for need in needs]
-    derived = derive_signals(trial, derivations, speed_window_s=mapping.speed_window_s)
-    return measure_trial(derived, checks, registry=registry, rule_set=rule_set)
+    trial = read_needed(bundle, readers, prepared, orders=False)
+    return measure_trial(prepared.derived(trial), prepared)
 
 
 def report_json(

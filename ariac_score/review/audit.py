@@ -16,10 +16,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ariac_score.checks.contracts import Monitor, Reader, Wanted
+from ariac_score.checks.contracts import Reader, Wanted
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
-from ariac_score.engine.read import find_trial, read_trial, refuse_other_years
+from ariac_score.engine.prepared import prepare
+from ariac_score.engine.read import find_trial, read_needed, refuse_other_years
 from ariac_score.errors import FormulaError, NothingToScoreError, UsageError
 from ariac_score.logs.bundle import Bundle
 from ariac_score.review.certainty import Certain, Value
@@ -28,8 +29,6 @@ from ariac_score.scoring.expression import Number
 from ariac_score.scoring.printed import PrintedBlock, PrintedItem, PrintedText, number_of
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_names
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.derive import Derivation, derive_signals
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import OfficialOrder, OfficialResult, Order, Trial
 
 __all__ = ["AGREE", "CANNOT_BE_JUDGED", "DIFFER", "Audit", "Item", "Sum", "audit"]
@@ -343,20 +342,9 @@ class _Look:
             return None
 
     def _measured(self, bundle: Bundle, rule_set: RuleSet) -> tuple[Trial, Certain]:
-        checks = rule_set.build(self.registry)
-        log_map = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
-        needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
-        trial = read_trial(
-            bundle,
-            self.readers,
-            log_map,
-            self.registry,
-            quantities=[need.quantity for need in needs],
-            progress=self.progress,
-        )
-        wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
-        trial = derive_signals(trial, wanted, speed_window_s=log_map.speed_window_s)
-        measured = measure_trial(trial, checks, registry=self.registry, rule_set=rule_set)
+        prepared = prepare(rule_set, registry=self.registry)
+        trial = prepared.derived(read_needed(bundle, self.readers, prepared, progress=self.progress))
+        measured = measure_trial(trial, prepared)
         timed = trial.started_s is not None and trial.ended_s is not None
         return trial, Certain(rule_set, measured, _rounding(bundle), timed)
 

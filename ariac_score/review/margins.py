@@ -20,17 +20,15 @@ from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import OnlineMonitor, Standing
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.guarded import broken
-from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.checks.registry import Plugin
 from ariac_score.engine.ask import margins_of
+from ariac_score.engine.prepared import Prepared
 from ariac_score.engine.provenance import file_hashes
-from ariac_score.engine.read import find_trial, read_trial
+from ariac_score.engine.read import find_trial, read_needed
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import ResultError
 from ariac_score.results.result import Result
-from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.course import Course
-from ariac_score.trial.derive import Derivation, derive_signals
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal
 from ariac_score.trial.spans import FloatArray, Span
@@ -154,15 +152,14 @@ class _Sampled(Track):
         return tuple(moment for part in self._made() for moment in part.moments())
 
 
-def read_again(result: Result, path: Path, rule_set: RuleSet, *, log_map: str, registry: Registry) -> Trial:
+def read_again(result: Result, path: Path, prepared: Prepared) -> Trial:
     """The trial of a result, read from its log with every signal its monitors need.
 
     Raises:
         ResultError: The log is not one the result was made from.
         ScoreError: The log cannot be read.
     """
-    mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
-    bundle, readers = find_trial(path, registry)
+    bundle, readers = find_trial(path, prepared.registry)
     known = {source.sha256 for source in result.provenance.inputs}
     for source in file_hashes(bundle):
         if source.role == "log" and source.sha256 not in known:
@@ -171,44 +168,25 @@ def read_again(result: Result, path: Path, rule_set: RuleSet, *, log_map: str, r
                 file=path,
                 hint="give the log the result is of; 'ariac-score verify' says what differs",
             )
-    needs = [
-        need
-        for plugin, name, check in _monitors(rule_set, registry)
-        for need in needs_of(plugin, name, check)
-    ]
-    trial = read_trial(
-        bundle,
-        readers,
-        mapping,
-        registry,
-        quantities=[need.quantity for need in needs],
-        orders=rule_set.about_orders,
-    )
-    wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
-    return derive_signals(trial, wanted, speed_window_s=mapping.speed_window_s)
+    return prepared.derived(read_needed(bundle, readers, prepared))
 
 
-def _monitors(rule_set: RuleSet, registry: Registry) -> Iterator[tuple[Plugin, str, object]]:
-    for name, check in rule_set.build(registry).items():
-        used = rule_set.checks[name]
-        if used.group == "ariac_score.monitors":
-            yield registry.find(used.group, used.use), name, check
-
-
-def tracks(result: Result, trial: Trial, rule_set: RuleSet, *, registry: Registry) -> list[Track]:
+def tracks(result: Result, trial: Trial, prepared: Prepared) -> list[Track]:
     """What every monitor says over time, in the order of the rule set.
 
     Args:
         result: The result.
         trial: Its trial, with the derived signals.
-        rule_set: By which it was scored.
-        registry: The installed plugins.
+        prepared: The rules by which it was scored.
 
     Raises:
         PluginError: A monitor raised.
     """
     found: list[Track] = []
-    for plugin, name, check in _monitors(rule_set, registry):
+    for name, each in prepared.checks.items():
+        plugin, check = each.plugin, each.check
+        if plugin.group != "ariac_score.monitors":
+            continue
         findings = list(result.measured.of(name).values())
         own = _sampled(name, margins_of(plugin, name, check, trial), findings)
         if not own and isinstance(check, OnlineMonitor):

@@ -11,14 +11,13 @@ from pathlib import Path
 
 from ariac_score.checks.findings import Verdict
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.read import Progress, find_trial
 from ariac_score.engine.score import score_trial
-from ariac_score.engine.signal_needs import needs_of
 from ariac_score.results.result import Result
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.trial.channels import Channel, LogMap
+from ariac_score.trial.channels import Channel
 from ariac_score.trial.derive import source_quantities
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import quantity_of
 
@@ -91,8 +90,7 @@ def check_log(
     """
     registry = registry or Registry()
     result = score_trial(path, rule_set, log_map=log_map, registry=registry, progress=progress)
-    mapping = load_log_map(log_map or rule_set.log_map, beside=Path(rule_set.file).parent)
-    lacks = list(_lacks(result, rule_set, mapping, registry, path))
+    lacks = list(_lacks(result, prepare(rule_set, log_map=log_map, registry=registry), path))
     undecided = {lack.what for lack in lacks}
     return Readiness(
         result=result,
@@ -105,9 +103,7 @@ def check_log(
 _ORDER = ("withholds", "costs", "nothing")
 
 
-def _lacks(
-    result: Result, rule_set: RuleSet, log_map: LogMap, registry: Registry, path: Path
-) -> Iterator[Lack]:
+def _lacks(result: Result, prepared: Prepared, path: Path) -> Iterator[Lack]:
     policies = {assumption.check: assumption.policy for assumption in result.assumptions}
     causes: dict[str, str] = {}
     spans: dict[str, list[Span]] = {}
@@ -116,12 +112,12 @@ def _lacks(
             causes.setdefault(finding.check, f"{finding.subject}: {finding.message}")
             if finding.span is not None:
                 spans.setdefault(finding.check, []).append(finding.span)
-    recorded = _recorded(path, registry) if causes else frozenset()
+    recorded = _recorded(path, prepared.registry) if causes else frozenset()
     for check, cause in causes.items():
         policy = policies.get(check)
         effect = "nothing" if policy is None else "withholds" if policy == "withhold" else "costs"
         words = cause + _and_others(spans.get(check, []))
-        yield Lack(check, effect, words, _remedy(check, rule_set, log_map, registry, recorded))
+        yield Lack(check, effect, words, _remedy(check, prepared, recorded))
     if result.status == "incomplete" and result.missing:
         yield Lack("score", "withholds", result.missing, "add the trial configuration, or record the orders")
 
@@ -145,14 +141,10 @@ def _recorded(path: Path, registry: Registry) -> frozenset[str]:
     )
 
 
-def _remedy(
-    check: str, rule_set: RuleSet, log_map: LogMap, registry: Registry, recorded: frozenset[str]
-) -> str:
+def _remedy(check: str, prepared: Prepared, recorded: frozenset[str]) -> str:
     """Which topics would have decided a check."""
-    used = rule_set.checks[check]
-    plugin = registry.find(used.group, used.use)
-    asked = needs_of(plugin, check, rule_set.build(registry)[check])
-    needs = [need for need in asked if not need.optional]
+    log_map = prepared.log_map
+    needs = [need for need in prepared.checks[check].needs if not need.optional]
     if not needs:
         topics = [channel.topic for channel in log_map.channels if channel.decoder]
         return _words(topics, recorded, "its orders and submissions come from")

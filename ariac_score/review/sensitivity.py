@@ -14,11 +14,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from ariac_score.checks.contracts import Monitor, SignalNeed
+from ariac_score.checks.contracts import Monitor
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
+from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import reprice
-from ariac_score.engine.read import find_trial, read_trial
+from ariac_score.engine.read import find_trial, read_needed
 from ariac_score.errors import (
     DataFileError,
     FormulaError,
@@ -35,9 +36,7 @@ from ariac_score.results.result import Measured, Result
 from ariac_score.scoring.ledger import rounded
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.trial.channels import LogMap
-from ariac_score.trial.derive import Derivation, derive_signals
-from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.derive import Derivation
 from ariac_score.trial.model import Trial
 
 __all__ = [
@@ -210,38 +209,27 @@ class _Log:
         self, path: Path, rule_set: RuleSet, registry: Registry, *, also: tuple[Path, ...] = ()
     ) -> None:
         self.registry = registry
-        self.mapping: LogMap = load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent)
         bundle, readers = find_trial(path, registry)
         bundle = with_parts(bundle, also, path, readers)
-        needs = [n for c in rule_set.build(registry).values() if isinstance(c, Monitor) for n in c.needs()]
-        self.trial: Trial = read_trial(
-            bundle,
-            readers,
-            self.mapping,
-            registry,
-            quantities=[need.quantity for need in needs],
-            orders=rule_set.about_orders,
-        )
+        self.trial = read_needed(bundle, readers, prepare(rule_set, registry=registry))
         self._last: tuple[tuple[Derivation, ...], Trial] | None = None
 
     def measure(self, rule_set: RuleSet, only: str = "") -> Measured:
         """What the checks of a rule set find in it, or one of them alone."""
-        checks = rule_set.build(self.registry)
+        prepared = prepare(rule_set, registry=self.registry)
         # What is derived depends on the needs of all, so it is that of all even for one.
-        needs = [need for check in checks.values() if isinstance(check, Monitor) for need in check.needs()]
-        asked = {only: checks[only]} if only else checks
-        return measure_trial(self._derived(needs), asked, registry=self.registry, rule_set=rule_set)
+        trial = self._derived(prepared)
+        return measure_trial(trial, prepared.only([only]) if only else prepared)
 
     def measure_again(self, measured: Measured, rule_set: RuleSet, check: str) -> Measured:
         """What was measured, with what one check finds now."""
         kept = {name: f for name, f in measured.findings.items() if f.check != check}
         return replace(measured, findings={**kept, **self.measure(rule_set, check).findings})
 
-    def _derived(self, needs: list[SignalNeed]) -> Trial:
-        wanted = tuple(Derivation(need.quantity, need.max_gap_s) for need in needs)
+    def _derived(self, prepared: Prepared) -> Trial:
+        wanted = prepared.derivations
         if self._last is None or self._last[0] != wanted:
-            trial = derive_signals(self.trial, wanted, speed_window_s=self.mapping.speed_window_s)
-            self._last = wanted, trial
+            self._last = wanted, prepared.derived(self.trial)
         return self._last[1]
 
 

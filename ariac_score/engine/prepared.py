@@ -1,0 +1,153 @@
+"""A rule set ready to be put to trials: its checks built, what they need known, its log map loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ariac_score.checks.contracts import SignalNeed
+from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.engine.signal_needs import needs_of
+from ariac_score.errors import RuleSetError, did_you_mean
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.model import Trial
+from ariac_score.trial.vocabulary import QUANTITIES
+
+__all__ = ["Prepared", "PreparedCheck", "log_map_of", "prepare"]
+
+
+@dataclass(frozen=True)
+class PreparedCheck:
+    """A check of a rule set, built.
+
+    Attributes:
+        name: As in the rule set.
+        plugin: What it is an instance of, to name it when it fails.
+        check: The rule or monitor, with its parameters.
+        needs: The signals it reads; none for a rule.
+    """
+
+    name: str
+    plugin: Plugin
+    check: Any
+    needs: tuple[SignalNeed, ...]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A rule set with all that measuring by it takes; made once, by `prepare`.
+
+    Attributes:
+        rule_set: As loaded.
+        log_map: Its own, or the one to use instead.
+        registry: The installed plugins.
+        checks: By name, in the order of the rule set.
+    """
+
+    rule_set: RuleSet
+    log_map: LogMap
+    registry: Registry
+    checks: Mapping[str, PreparedCheck]
+
+    @property
+    def needs(self) -> tuple[SignalNeed, ...]:
+        """What all its checks need, in their order."""
+        return tuple(need for each in self.checks.values() for need in each.needs)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The quantities its checks read."""
+        return tuple(need.quantity for need in self.needs)
+
+    @property
+    def derivations(self) -> tuple[Derivation, ...]:
+        """Every signal that is derived where the log does not have it, with the longest gap it may cross."""
+        return tuple(Derivation(need.quantity, need.max_gap_s) for need in self.needs)
+
+    def derived(self, trial: Trial) -> Trial:
+        """The trial with the signals that its checks need and that can be derived from what it has."""
+        return derive_signals(trial, self.derivations, speed_window_s=self.log_map.speed_window_s)
+
+    def only(self, names: Iterable[str]) -> Prepared:
+        """The same with some of its checks alone."""
+        return replace(self, checks={name: self.checks[name] for name in names})
+
+    def refuse_unknown_quantities(self) -> None:
+        """Find monitors that ask for quantities nobody has heard of, before a log is read.
+
+        A log may measure quantities that its map does not declare, so scoring does not ask this.
+
+        Raises:
+            RuleSetError: Naming the check and the quantity.
+        """
+        known = {**QUANTITIES, **self.log_map.quantities}
+        for name, each in self.checks.items():
+            for need in each.needs:
+                if need.quantity not in known:
+                    raise RuleSetError(
+                        f"check {name!r} asks for the quantity {need.quantity!r}, which is unknown",
+                        file=self.rule_set.file,
+                        place=self.rule_set.checks[name].place.get("use", name),
+                        hint=did_you_mean(need.quantity, known, what="known")
+                        + "; declare it under 'quantities:' in the log map",
+                    )
+
+    def refuse_other_units(self) -> None:
+        """Refuse a monitor that would read a quantity in another unit than it is measured in.
+
+        Raises:
+            RuleSetError: Naming the check, its plugin and both units.
+        """
+        known = {**QUANTITIES, **self.log_map.quantities}
+        for name, each in self.checks.items():
+            for need in each.needs:
+                measured = known.get(need.quantity)
+                if measured is not None and measured.unit != need.unit:
+                    raise RuleSetError(
+                        f"check {name!r}: plugin {each.plugin.origin} reads {need.quantity!r} in "
+                        f"{need.unit!r}, but it is measured in {measured.unit!r}",
+                        file=self.rule_set.file,
+                        place=self.rule_set.checks[name].place.get("use", name),
+                        hint=f"read it in {measured.unit!r}: in its parameters where they name the unit, "
+                        f"else in the code of {each.plugin.distribution}",
+                    )
+
+
+def prepare(
+    rules: str | RuleSet | Prepared, *, log_map: str = "", registry: Registry | None = None
+) -> Prepared:
+    """Build the checks of a rule set, learn what they need, and load its log map.
+
+    Args:
+        rules: A rule set or its name; one that is prepared already is taken as it is.
+        log_map: Log map to use instead of the rule set's own.
+        registry: The installed plugins, where the caller has them already.
+
+    Raises:
+        ScoreError: The rules, a plugin or the log map cannot be used.
+    """
+    if isinstance(rules, Prepared):
+        return rules
+    registry = registry or Registry()
+    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules)
+    checks = {}
+    for name, check in rule_set.build(registry).items():
+        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        checks[name] = PreparedCheck(name, plugin, check, tuple(needs_of(plugin, name, check)))
+    prepared = Prepared(rule_set, log_map_of(rule_set, log_map), registry, checks)
+    prepared.refuse_other_units()
+    return prepared
+
+
+def log_map_of(rule_set: RuleSet, instead: str = "") -> LogMap:
+    """The log map of a rule set, which may lie beside its file, or another one instead of it.
+
+    Raises:
+        LogMapError: There is no such log map, or it is malformed.
+    """
+    return load_log_map(instead or rule_set.log_map, beside=Path(rule_set.file).parent)
