@@ -36,6 +36,7 @@ from ariac_score import (
     price_trial,
 )
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
 
 EVALUATION, DOCUMENTED = "ariac2024.evaluation", "ariac2024.as_documented"
@@ -97,7 +98,7 @@ def rules_of(name: str) -> tuple[RuleSet, Registry]:
 
 def measured(team: Team, rules: str) -> Measured:
     rule_set, registry = rules_of(rules)
-    return measure_trial(trial_of(team), rule_set.build(registry), registry=registry, rule_set=rule_set)
+    return measure_trial(trial_of(team), prepare(rule_set, registry=registry))
 
 
 def cohort_of(teams: Sequence[Team], rules: str) -> Cohort:

@@ -38,6 +38,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.cli import main
 from ariac_score.engine import score as engine
 from ariac_score.engine.measure import needs_alike
+from ariac_score.engine.prepared import prepare
 from ariac_score.errors import BatchError, NothingToScoreError, UsageError
 from ariac_score.results.result_file import as_json
 from ariac_score.scoring.ruleset import expanded_yaml, rule_set_from_text
@@ -806,9 +807,9 @@ def test_rules_that_ask_for_other_signals_share_no_measurement() -> None:
     registry, first = Registry(), load_rule_set("paper2020")
     again = rule_set_from_text(expanded_yaml(first), file=first.file)
 
-    assert needs_alike(first, replace(again, file=first.file), registry)
-    assert not needs_alike(first, load_rule_set("ariac2024.official"), registry)
-    assert not needs_alike(first, load_rule_set(RULES), registry)
+    assert needs_alike(prepare(first), prepare(replace(again, file=first.file)))
+    assert not needs_alike(prepare(first), prepare("ariac2024.official"))
+    assert not needs_alike(prepare(first), prepare(RULES))
 
 
 # What goes wrong in a process ------------------------------------------------------------
@@ -937,7 +938,7 @@ def test_a_worker_that_sees_no_folder_asks_only_the_checks_that_changed(trials: 
     document = document.replace(said, ours)
     task = Task("", "a.jsonl", 1, str(trials / "a.jsonl"), earlier=row.object)
     task = replace(task, earlier_sha256=sha256(document).hexdigest())
-    setting = replace(Setting.of(second, LIMITS), earlier_basis=address.basis_of(first, Registry()))
+    setting = replace(Setting.of(second, LIMITS), earlier_basis=address.basis_of(prepare(first)))
 
     with_it, without = (measure_apart(task, setting, earlier).document for earlier in (document, b""))
     other = measure_apart(replace(task, earlier_sha256="0" * 64), setting, document).document

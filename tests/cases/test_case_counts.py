@@ -19,6 +19,7 @@ import yaml
 
 from ariac_score import Finding, RuleSet, Verdict, load_rule_set, measure_trial
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.errors import FormulaError, NeedsCohortError
 from ariac_score.results.result import Measured
 from ariac_score.scoring.cohort import CohortValues
@@ -70,8 +71,8 @@ def load(name: str) -> RuleSet:
 
 
 @cache
-def built(name: str) -> dict[str, Any]:
-    return load(name).build(REGISTRY)
+def built(name: str) -> Prepared:
+    return prepare(load(name), registry=REGISTRY)
 
 
 @cache
@@ -97,7 +98,7 @@ def sides_of(
         parameters = {**rule_set.sheet.parameters, **case["parameters"]}
         rule_set = replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters))
     trial = WORKED["trial_of"](case)
-    measured = measure_trial(trial, built(rules), registry=REGISTRY, rule_set=rule_set)
+    measured = measure_trial(trial, replace(built(rules), rule_set=rule_set))
     values = valuing(rule_set, measured, WORKED["cohort_of"](case, rules), expected)
     as_found = values(measured.findings)
     for check in open_:

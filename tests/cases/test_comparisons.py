@@ -11,6 +11,7 @@ import pytest
 
 from ariac_score import load_rule_set, measure_trial
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
 from ariac_score.review.certainty import Certain
 from ariac_score.review.comparison import Comparison, compare_rules
 
@@ -22,8 +23,7 @@ CASES = [p for p in WORKED["worked_cases"]() if load_rule_set(p.values[0]["rules
 def certain(case: Mapping[str, Any], rules: str) -> Certain:
     rule_set = load_rule_set(rules)
     trial = WORKED["trial_of"](case)
-    checks = rule_set.build(REGISTRY)
-    return Certain(rule_set, measure_trial(trial, checks, registry=REGISTRY, rule_set=rule_set))
+    return Certain(rule_set, measure_trial(trial, prepare(rule_set, registry=REGISTRY)))
 
 
 def compared(case: Mapping[str, Any]) -> Comparison:

@@ -35,7 +35,7 @@ from ariac_score import (
     measure_trial,
     score_trial,
 )
-from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.results.result import Measured, Provenance, canonical
 from ariac_score.scoring.expression import Traced
@@ -261,11 +261,10 @@ class Points(NamedTuple):
 
 class Referee:
     def __init__(self, rule_set: RuleSet) -> None:
-        self.rule_set, self.registry = rule_set, Registry()
-        self.checks = rule_set.build(self.registry)
+        self.rule_set, self.prepared = rule_set, prepare(rule_set)
 
     def score(self, trial: Trial) -> Points:
-        measured = measure_trial(trial, self.checks, registry=self.registry, rule_set=self.rule_set)
+        measured = measure_trial(trial, self.prepared)
         result = price_trial(measured, self.rule_set, NO_PROVENANCE)
         assert result.status == "scored"
         assert result.score is not None

@@ -53,6 +53,7 @@ from ariac_score import (
 )
 from ariac_score.checks.contracts import Wanted
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.results.cohort_file import contributed, make_cohort
 from ariac_score.results.result import Measured, Provenance
@@ -259,7 +260,7 @@ def cohort_of(case: Mapping[str, Any], rules: str) -> CohortValues:
 
 
 def measured_under(rule_set: RuleSet, case: Mapping[str, Any]) -> Measured:
-    return measure_trial(trial_of(case), rule_set.build(REGISTRY), registry=REGISTRY, rule_set=rule_set)
+    return measure_trial(trial_of(case), prepare(rule_set, registry=REGISTRY))
 
 
 def result_of(case: Mapping[str, Any], rules: str) -> Result:

@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import load_log_map, load_rule_set
 from ariac_score.checks.contracts import GROUPS
 from ariac_score.checks.registry import Plugin, Registry, package_sha256, parameters_of
 from ariac_score.cli import main
-from ariac_score.engine.score import check_needs
+from ariac_score.engine.prepared import prepare
 from ariac_score.errors import (
     PluginConflictError,
     PluginError,
@@ -510,10 +509,9 @@ def test_a_monitor_that_asks_for_an_unknown_quantity_is_named_before_a_log_is_re
         "id: r\ntitle: R\nsource: a test\nlog_map: ./map.yaml\n"
         "monitors: {grip: {use: grip.force}}\nscore: holds(grip)\n"
     )
-    rule_set = load_rule_set(str(tmp_path / "rules.yaml"))
-    checks = rule_set.build(Registry())
+    prepared = prepare(str(tmp_path / "rules.yaml"))
 
     with pytest.raises(RuleSetError, match="'grip' asks for the quantity 'forse'") as refused:
-        check_needs(rule_set, checks, load_log_map("./map.yaml", beside=tmp_path))
+        prepared.refuse_unknown_quantities()
 
     assert refused.value.hint.startswith("did you mean 'force'?")

@@ -37,18 +37,18 @@ from ariac_score import (
 )
 from ariac_score.checks.registry import Plugin, Registry, _installed
 from ariac_score.engine.measure import decidable
+from ariac_score.engine.prepared import prepare
 from ariac_score.errors import DataFileError, LogError, PluginError
 from ariac_score.results.result import Provenance
 from ariac_score.review.verify import verify_result
 from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
-from ariac_score.trial.logmap import load_log_map
 
 DATA = Path(__file__).parents[1] / "data"
 
 LAWS = settings(max_examples=50, derandomize=True, deadline=None)
 REGISTRY = Registry()
 PAPER = load_rule_set("paper2020")
-PAPER_CHECKS = PAPER.build(REGISTRY)
+PREPARED = prepare(PAPER, registry=REGISTRY)
 TRIAL = kitting_trial()
 
 # order_0: 3 types, 2 colours, 2 poses, no bonus for one of the wrong colour = 7.
@@ -64,8 +64,7 @@ def provenance(rule_set: RuleSet) -> Provenance:
 
 
 def measured(trial: Trial, rule_set: RuleSet = PAPER, registry: Registry = REGISTRY) -> Measured:
-    checks = PAPER_CHECKS if rule_set is PAPER else rule_set.build(registry)
-    return measure_trial(trial, checks, registry=registry, rule_set=rule_set)
+    return measure_trial(trial, PREPARED if rule_set is PAPER else prepare(rule_set, registry=registry))
 
 
 def priced(trial: Trial, rule_set: RuleSet = PAPER, registry: Registry = REGISTRY) -> Result:
@@ -333,7 +332,7 @@ def test_the_worst_case_of_an_unseen_contact_is_a_contact(tmp_path: Path) -> Non
 def test_a_trial_tells_which_checks_it_can_decide(trial: Trial, answer: str) -> None:
     # Distances would be derived from the positions.
     trial = without(trial, "position/human", "position/robot")
-    answers = dict(decidable(trial, PAPER, load_log_map("ariac2020"), REGISTRY))
+    answers = dict(decidable(trial, prepare(PAPER, log_map="ariac2020", registry=REGISTRY)))
 
     assert answers["separation"].startswith(answer)
     assert answers["part_pose"] == "can be decided"
@@ -800,7 +799,7 @@ def test_orders_are_numbered_as_they_were_announced_and_those_never_announced_co
     )
     events = (Event(3.0, "order_announced", "first"), Event(20.0, "order_announced", "first_update_0"))
     trial = Trial("t", orders, events=events)
-    measured = measure_trial(trial, {}, registry=Registry(), rule_set=load_rule_set("paper2020"))
+    measured = measure_trial(trial, prepare("paper2020").only([]))
 
     assert {scope.path: scope.facts["index"] for scope in measured.scopes.inner} == {
         "first": 0,
@@ -812,7 +811,7 @@ def test_orders_are_numbered_as_they_were_announced_and_those_never_announced_co
 
 def test_where_no_announcement_is_known_orders_are_numbered_as_listed() -> None:
     trial = Trial("t", (Order("b"), Order("a")))
-    measured = measure_trial(trial, {}, registry=Registry(), rule_set=load_rule_set("paper2020"))
+    measured = measure_trial(trial, prepare("paper2020").only([]))
 
     assert [scope.facts["index"] for scope in measured.scopes.inner] == [0, 1]
 

@@ -26,6 +26,7 @@ from ariac_score import (
 from ariac_score.checks.registry import Plugin, Registry, parameters_of
 from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
+from ariac_score.engine.prepared import PreparedCheck, prepare
 from ariac_score.engine.settings import settings_of
 from ariac_score.errors import PluginError, ResultError
 from ariac_score.report.html.trial import trial_page
@@ -63,7 +64,7 @@ def rules(folder: Path, use: str, given: Mapping[str, Any]) -> RuleSet:
 
 def settings(folder: Path, use: str, **given: Any) -> dict[str, Setting]:
     rule_set = rules(folder, use, given)
-    found = settings_of(rule_set.build(REGISTRY), registry=REGISTRY, rule_set=rule_set)["it"]
+    found = settings_of(prepare(rule_set, registry=REGISTRY))["it"]
     return {setting.name: setting for setting in found.parameters}
 
 
@@ -290,14 +291,13 @@ class Choosing(Strange):
         return self.come_to()
 
 
-class _Only(Registry):
-    def find(self, group: str, name: str) -> Plugin:  # noqa: ARG002  # always the same one
-        return Plugin("stranger.it", group, "stranger:It", "stranger", "1.0")
-
-
 def _of(check: Any, tmp_path: Path) -> Settings:
     rule_set = rules(tmp_path, "iso_10218_1.reduced_speed", {})
-    return settings_of({"it": check}, registry=_Only(), rule_set=rule_set)["it"]
+    prepared = prepare(rule_set)
+    stranger = PreparedCheck(
+        "it", Plugin("stranger.it", MONITORS, "stranger:It", "stranger", "1.0"), check, ()
+    )
+    return settings_of(replace(prepared, checks={"it": stranger}))["it"]
 
 
 def test_any_default_can_stand_in_a_result(tmp_path: Path) -> None:

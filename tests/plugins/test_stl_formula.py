@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from ariac_score import Body, Event, Finding, Signal, Span, Trial, Verdict, load_rule_set, measure_trial
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
 from ariac_score.errors import LogError, RuleSetError
 from ariac_score_stl import StlFormula
 from ariac_score_stl.syntax import MAX_DEPTH, MAX_LENGTH, StlError, parse
@@ -713,7 +714,7 @@ def test_a_rule_set_scores_a_formula(tmp_path: Path) -> None:
     rule_set, registry = load_rule_set(str(tmp_path / "r.yaml")), Registry()
     log = trial(tenths(20), [5.0] * 3 + [0.5] * 17, [0.4] * 10 + [0.0] * 10)
 
-    measured = measure_trial(log, rule_set.build(registry), registry=registry, rule_set=rule_set)
+    measured = measure_trial(log, prepare(rule_set, registry=registry))
 
     assert [(key, f.verdict, f.critical) for key, f in measured.findings.items()] == [
         ("stops#1", VIOLATED, True)

@@ -19,8 +19,9 @@ from ariac_score import load_log_map, load_rule_set
 from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
 from ariac_score.ranking.competition import load_competition
+from ariac_score.ranking.evaluation import strict_evaluation
 from ariac_score.ranking.rank import Cell, Ranking, Standing, rank_results, remarks_on_team
-from ariac_score.ranking.runs import score_runs, strict_evaluation
+from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.ranking import ranking_text
 from ariac_score.testing.competitions import (
@@ -311,7 +312,7 @@ def test_the_organisers_program_reads_every_folder_whoever_takes_part(tmp_path: 
     competition = load_competition(tmp_path)
     log_map = load_log_map("ariac2024")
 
-    found = strict_evaluation(competition, log_map)
+    found = strict_evaluation(competition, "nist_text_evaluation", log_map)
 
     assert set(found.trials["kit"]) == {"alpha", "stranger"}
     assert found.stops == ()

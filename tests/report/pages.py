@@ -17,13 +17,12 @@ from ariac_score import (
     WantedProduct,
     as_json,
     load_result,
-    load_rule_set,
     measure_trial,
     price_trial,
     score_trial,
 )
-from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import sketch_trial
+from ariac_score.engine.prepared import prepare
 from ariac_score.report.html.trial import trial_page
 from ariac_score.results.result import Setting, Settings, Source
 from ariac_score.testing import kitting_trial, write_trial_log
@@ -50,11 +49,10 @@ def with_routes(folder: Path) -> Result:
 
 def hostile() -> Result:
     """The example with hostile text wherever a log can put any."""
-    trial, rule_set, registry = _renamed(kitting_trial()), load_rule_set("paper2020"), Registry()
-    checks = rule_set.build(registry)
-    measured = measure_trial(trial, checks, registry=registry, rule_set=rule_set)
-    sketch = sketch_trial(trial, checks, measured, registry=registry, rule_set=rule_set)
-    result = price_trial(replace(measured, sketch=sketch), rule_set, _provenance())
+    trial, prepared = _renamed(kitting_trial()), prepare("paper2020")
+    measured = measure_trial(trial, prepared)
+    sketch = sketch_trial(trial, prepared, measured)
+    result = price_trial(replace(measured, sketch=sketch), prepared.rule_set, _provenance())
     measured = result.measured
     findings = {
         key: replace(finding, message=HOSTILE[i % len(HOSTILE)], clause=IMAGE, labels={"by": SCRIPT})

@@ -31,6 +31,7 @@ from ariac_score import (
 )
 from ariac_score.checks.registry import Registry
 from ariac_score.cli import main
+from ariac_score.engine.prepared import prepare
 from ariac_score.review.annotate import messages_of, origin_ns
 from ariac_score.review.annotation_messages import mcap_bytes
 from ariac_score.review.margins import Moment, Track, read_again, tracks
@@ -81,11 +82,9 @@ def scored(path: Path) -> Result:
 
 def annotated(path: Path, result: Result | None = None, named: str = "paper2020") -> list[Read]:
     result = result or scored(path)
-    rules, registry = load_rule_set(named), Registry()
-    trial = read_again(result, path, rules, log_map="", registry=registry)
-    return read(
-        mcap_bytes(messages_of(result, trial, tracks(result, trial, rules, registry=registry), frame="world"))
-    )
+    rules = prepare(named)
+    trial = read_again(result, path, rules)
+    return read(mcap_bytes(messages_of(result, trial, tracks(result, trial, rules), frame="world")))
 
 
 @cache
@@ -161,7 +160,7 @@ def test_markers_stand_where_the_bodies_were(tmp_path: Path) -> None:
     messages = annotated(path)
     shown = on(VIOLATIONS, messages)[0].message.markers
     result = scored(path)
-    trial = read_again(result, path, load_rule_set("paper2020"), log_map="", registry=Registry())
+    trial = read_again(result, path, prepare("paper2020"))
 
     spheres = [m for m in shown if m.type == 2]
     worst_s = result.measured.findings["separation#1"].evidence[0].t_s
@@ -350,8 +349,8 @@ def test_a_monitor_of_which_only_findings_are_known_says_where_they_begin_and_en
     base = load_rule_set("paper2020")
     unheard = Check("comfort", "proxemics.proximity_comfort", "ariac_score.monitors")
     rules = replace(base, checks={**base.checks, "comfort": unheard})
-    trial = read_again(result, EXAMPLE, rules, log_map="", registry=registry)
-    (track,) = [t for t in tracks(changed, trial, rules, registry=registry) if t.check == "comfort"]
+    trial = read_again(result, EXAMPLE, prepare(rules))
+    (track,) = [t for t in tracks(changed, trial, prepare(rules)) if t.check == "comfort"]
 
     assert [(m.t_s, m.verdict, m.margin) for m in track.moments] == [
         (2.0, Verdict.VIOLATED, None),

@@ -36,7 +36,7 @@ from ariac_score import (
     measure_trial,
 )
 from ariac_score.checks.registry import Registry
-from ariac_score.engine.signal_needs import needs_of
+from ariac_score.engine.prepared import prepare
 from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.review.annotate import messages_of
 from ariac_score.review.annotation_messages import Annotation
@@ -68,16 +68,11 @@ def rules_of(*uses: str, **parameters: Any) -> RuleSet:
 
 def found_of(trial: Trial, rules: RuleSet) -> tuple[Result, Trial, list[Track]]:
     """What monitors find, and what they say over time."""
-    checks = rules.build(REGISTRY)
-    needs = [
-        Derivation(need.quantity, need.max_gap_s)
-        for name, check in checks.items()
-        for need in needs_of(REGISTRY.find(rules.checks[name].group, rules.checks[name].use), name, check)
-    ]
-    trial = derive_signals(trial, needs)
-    measured = measure_trial(trial, checks, registry=REGISTRY, rule_set=rules)
+    prepared = prepare(rules, registry=REGISTRY)
+    trial = prepared.derived(trial)
+    measured = measure_trial(trial, prepared)
     result = replace(example(), measured=measured)
-    return result, trial, tracks(result, trial, rules, registry=REGISTRY)
+    return result, trial, tracks(result, trial, prepared)
 
 
 def messages(trial: Trial, rules: RuleSet = RULES) -> Iterator[Annotation]:

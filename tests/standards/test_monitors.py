@@ -32,6 +32,7 @@ from ariac_score import (
 )
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
+from ariac_score.engine.prepared import prepare
 from ariac_score.errors import RuleSetError
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.ruleset import load_rule_set
@@ -1645,9 +1646,7 @@ def test_d_min_in_a_rule_set(tmp_path: Path) -> None:
     rule_set, registry = load_rule_set(str(tmp_path / "seed.yaml")), Registry()
     columns = {"centre_distance/r/h": ("m", 2.0), "speed/h": ("m/s", 0.5), "speed/r": ("m/s", 0.5)}
 
-    measured = measure_trial(
-        trial_of(columns), rule_set.build(registry), registry=registry, rule_set=rule_set
-    )
+    measured = measure_trial(trial_of(columns), prepare(rule_set, registry=registry))
 
     separation, formula = (measured.findings[f"{name}#1"] for name in ("separation", "formula"))
     assert separation.robustness == formula.robustness == pytest.approx(2.0 - (1.25 + 0.5 + 2.6))

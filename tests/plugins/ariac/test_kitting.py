@@ -32,6 +32,7 @@ from ariac_score import (
     measure_trial,
 )
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.results.result import Provenance, Result
 from ariac_score.testing import kitting_trial
@@ -174,7 +175,7 @@ def test_an_empty_tray_has_everything_missing_and_nothing_unwanted_or_faulty() -
 
 def scored(full: Trial, rules: str = "paper2020") -> Result:
     rule_set, registry = load_rule_set(rules), Registry()
-    measured = measure_trial(full, rule_set.build(registry), registry=registry, rule_set=rule_set)
+    measured = measure_trial(full, prepare(rule_set, registry=registry))
     return price_trial(measured, rule_set, Provenance((), (), ("", ""), ("", ""), ()))
 
 

@@ -28,6 +28,7 @@ from ariac_score import (
     score_trial,
 )
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
 from ariac_score.errors import RuleSetError
 from ariac_score.results.cohort_file import contributed, make_cohort
 from ariac_score.scoring.cohort import CohortValues
@@ -517,10 +518,8 @@ def trial_2024(dollars: int, orders: Mapping[str, tuple[int, str | None]]) -> Tr
 @given(TEAMS)
 def test_2024_is_the_evaluation_to_the_last_bit(teams: Teams) -> None:
     rule_set = load_rule_set("ariac2024.official")
-    checks = rule_set.build(REGISTRY)
-    measured = [
-        measure_trial(trial_2024(*team), checks, registry=REGISTRY, rule_set=rule_set) for team in teams
-    ]
+    prepared = prepare(rule_set, registry=REGISTRY)
+    measured = [measure_trial(trial_2024(*team), prepared) for team in teams]
     values = make_cohort(rule_set, {"kitting": [contributed(m, rule_set) for m in measured]}).of_trial(
         "kitting"
     )

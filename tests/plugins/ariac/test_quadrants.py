@@ -36,6 +36,7 @@ from ariac_score import (
     measure_trial,
 )
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.logs.jsonl import FORMAT, JsonLinesReader
 from ariac_score.results.result import Provenance, Result
@@ -100,7 +101,7 @@ def rules_of(name: str) -> tuple[RuleSet, Registry]:
 
 def scored(of: Trial, rules: str) -> Result:
     rule_set, registry = rules_of(rules)
-    measured = measure_trial(of, rule_set.build(registry), registry=registry, rule_set=rule_set)
+    measured = measure_trial(of, prepare(rule_set, registry=registry))
     return price_trial(measured, rule_set, Provenance((), (), ("", ""), ("", ""), ()))
 
 

@@ -28,6 +28,7 @@ from ariac_score import (
 )
 from ariac_score.checks.contracts import Wanted
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
@@ -286,7 +287,7 @@ def unrounded(folder: Path, run: Run, rules: str) -> float:
     rule_set = load_rule_set(rules)
     path = stored(folder, run)
     trial = merge_trials("T", [AriacDatabaseReader().read(path, Wanted(LogMap("test")))], file=path)
-    measured = measure_trial(trial, rule_set.build(REGISTRY), registry=REGISTRY, rule_set=rule_set)
+    measured = measure_trial(trial, prepare(rule_set, registry=REGISTRY))
     return rule_set.sheet.evaluate(measured.scopes, measured.findings).value
 
 
