@@ -34,7 +34,6 @@ from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Report, run_batch
 from ariac_score.batch.tasks import Limits, Setting, Task, of_shard, plan_batch, shard
 from ariac_score.batch.worker import Done, perform
-from ariac_score.checks.registry import Registry
 from ariac_score.cli import main
 from ariac_score.engine import score as engine
 from ariac_score.engine.measure import needs_alike
@@ -804,7 +803,7 @@ def test_what_was_measured_of_something_else_or_by_other_code_is_not_used(
 
 
 def test_rules_that_ask_for_other_signals_share_no_measurement() -> None:
-    registry, first = Registry(), load_rule_set("paper2020")
+    first = load_rule_set("paper2020")
     again = rule_set_from_text(expanded_yaml(first), file=first.file)
 
     assert needs_alike(prepare(first), prepare(replace(again, file=first.file)))

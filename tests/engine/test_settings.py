@@ -295,7 +295,7 @@ def _of(check: Any, tmp_path: Path) -> Settings:
     rule_set = rules(tmp_path, "iso_10218_1.reduced_speed", {})
     prepared = prepare(rule_set)
     stranger = PreparedCheck(
-        "it", Plugin("stranger.it", MONITORS, "stranger:It", "stranger", "1.0"), check, ()
+        "it", Plugin("stranger.it", "ariac_score.monitors", "stranger:It", "stranger", "1.0"), check, ()
     )
     return settings_of(replace(prepared, checks={"it": stranger}))["it"]
 

@@ -29,7 +29,6 @@ from ariac_score import (
     load_rule_set,
     score_trial,
 )
-from ariac_score.checks.registry import Registry
 from ariac_score.cli import main
 from ariac_score.engine.prepared import prepare
 from ariac_score.review.annotate import messages_of, origin_ns
@@ -345,7 +344,6 @@ def test_a_monitor_of_which_only_findings_are_known_says_where_they_begin_and_en
     result = scored(EXAMPLE)
     others = {k: f for k, f in result.measured.findings.items() if f.check != "comfort"}
     changed = replace(result, measured=replace(result.measured, findings={**others, "comfort#1": finding}))
-    registry = Registry()
     base = load_rule_set("paper2020")
     unheard = Check("comfort", "proxemics.proximity_comfort", "ariac_score.monitors")
     rules = replace(base, checks={**base.checks, "comfort": unheard})
