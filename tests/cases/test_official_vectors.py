@@ -34,10 +34,10 @@ from ariac_score import (
     TrialBuilder,
     Verdict,
     WantedProduct,
-    load_rule_set,
     measure_trial,
 )
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.results.result import Measured, Provenance
 from ariac_score.scoring.expression import Expression
@@ -199,9 +199,8 @@ def trial_of(told: Mapping[str, Any]) -> Trial:
 
 
 @cache
-def prepared(name: str) -> tuple[RuleSet, dict[str, Any]]:
-    rule_set = load_rule_set(name)
-    return rule_set, rule_set.build(REGISTRY)
+def prepared(name: str) -> Prepared:
+    return prepare(name, registry=REGISTRY)
 
 
 def compare(told: Mapping[str, Any], trial: Trial) -> Iterator[str]:
@@ -214,8 +213,8 @@ def compare(told: Mapping[str, Any], trial: Trial) -> Iterator[str]:
     if state_of(told) not in RULE_SETS:
         yield f"no rule set is of the state {state_of(told)!r}; known are {', '.join(RULE_SETS)}"
         return
-    rule_set, checks = prepared(RULE_SETS[state_of(told)])
-    measured = measure_trial(trial, checks, registry=REGISTRY, rule_set=rule_set)
+    rules = prepared(RULE_SETS[state_of(told)])
+    rule_set, measured = rules.rule_set, measure_trial(trial, rules)
     result = price_trial(measured, rule_set, NO_PROVENANCE)
     if result.score is None:
         undecided = [f for f in measured.findings.values() if f.verdict is Verdict.INCONCLUSIVE]

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.logs.clocks import Clocks
 from ariac_score.logs.columnar import Column, ColumnDecoder
 from ariac_score.logs.columnar.message_buffer import Waiting
 from ariac_score.logs.columnar.types import column_decoder_for
 from ariac_score.logs.containers.items import Connection, IntArray
+from ariac_score.logs.gather.clocks import Clocks
 from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gather.model_states import ModelPoses
 from ariac_score.logs.gather.transforms import TransformTree

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from ariac_score.checks.contracts import Wanted
-from ariac_score.logs.clocks import CLOCK_TOPIC, CLOCK_TYPE, Clocks, TrialClock
 from ariac_score.logs.columnar import ColumnDecoder
 from ariac_score.logs.columnar.message_buffer import Pending, Waiting
 from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.logs.containers.items import Batch, Connection, IntArray, Message, normalised_type
+from ariac_score.logs.gather.clocks import CLOCK_TOPIC, CLOCK_TYPE, Clocks, TrialClock
 from ariac_score.logs.gather.collected_columns import (
     Decoded,
     Needs,
