@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
+from ariac_score_stl.margins import Margin
+from ariac_score_stl.sliding import FloatArray
 from ariac_score_stl.syntax import Node
 
 __all__ = ["Cause", "causes"]
@@ -33,16 +35,8 @@ class Evaluated(Protocol):
         """The bounds of a sub-formula at a moment."""
         ...
 
-    def extreme(
-        self,
-        node: Node,
-        sign: int,
-        window: tuple[float, float],
-        *,
-        of: Literal["lower", "upper"],
-        least: bool,
-    ) -> float | None:
-        """When a bound of a sub-formula is least or greatest within a stretch of time."""
+    def during(self, node: Node, sign: int, window: tuple[float, float]) -> tuple[FloatArray, Margin]:
+        """When margins of a sub-formula begin within a stretch of time, and these margins."""
         ...
 
 
@@ -71,10 +65,11 @@ def _descend(evaluated: Evaluated, node: Node, t_s: float, *, sign: int, holds: 
         part = node.parts[0]
         # What it fails by is its worst moment; of what never came, the nearest to it.
         least = node.operator in ("always", "historically")
-        of: Literal["lower", "upper"] = "lower" if holds else "upper"
-        moment = evaluated.extreme(part, sign, _window(node, t_s), of=of, least=least)
-        if moment is not None:
-            yield from _descend(evaluated, part, moment, sign=sign, holds=holds)
+        begin, margin = evaluated.during(part, sign, _window(node, t_s))
+        if len(begin):
+            values = margin.lower if holds else margin.upper
+            moment_s = float(begin[values.argmin() if least else values.argmax()])
+            yield from _descend(evaluated, part, moment_s, sign=sign, holds=holds)
 
 
 def _part(evaluated: Evaluated, node: Node, t_s: float, sign: int, *, holds: bool) -> tuple[Node, int, bool]:

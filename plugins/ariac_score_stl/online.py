@@ -7,10 +7,11 @@ dense time, in which margins also change between samples.
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import inf, isfinite
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ariac_score import (
     COMPETITION_ENDED,
@@ -25,37 +26,30 @@ from ariac_score import (
     Trial,
     Verdict,
 )
-from ariac_score_stl.rows import TOLERANCE_S
+from ariac_score_stl.discrete import Discrete
+from ariac_score_stl.margins import NEXT_TO_ZERO, decisive, margins
+from ariac_score_stl.rows import TOLERANCE_S, Rows
 from ariac_score_stl.signals import Subject, subjects
-from ariac_score_stl.stages import Network, unbounded_ahead
-from ariac_score_stl.syntax import Node
+from ariac_score_stl.sliding import FloatArray
+from ariac_score_stl.syntax import unbounded_ahead
 
 if TYPE_CHECKING:
     from ariac_score_stl.formula import StlFormula
 
 __all__ = ["FormulaOnline", "undecided_online"]
 
-_LEAST = 5e-324
-"""Stands for a margin of 0 that holds (or, negative, does not): nothing lies between it and 0."""
-
 
 def undecided_online(monitor: StlFormula) -> str:
     """Why nothing can be said of a formula before the end; empty where something can."""
     if monitor.time == "dense":
         return "dense time is judged at the end; 'time: discrete' can be watched"
-    body = _body(monitor.tree)
-    node = unbounded_ahead(body)
+    node = unbounded_ahead(monitor.body)
     if node is None:
         return ""
     return (
         f"{node.text!r} (column {node.column}) looks ahead without a bound: undecided until the end; "
         f"give it bounds, as in '{node.operator}[0,5]'"
     )
-
-
-def _body(tree: Node) -> Node:
-    """What is judged at every moment; see `formula.Judged`."""
-    return tree.parts[0] if tree.operator == "always" else tree
 
 
 class FormulaOnline:
@@ -81,7 +75,7 @@ class FormulaOnline:
         self._arrivals.take(samples)
         for event in events:
             for followed in self._subjects:
-                followed.told(event)
+                followed.take(event)
         if self._first_s == inf:
             self._first_s = min((sample.t_s for sample in samples), default=inf)
         for followed in self._subjects:
@@ -97,20 +91,19 @@ class _Followed:
 
     def __init__(self, monitor: StlFormula, subject: Subject, arrivals: Arrivals) -> None:
         self.monitor, self.subject = monitor, str(subject)
-        self.body = _body(monitor.tree)
+        self.body = monitor.body
         names = [source.signal(subject) for source in monitor.sources.values()]
         self.aligned = arrivals.aligned(names, max_gap_s=monitor.max_gap_s)
-        self.margins = _Margins(self.body, list(monitor.sources), monitor.constants)
         self.window = -inf, inf
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        self.network: Network | None = None
+        self.rows: Discrete | None = None
         self.start_s = 0.0
         self.over = False
         self.worst = Verdict.SATISFIED
 
-    def told(self, event: Event) -> None:
+    def take(self, event: Event) -> None:
         """Where the competition starts, what came before is forgotten; until then the first sample counts."""
         from_s, to_s = self.window
         if event.kind == COMPETITION_STARTED and from_s == -inf:
@@ -125,17 +118,28 @@ class _Followed:
             from_s, to_s = self.window
             if self.over or not from_s <= t_s <= to_s:
                 continue
-            if self.network is None:
+            if self.rows is None:
                 self.start_s = min(first_s, t_s) if from_s == -inf else from_s
-                self.network = Network(self.body, self.start_s, self.monitor.beyond, self.monitor.max_gap_s)
+                self.rows = Discrete(self.body, Rows(self.start_s), self.monitor.beyond)
             try:
-                margins = self.margins.of(values)
+                predicates = decisive(margins(self.body, self._columns(values), 1))
             except FormulaError as error:
                 self.over = True
-                yield self._told(t_s, Verdict.INCONCLUSIVE, f"the formula has no value: {error.cause}", True)
+                yield self._standing(
+                    t_s, Verdict.INCONCLUSIVE, f"the formula has no value: {error.cause}", True
+                )
                 continue
-            for begin_s, hole, lower, upper in self.network.take(t_s, margins):
+            for begin_s, hole, lower, upper in self.rows.take(t_s, predicates, self.monitor.max_gap_s):
                 yield from self._row(begin_s, hole, lower, upper)
+
+    def _columns(self, values: Sequence[float | tuple[float, ...]]) -> dict[str, FloatArray | float]:
+        """The values of one instant as columns, by name."""
+        found: dict[str, FloatArray | float] = dict(self.monitor.constants)
+        for name, value in zip(self.monitor.sources, values, strict=True):
+            if isinstance(value, tuple):
+                raise FormulaError(f"signal {name!r} has {len(value)} components; a formula takes one")
+            found[name] = np.array([value])
+        return found
 
     def _row(self, t_s: float, hole: bool, lower: float, upper: float) -> Iterator[Standing]:
         tree = self.monitor.tree
@@ -143,7 +147,7 @@ class _Followed:
             return
         if tree.operator != "always":
             self.over = True
-            yield self._standing(self.start_s if hole else t_s, lower, upper, final=True)
+            yield self._of_instant(self.start_s if hole else t_s, lower, upper, final=True)
             return
         from_s, to_s = -inf, inf
         if tree.bounds is not None:
@@ -156,7 +160,7 @@ class _Followed:
             if verdict is not Verdict.SATISFIED and self.worst is not Verdict.VIOLATED:
                 self.worst = verdict
             if not hole:
-                yield self._standing(t_s, lower, upper)
+                yield self._of_instant(t_s, lower, upper)
 
     def _whole(self, t_s: float) -> Standing:
         """What the formula comes to, once the bounds of its `always` have passed."""
@@ -166,15 +170,15 @@ class _Followed:
             Verdict.VIOLATED: f"{self.monitor.tree.text!r} failed",
             Verdict.INCONCLUSIVE: f"{self.monitor.tree.text!r} could not be decided throughout",
         }
-        return self._told(t_s, self.worst, words[self.worst], not brief)
+        return self._standing(t_s, self.worst, words[self.worst], not brief)
 
-    def _standing(self, t_s: float, lower: float, upper: float, *, final: bool = False) -> Standing:
+    def _of_instant(self, t_s: float, lower: float, upper: float, *, final: bool = False) -> Standing:
         verdict = _verdict(lower, upper)
         text = self.body.text
         if verdict is Verdict.INCONCLUSIVE:
-            return self._told(t_s, verdict, f"{text!r} cannot be decided", final)
+            return self._standing(t_s, verdict, f"{text!r} cannot be decided", final)
         margin = upper if verdict is Verdict.VIOLATED else lower
-        margin = 0.0 if abs(margin) <= _LEAST else margin
+        margin = 0.0 if abs(margin) <= NEXT_TO_ZERO else margin
         unit = self._unit
         known = bool(unit) and isfinite(margin)
         by = f" by {abs(margin):.6g} {unit}" if known else ""
@@ -189,7 +193,7 @@ class _Followed:
         units = {*self.monitor.margin_units.values()}
         return units.pop() if len(units) == 1 else ""
 
-    def _told(self, t_s: float, verdict: Verdict, words: str, final: bool) -> Standing:
+    def _standing(self, t_s: float, verdict: Verdict, words: str, final: bool) -> Standing:
         return Standing(self.subject, t_s, verdict, words, final=final)
 
 
@@ -197,74 +201,3 @@ def _verdict(lower: float, upper: float) -> Verdict:
     if upper < 0:
         return Verdict.VIOLATED
     return Verdict.INCONCLUSIVE if lower < 0 else Verdict.SATISFIED
-
-
-# Margins of predicates -------------------------------------------------------------------
-
-Values = Mapping[str, float]
-
-
-class _Margins:
-    """The margin of every predicate at one instant, as `robustness.margins` gives it in columns."""
-
-    def __init__(self, tree: Node, names: Sequence[str], constants: Mapping[str, float]) -> None:
-        self.names, self.constants = names, constants
-        self.predicates = [
-            (node, node.margin, _quick(node.margin.root)) for node in tree.walk() if node.margin is not None
-        ]
-
-    def of(self, values: Sequence[float | tuple[float, ...]]) -> dict[Node, float]:
-        """The margins, given the values of the signals.
-
-        Raises:
-            FormulaError: Division by zero, a result that is not finite, or a signal of several components.
-        """
-        known: dict[str, float] = dict(self.constants)
-        for name, value in zip(self.names, values, strict=True):
-            if isinstance(value, tuple):
-                raise FormulaError(f"signal {name!r} has {len(value)} components; a formula takes one")
-            known[name] = value
-        found: dict[Node, float] = {}
-        for node, expression, quick in self.predicates:
-            margin = None if quick is None else quick(known)
-            if margin is None or not isfinite(margin):
-                margin = float(expression.columns(known))
-            if node.comparison in ("==", "!="):
-                margin = abs(margin) if node.comparison == "!=" else -abs(margin)
-            if margin == 0:
-                margin = -_LEAST if node.comparison in ("<", ">", "!=") else _LEAST
-            found[node] = margin
-        return found
-
-
-def _quick(node: ast.expr) -> Callable[[Values], float | None] | None:
-    """Plain arithmetic as plain Python, which rounds like numpy; `None` for anything else."""
-    match node:
-        case ast.Constant(value=int() | float() as value):
-            number = float(value)
-            return lambda _: number
-        case ast.Name(id=name):
-            return lambda known: known[name]
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            inner = _quick(operand)
-            return None if inner is None else lambda known: _negated(inner(known))
-        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() as op, right=right):
-            a, b = _quick(left), _quick(right)
-            return None if a is None or b is None else _binary(type(op), a, b)
-    return None
-
-
-def _negated(value: float | None) -> float | None:
-    return None if value is None else -value
-
-
-def _binary(
-    op: type[ast.operator], a: Callable[[Values], float | None], b: Callable[[Values], float | None]
-) -> Callable[[Values], float | None]:
-    def value(known: Values) -> float | None:
-        x, y = a(known), b(known)
-        if x is None or y is None:
-            return None
-        return x + y if op is ast.Add else x - y if op is ast.Sub else x * y
-
-    return value

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +13,54 @@ from numpy.typing import NDArray
 from ariac_score import Span
 from ariac_score_stl.sliding import FloatArray, IntArray, lowest_between, lowest_sliding
 
-__all__ = ["TOLERANCE_S", "BoolArray", "Extent", "Rows", "Window"]
+__all__ = ["CLOSEST_S", "TOLERANCE_S", "BoolArray", "Column", "Extent", "Rows", "Window"]
 
 BoolArray = NDArray[np.bool_]
 
 TOLERANCE_S = 1e-9
 """Stamps are ns; sums of them in float64 differ from the decimal figure by far less than this."""
 
+CLOSEST_S = 2 * TOLERANCE_S
+"""A hole keeps so far from its samples, so that no window that ends at a sample sees into it."""
+
+_REACHED_S = TOLERANCE_S / 2  # a row this near the end of a window is the last that can be in it
+
+
+class Column:
+    """Numbers of rows: new ones are added, the oldest forgotten."""
+
+    def __init__(self, values: NDArray[Any]) -> None:
+        self._room, self._first, self._last = values, 0, len(values)
+
+    def __len__(self) -> int:
+        return self._last - self._first
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """All of them."""
+        return self._room[self._first : self._last]
+
+    def add(self, values: NDArray[Any]) -> None:
+        """Add new ones; those of a whole trial become the column as they are, without a copy."""
+        if not self._last:
+            self._room, self._last = values, len(values)
+            return
+        kept, last = len(self), self._last + len(values)
+        if last > len(self._room):
+            room = np.empty(2 * (kept + len(values)), dtype=self._room.dtype)
+            room[:kept] = self.values
+            self._room, self._first, self._last, last = room, 0, kept, kept + len(values)
+        self._room[self._last : last] = values
+        self._last = last
+
+    def forget(self, count: int) -> None:
+        """Let go of the first ones."""
+        self._first += count
+
 
 @dataclass(frozen=True)
 class Extent:
-    """Which rows a window covers.
+    """Which rows the windows of some rows cover.
 
     Either `nearest` and `farthest` say so for all rows alike, in rows, or `first`
     and `last` for each.
@@ -46,18 +85,10 @@ class Extent:
             return lowest_sliding(values, self.nearest, self.farthest)
         return lowest_between(values, self.first, self.last)
 
-    def rows_of(self, row: int, n: int) -> tuple[int, int]:
-        """First and last row of the window of one row, within the trial."""
-        if self.first is None or self.last is None:
-            first, last = row + self.nearest, row + self.farthest
-        else:
-            first, last = int(self.first[row]), int(self.last[row])
-        return max(first, 0), min(last, n - 1)
-
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch of time relative to each row, as rows.
+    """A stretch of time relative to each of some rows, as rows.
 
     Attributes:
         widest: All rows that some moment of the row can see.
@@ -68,70 +99,142 @@ class Window:
     surest: Extent
 
 
-@dataclass(frozen=True, eq=False)
 class Rows:
-    """Samples and holes in order of time.
+    """Samples and holes in order of time: all of a trial, or those so far of one that goes on.
 
-    A sample is a moment, a hole stands for every moment in it. What lies before
-    `span` and after it is no row.
+    A sample is a moment, a hole stands for every moment in it. What lies before the
+    trial and after it is no row.
+
+    Args:
+        start_s: Where the trial begins.
+        end_s: Where it ends; infinite while it goes on.
 
     Attributes:
-        begin: Start of each row, shape (n,), s.
-        end: End of each row, shape (n,), s; the same for a sample.
-        hole: Which rows are holes, shape (n,); `None`: none is.
-        span: The trial.
-        step_s: Time between neighbours where it is always the same; else 0.
+        step_s: Time between neighbours where all samples are here and it is always the same; else 0.
     """
 
-    begin: FloatArray
-    end: FloatArray
-    hole: BoolArray | None
-    span: Span
-    step_s: float
-    _windows: dict[tuple[float, float], Window] = field(default_factory=dict, repr=False)
+    def __init__(self, start_s: float, end_s: float = inf) -> None:
+        self.start_s, self.end_s, self.step_s = start_s, end_s, 0.0
+        self._begin, self._end, self._hole = (Column(np.empty(0)) for _ in range(3))
+        self._latest_s, self._any_hole = start_s, False
+        self._windows: dict[tuple[float, float, int, int], Window] = {}
 
     @classmethod
     def of(cls, t: FloatArray, span: Span, holes: Sequence[Span] = ()) -> Rows:
-        """The rows of sample times and the stretches between them that are not known."""
+        """The rows of all sample times of a trial and the stretches between them that are not known."""
+        rows = cls(span.start_s, span.end_s)
         if not holes:
-            return cls(t, t, None, span, _step(t))
-        starts = np.array([hole.start_s for hole in holes]) + 2 * TOLERANCE_S
-        ends = np.array([hole.end_s for hole in holes]) - 2 * TOLERANCE_S
+            rows.step_s = _step(t)
+            rows._add(t, t, np.zeros(0, dtype=bool))
+            return rows
+        starts = np.array([hole.start_s for hole in holes]) + CLOSEST_S
+        ends = np.array([hole.end_s for hole in holes]) - CLOSEST_S
         at = np.searchsorted(t, starts, side="left")
+        rows._any_hole = True
         is_hole = np.insert(np.zeros(len(t), dtype=bool), at, True)
-        return cls(np.insert(t, at, starts), np.insert(t, at, ends), is_hole, span, 0.0)
-
-    def __len__(self) -> int:
-        return len(self.begin)
-
-    def spread(self, values: FloatArray, in_holes: float) -> FloatArray:
-        """Values of the samples, as values of the rows."""
-        if self.hole is None:
-            return values
-        rows = np.full(len(self), in_holes)
-        rows[~self.hole] = values
+        rows._add(np.insert(t, at, starts), np.insert(t, at, ends), is_hole)
         return rows
 
-    def window(self, start_s: float, end_s: float) -> Window:
-        """The window from `start_s` to `end_s` away; negative is back in time."""
-        key = start_s, end_s
+    def take(self, t_s: float, longest_s: float) -> int:
+        """Add one more sample, and the hole before it where no sample came for longer than `longest_s`.
+
+        Returns:
+            How many rows that makes.
+        """
+        begin, end = [t_s], [t_s]
+        if t_s - self._latest_s > longest_s + TOLERANCE_S:
+            begin, end = [self._latest_s + CLOSEST_S, t_s], [t_s - CLOSEST_S, t_s]
+            if not self._any_hole:
+                self._any_hole, self._hole = True, Column(np.zeros(len(self), dtype=bool))
+        self._latest_s = t_s
+        hole = [True, False][-len(begin) :] if self._any_hole else []
+        self._add(np.array(begin), np.array(end), np.array(hole, dtype=bool))
+        return len(begin)
+
+    def _add(self, begin: FloatArray, end: FloatArray, hole: BoolArray) -> None:
+        self._begin.add(begin)
+        self._end.add(end)
+        if self._any_hole:
+            self._hole.add(hole)
+        self._windows.clear()
+
+    def forget(self, count: int) -> None:
+        """Let go of the first rows."""
+        self._begin.forget(count)
+        self._end.forget(count)
+        if self._any_hole:
+            self._hole.forget(count)
+        self._windows.clear()
+
+    def __len__(self) -> int:
+        return len(self._begin)
+
+    @property
+    def over(self) -> bool:
+        """Whether no row will come any more."""
+        return self.end_s < inf
+
+    @property
+    def begin(self) -> FloatArray:
+        """Start of each row, shape (n,), s."""
+        return self._begin.values
+
+    @property
+    def end(self) -> FloatArray:
+        """End of each row, shape (n,), s; the same for a sample."""
+        return self._end.values
+
+    @property
+    def hole(self) -> BoolArray | None:
+        """Which rows are holes, shape (n,); `None`: none is."""
+        return self._hole.values if self._any_hole else None
+
+    def spread(self, values: FloatArray, in_holes: float, rows: slice) -> FloatArray:
+        """Values of the samples among some rows, as values of the rows."""
+        if self.hole is None:
+            return values
+        sampled = ~self.hole[rows]
+        spread = np.full(len(sampled), in_holes)
+        spread[sampled] = values
+        return spread
+
+    # Windows -----------------------------------------------------------------------------
+
+    def seen(self, end_s: float, known: int) -> int:
+        """Of how many rows, from the first on, the window up to `end_s` away is known as a whole.
+
+        Args:
+            end_s: How far the window reaches; negative is back in time.
+            known: Of how many rows is known what the window looks at.
+        """
+        if self.over:
+            return known
+        to_s = self.end + end_s
+        come = int(to_s.searchsorted(self.begin[-1] + _REACHED_S, side="right")) if len(self) else 0
+        lasts = self.begin.searchsorted(to_s[:come] + TOLERANCE_S, side="right")
+        return min(known, int(lasts.searchsorted(known, side="right")))
+
+    def window(self, start_s: float, end_s: float, rows: slice) -> Window:
+        """The window of some rows from `start_s` to `end_s` away; negative is back in time."""
+        key = start_s, end_s, rows.start, rows.stop
         if key not in self._windows:
-            self._windows[key] = self._window(start_s, end_s)
+            self._windows[key] = self._window(start_s, end_s, rows)
         return self._windows[key]
 
-    def _window(self, start_s: float, end_s: float) -> Window:
+    def _window(self, start_s: float, end_s: float, rows: slice) -> Window:
         alike = self._alike(start_s, end_s)
         if alike is not None:
             return Window(alike, alike)
-        widest = self._each(self.begin + start_s, self.end + end_s)
+        begin, end = self.begin[rows], self.end[rows]
+        widest = self._each(begin + start_s, end + end_s)
         if self.hole is None:
             return Window(widest, widest)
-        return Window(widest, self._each(self.end + start_s, self.begin + end_s))
+        return Window(widest, self._each(end + start_s, begin + end_s))
 
     def _reaching(self, start: FloatArray, end: FloatArray) -> tuple[slice, slice]:
-        before = int(np.searchsorted(start, self.span.start_s - TOLERANCE_S, side="left"))
-        after = int(np.searchsorted(end, self.span.end_s + TOLERANCE_S, side="right"))
-        return slice(0, before), slice(after, len(self))
+        before = int(np.searchsorted(start, self.start_s - TOLERANCE_S, side="left"))
+        after = int(np.searchsorted(end, self.end_s + TOLERANCE_S, side="right"))
+        return slice(0, before), slice(after, len(start))
 
     def _alike(self, start_s: float, end_s: float) -> Extent | None:
         """The window in rows, where samples come at equal steps and no rounding can matter."""
@@ -159,8 +262,8 @@ class Rows:
         return misses
 
     def _each(self, start: FloatArray, end: FloatArray) -> Extent:
-        first = np.searchsorted(self.end, start - TOLERANCE_S, side="left")
-        last = np.searchsorted(self.begin, end + TOLERANCE_S, side="right") - 1
+        first = self.end.searchsorted(start - TOLERANCE_S, side="left")
+        last = self.begin.searchsorted(end + TOLERANCE_S, side="right") - 1
         before, after = self._reaching(start, end)
         empty: BoolArray = first > last
         empty[before] = empty[after] = False

@@ -21,11 +21,25 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import inf
 from typing import NoReturn
 
 from ariac_score import Expression, FormulaError, did_you_mean
 
-__all__ = ["FUNCTIONS", "Bounds", "Node", "Operator", "StlError", "is_word", "parse"]
+__all__ = [
+    "FUNCTIONS",
+    "FUTURE",
+    "PAST",
+    "STEPS",
+    "Bounds",
+    "Node",
+    "Operator",
+    "StlError",
+    "is_word",
+    "parse",
+    "reach_s",
+    "unbounded_ahead",
+]
 
 MAX_LENGTH = 4000
 MAX_DEPTH = 40
@@ -65,7 +79,7 @@ class StlError(ValueError):
 
 @dataclass(frozen=True)
 class Bounds:
-    """How far an operator looks, in s from the moment it is asked about.
+    """How far an operator looks, in s from the moment that is judged.
 
     Attributes:
         start_s: Nearest moment, s away.
@@ -114,6 +128,29 @@ class Node:
     def names(self) -> frozenset[str]:
         """The signals and constants it speaks of."""
         return frozenset(inner.id for node in self.walk() for side in node.sides for inner in _names(side))
+
+
+def reach_s(node: Node, *, back: bool = False, step_s: float = 0.0, unbounded_s: float = inf) -> float:
+    """How far a formula looks ahead, or back, at most, s.
+
+    Args:
+        node: The formula.
+        back: Whether back in time.
+        step_s: What one sample on or back counts for.
+        unbounded_s: What an operator without bounds counts for.
+    """
+    own = 0.0
+    if node.operator in (("rise", "fall") if back else ("next",)):
+        own = step_s
+    elif node.operator in (PAST if back else FUTURE):
+        own = unbounded_s if node.bounds is None else node.bounds.end_s
+    parts = (reach_s(part, back=back, step_s=step_s, unbounded_s=unbounded_s) for part in node.parts)
+    return own + max(parts, default=0.0)
+
+
+def unbounded_ahead(tree: Node) -> Node | None:
+    """The first sub-formula that looks ahead without a bound; `None` where none does."""
+    return next((node for node in tree.walk() if node.operator in FUTURE and node.bounds is None), None)
 
 
 def _names(side: Expression) -> Iterator[ast.Name]:

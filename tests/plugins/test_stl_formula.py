@@ -232,6 +232,34 @@ def test_bounds_that_no_float_has_still_include_their_sample() -> None:
     assert only("always[0,0] eventually[0.3,0.3] d > 1", trial(t, [0, 5])).verdict is SATISFIED
 
 
+# Without a value -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("time", ["discrete", "dense"])
+@pytest.mark.parametrize("outermost", ["always", "always[0,0.1]", ""])
+def test_a_predicate_without_value_is_named_with_its_first_row_even_where_nothing_is_judged(
+    time: Any, outermost: str
+) -> None:
+    log = trial(tenths(12), [1.0] * 9 + [0.0] * 3, [1.0] * 2 + [0.0] * 10)
+
+    # The first predicate is without a value in row 9, the second in row 2 already: the first is named.
+    finding = only(f"{outermost} (1 / d > 0 and 1 / v > 0)", log, time=time)
+
+    assert finding.verdict is INCONCLUSIVE
+    assert "division by zero in row 9: '1 / d'" in finding.message
+
+
+@pytest.mark.parametrize("time", ["discrete", "dense"])
+def test_a_predicate_without_value_late_in_a_long_trial_is_named_with_its_row(time: Any) -> None:
+    d = np.ones(70_000)
+    d[[66_000, 69_000]] = 0.0
+
+    finding = only("always 1 / d > 0", trial((np.arange(70_000) / 100).tolist(), d.tolist()), time=time)
+
+    assert finding.verdict is INCONCLUSIVE
+    assert "row 66000" in finding.message
+
+
 # What cannot be decided ----------------------------------------------------------------
 
 GAP = [0.0, 0.1, 0.2, 0.3, 1.3, 1.4, 1.5, 1.6]

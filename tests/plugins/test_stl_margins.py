@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 
 from ariac_score import Span
 from ariac_score_stl.dense import Dense
-from ariac_score_stl.robustness import Discrete, Margin, margins
+from ariac_score_stl.discrete import Discrete
+from ariac_score_stl.margins import Margin, margins
 from ariac_score_stl.rows import Rows
 from ariac_score_stl.sliding import chained, lowest_between, lowest_sliding
 from ariac_score_stl.syntax import parse
@@ -80,7 +81,7 @@ def discrete(
     tree = parse(text, ["x", "y"])
     columns: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
     rows = Rows.of(np.array(t), Span(t[0], t[-1]), holes)
-    return Discrete(rows, margins(tree, columns, len(t)), beyond).of(tree)
+    return Discrete.whole(tree, rows, margins(tree, columns, len(t)), beyond).of(tree)
 
 
 # Against a reference -------------------------------------------------------------------
@@ -287,7 +288,7 @@ def _dense_margin(
 ) -> Margin:
     tree = parse(text, ["x", "y"])
     columns: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
-    dense = Dense(np.array(t), Span(t[0], t[-1]), margins(tree, columns, len(t)), beyond)
+    dense = Dense(tree, np.array(t), Span(t[0], t[-1]), margins(tree, columns, len(t)), beyond)
     return dense.of(tree).on(np.asarray(at, float))
 
 
@@ -316,7 +317,7 @@ def test_in_dense_time_a_sample_stands_until_the_next_one(
     columns: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
     whole = Span(0.0, t[-1] + 0.1)  # so that the last sample stands for a tenth as well
 
-    steps = Dense(np.array(t), whole, margins(tree, columns, len(t)), "cut").of(tree)
+    steps = Dense(tree, np.array(t), whole, margins(tree, columns, len(t)), "cut").of(tree)
 
     wanted = [reference.robustness(formula, tenths, filled, i, dense=True) for i in range(len(tenths))]
     for within_s in (1e-8, 0.05, 0.099):  # the same at every moment of a step
@@ -335,7 +336,7 @@ def test_dense_steps_do_not_multiply_however_deep_a_formula_is() -> None:
     tree = parse(text, ["x", "y"])
     columns: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
 
-    steps = Dense(np.array(t), Span(t[0], t[-1]), margins(tree, columns, n), "cut").of(tree)
+    steps = Dense(tree, np.array(t), Span(t[0], t[-1]), margins(tree, columns, n), "cut").of(tree)
 
     assert len(steps.begin) <= n + 2 * 12 * 2
 

@@ -26,23 +26,22 @@ from ariac_score import (
     uncovered_spans,
 )
 from ariac_score.testing import ContractCheck, contract_checks, made_trial
-from ariac_score_stl import StlFormula, stages
+from ariac_score_stl import StlFormula, discrete
+from ariac_score_stl.discrete import Discrete
+from ariac_score_stl.margins import NEXT_TO_ZERO, decisive, margins
 from ariac_score_stl.online import undecided_online
-from ariac_score_stl.robustness import Discrete, margins, truths
 from ariac_score_stl.rows import Rows
-from ariac_score_stl.stages import Network
 from ariac_score_stl.syntax import parse
 
 LAWS = settings(max_examples=80, derandomize=True, deadline=None)
-LEAST = 5e-324
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _forgetful() -> Iterator[None]:
     """Rows are forgotten as soon as nobody looks at them, so that whoever still does is found out."""
-    before, stages._TRIM_EVERY = stages._TRIM_EVERY, 1
+    before, discrete._FORGOTTEN_AT_ONCE = discrete._FORGOTTEN_AT_ONCE, 0
     yield
-    stages._TRIM_EVERY = before
+    discrete._FORGOTTEN_AT_ONCE = before
 
 
 COMPARISONS = st.sampled_from(["<", "<=", ">", ">=", "==", "!="])
@@ -82,36 +81,39 @@ def traces(draw: st.DrawFn, steps: Sequence[int]) -> tuple[list[float], dict[str
 def offline(
     text: str, t: list[float], values: dict[str, list[float]], start_s: float, beyond: Any, gap_s: float
 ) -> Any:
-    """Begin, lower and upper bound of every row; then whether each is below zero, as truth tells it."""
+    """Begin, lower and upper bound of every row of the whole log; then whether each bound is broken.
+
+    The latter by judging truth, 1 and -1, instead of margins: no trick about a margin of 0 is in that.
+    """
     tree, span = parse(text, ["x", "y"]), Span(start_s, t[-1])
     at = np.array(t)
     rows = Rows.of(at, span, uncovered_spans(at, span, max_gap_s=gap_s))
     found = margins(tree, {name: np.array(column) for name, column in values.items()}, len(t))
-    margin, truth = (Discrete(rows, predicates, beyond).of(tree) for predicates in (found, truths(found)))
+    truths = {
+        node: np.where(margin > 0 if node.comparison in ("<", ">", "!=") else margin >= 0, 1.0, -1.0)
+        for node, margin in found.items()
+    }
+    margin, truth = (Discrete.whole(tree, rows, leaves, beyond).of(tree) for leaves in (found, truths))
     return rows.begin, margin.lower, margin.upper, truth.lower < 0, truth.upper < 0
 
 
 def online(
     text: str, t: list[float], values: dict[str, list[float]], start_s: float, beyond: Any, gap_s: float
 ) -> Any:
-    """The rows of a network, and how many samples had come when each was given."""
+    """The rows as they are given, one sample after the other, and how many samples had come then."""
     tree = parse(text, ["x", "y"])
-    network = Network(tree, start_s, beyond, gap_s)
+    formula = Discrete(tree, Rows(start_s), beyond)
     given_rows, when = [], []
     for k, t_s in enumerate(t):
-        found = margins(tree, {name: column[k] for name, column in values.items()}, 1)
-        told = {}
-        for node, margin in found.items():
-            holds = truths(found)[node][0] > 0
-            told[node] = float(margin[0]) or (LEAST if holds else -LEAST)
-        rows = network.take(t_s, told)
+        found = margins(tree, {name: np.array([column[k]]) for name, column in values.items()}, 1)
+        rows = formula.take(t_s, decisive(found), gap_s)
         given_rows += rows
         when += [t_s] * len(rows)
     return given_rows, when
 
 
 def plain(values: Sequence[float]) -> list[float]:
-    return [0.0 if abs(value) <= LEAST else value for value in values]
+    return [0.0 if abs(value) <= NEXT_TO_ZERO else value for value in values]
 
 
 def reach_s(text: str) -> float:
@@ -181,10 +183,11 @@ def test_what_is_kept_does_not_grow_with_the_trial() -> None:
     text = "historically ((x > 1 since[0.5,2] y > 0) -> eventually[0,3] (x < 2 until[1,2] rise y > 1))"
     tree = parse(text, ["x", "y"])
     predicates = [node for node in tree.walk() if node.margin is not None]
-    network, most = Network(tree, 0.0, "undecided", 0.15), 0
+    formula, most = Discrete(tree, Rows(0.0), "undecided"), 0
     for k in range(1_000):
-        network.take(k / 10, {node: float((k * i) % 7 - 3) for i, node in enumerate(predicates)})
-        most = max(most, network.kept)
+        margins_now = {node: np.array([(k * i) % 7 - 3.0]) for i, node in enumerate(predicates)}
+        formula.take(k / 10, margins_now, 0.15)
+        most = max(most, formula.kept)
 
     assert most < 100
 

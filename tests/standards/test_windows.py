@@ -53,13 +53,9 @@ from ariac_score_standards import (
 from ariac_score_standards.iso_ts_15066 import RunStarts, first_of_runs
 from ariac_score_standards.severity import travelled_m, ways_m
 from ariac_score_standards.watching import Watching
-from ariac_score_stl import StlFormula
-from ariac_score_stl import judging as stl_judging
-from ariac_score_stl import windows as stl_windows
 
 MADE = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "test_margins.py")))
 SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
-OF_PAIR = {"d": "separation in m", "v": "speed of robot in m/s"}
 DISTANCE = {"v": "speed/{robot}", "d": "separation/{robot}/{human}"}
 
 WINDOWED: dict[str, Any] = {
@@ -95,11 +91,6 @@ WINDOWED: dict[str, Any] = {
     "proximity_comfort": ProximityComfort(),
     "crush_gap": CrushGap(part="hand", t_off_s=0.05),
     "collision_episodes": CollisionEpisodes(),
-    "stl.formula, ahead": StlFormula(formula="always (d < 1 -> eventually[0,0.1] v < 0.5)", signals=OF_PAIR),
-    "stl.formula, back": StlFormula(formula="always (v > 1 -> once d > 1.2)", signals=OF_PAIR),
-    "stl.formula, to the end": StlFormula(
-        formula="always (d < 0.5 -> eventually (v < 0.1 and once d > 1))", signals=OF_PAIR
-    ),
     "rml.spec": RmlSpec(
         "apart matches {topic: 'gap', d: d} with d >= 0.8; Main = apart*;",
         {"gap": {"d": "separation/{robot}/{human} [m]"}},
@@ -110,17 +101,6 @@ WINDOWED: dict[str, Any] = {
         "arm matches {topic: 'arm'}; gap not matches arm; Main = (near arm* slow \\/ gap \\/ arm)*;",
         {"gap": {"d": "separation/{robot}/{human} [m]"}, "arm": {"v": "speed/{robot}"}},
         after_violation="restart",
-    ),
-    "stl.formula, dense": StlFormula(
-        formula="always (d < 1 -> eventually[0,0.1] v < 0.5)", signals=OF_PAIR, time="dense"
-    ),
-    "stl.formula, dense, until and since": StlFormula(
-        formula="always ((d > 0.3 until[0.05,0.1] v < 2) or (v < 0.1 since[0.1,0.3] d > 0.2))",
-        signals=OF_PAIR,
-        time="dense",
-    ),
-    "stl.formula, dense, to the end": StlFormula(
-        formula="always (d < 0.5 -> eventually (v < 0.1 and once d > 1))", signals=OF_PAIR, time="dense"
     ),
     "formula.always": Always(holds="d >= 0.5 * v + 0.3", signals=DISTANCE, unit="m"),
     "formula.never": Never(holds="v > 1", signals={"v": "speed/{robot}"}, unit="m/s"),
@@ -142,10 +122,6 @@ def window_size(samples: int, kept_bytes: int = 0) -> Iterator[None]:
             (windows, "KEPT_BYTES", kept_bytes),
             (windows, "KEPT_VECTOR_BYTES", kept_bytes),
             (sketch, "PART_SAMPLES", samples),
-            (stl_windows, "WINDOW_ROWS", samples),
-            (stl_windows, "ROWS_FOR_ONE_AROUND", 0),
-            (stl_windows, "KEPT_BYTES", kept_bytes),
-            (stl_judging, "KEPT_BYTES", kept_bytes),
             (rml_windows, "WINDOW_EVENTS", samples),
             (rml_judging, "KEPT_WINDOWS", 1),
             (rml_judging, "KEPT_BYTES", kept_bytes),
