@@ -53,14 +53,18 @@ if TYPE_CHECKING:
         MissingSignalError,
         NothingToScoreError,
         ScoreError,
+        UsageError,
         did_you_mean,
     )
+    from ariac_score.logs.messages import RecordedMessage, read_messages
     from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
     from ariac_score.results.cohort_file import Cohort, load_cohort
     from ariac_score.results.result import Measured, Provenance, Result
     from ariac_score.results.result_file import as_json, load_result
     from ariac_score.scoring.expression import Expression, add_up
     from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+    from ariac_score.terminal.output import write_output
+    from ariac_score.terminal.style import plain
     from ariac_score.trial.arrivals import Alignment, Arrivals
     from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
     from ariac_score.trial.channels import KitMap, LogMap, TrayMatch
@@ -121,14 +125,18 @@ _HOME = {
     "ariac_score.engine.price": "price_trial reprice",
     "ariac_score.engine.score": "score_trial",
     "ariac_score.errors": (
-        "DataFileError FormulaError LogError MissingSignalError NothingToScoreError ScoreError did_you_mean"
+        "DataFileError FormulaError LogError MissingSignalError NothingToScoreError ScoreError "
+        "UsageError did_you_mean"
     ),
+    "ariac_score.logs.messages": "RecordedMessage read_messages",
     "ariac_score.ranking.evaluation": "Entry Evaluation OrderPlan Stop",
     "ariac_score.results.cohort_file": "Cohort load_cohort",
     "ariac_score.results.result": "Measured Provenance Result",
     "ariac_score.results.result_file": "as_json load_result",
     "ariac_score.scoring.expression": "Expression add_up",
     "ariac_score.scoring.ruleset": "RuleSet load_rule_set",
+    "ariac_score.terminal.output": "write_output",
+    "ariac_score.terminal.style": "plain",
     "ariac_score.trial.arrivals": "Alignment Arrivals",
     "ariac_score.trial.build": "LARGEST_STEP_BACK_S TrialBuilder",
     "ariac_score.trial.channels": "KitMap LogMap TrayMatch",
@@ -208,6 +216,7 @@ __all__ = [
     "Quantity",
     "Reader",
     "ReaderFacts",
+    "RecordedMessage",
     "Resolving",
     "Result",
     "Rule",
@@ -231,6 +240,7 @@ __all__ = [
     "TrayMatch",
     "Trial",
     "TrialBuilder",
+    "UsageError",
     "Verdict",
     "Wanted",
     "WantedProduct",
@@ -251,11 +261,14 @@ __all__ = [
     "measure_trial",
     "parameter",
     "parameter_facts",
+    "plain",
     "price_trial",
+    "read_messages",
     "reprice",
     "sample_durations",
     "score_trial",
     "uncovered_spans",
+    "write_output",
 ]
 
 

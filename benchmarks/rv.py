@@ -267,7 +267,7 @@ def texts(arguments: argparse.Namespace, folder: Path) -> None:
     for _ in range(arguments.rounds):
         theirs.append(ran([*prolog, str(paths["spec.pl"]), trace]))
         ours.append(ran(own))
-    show("rml run, whole command", ours, theirs, arguments.snapshots, 25)
+    show("rml run, whole command", ours, theirs, arguments.snapshots, 12)
 
 
 def in_memory(arguments: argparse.Namespace, rtamt: str | None, reelay: str | None) -> None:

@@ -45,8 +45,8 @@ from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.vocabulary import QUANTITIES
 from ariac_score_rml import RmlError, compile_rml, format_rml, run_trace
-from ariac_score_rml.lines import run_lines
 from ariac_score_rml.tokens import Dialect
+from ariac_score_rml.trace_columns import run_lines
 from ariac_score_rml.traces import read_events
 from ariac_score_stl import StlFormula
 from fuzz.columns import decode_both_ways

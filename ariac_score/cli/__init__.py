@@ -22,7 +22,7 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     from ariac_score.errors import ScoreError
@@ -52,7 +52,6 @@ _COMMANDS = (
     "platform",
     "sensitivity",
     "rules",
-    "rml",
     "plugins",
     "new",
     "oracle",
@@ -93,7 +92,10 @@ def _version() -> str:
 
 
 def _parser(first: str = "") -> argparse.ArgumentParser:
-    """The parser of the command that a command line begins with; of none for the version, else of all."""
+    """The parser of the command that a command line begins with; of none for the version, else of all.
+
+    Of a command that a plugin brings only the wanted one is imported, and never for the help of all.
+    """
     parser = _Parser(
         prog="ariac-score",
         description="Score robot competition trials: task points, safety monitors, one explained score.",
@@ -103,9 +105,28 @@ def _parser(first: str = "") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in [first] if first in _COMMANDS else () if first == "--version" else _COMMANDS:
+    if first == "--version":
+        return parser
+    for name in [first] if first in _COMMANDS else _COMMANDS:
         import_module(f"ariac_score.cli.{name}").register(commands)
+    if first not in _COMMANDS:
+        _add_brought(first, commands)
     return parser
+
+
+def _add_brought(first: str, commands: Any) -> None:
+    """Add the commands that plugins bring: the one that is wanted, of the others a line for the help."""
+    from ariac_score.cli.brought import (  # noqa: PLC0415  # our own commands need none of it
+        brought_commands,
+        register_brought,
+        summary_of,
+    )
+
+    for name, points in brought_commands(_COMMANDS).items():
+        if name == first:
+            register_brought(name, points, commands)
+        else:
+            commands.add_parser(name, help=summary_of(points), add_help=False)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -116,9 +137,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     # What is left at the end goes with the process; looking through it takes longer than some commands.
     atexit.unregister(gc.freeze)
     atexit.register(gc.freeze)
-    words = sys.argv[1:] if argv is None else argv
+    words, author = sys.argv[1:] if argv is None else argv, ""
     try:
         arguments = _parser(words[0] if words else "").parse_args(words)
+        author = getattr(arguments, "author", "")
         code: int = arguments.run(arguments)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -135,12 +157,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("hint: check the disk, or write to a file with -o", file=sys.stderr)
         return EXIT_USAGE
     except Exception as error:  # noqa: BLE001  # no traceback reaches a user
-        return _failed(error)
+        return _failed(error, author or "ariac-score")
     return code
 
 
-def _failed(error: Exception) -> int:
-    """Say what went wrong, in words, and give the exit code."""
+def _failed(error: Exception, author: str) -> int:
+    """Say what went wrong, in words and whose fault it is, and give the exit code."""
     from ariac_score.errors import ScoreError  # noqa: PLC0415  # only when something failed
 
     if isinstance(error, ScoreError):
@@ -150,7 +172,7 @@ def _failed(error: Exception) -> int:
         raise error
     print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
     print(
-        "hint: this is a fault of ariac-score; set ARIAC_SCORE_DEBUG=1 and report the traceback",
+        f"hint: this is a fault of {author}; set ARIAC_SCORE_DEBUG=1 and report the traceback",
         file=sys.stderr,
     )
     return EXIT_INTERNAL

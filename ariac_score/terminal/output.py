@@ -14,7 +14,15 @@ from typing import IO
 from ariac_score.errors import UsageError
 from ariac_score.terminal.style import plain
 
-__all__ = ["counting_bar", "progress_bar", "refuse_inputs", "write", "write_bytes", "write_copy"]
+__all__ = [
+    "counting_bar",
+    "progress_bar",
+    "refuse_inputs",
+    "write",
+    "write_bytes",
+    "write_copy",
+    "write_output",
+]
 
 
 def write(text: str, file: Path | None) -> None:
@@ -29,6 +37,10 @@ def write(text: str, file: Path | None) -> None:
         sys.stdout.write(text)
     else:
         write_bytes(text.encode("utf-8"), file)
+
+
+write_output = write
+"""The name by which commands of plugins know it."""
 
 
 def write_bytes(content: bytes, file: Path) -> None:

@@ -1,15 +1,26 @@
-"""Conditions of `if` and arguments of equations: plain arithmetic on values, no tolerance."""
+"""Arithmetic: what operators compute and when comparisons hold; conditions of `if`, arguments of equations.
+
+Numbers are of three kinds, and so data expressions are evaluated in three places: here exactly,
+integers as such and no tolerance; in `guards` as floats of which some are unknown; in `columns` as
+floats of all events at once. The functions and the comparisons are these.
+"""
 
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, overload
 
 from ariac_score_rml.faults import RmlRunError
 from ariac_score_rml.syntax import Const, Data, Num, Op, Var
 from ariac_score_rml.values import Bound, Json, shown
 
-__all__ = ["MAX_BITS", "argument", "condition"]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["COMPARISONS", "FUNCTIONS", "MAX_BITS", "argument", "condition", "holds"]
 
 Env = Mapping[str, Bound]
 Number = int | float
@@ -17,15 +28,15 @@ Number = int | float
 MAX_BITS = 10_000
 """Whole numbers may not grow larger than this many bits."""
 
-_COMPARE: dict[str, Callable[[Number, Number], bool]] = {
-    "<": lambda a, b: a < b,
-    "<=": lambda a, b: a <= b,
-    ">": lambda a, b: a > b,
-    ">=": lambda a, b: a >= b,
-    "==": lambda a, b: a == b,
-    "!=": lambda a, b: a != b,
+COMPARISONS: Mapping[str, Callable[[Number, Number], bool]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
 }
-_FUNCTIONS: dict[str, Callable[..., Number]] = {
+FUNCTIONS: Mapping[str, Callable[..., Number]] = {
     "abs": abs,
     "sin": math.sin,
     "cos": math.cos,
@@ -33,6 +44,28 @@ _FUNCTIONS: dict[str, Callable[..., Number]] = {
     "min": min,
     "max": max,
 }
+
+
+@overload
+def holds(op: str, difference: float, tolerance: float) -> bool: ...
+
+
+@overload
+def holds(op: str, difference: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]: ...
+
+
+def holds(op: str, difference: float | NDArray[np.float64], tolerance: float) -> bool | NDArray[np.bool_]:
+    """Whether `left op right`, given left - right, where differences up to a tolerance are none."""
+    if op == "<":
+        return difference < -tolerance
+    if op == "<=":
+        return difference <= tolerance
+    if op == ">":
+        return difference > tolerance
+    if op == ">=":
+        return difference >= -tolerance
+    same = (difference >= -tolerance) & (difference <= tolerance)
+    return same == (op == "==")
 
 
 def condition(data: Data, env: Env) -> bool:
@@ -46,8 +79,8 @@ def condition(data: Data, env: Env) -> bool:
             return condition(data.args[0], env) and condition(data.args[1], env)
         if data.op == "||":
             return condition(data.args[0], env) or condition(data.args[1], env)
-        if data.op in _COMPARE:
-            return _COMPARE[data.op](_number(data.args[0], env), _number(data.args[1], env))
+        if data.op in COMPARISONS:
+            return COMPARISONS[data.op](_number(data.args[0], env), _number(data.args[1], env))
         raise RmlRunError(f"a number, of {data.op!r}, stands where a condition is needed", kind="type_error")
     value = _value(data, env)
     if isinstance(value, bool):
@@ -62,9 +95,9 @@ def argument(data: Data, env: Env) -> Json:
         RmlRunError: Powers and functions have no value there, nor have lists and records.
     """
     if isinstance(data, Op):
-        if data.op in ("&&", "||") or data.op in _COMPARE:
+        if data.op in ("&&", "||") or data.op in COMPARISONS:
             return condition(data, env)
-        if data.op == "^" or data.op in _FUNCTIONS:
+        if data.op == "^" or data.op in FUNCTIONS:
             raise RmlRunError(
                 f"{data.op!r} is not evaluated in an argument of an equation",
                 kind="unsupported",
@@ -115,8 +148,8 @@ def _checked(value: Number) -> Number:
 
 def _computed(op: str, args: list[Number]) -> Number:
     try:
-        if op in _FUNCTIONS:
-            return _FUNCTIONS[op](*args)
+        if op in FUNCTIONS:
+            return FUNCTIONS[op](*args)
         if len(args) == 1 and op == "-":
             return -args[0]
         a, b = args

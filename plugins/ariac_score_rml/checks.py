@@ -367,7 +367,7 @@ def _used_types(spec: Spec) -> Iterator[EventType]:
 
 def _uncovered(equations: Mapping[str, Equation]) -> Iterator[Warned]:
     """Names that no `let` or parameter gives a scope, found from Main on; scopes are dynamic."""
-    told: set[str] = set()
+    warned: set[str] = set()
     seen: set[tuple[str, frozenset[str]]] = set()
     todo: list[tuple[Exp, frozenset[str]]] = [(equations["Main"].body, frozenset())]
     while todo:
@@ -383,8 +383,8 @@ def _uncovered(equations: Mapping[str, Equation]) -> Iterator[Warned]:
         if isinstance(exp, Event | Filter):
             for arg in exp.type.args:
                 for name in names_in(arg):
-                    if name not in scope and name not in told:
-                        told.add(name)
+                    if name not in scope and name not in warned:
+                        warned.add(name)
                         yield _warned(
                             exp.type.place, f"no let declares the name {name!r}: its value is not kept"
                         )

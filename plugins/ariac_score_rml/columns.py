@@ -15,7 +15,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score_rml.guards import ExprSlot, PatternSlot, Scope, Slot, Unknown, slot_of_name
+from ariac_score_rml.arithmetic import holds
+from ariac_score_rml.guards import FLOAT_FUNCTIONS, ExprSlot, PatternSlot, Scope, Slot, Unknown, slot_of_name
 from ariac_score_rml.machine import slots_of
 from ariac_score_rml.matching import Declared, Matcher, alternatives, scope_of, slot_of
 from ariac_score_rml.syntax import (
@@ -39,6 +40,7 @@ FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.intp]
 Rows: TypeAlias = "IntArray | slice"
+_Numbers: TypeAlias = "FloatArray | float"
 _Value: TypeAlias = "FloatArray | Json"
 _Values: TypeAlias = "Mapping[Unknown, _Value]"
 
@@ -187,24 +189,6 @@ class Match:
         )
 
 
-_SIGN = {">": 1.0, ">=": 1.0, "<": -1.0, "<=": -1.0}
-_COMPARE: Mapping[str, tuple[Callable[[FloatArray, float], BoolArray], float]] = {
-    "<": (np.less, -1.0),
-    "<=": (np.less_equal, 1.0),
-    ">": (np.greater, 1.0),
-    ">=": (np.greater_equal, -1.0),
-}
-BLOCK_ROWS = 16_384
-"""Guards are evaluated in blocks whose intermediate results stay in the cache."""
-
-_POINTWISE: dict[str, Callable[..., float]] = {
-    "sin": math.sin,
-    "cos": math.cos,
-    "tan": math.tan,
-    "^": math.pow,
-}
-
-
 _ALL = slice(None)
 
 
@@ -223,7 +207,7 @@ class Columns:
         self.close = 0
         self._matcher, self._stream = matcher, stream
         self._tolerance = matcher.solver.tolerance
-        self._known: dict[object, tuple[Match, BoolArray | None]] = {}
+        self._known: dict[object, tuple[Match, BoolArray]] = {}
 
     def count(self, rows: Rows) -> int:
         """How many events some rows are."""
@@ -238,29 +222,28 @@ class Columns:
         key = (name, tuple(g.key for g in given))
         if key not in self._known:
             self._known[key] = self._match(name, given)
-        found, unsaid = self._known[key]
-        if unsaid is not None and unsaid[rows].any():
+        found, undecided = self._known[key]
+        if undecided[rows].any():
             raise NotColumnarError(name)
         return found if isinstance(rows, slice) and rows == _ALL else found[rows]
 
-    def _match(self, name: str, given: tuple[Given, ...]) -> tuple[Match, BoolArray | None]:
+    def _match(self, name: str, given: tuple[Given, ...]) -> tuple[Match, BoolArray]:
         each = [self._of_topic(topic, name, given) for topic in self._stream.topics]
         if len(each) == 1:
             return each[0]
         found = Match.of(np.zeros(len(self._stream), dtype=bool))
-        unsaid = np.zeros(len(self._stream), dtype=bool)
-        for index, (here, unsaid_here) in enumerate(each):
+        undecided = np.zeros(len(self._stream), dtype=bool)
+        for index, (here, undecided_here) in enumerate(each):
             rows = self._stream.rows_of(index)
             found.holds[rows], found.margin[rows] = here.holds, here.margin
             found.bound[rows], found.field[rows] = here.bound, here.field
-            if unsaid_here is not None:
-                unsaid[rows] = unsaid_here
-        return found, unsaid if unsaid.any() else None
+            undecided[rows] = undecided_here
+        return found, undecided
 
-    def _of_topic(self, topic: Topic, name: str, given: tuple[Given, ...]) -> tuple[Match, BoolArray | None]:
+    def _of_topic(self, topic: Topic, name: str, given: tuple[Given, ...]) -> tuple[Match, BoolArray]:
         one, count = _OneTopic(self._matcher, topic, self._tolerance), len(topic.t)
         try:
-            return one.type(name, slots_of(given, {}), {}), one.unsaid
+            return one.type(name, slots_of(given, {}), {}), one.undecided
         except NotColumnarError:
             return Match.alike(False, count), np.ones(count, dtype=bool)
         finally:
@@ -268,20 +251,16 @@ class Columns:
 
 
 @dataclass(frozen=True, eq=False)
-class _Marks:
-    """What turns out while numbers are computed.
+class _Doubts:
+    """Events of which a guard cannot simply be computed.
 
     Attributes:
         zero: Where something is divided by zero, shape (n,).
-        unsaid: Where only the interpreter can say what comes out, shape (n,).
+        undecided: Where only the interpreter can say what comes out, shape (n,).
     """
 
     zero: BoolArray
-    unsaid: BoolArray
-
-    def of(self, rows: slice) -> _Marks:
-        """Those of some rows, to be written to."""
-        return _Marks(self.zero[rows], self.unsaid[rows])
+    undecided: BoolArray
 
 
 def _value_of(function: Callable[..., float], args: Sequence[float]) -> float | None:
@@ -297,13 +276,13 @@ class _OneTopic:
 
     Attributes:
         close: How many comparisons would come out otherwise without the tolerance.
-        unsaid: Of which events only the interpreter can say, shape (n,); `None`: of none.
+        undecided: Of which events only the interpreter can say, shape (n,).
     """
 
     def __init__(self, matcher: Matcher, topic: Topic, tolerance: float) -> None:
         self._matcher, self._tolerance, self.close = matcher, tolerance, 0
-        self.unsaid: BoolArray | None = None
         self._topic, self._count, self._event = topic, len(topic.t), topic.record()
+        self.undecided = self._all(False)
 
     def _all(self, holds: bool) -> BoolArray:
         return np.full(self._count, holds)
@@ -311,11 +290,6 @@ class _OneTopic:
     def _match_of(self, holds: BoolArray) -> Match:
         sure = bool(holds[0]) if len(holds) else False
         return Match.alike(sure, self._count) if (holds == sure).all() else Match.of(holds)
-
-    def _leave(self, events: BoolArray) -> None:
-        """Leave some events to the interpreter."""
-        if events.any():
-            self.unsaid = events if self.unsaid is None else self.unsaid | events
 
     def type(self, name: str, slots: list[Slot], values: _Values) -> Match:
         """Whether each event is of a type, with every way in which it can be."""
@@ -346,12 +320,11 @@ class _OneTopic:
     def _guarded(self, match: Match, guard: Data, scope: Scope, values: _Values) -> Match:
         """A match where the guard holds too."""
         try:
-            kept, unsaid = self._guard(guard, scope, values)
+            kept, undecided = self._guard(guard, scope, values)
         except NotColumnarError:
-            self._leave(match.holds)
+            self.undecided |= match.holds
             return Match.alike(False, self._count)
-        if unsaid is not None:
-            self._leave(match.holds & unsaid)
+        self.undecided |= match.holds & undecided
         return match & kept
 
     def _alternatives(
@@ -401,7 +374,7 @@ class _OneTopic:
             taken = self._all(False)
             for option in alternatives(slot.pattern):
                 taken |= self._takes(option, value, slot.scope, dict(values))
-            self._leave(taken)
+            self.undecided |= taken
             return taken
         return self._all(False)
 
@@ -421,30 +394,24 @@ class _OneTopic:
 
     # Guards --------------------------------------------------------------------------
 
-    def _guard(self, guard: Data, scope: Scope, values: _Values) -> tuple[Match, BoolArray | None]:
-        """Where a guard holds, and where only the interpreter can say; `None`: nowhere."""
+    def _guard(self, guard: Data, scope: Scope, values: _Values) -> tuple[Match, BoolArray]:
+        """Where a guard holds, and where only the interpreter can say."""
         if not isinstance(guard, Op):
             raise NotColumnarError
         if guard.op in ("&&", "||"):
-            (left, unsaid), (right, further) = (self._guard(arg, scope, values) for arg in guard.args)
-            if further is not None:  # the right side counts only where the left does not decide
-                further = further & (left.holds if guard.op == "&&" else ~left.holds)
-                unsaid = further if unsaid is None else unsaid | further
-            return left & right if guard.op == "&&" else left | right, unsaid
-        marks = _Marks(self._all(False), self._all(False))
-        difference, bound = np.empty(self._count), np.empty(self._count)
+            (left, undecided), (right, further) = (self._guard(arg, scope, values) for arg in guard.args)
+            # The right side counts only where the left does not decide.
+            undecided = undecided | (further & (left.holds if guard.op == "&&" else ~left.holds))
+            return left & right if guard.op == "&&" else left | right, undecided
+        doubts = _Doubts(self._all(False), self._all(False))
         fields = [self._field(arg, scope, values) for arg in guard.args]
         limited = 1 if fields[0] < 0 <= fields[1] else 0
-        field = fields[limited]
         with np.errstate(all="ignore"):
-            for first in range(0, self._count, BLOCK_ROWS):
-                rows = slice(first, first + BLOCK_ROWS)
-                here = {name: v[rows] if isinstance(v, np.ndarray) else v for name, v in values.items()}
-                sides = [self._number(arg, scope, here, marks.of(rows)) for arg in guard.args]
-                difference[rows] = sides[0] - sides[1]
-                bound[rows] = sides[1 - limited]
-        compared = self._compared(guard.op, difference, bound, field, marks.zero | marks.unsaid)
-        return compared, marks.unsaid if marks.unsaid.any() else None
+            sides = [self._number(arg, scope, values, doubts) for arg in guard.args]
+            difference = np.broadcast_to(sides[0] - sides[1], self._count)
+        bound = np.broadcast_to(sides[1 - limited], self._count)
+        failed = doubts.zero | doubts.undecided
+        return self._compared(guard.op, difference, bound, fields[limited], failed), doubts.undecided
 
     def _field(self, side: Data, scope: Scope, values: _Values) -> int:
         """Which field one side of an inequality is; -1: none, or something computed."""
@@ -460,18 +427,12 @@ class _OneTopic:
         self, op: str, difference: FloatArray, bound: FloatArray, field: int, failed: BoolArray
     ) -> Match:
         """One comparison; where something was divided by zero, or has no value, it fails."""
-        tolerance = self._tolerance
-        if op in _SIGN:
-            compare, sign = _COMPARE[op]
-            held = compare(difference, sign * tolerance)
-            plainly = compare(difference, 0.0)
-            margin = difference if _SIGN[op] > 0 else -difference
-        else:
-            near = np.abs(difference) <= tolerance
-            held = near if op == "==" else ~near
-            plainly = (difference == 0) == (op == "==")
+        held = holds(op, difference, self._tolerance)
+        self.close += int(np.count_nonzero(held != holds(op, difference, 0.0)))
+        if op in ("==", "!="):
             margin = np.abs(difference) * (-1.0 if op == "==" else 1.0)
-        self.close += int(np.count_nonzero(held != plainly))
+        else:
+            margin = difference if op in (">", ">=") else -difference
         fields = np.broadcast_to(np.intp(field), (self._count,))
         if not failed.any():
             return Match(held, margin, bound, fields)
@@ -482,46 +443,43 @@ class _OneTopic:
             np.where(failed, -1, fields),
         )
 
-    def _number(self, data: Data, scope: Scope, values: _Values, marks: _Marks) -> FloatArray | float:
+    def _number(self, data: Data, scope: Scope, values: _Values, doubts: _Doubts) -> _Numbers:
         if isinstance(data, Num):
             return float(data.value)
         if isinstance(data, Const):
             raise NotColumnarError
         if not isinstance(data, Op):
-            return self._named(data.name, scope, values, marks)
-        args = [self._number(arg, scope, values, marks) for arg in data.args]
+            return self._named(data.name, scope, values, doubts)
+        args = [self._number(arg, scope, values, doubts) for arg in data.args]
         if data.op == "-" and len(args) == 1:
             return -1.0 * args[0]
         if data.op in ("+", "-", "*"):
             a, b = args
             return a + b if data.op == "+" else a - b if data.op == "-" else a * b
         if data.op == "/":
-            divisor = np.broadcast_to(args[1], marks.zero.shape)
-            np.logical_or(marks.zero, divisor == 0, out=marks.zero)
+            divisor = np.broadcast_to(args[1], doubts.zero.shape)
+            np.logical_or(doubts.zero, divisor == 0, out=doubts.zero)
             return args[0] / np.where(divisor == 0, 1.0, divisor)
-        return self._function(data.op, args, marks.unsaid)
+        return self._function(data.op, args, doubts.undecided)
 
-    def _function(self, name: str, args: list[FloatArray | float], unsaid: BoolArray) -> FloatArray | float:
+    def _function(self, name: str, args: list[_Numbers], undecided: BoolArray) -> _Numbers:
         if name == "abs":
             return np.abs(args[0])
         if name in ("min", "max"):
             a, b = np.broadcast_arrays(*args)
             return np.where(b < a if name == "min" else b > a, b, a)
-        if name not in _POINTWISE:
-            raise NotColumnarError
-        # numpy's own functions may differ from these in the last bit.
-        columns = [np.broadcast_to(arg, unsaid.shape).tolist() for arg in args]
-        try:
-            return np.array([_POINTWISE[name](*row) for row in zip(*columns, strict=True)], dtype=np.float64)
-        except (ValueError, OverflowError):
-            found = [_value_of(_POINTWISE[name], row) for row in zip(*columns, strict=True)]
-        np.logical_or(unsaid, [value is None for value in found], out=unsaid)
-        return np.array([math.nan if value is None else value for value in found])
+        if name not in FLOAT_FUNCTIONS:
+            raise NotColumnarError  # a condition
+        # Value by value: numpy's own functions may differ from Python's in the last bit.
+        columns = [np.broadcast_to(arg, undecided.shape).tolist() for arg in args]
+        found = [_value_of(FLOAT_FUNCTIONS[name], row) for row in zip(*columns, strict=True)]
+        np.logical_or(undecided, [value is None for value in found], out=undecided)
+        return np.array([math.nan if value is None else value for value in found], dtype=np.float64)
 
-    def _named(self, name: str, scope: Scope, values: _Values, marks: _Marks) -> FloatArray | float:
+    def _named(self, name: str, scope: Scope, values: _Values, doubts: _Doubts) -> _Numbers:
         slot = slot_of_name(name, scope)
         if isinstance(slot, ExprSlot):
-            return self._number(slot.data, slot.scope, values, marks)
+            return self._number(slot.data, slot.scope, values, doubts)
         value: object = None
         if isinstance(slot, Bound):
             value = slot.value

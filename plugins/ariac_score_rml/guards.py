@@ -12,11 +12,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+from ariac_score_rml.arithmetic import COMPARISONS, FUNCTIONS, holds
 from ariac_score_rml.faults import RmlRunError
 from ariac_score_rml.syntax import Const, Data, Num, Op, Pattern, Var
 from ariac_score_rml.values import Bound, Json, as_float
 
 __all__ = [
+    "FLOAT_FUNCTIONS",
     "TOLERANCE",
     "ExprSlot",
     "PatternSlot",
@@ -24,7 +26,6 @@ __all__ = [
     "Slot",
     "Solver",
     "Unknown",
-    "holds",
     "slot_of_name",
 ]
 
@@ -68,19 +69,6 @@ def slot_of_name(name: str, scope: Scope) -> Slot:
     if slot is None:
         slot = scope[name] = Unknown(name)
     return slot
-
-
-def holds(op: str, difference: float, tolerance: float) -> bool:
-    """Whether `left op right`, given left - right."""
-    if op == "<":
-        return difference < -tolerance
-    if op == "<=":
-        return difference <= tolerance
-    if op == ">":
-        return difference > tolerance
-    if op == ">=":
-        return difference >= -tolerance
-    return (abs(difference) <= tolerance) is (op == "==")
 
 
 @dataclass(frozen=True)
@@ -135,15 +123,7 @@ def _over(a: _Term, b: _Term) -> _Term:
     return None if a is None else _times(1.0 / b, a)
 
 
-_FUNCTIONS: dict[str, Callable[..., float]] = {
-    "abs": abs,
-    "sin": math.sin,
-    "cos": math.cos,
-    "tan": math.tan,
-    "min": min,
-    "max": max,
-    "^": math.pow,
-}
+FLOAT_FUNCTIONS: Mapping[str, Callable[..., float]] = {**FUNCTIONS, "^": math.pow}
 
 
 @dataclass
@@ -197,7 +177,7 @@ class Solver:
         elif isinstance(guard, Op) and guard.op == "||":
             yield from self._solved(guard.args[0], scope, state.copy())
             yield from self._solved(guard.args[1], scope, state.copy())
-        elif isinstance(guard, Op) and guard.op in _COMPARISONS:
+        elif isinstance(guard, Op) and guard.op in COMPARISONS:
             if self._compared(guard, scope, state):
                 yield state
         else:
@@ -329,15 +309,14 @@ class Solver:
         raise RmlRunError(f"{name!r} is a pattern where a number is needed", kind="type_error")
 
 
-_COMPARISONS = frozenset({"<", "<=", ">", ">=", "==", "!="})
-_CONDITIONS = _COMPARISONS | {"&&", "||"}
+_CONDITIONS = COMPARISONS.keys() | {"&&", "||"}
 
 
 def _applied(function: str, terms: list[_Term]) -> _Term:
     if any(not isinstance(term, float) for term in terms):
         return None
     try:
-        return float(_FUNCTIONS[function](*terms))
+        return float(FLOAT_FUNCTIONS[function](*terms))
     except (ValueError, OverflowError):
         if function == "^" and terms[0] == 0:
             raise _NoValueError from None

@@ -18,7 +18,7 @@ from ariac_score_rml.syntax import Spec, Var
 from ariac_score_rml.terms import Given, Term, Terms
 from ariac_score_rml.values import Bound, Json, same
 
-__all__ = ["MAX_ASKED", "MAX_STATE", "Letter", "Machine", "match_key", "slots_of"]
+__all__ = ["MAX_EVENT_TYPES", "MAX_STATE", "Letter", "Machine", "match_key", "slots_of"]
 
 Letter = Literal["T", "t", "f", "F", "E"]
 """T: everything may follow; t: the trace may end here; f: it may not; F: rejected; E: cannot be judged."""
@@ -29,7 +29,7 @@ MAX_STATE = 100_000
 _MAX_ACTIONS = 20_000_000
 """How many rewriting steps one event may take."""
 
-MAX_ASKED = 12
+MAX_EVENT_TYPES = 12
 """States that ask about more event types are not looked at by what matches."""
 
 _MAX_MEMOISED = 8
@@ -141,7 +141,7 @@ class Machine:
             RmlRunError: The event cannot be judged, or a limit is reached.
         """
         self._event, self._matches = event, {}
-        types = self.asked(state)
+        types = self.event_types(state)
         if types is None or len(types) > _MAX_MEMOISED:
             return self._run(state)
         try:
@@ -351,18 +351,18 @@ class Machine:
 
     # What a step may ask -------------------------------------------------------------
 
-    def asked(self, state: Term) -> tuple[Term, ...] | None:
+    def event_types(self, state: Term) -> tuple[Term, ...] | None:
         """The event types a step from a state may ask about, in the order of the state.
 
         `None` when one of them has a name whose value an event would give: then a step
         depends on more than on which of them match. Also when there are more than
-        `MAX_ASKED`, which nobody makes use of.
+        `MAX_EVENT_TYPES`, which nobody makes use of.
         """
-        if state.asked is None:
-            self._find_asked(state)
-        return None if not isinstance(state.asked, tuple) else state.asked
+        if state.event_types is None:
+            self._find_event_types(state)
+        return None if not isinstance(state.event_types, tuple) else state.event_types
 
-    def _find_asked(self, root: Term) -> None:
+    def _find_event_types(self, root: Term) -> None:
         """Of every part a step may reach, inner ones first: no growing state is gone through anew."""
         todo: list[tuple[Term, list[Term] | None]] = [(root, None)]
         path: set[int] = set()
@@ -370,28 +370,28 @@ class Machine:
             term, parts = todo.pop()
             if parts is not None:
                 path.discard(id(term))
-                term.asked = self._asked_of(term, parts)
+                term.event_types = self._event_types_of(term, parts)
             elif id(term) in path:
-                root.asked = False  # it comes back to itself through a condition, before any event
+                root.event_types = False  # it comes back to itself through a condition, before any event
                 return
-            elif term.asked is None:
+            elif term.event_types is None:
                 path.add(id(term))
                 parts = list(self._next_parts(term))
                 todo.append((term, parts))
-                todo.extend((part, None) for part in reversed(parts) if part.asked is None)
+                todo.extend((part, None) for part in reversed(parts) if part.event_types is None)
 
-    def _asked_of(self, term: Term, parts: list[Term]) -> tuple[Term, ...] | Literal[False]:
+    def _event_types_of(self, term: Term, parts: list[Term]) -> tuple[Term, ...] | Literal[False]:
         found: dict[object, Term] = {}
         if term.kind in ("event", "filter"):
             if any(given.names for given in term.given):
                 return False
             found[match_key(term)] = term
         for part in parts:
-            if not isinstance(part.asked, tuple):
+            if not isinstance(part.event_types, tuple):
                 return False
-            for one in part.asked:
+            for one in part.event_types:
                 found.setdefault(match_key(one), one)
-        return tuple(found.values()) if len(found) <= MAX_ASKED else False
+        return tuple(found.values()) if len(found) <= MAX_EVENT_TYPES else False
 
     def _next_parts(self, term: Term) -> Iterator[Term]:
         """The parts of a state that a step may reach."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -12,7 +11,6 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from ariac_score import (
-    QUANTITIES,
     Body,
     Course,
     EventWatch,
@@ -22,20 +20,19 @@ from ariac_score import (
     SignalNeed,
     Trial,
 )
-from ariac_score_rml.automaton import AfterViolation
 from ariac_score_rml.faults import RmlError, RmlRunError
 from ariac_score_rml.guards import TOLERANCE
-from ariac_score_rml.judging import Asked, Judged
+from ariac_score_rml.judging import Judgement, Settings
 from ariac_score_rml.machine import MAX_STATE, Machine
 from ariac_score_rml.online import EventsOnline, SignalsOnline, Wanted
+from ariac_score_rml.progress import AfterViolation
+from ariac_score_rml.recorded import Recorded, TopicSource, subjects, topic_sources
 from ariac_score_rml.running import Program, compile_rml
 from ariac_score_rml.syntax import Literal_, OrPattern, Pattern, RecordPattern
 from ariac_score_rml.tokens import Dialect
-from ariac_score_rml.windows import Events, Recorded
 
 __all__ = ["RmlSpec"]
 
-_SOURCE = re.compile(r"(?P<signal>[^\s\[]+)(?:\s*\[(?P<unit>[^\]]+)\])?")
 _NO_EVENTS: Mapping[str, Mapping[str, str]] = MappingProxyType({})
 
 
@@ -98,58 +95,49 @@ class RmlSpec:
         object.__setattr__(self, "_program", program)
         if program is not None:
             _check_mapping(program, self.events)
-            for topic in self._topics():
+            for topic in topic_sources(self.events):
                 if not topic.fields:
                     raise ValueError(f"topic {topic.name!r} of events has no field")
 
-    def _topics(self) -> list[_TopicSource]:
-        return [
-            _TopicSource(name, {key: _source(text) for key, text in fields.items()})
-            for name, fields in self.events.items()
-        ]
-
     def needs(self) -> Iterator[SignalNeed]:
         """Every quantity that a field of an event is."""
-        needed = {s.quantity: s.unit for topic in self._topics() for s in topic.fields.values()}
+        needed = {s.quantity: s.unit for topic in topic_sources(self.events) for s in topic.fields.values()}
         for quantity, unit in sorted(needed.items()):
             yield SignalNeed(quantity, unit, self.max_gap_s)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for every subject: its violations, or that there are none."""
-        for said in self._say(trial):
-            yield from (said,) if isinstance(said, Finding) else said.findings(trial)
+        for outcome in self._outcomes(trial):
+            yield from (outcome,) if isinstance(outcome, Finding) else outcome.findings(trial)
 
     def margins(self, trial: Trial) -> Iterator[Course]:
         """The margin of every event by inequalities over numbers, where all have one unit."""
-        for said in self._say(trial):
-            course = None if isinstance(said, Finding) else said.course
+        for outcome in self._outcomes(trial):
+            course = None if isinstance(outcome, Finding) else outcome.course
             if course is not None:
                 yield course
 
-    def _say(self, trial: Trial) -> Iterator[Finding | Judged]:
+    def _outcomes(self, trial: Trial) -> Iterator[Finding | Judgement]:
         """What is open or cannot be said, and the events of each subject, judged."""
         program: Program | None = getattr(self, "_program", None)
         if program is None or not self.events:
             missing = "specification" if program is None else "mapping of events"
             yield Finding.inconclusive("trial", f"no {missing} is given", span=trial.window)
             return
-        subjects = list(_subjects(trial, self._topics()))
-        if not subjects:
+        topics = topic_sources(self.events)
+        found = list(subjects(trial, topics))
+        if not found:
             yield _nobody(trial)
-        for subject, names in subjects:
-            yield from self._watch_one(trial, subject, names)
+        for subject, names in found:
+            yield from self._outcomes_of(trial, topics, subject, names)
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that judges every sample, as soon as all topics have reached it."""
-        topics = self._topics()
+        topics = topic_sources(self.events)
         program: Program | None = getattr(self, "_program", None)
-        known = _subjects(Trial("", bodies=tuple(bodies)), topics) if program and topics else ()
+        known = subjects(Trial("", bodies=tuple(bodies)), topics) if program and topics else ()
         wanted: dict[str, Wanted] = {
-            subject: [
-                (topic.name, {key: source.signal.format(**names) for key, source in topic.fields.items()})
-                for topic in topics
-            ]
-            for subject, names in known
+            subject: [(topic.name, topic.signals(names)) for topic in topics] for subject, names in known
         }
         return SignalsOnline(
             self._machine, self.after_violation, wanted, max_gap_s=self.max_gap_s, watch=self.watch
@@ -172,71 +160,26 @@ class RmlSpec:
             raise ValueError("no specification is given")
         return program.machine(tolerance=0.0 if self.exact else TOLERANCE, max_state=self.max_state)
 
-    def _watch_one(self, trial: Trial, subject: str, names: Mapping[str, str]) -> Iterator[Finding | Judged]:
+    def _outcomes_of(
+        self, trial: Trial, topics: Sequence[TopicSource], subject: str, names: Mapping[str, str]
+    ) -> Iterator[Finding | Judgement]:
         try:
-            recorded = [self._recorded(trial, topic, names) for topic in self._topics()]
+            recorded = [Recorded.of(trial, topic, names, self.max_gap_s) for topic in topics]
         except MissingSignalError as missing:
             yield Finding.inconclusive(subject, str(missing), span=trial.window)
             return
         undecided = list(_undecided(trial, subject, recorded))
         yield from undecided
-        events = Events(recorded)
-        if len(events):
-            yield Judged(self._asked(), subject, events, decided=not undecided)
+        if any(len(item.topic.t) for item in recorded):
+            yield Judgement(self._machine(), self._settings, subject, recorded, decided=not undecided)
 
-    def _recorded(self, trial: Trial, topic: _TopicSource, names: Mapping[str, str]) -> Recorded:
-        signals = {
-            key: trial.signal(field.signal.format(**names), unit=field.unit)
-            for key, field in topic.fields.items()
-        }
-        return Recorded(topic.name, signals, trial.window, max_gap_s=self.max_gap_s)
-
-    def _asked(self) -> Asked:
-        return Asked(
-            self._machine,
-            self.after_violation,
-            self.max_gap_s,
-            self.t_on_s,
-            self.t_off_s,
-            getattr(self, "_spec_sha256", ""),
-        )
+    @property
+    def _settings(self) -> Settings:
+        spec_sha256 = getattr(self, "_spec_sha256", "")
+        return Settings(self.after_violation, self.max_gap_s, self.t_on_s, self.t_off_s, spec_sha256)
 
 
 # Parameters ------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Source:
-    """Which signal a field is, with `{robot}` and `{human}` to be filled in."""
-
-    signal: str
-    unit: str
-
-    @property
-    def quantity(self) -> str:
-        return self.signal.partition("/")[0]
-
-
-@dataclass(frozen=True)
-class _TopicSource:
-    name: str
-    fields: Mapping[str, _Source]
-
-
-def _source(text: str) -> _Source:
-    found = _SOURCE.fullmatch(text.strip())
-    if found is None or "/" not in found["signal"]:
-        raise ValueError(f"{text!r} in events is no signal such as 'speed/{{robot}}'")
-    for name in re.findall(r"\{([^}]*)\}", found["signal"]):
-        if name not in ("robot", "human"):
-            raise ValueError(f"{text!r} in events: only {{robot}} and {{human}} can be filled in")
-    known = QUANTITIES.get(found["signal"].partition("/")[0])
-    if known is not None and known.components != 1:
-        raise ValueError(f"{text!r} in events has {known.components} components, and a field is one number")
-    unit = found["unit"] or (known.unit if known else "")
-    if not unit:
-        raise ValueError(f"{text!r} in events is not well known: write its unit, as in '{text} [N]'")
-    return _Source(found["signal"], unit)
 
 
 def _text(spec: str) -> str:
@@ -290,22 +233,7 @@ def _records(pattern: Pattern | None) -> Iterator[RecordPattern]:
             yield from _records(option)
 
 
-# From signals to events ------------------------------------------------------------------
-
-
-def _subjects(trial: Trial, topics: Sequence[_TopicSource]) -> Iterator[tuple[str, Mapping[str, str]]]:
-    """Whom the specification is judged for, and what their signals are called by."""
-    texts = [source.signal for topic in topics for source in topic.fields.values()]
-    robot, human = (any(f"{{{kind}}}" in text for text in texts) for kind in ("robot", "human"))
-    if robot and human:
-        for a, b in trial.pairs():
-            yield f"{a.id}/{b.id}", {"robot": a.id, "human": b.id}
-    elif robot or human:
-        kind = "robot" if robot else "human"
-        for body in trial.bodies_of(kind):
-            yield body.id, {kind: body.id}
-    else:
-        yield "trial", {}
+# What is open before anything is judged ---------------------------------------------------
 
 
 def _nobody(trial: Trial) -> Finding:
@@ -323,5 +251,5 @@ def _undecided(trial: Trial, subject: str, recorded: Sequence[Recorded]) -> Iter
         yield Finding.inconclusive(subject, message, span=trial.window)
     for item in recorded:
         for gap in item.gaps:
-            message = f"no {item.name!r} for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
+            message = f"no {item.topic.name!r} for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
             yield Finding.inconclusive(subject, message, span=gap)

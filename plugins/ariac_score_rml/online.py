@@ -18,10 +18,9 @@ from ariac_score import (
     Trial,
     Verdict,
 )
-from ariac_score_rml.automaton import AfterViolation
 from ariac_score_rml.faults import RmlRunError
 from ariac_score_rml.machine import Letter, Machine
-from ariac_score_rml.terms import Term
+from ariac_score_rml.progress import AfterViolation, Progress
 from ariac_score_rml.values import Json
 
 __all__ = ["EventsOnline", "SignalsOnline", "Trace", "Wanted"]
@@ -39,16 +38,11 @@ class Trace:
     """A specification on events, one after another.
 
     Attributes:
-        letter: What may be said of the events so far.
-        over: Whether nothing that may come is judged any more.
+        progress: Where it is.
     """
 
     def __init__(self, machine: Machine, after: AfterViolation) -> None:
-        self._machine, self._after = machine, after
-        self._state = machine.start
-        self.letter: Letter = machine.letter(self._state)
-        self._initial = self.letter
-        self.over = False
+        self._machine, self.progress = machine, Progress(machine, after)
 
     def take(self, event: Json) -> str:
         """Take an event: why it is rejected; empty when it is accepted.
@@ -56,22 +50,11 @@ class Trace:
         Raises:
             RmlRunError: It cannot be judged; everything is as before.
         """
-        state = self._state
-        found = self._machine.after(state, event)
-        if found is not None:
-            self.letter = self._machine.letter(found)
-            self._state = found
+        state = self.progress.state
+        if self.progress.take(self._machine.after(state, event)):
             return ""
-        reason = self._reason(state, event)
-        if self._after == "once":
-            self.over = True
-        elif self._after == "restart":
-            self._state, self.letter = self._machine.start, self._initial
-        return reason
-
-    def _reason(self, state: Term, event: Json) -> str:
-        """What the event would have had to be, as far as that hangs on its type alone."""
-        types = self._machine.asked(state)
+        # What the event would have had to be, as far as that hangs on its type alone.
+        types = self._machine.event_types(state)
         try:
             others = {t.name for t in types or () if self._machine.solutions(t, event).get(0) is None}
         except RmlRunError:
@@ -99,21 +82,21 @@ class EventsOnline:
             return self._final
         time = event.get("time")
         t_s = float(time) if isinstance(time, int | float) and abs(time) < LATEST_S else 0.0
-        trace = self._trace
+        trace, progress = self._trace, self._trace.progress
         try:
             reason = trace.take(event)  # type: ignore[arg-type]  # it was read from JSON
         except RmlRunError as error:
             raise ValueError(str(error)) from error
         if reason:
             channel = event.get("topic", event.get("service", "the event"))
-            said = Standing("trace", t_s, Verdict.VIOLATED, f"{channel!r} {reason}", final=trace.over)
-        elif trace.letter == "f":
-            said = Standing("trace", t_s, Verdict.VIOLATED, f"the trace may not end here: {PENDING}")
+            standing = Standing("trace", t_s, Verdict.VIOLATED, f"{channel!r} {reason}", final=progress.over)
+        elif progress.letter == "f":
+            standing = Standing("trace", t_s, Verdict.VIOLATED, f"the trace may not end here: {PENDING}")
         else:
-            final = trace.letter == "T"
-            said = Standing("trace", t_s, Verdict.SATISFIED, "the trace may end here", final=final)
-        self._final = said if said.final else None
-        return said
+            final = progress.letter == "T"
+            standing = Standing("trace", t_s, Verdict.SATISFIED, "the trace may end here", final=final)
+        self._final = standing if standing.final else None
+        return standing
 
 
 # Signals ---------------------------------------------------------------------------------
@@ -155,9 +138,9 @@ class SignalsOnline:
         self._arrivals.take(samples)
         for event in events:
             for followed in self._subjects:
-                followed.told(event)
+                followed.take_event(event)
         for followed in self._subjects:
-            yield from followed.judged()
+            yield from followed.standings()
 
     def end(self, trial: Trial) -> Iterable[Finding]:
         """What the monitor finds in the trial with the samples that were stepped."""
@@ -199,7 +182,7 @@ class _Followed:
         except RmlRunError as error:
             self.broken = error
 
-    def told(self, event: Event) -> None:
+    def take_event(self, event: Event) -> None:
         """Where the competition starts, what came before is forgotten."""
         from_s, to_s = self.window
         if event.kind == COMPETITION_STARTED and from_s == -inf:
@@ -208,7 +191,7 @@ class _Followed:
         elif event.kind == COMPETITION_ENDED:
             self.window = from_s, event.t_s
 
-    def judged(self) -> Iterator[Standing]:
+    def standings(self) -> Iterator[Standing]:
         """What can be said by now."""
         for topic in self.topics:
             topic.come()
@@ -219,7 +202,7 @@ class _Followed:
                 if topic.waiting and topic.waiting[0][0] == t_s
             ]
             if not self.over and self.window[0] <= t_s <= self.window[1]:
-                yield self._said(t_s, events)
+                yield self._judged(t_s, events)
 
     def _next_s(self) -> float:
         """The next instant with an event, once no other topic can have one before it."""
@@ -228,22 +211,22 @@ class _Followed:
             return t_s
         return inf
 
-    def _said(self, t_s: float, events: Sequence[dict[str, Json]]) -> Standing:
+    def _judged(self, t_s: float, events: Sequence[dict[str, Json]]) -> Standing:
         reasons = []
         try:
             if self.trace is None:
                 raise self.broken or AssertionError
             for event in events:
-                if not self.trace.over and (reason := self.trace.take(event)):
+                if not self.trace.progress.over and (reason := self.trace.take(event)):
                     reasons.append(f"{event['topic']!r} {reason}")
         except RmlRunError as error:
             self.over = True
             words = f"cannot be judged from here: {error}"
             return Standing(self.subject, t_s, Verdict.INCONCLUSIVE, words, final=True)
         if reasons:
-            self.over = self.trace.over
-            return Standing(self.subject, t_s, Verdict.VIOLATED, " and ".join(reasons), final=self.trace.over)
-        return self._standing(t_s, self.trace.letter)
+            self.over = self.trace.progress.over
+            return Standing(self.subject, t_s, Verdict.VIOLATED, " and ".join(reasons), final=self.over)
+        return self._standing(t_s, self.trace.progress.letter)
 
     def _standing(self, t_s: float, letter: Letter) -> Standing:
         if letter == "f":

@@ -2,6 +2,11 @@
 
 What the reference parser repairs silently (a missing semicolon, a sign in a pattern)
 is an error here: a referee does not guess what a rule was meant to say.
+
+Why no parser generator? `lark` was tried. A name may be an event type or a pattern, and a `(` begin
+arguments or a sequence, which no LALR(1) grammar can tell; its Earley parser reads all reference
+texts, but takes 40 times as long (4.1 s for 130 short texts instead of 0.09 s, half a minute for a
+sequence of a thousand events) and says of a wrong text which twenty terminals it would have taken.
 """
 
 from __future__ import annotations

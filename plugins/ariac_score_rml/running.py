@@ -10,6 +10,7 @@ from ariac_score_rml.faults import RmlRunError, Warned
 from ariac_score_rml.guards import TOLERANCE
 from ariac_score_rml.machine import MAX_STATE, Letter, Machine
 from ariac_score_rml.parser import parse
+from ariac_score_rml.progress import Progress
 from ariac_score_rml.syntax import Spec
 from ariac_score_rml.tokens import Dialect
 from ariac_score_rml.values import Json
@@ -77,21 +78,23 @@ class Run:
 
 def run_trace(machine: Machine, events: Iterable[Json]) -> Run:
     """Run a specification over a trace, event by event."""
-    state = machine.start
     letters: list[str] = []
     before = machine.matcher.solver.close
+
+    def found(initial: Letter, error: RmlRunError | None = None) -> Run:
+        return Run(initial, "".join(letters), error, machine.matcher.solver.close - before)
+
     try:
-        initial = machine.letter(state)
+        progress = Progress(machine, "once")
     except RmlRunError as error:
-        return Run("E", "", error)
+        return found("E", error)
     for event in events:
         try:
-            after = machine.after(state, event)
-            letter = "F" if after is None else machine.letter(after)
+            progress.take(machine.after(progress.state, event))
         except RmlRunError as error:
-            return Run(initial, "".join(letters) + "E", error, machine.matcher.solver.close - before)
-        letters.append(letter)
-        if after is None:
+            letters.append("E")
+            return found(progress.initial, error)
+        letters.append(progress.letter)
+        if progress.over:
             break
-        state = after
-    return Run(initial, "".join(letters), None, machine.matcher.solver.close - before)
+    return found(progress.initial)

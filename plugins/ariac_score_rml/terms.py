@@ -83,16 +83,16 @@ class Term:
         open: Names without a value.
         size: Number of parts, all told.
         owner: The equation it was written in.
-        halts: Whether the trace may end here, or why that cannot be said; `None`: not asked yet.
-        unfolded: What a reference stands for, once asked.
-        asked: The event types that a step may ask about, once asked; see `Machine.asked`.
+        halts: Whether the trace may end here, or why that cannot be said; `None`: not known yet.
+        unfolded: What a reference stands for, once it is known.
+        event_types: Those that a step may ask about, once they are known; see `Machine.event_types`.
     """
 
     __slots__ = (
-        "asked",
         "count",
         "data",
         "env",
+        "event_types",
         "given",
         "halts",
         "kind",
@@ -120,7 +120,7 @@ class Term:
         self.count, self.data, self.env, self.open, self.owner = count, data, env, open_, owner
         self.halts: bool | RmlRunError | None = None
         self.unfolded: Term | None = None
-        self.asked: tuple[Term, ...] | Literal[False] | None = None
+        self.event_types: tuple[Term, ...] | Literal[False] | None = None
         size: int = 1
         for part in parts:
             size += part.size

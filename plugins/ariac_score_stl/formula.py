@@ -227,7 +227,3 @@ class StlFormula:
             message = f"the formula has no value: {error.cause}"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)
         return Outcome(judged, subject, found)
-
-
-def _looked_for(trial: Trial) -> str:
-    return f"; not in the log: {', '.join(trial.unrecorded)}" if trial.unrecorded else ""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ariac_score import Course, Finding, Sample, Signal, Span, Verdict
+from ariac_score import Course, Finding, Sample, Signal, Span, Verdict, exact_sum
 from ariac_score_stl.explain import Cause
 from ariac_score_stl.judging import Judged
 from ariac_score_stl.rows import TOLERANCE_S
@@ -88,7 +88,7 @@ class Outcome:
             robustness=robustness if finite else None,
             unit=unit or "",
             quantities={
-                "time_in_violation_s": float(broken_s.sum()),
+                "time_in_violation_s": exact_sum(broken_s),
                 "failed_at_s": judged.exactly(chain[-1].t_s),
             },
             labels={"failed": chain[0].node.text, "because_of": chain[-1].node.text},

@@ -79,12 +79,12 @@ def test_a_usage_error_has_its_own_exit_code_and_points_to_help(
     assert "--help" in err
 
 
-def test_version_and_help_need_neither_numpy_nor_rosbags() -> None:
+def test_version_and_help_need_neither_numpy_nor_rosbags_nor_plugins() -> None:
     code = (
         "import sys; from ariac_score.cli import main\n"
         "try: main(sys.argv[1:])\n"
         "except SystemExit: pass\n"
-        "print({m for m in ('numpy', 'rosbags', 'jsonschema', 'rich', 'yaml') if m in sys.modules})"
+        "print({'numpy', 'rosbags', 'jsonschema', 'rich', 'yaml', 'ariac_score_rml'} & set(sys.modules))"
     )
     for argument in ("--version", "--help"):
         done = subprocess.run(  # our own command

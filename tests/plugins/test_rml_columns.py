@@ -10,8 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score_rml import compile_rml, run_trace
-from ariac_score_rml.automaton import AfterViolation, margins, watch_by_interpreter, watch_stream
-from ariac_score_rml.columns import Columns, NotColumnarError, Stream, Topic
+from ariac_score_rml.automaton import Watch, watch_by_interpreter, watch_stream
+from ariac_score_rml.columns import Columns, Match, NotColumnarError, Stream, Topic
+from ariac_score_rml.machine import Machine
+from ariac_score_rml.margins import margins
+from ariac_score_rml.progress import AfterViolation
 
 POLICIES = get_args(AfterViolation)
 
@@ -66,12 +69,20 @@ def streams(draw: st.DrawFn) -> Stream:
     return Stream([first, Topic("t", times[1], {"y": columns["y"][1]})])
 
 
+def fast_watch(machine: Machine, stream: Stream, after: Any) -> Watch:
+    return watch_stream(machine, stream, after, Columns(machine.matcher, stream))
+
+
+def margins_of(machine: Machine, stream: Stream, watch: Watch) -> Match | None:
+    return margins(machine, stream, watch, Columns(machine.matcher, stream))
+
+
 @given(exps, streams(), st.sampled_from(POLICIES))
 @settings(max_examples=100)
 def test_the_table_says_what_the_interpreter_says(exp: str, stream: Stream, after: Any) -> None:
     program = compile_rml(TYPES + f"Main = {exp}; G<n> = if (n > 0) low G<n - 1> else high;")
 
-    fast = watch_stream(program.machine(), stream, after)
+    fast = fast_watch(program.machine(), stream, after)
     slow = watch_by_interpreter(program.machine(), stream, after)
 
     assert (fast.rejected == slow.rejected).all()
@@ -89,7 +100,7 @@ def test_the_table_says_what_the_interpreter_says(exp: str, stream: Stream, afte
 def test_the_first_rejection_is_that_of_a_run_over_the_events(exp: str, stream: Stream) -> None:
     program = compile_rml(TYPES + f"Main = {exp}; G<n> = low;")
 
-    watch = watch_stream(program.machine(), stream, "once")
+    watch = fast_watch(program.machine(), stream, "once")
     run = run_trace(program.machine(), [stream.event(i) for i in range(len(stream))])
 
     assert (watch.initial, watch.end) == (run.initial, run.end)
@@ -101,7 +112,7 @@ def test_the_first_rejection_is_that_of_a_run_over_the_events(exp: str, stream: 
 def test_a_column_of_matches_is_the_match_of_each_event(kind: str, stream: Stream) -> None:
     machine = compile_rml(TYPES + f"Main = {kind};").machine()
     state = machine.start
-    (term,) = machine.asked(state) or ()
+    (term,) = machine.event_types(state) or ()
 
     column = Columns(machine.matcher, stream).match(term.name, term.given)
 
@@ -125,7 +136,7 @@ def test_what_columns_cannot_say_the_interpreter_does(text: str, after: Any) -> 
     stream = Stream([Topic("s", np.arange(5.0), {"x": column})])
     program = compile_rml(text)
 
-    fast = watch_stream(program.machine(), stream, after)
+    fast = fast_watch(program.machine(), stream, after)
     slow = watch_by_interpreter(program.machine(), stream, after)
 
     assert (fast.rejected == slow.rejected).all()
@@ -135,7 +146,7 @@ def test_what_columns_cannot_say_the_interpreter_does(text: str, after: Any) -> 
 def test_a_type_that_binds_data_is_no_column() -> None:
     machine = compile_rml("a(v) matches {topic:'s', x:v}; Main = {let v; a(v)};").machine()
 
-    assert machine.asked(machine.start) is None
+    assert machine.event_types(machine.start) is None
 
 
 def test_a_stretch_that_changes_nothing_is_jumped_over(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,7 +163,7 @@ def test_a_stretch_that_changes_nothing_is_jumped_over(monkeypatch: pytest.Monke
     step = machine.after_matches
     monkeypatch.setattr(machine, "after_matches", lambda *given_: steps.append(1) or step(*given_))
 
-    watch = watch_stream(machine, stream, "resume")
+    watch = fast_watch(machine, stream, "resume")
 
     assert watch.end == "t"
     assert not watch.rejected.any()
@@ -174,7 +185,7 @@ def test_events_at_one_time_come_in_the_order_of_the_topics() -> None:
 def margin_of(text: str, x: list[float]) -> list[float]:
     stream = Stream([Topic("s", np.arange(float(len(x))), {"x": np.array(x)})])
     machine = compile_rml(text).machine()
-    found = margins(machine, stream, watch_stream(machine, stream, "resume"))
+    found = margins_of(machine, stream, fast_watch(machine, stream, "resume"))
     assert found is not None
     return found.margin.tolist()
 
@@ -203,8 +214,8 @@ def test_a_rejected_event_never_has_a_positive_margin_nor_an_accepted_one_a_nega
     exp: str, stream: Stream
 ) -> None:
     machine = compile_rml(TYPES + f"Main = {exp}; G<n> = low;").machine()
-    watch = watch_stream(machine, stream, "resume")
-    found = margins(machine, stream, watch)
+    watch = fast_watch(machine, stream, "resume")
+    found = margins_of(machine, stream, watch)
 
     if found is not None and watch.error is None:
         judged = watch.before >= 0
@@ -216,21 +227,6 @@ def test_a_margin_that_only_the_interpreter_could_say_is_not_guessed() -> None:
     stream = Stream([Topic("s", np.arange(2.0), {"x": np.zeros(2)})])
     machine = compile_rml("a matches {x:v} with w > 3 && w == v; Main = a*;").machine()
 
-    assert margins(machine, stream, watch_stream(machine, stream, "resume")) is None
+    assert margins_of(machine, stream, fast_watch(machine, stream, "resume")) is None
     with pytest.raises(NotColumnarError):
         Columns(machine.matcher, stream).match("a", ())
-
-
-def test_columns_longer_than_a_block_match_alike(monkeypatch: pytest.MonkeyPatch) -> None:
-    x, y = np.array([0.0, 1.0, 2.0, 4.0, 0.0, 3.0, 0.5]), np.array([1.0, 0.0, 2.0, 1.0, 0.0, 9.0, 0.25])
-    text = "k matches {topic: 's', x: v, y: w} with sin(v) < w / v && v <= 3; Main = k*;"
-    stream = Stream([Topic("s", np.arange(7.0), {"x": x, "y": y})])
-
-    def matched() -> list[list[float]]:
-        found = Columns(compile_rml(text).machine().matcher, stream).match("k", ())
-        return [np.nan_to_num(c).tolist() for c in (found.holds, found.margin, found.bound, found.field)]
-
-    whole = matched()
-    monkeypatch.setattr("ariac_score_rml.columns.BLOCK_ROWS", 3)
-
-    assert matched() == whole

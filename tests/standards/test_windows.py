@@ -19,15 +19,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Event, Signal, Span, Trial, Verdict
+from ariac_score import Body, Event, Signal, Span, Total, Trial, Verdict
 from ariac_score.results import sketch
 from ariac_score.results.sketch import sketch_of
 from ariac_score.trial import windows
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score_ariac.safety import CollisionEpisodes, HumanContact
-from ariac_score_rml import RmlSpec
-from ariac_score_rml import judging as rml_judging
-from ariac_score_rml import windows as rml_windows
 from ariac_score_standards import (
     AgvProtectiveField,
     AgvSpeedClearance,
@@ -53,9 +50,13 @@ from ariac_score_standards import (
 from ariac_score_standards.iso_ts_15066 import RunStarts, first_of_runs
 from ariac_score_standards.severity import travelled_m, ways_m
 from ariac_score_standards.watching import Watching
+from ariac_score_stl import StlFormula
+from ariac_score_stl import judging as stl_judging
+from ariac_score_stl import windows as stl_windows
 
 MADE = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "test_margins.py")))
 SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
+OF_PAIR = {"d": "separation in m", "v": "speed of robot in m/s"}
 DISTANCE = {"v": "speed/{robot}", "d": "separation/{robot}/{human}"}
 
 WINDOWED: dict[str, Any] = {
@@ -91,16 +92,21 @@ WINDOWED: dict[str, Any] = {
     "proximity_comfort": ProximityComfort(),
     "crush_gap": CrushGap(part="hand", t_off_s=0.05),
     "collision_episodes": CollisionEpisodes(),
-    "rml.spec": RmlSpec(
-        "apart matches {topic: 'gap', d: d} with d >= 0.8; Main = apart*;",
-        {"gap": {"d": "separation/{robot}/{human} [m]"}},
-        t_off_s=0.05,
+    "stl.formula, ahead": StlFormula(formula="always (d < 1 -> eventually[0,0.1] v < 0.5)", signals=OF_PAIR),
+    "stl.formula, back": StlFormula(formula="always (v > 1 -> once d > 1.2)", signals=OF_PAIR),
+    "stl.formula, to the end": StlFormula(
+        formula="always (d < 0.5 -> eventually (v < 0.1 and once d > 1))", signals=OF_PAIR
     ),
-    "rml.spec, topics": RmlSpec(
-        "near matches {topic: 'gap', d: d} with d < 0.8; slow matches {topic: 'arm', v: v} with v < 0.5;"
-        "arm matches {topic: 'arm'}; gap not matches arm; Main = (near arm* slow \\/ gap \\/ arm)*;",
-        {"gap": {"d": "separation/{robot}/{human} [m]"}, "arm": {"v": "speed/{robot}"}},
-        after_violation="restart",
+    "stl.formula, dense": StlFormula(
+        formula="always (d < 1 -> eventually[0,0.1] v < 0.5)", signals=OF_PAIR, time="dense"
+    ),
+    "stl.formula, dense, until and since": StlFormula(
+        formula="always ((d > 0.3 until[0.05,0.1] v < 2) or (v < 0.1 since[0.1,0.3] d > 0.2))",
+        signals=OF_PAIR,
+        time="dense",
+    ),
+    "stl.formula, dense, to the end": StlFormula(
+        formula="always (d < 0.5 -> eventually (v < 0.1 and once d > 1))", signals=OF_PAIR, time="dense"
     ),
     "formula.always": Always(holds="d >= 0.5 * v + 0.3", signals=DISTANCE, unit="m"),
     "formula.never": Never(holds="v > 1", signals={"v": "speed/{robot}"}, unit="m/s"),
@@ -122,9 +128,10 @@ def window_size(samples: int, kept_bytes: int = 0) -> Iterator[None]:
             (windows, "KEPT_BYTES", kept_bytes),
             (windows, "KEPT_VECTOR_BYTES", kept_bytes),
             (sketch, "PART_SAMPLES", samples),
-            (rml_windows, "WINDOW_EVENTS", samples),
-            (rml_judging, "KEPT_WINDOWS", 1),
-            (rml_judging, "KEPT_BYTES", kept_bytes),
+            (stl_windows, "WINDOW_ROWS", samples),
+            (stl_windows, "ROWS_FOR_ONE_AROUND", 0),
+            (stl_windows, "KEPT_BYTES", kept_bytes),
+            (stl_judging, "KEPT_BYTES", kept_bytes),
         ):
             stack.enter_context(patch.object(module, name, value))
         yield
@@ -456,6 +463,17 @@ def test_beginnings_of_runs_do_not_depend_on_windows(rows: list[tuple[float, boo
     found = [starts.take(t[a:b], holds[a:b], t[a:b])[0] for a, b in pairwise(borders)]
 
     assert np.concatenate(found).tolist() == t[first_of_runs(t, holds, 0.2)].tolist()
+
+
+@given(st.integers(0, 40_000), st.integers(0, 2**32 - 1), st.lists(st.integers(0, 40_000), max_size=8))
+@settings(max_examples=40, derandomize=True, deadline=None)
+def test_a_total_of_parts_is_the_sum_of_all_to_the_bit(count: int, seed: int, cuts: list[int]) -> None:
+    numbers = np.random.default_rng(seed).uniform(0.0, 1.0, count) * 10.0 ** np.arange(count).clip(0, 9)
+    total = Total(count)
+    for part in np.split(numbers, sorted(min(cut, count) for cut in cuts)):
+        total.take(part)
+
+    assert total.value == float(numbers.sum())
 
 
 # What is held --------------------------------------------------------------------------

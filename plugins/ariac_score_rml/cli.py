@@ -1,4 +1,4 @@
-"""`ariac-score rml check|format|run`: specifications in RML, the Runtime Monitoring Language."""
+"""`ariac-score rml check|format|run`: check, format and run RML specifications."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ariac_score.logs.containers.items import Message, Scan
-    from ariac_score_rml.machine import Machine
-    from ariac_score_rml.running import Program, Run
+from ariac_score import LogError, UsageError, plain, write_output
+from ariac_score_rml import running
+from ariac_score_rml.formatter import format_rml
+from ariac_score_rml.guards import TOLERANCE
+from ariac_score_rml.machine import MAX_STATE, Machine
+from ariac_score_rml.parser import parse
+from ariac_score_rml.running import Program, Run, compile_rml
+from ariac_score_rml.traces import read_events
 
 EXIT_REJECTED = 1
 EXIT_UNDECIDED = 6
@@ -22,7 +26,7 @@ _SUFFIXES = {".bag": "bag", ".db3": "bag", ".mcap": "mcap"}
 
 def register(commands: Any) -> None:
     """Add the command and its actions."""
-    parser = commands.add_parser("rml", help="check, format and run RML specifications")
+    parser = commands.add_parser("rml", description="Check, format and run RML specifications.")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     check = actions.add_parser("check", help="parse a specification and say what is wrong with it")
     check.add_argument("specs", type=Path, metavar="SPEC", nargs="+")
@@ -70,7 +74,6 @@ def _positive(text: str) -> int:
 
 
 def _text(path: Path, kind: str) -> str:
-    from ariac_score.errors import LogError, UsageError  # noqa: PLC0415  # keeps --help quick
 
     error = UsageError if kind == "specification" else LogError
     try:
@@ -85,8 +88,6 @@ def _text(path: Path, kind: str) -> str:
 
 
 def _compiled(path: Path, dialect: Any) -> Program:
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-    from ariac_score_rml.running import compile_rml  # noqa: PLC0415
 
     program = compile_rml(_text(path, "specification"), dialect=dialect, file=path)
     for warning in program.warnings:
@@ -106,9 +107,6 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 def run_format(arguments: argparse.Namespace) -> int:
     """Print the specification as the formatter writes it, or compare."""
-    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-    from ariac_score_rml.formatter import format_rml  # noqa: PLC0415
-    from ariac_score_rml.parser import parse  # noqa: PLC0415
 
     before = _text(arguments.spec, "specification")
     after = format_rml(parse(before, dialect=arguments.dialect, file=arguments.spec))
@@ -116,15 +114,12 @@ def run_format(arguments: argparse.Namespace) -> int:
         if before != after:
             print(f"{arguments.spec} would change", file=sys.stderr)
         return EXIT_REJECTED if before != after else 0
-    write(after, arguments.output)
+    write_output(after, arguments.output)
     return 0
 
 
 def run_trace(arguments: argparse.Namespace) -> int:
     """Print the letters of a trace and how it came out."""
-    from ariac_score_rml import running  # noqa: PLC0415  # keeps --help quick
-    from ariac_score_rml.guards import TOLERANCE  # noqa: PLC0415
-    from ariac_score_rml.machine import MAX_STATE  # noqa: PLC0415
 
     program = _compiled(arguments.spec, arguments.dialect)
     kind = arguments.events or _SUFFIXES.get(
@@ -144,20 +139,17 @@ def run_trace(arguments: argparse.Namespace) -> int:
 
 def _over_text(machine: Machine, path: Path) -> Run:
     """Run over a trace of JSON: over columns where its lines allow that."""
-    from ariac_score_rml.lines import run_lines  # noqa: PLC0415  # keeps --help quick
-    from ariac_score_rml.running import run_trace  # noqa: PLC0415
-    from ariac_score_rml.traces import read_events  # noqa: PLC0415
+    from ariac_score_rml.trace_columns import run_lines  # noqa: PLC0415  # loads numpy; check and format do without
 
     try:
         with path.open("rb") as file:
             run = run_lines(machine, file)
     except OSError:
         run = None  # the other way says why
-    return run or run_trace(machine, read_events(_text(path, "trace"), file=path))
+    return run or running.run_trace(machine, read_events(_text(path, "trace"), file=path))
 
 
 def _show(run: Run, output_format: str) -> None:
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
     at = len(run.letters)
     if output_format == "json":
@@ -188,70 +180,12 @@ def _verdict(run: Run, at: int) -> str:
     return "accepted" if run.accepted else "rejected: the trace ends too early"
 
 
-# Recordings ------------------------------------------------------------------------------
-
-
 def _recorded(path: Path, kind: str) -> Iterator[dict[str, Any]]:
-    """Every message of a recording as an event, in recorded order.
+    """Every message of a recording as an event, in recorded order."""
+    from ariac_score import read_messages  # noqa: PLC0415  # loads all that reads recordings
 
-    Raises:
-        LogError: The recording is damaged, or a message cannot be decoded.
-    """
-    from ariac_score.errors import LogError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.logs.columnar.types import UnknownTypeError, decoder_for  # noqa: PLC0415
-
-    decoders: dict[str, Any] = {}
     first_ns = None
-    try:
-        for item in _messages(_scan(path, kind)):
-            connection = item.connection
-            if connection.topic not in decoders:
-                decoders[connection.topic] = decoder_for(connection)
-            first_ns = item.stamp_ns if first_ns is None else first_ns
-            message = decoders[connection.topic](item.payload)
-            time_s = (item.stamp_ns - first_ns) / 1e9
-            yield {**_plain(message), "topic": connection.topic.lstrip("/"), "time": time_s}
-    except UnknownTypeError as error:
-        raise LogError(
-            f"a message on {connection.topic!r} cannot be decoded: {error}",
-            file=path,
-            hint="record it with its message definitions",
-        ) from error
-    except OSError as error:
-        raise LogError(f"it cannot be read: {error.strerror}", file=path, hint="check the path") from error
-
-
-def _messages(scan: Scan) -> Iterator[Message]:
-    """The messages of a scan one by one, however many of them it gives at a time."""
-    from ariac_score.logs.containers.items import Batch, Message  # noqa: PLC0415  # keeps --help quick
-
-    for item in scan:
-        if isinstance(item, Message):
-            yield item
-        elif isinstance(item, Batch):
-            yield from item.messages()
-
-
-def _scan(path: Path, kind: str) -> Scan:
-    from ariac_score.logs.containers.folder import FolderScan  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.logs.containers.mcap import McapScan  # noqa: PLC0415
-    from ariac_score.logs.containers.ros1 import Ros1Scan  # noqa: PLC0415
-    from ariac_score.logs.containers.sqlite import SqliteScan  # noqa: PLC0415
-
-    if path.is_dir():
-        return FolderScan(path)
-    if kind == "mcap":
-        return McapScan(path)
-    return SqliteScan(path) if path.suffix == ".db3" else Ros1Scan(path)
-
-
-def _plain(message: Any) -> Any:
-    """A decoded message as JSON values; constants of the type are left out."""
-    fields = getattr(message, "__dataclass_fields__", None)
-    if fields is not None:
-        return {name: _plain(getattr(message, name)) for name in fields if name != "__msgtype__"}
-    if hasattr(message, "tolist"):
-        return message.tolist()
-    if isinstance(message, list | tuple):
-        return [_plain(item) for item in message]
-    return message
+    for message in read_messages(path, kind="mcap" if kind == "mcap" else "bag"):
+        first_ns = message.stamp_ns if first_ns is None else first_ns
+        time_s = (message.stamp_ns - first_ns) / 1e9
+        yield {**message.fields, "topic": message.topic.lstrip("/"), "time": time_s}

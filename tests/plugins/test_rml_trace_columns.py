@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-import struct
 from io import BytesIO
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score_rml import Run, compile_rml, run_trace
-from ariac_score_rml.digits import Numbers, Text
-from ariac_score_rml.lines import run_lines
+from ariac_score_rml.trace_columns import run_lines
 from ariac_score_rml.traces import read_events
 
 SPEC = """
@@ -35,77 +32,6 @@ def both(text: str, spec: str = SPEC) -> tuple[Run | None, Run]:
         program.machine(), read_events(text)
     )
 
-
-# Numbers ---------------------------------------------------------------------------------
-
-
-def _numbers(words: list[str]) -> Numbers:
-    lengths = [len(word) + 1 for word in words]
-    begin = np.cumsum([0, *lengths[:-1]])
-    return Numbers.at(Text.of(("".join(f"{word}," for word in words)).encode()), begin)
-
-
-def _decimal(places: int, value: float) -> str:
-    return f"{value:.{places}f}"
-
-
-doubles = st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("d", struct.pack("Q", bits))[0])
-words = (
-    st.floats(-1e3, 1e3).map(repr)
-    | st.builds(_decimal, st.integers(0, 26), st.floats(-200, 200))
-    | st.integers(-(10**9), 10**9).map(str)
-    | doubles.filter(lambda value: value - value == 0).map(repr)
-)
-
-
-@given(st.lists(words, min_size=1, max_size=30))
-@settings(max_examples=300)
-def test_a_number_is_what_float_makes_of_it_or_odd(texts: list[str]) -> None:
-    numbers = _numbers(texts)
-
-    begin = np.cumsum([0, *(len(word) + 1 for word in texts)])
-    for i, word in enumerate(texts):
-        if not numbers.odd[i]:
-            assert repr(float(numbers.values[i])) == repr(float(word))
-            assert numbers.end[i] == begin[i] + len(word)
-            assert numbers.whole[i] == ("." not in word)
-
-
-def test_the_numbers_of_a_recording_are_hardly_ever_odd() -> None:
-    values = np.random.default_rng(7).uniform(0, 5, 4000)
-
-    assert _numbers([repr(v) for v in values.tolist()]).odd.mean() < 0.01
-    assert not _numbers([f"{v:.6f}" for v in values.tolist()]).odd.any()
-
-
-@pytest.mark.parametrize(
-    "word", ["01.5", "-", "", ".5", "1.", "x", "1e5", "1.5E-3", "-0", "0." + "0" * 24 + "1", "9" * 24]
-)
-def test_what_is_no_plain_number_is_odd(word: str) -> None:
-    assert _numbers([word]).odd.all()
-
-
-@pytest.mark.parametrize(
-    "word",
-    [
-        "9007199254740993.0",  # between two floats: to the even one
-        "1.00000000000000011102230246251565404",  # just above the middle of two floats
-        "0.500000000000000055511151231257827",  # exactly in the middle
-        "18446744073709551617.0",  # beyond 64 bits
-        "0.1",
-        "0.30000000000000004",
-        "12345678.875",
-        "1795225238.2165627",  # a stamp
-        "123456789012345678.5",
-    ],
-)
-def test_a_hard_number_is_right_or_odd(word: str) -> None:
-    numbers = _numbers([word])
-
-    assert numbers.odd[0] or numbers.values[0] == float(word)
-
-
-# Traces ----------------------------------------------------------------------------------
 
 numbers = st.sampled_from(
     ["0", "1", "-1", "0.0", "-0.0", "1.0", "0.5", "1e0", "2.25", "-0", "1E-1", "12345678901"]
@@ -139,11 +65,27 @@ def test_lines_of_one_layout_are_read_in_columns(values: list[str]) -> None:
     assert fast == slow
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        '{"topic": "ns::s", "x": 0.5}',
+        '{"a:b": {"c": "d:e"}, "x": 0.5}',
+        '{"covariance": [1, 2.0, null], "x": 0.5}',
+        '{"x": 0.5} {"x": 0.25}',  # two events on a line
+        '{"stamp": 9007199254740991, "x": 0.5}',
+    ],
+)
+def test_what_is_in_a_line_besides_keeps_nothing_from_columns(line: str) -> None:
+    fast, slow = both(f"{line}\n" * 3, "low matches {x: v} with v <= 1; Main = low*;")
+
+    assert fast == slow
+
+
 @pytest.mark.parametrize("block_bytes", [1, 10, 29, 100, 1000])
 def test_blocks_join_without_a_seam(monkeypatch: pytest.MonkeyPatch, block_bytes: int) -> None:
     text = "".join(f'{{"topic": "{"s" if i % 3 else "t"}", "x": {i / 64}}}\n' for i in range(60)).rstrip()
     expected = both(text)
-    monkeypatch.setattr("ariac_score_rml.lines._BLOCK_BYTES", block_bytes)
+    monkeypatch.setattr("ariac_score_rml.trace_columns._BLOCK_BYTES", block_bytes)
 
     assert expected[0] is not None
     assert both(text) == expected
@@ -152,10 +94,12 @@ def test_blocks_join_without_a_seam(monkeypatch: pytest.MonkeyPatch, block_bytes
 @pytest.mark.parametrize(
     "text",
     [
-        '{"x": 1.0} {"x": 1.0}\n',  # two events on a line
-        '{"x":\n1.0}\n',  # one on two lines
         '{"x": 1.0,}\n',
         '{"x": 1.0, "x": 2.0}\n',
+        '{"x": 1.0, "at": {"n": 2.0, "n": 2.0}}\n',
+        '{"s": "a\\u003ab", "x": 1.0, "x": 2.0}\n',  # the text has as many colons as keys and strings
+        '{"s": "a\\u003Ab", "x": 1.0, "x": 2.0}\n',
+        '{"list": [{"x": 1.0, "x": 2.0}]}\n',
         '{"x": 1.0}\n{"x": 1.\n',
         '{"x": NaN}\n',
         '{"x": 9007199254740993}\n',
