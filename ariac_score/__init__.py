@@ -99,18 +99,14 @@ if TYPE_CHECKING:
     )
     from ariac_score.trial.signals import Sample, Signal, align
     from ariac_score.trial.spans import (
-        Episodes,
         FloatArray,
         Span,
-        Stretch,
         episodes_where,
-        gaps_between,
         sample_durations,
         uncovered_spans,
     )
-    from ariac_score.trial.sums import Total, exact_sum
+    from ariac_score.trial.sums import exact_sum
     from ariac_score.trial.vocabulary import QUANTITIES, Quantity
-    from ariac_score.trial.windows import Aligned, TimeBase
 
 _HOME = {
     "ariac_score.checks.contracts": (
@@ -151,12 +147,9 @@ _HOME = {
         "Submission Task TeamSetup Tray Trial WantedProduct"
     ),
     "ariac_score.trial.signals": "Sample Signal align",
-    "ariac_score.trial.spans": (
-        "Episodes FloatArray Span Stretch episodes_where gaps_between sample_durations uncovered_spans"
-    ),
-    "ariac_score.trial.sums": "Total exact_sum",
+    "ariac_score.trial.spans": "FloatArray Span episodes_where sample_durations uncovered_spans",
+    "ariac_score.trial.sums": "exact_sum",
     "ariac_score.trial.vocabulary": "QUANTITIES Quantity",
-    "ariac_score.trial.windows": "Aligned TimeBase",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
@@ -168,7 +161,6 @@ __all__ = [
     "ORDER_ANNOUNCED",
     "PART_DROPPED",
     "QUANTITIES",
-    "Aligned",
     "Alignment",
     "Arrivals",
     "Body",
@@ -178,7 +170,6 @@ __all__ = [
     "DataFileError",
     "Decoder",
     "Entry",
-    "Episodes",
     "Evaluation",
     "Event",
     "EventMonitor",
@@ -229,13 +220,10 @@ __all__ = [
     "Standing",
     "Status",
     "Stop",
-    "Stretch",
     "Submission",
     "Task",
     "TeamSetup",
-    "TimeBase",
     "TopicDescription",
-    "Total",
     "Tray",
     "TrayMatch",
     "Trial",
@@ -252,7 +240,6 @@ __all__ = [
     "did_you_mean",
     "episodes_where",
     "exact_sum",
-    "gaps_between",
     "load_cohort",
     "load_log_map",
     "load_result",

@@ -270,6 +270,10 @@ class Registry:
         """Every plugin of a group, sorted by name; those provided twice come twice."""
         return [p for name in self.names(group) for p in self._providers[group, name]]
 
+    def providers(self, group: str, name: str) -> list[Plugin]:
+        """Everything installed under a name: none, one, or several that contradict each other."""
+        return list(self._providers.get((group, name), []))
+
     def find(self, group: str, name: str) -> Plugin:
         """The plugin of that name.
 

@@ -1,4 +1,4 @@
-"""Commands that plugins bring: the entry points of the group `ariac_score.commands`.
+"""Commands that plugins bring: the entry plugins of the group `ariac_score.commands`.
 
 The entry point of a command is named as the command and leads to a module with a function
 `register(commands)`, which adds the parser of that name. What `--help` says of it is the first
@@ -14,43 +14,37 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginConflictError, PluginError
-from ariac_score.installed import Point, attribute_of, points_in
 
 __all__ = ["GROUP", "brought_commands", "register_brought", "summary_of"]
 
 GROUP = "ariac_score.commands"
 
 
-def brought_commands(own: Sequence[str]) -> Mapping[str, Sequence[Point]]:
+def brought_commands(own: Sequence[str]) -> Mapping[str, Sequence[Plugin]]:
     """Who brings which command, sorted by name.
 
     Args:
         own: Commands of ariac-score, which are never looked for elsewhere.
     """
-    found: dict[str, list[Point]] = {}
-    for point in points_in({GROUP}):
-        known = found.setdefault(point.name, [])
-        # An editable install beside its own sources shows one distribution twice.
-        if point.name not in own and all(
-            (p.distribution, p.target) != (point.distribution, point.target) for p in known
-        ):
-            known.append(point)
-    return {name: points for name, points in sorted(found.items()) if points}
+    registry = Registry()
+    names = [name for name in registry.names(GROUP) if name not in own]
+    return {name: registry.providers(GROUP, name) for name in names}
 
 
-def summary_of(points: Sequence[Point]) -> str:
+def summary_of(plugins: Sequence[Plugin]) -> str:
     """What `--help` says of a command; nothing of it is imported."""
-    if len(points) > 1:
-        return f"cannot be used: it is brought by {_all(points)}"
-    module = points[0].target.partition(":")[0].strip()
+    if len(plugins) > 1:
+        return f"cannot be used: it is brought by {_all(plugins)}"
+    module = plugins[0].target.partition(":")[0].strip()
     try:
         first = (_docstring(module) or "").strip().partition("\n")[0]
     except (OSError, ValueError, SyntaxError, ImportError):
         first = ""
     # A docstring that begins with how the command is called, as ours do, goes on after that.
     words = first.partition("`: ")[2] if first.startswith("`") else first
-    return (words or f"a command of {points[0].distribution}").rstrip(".").replace("%", "%%")
+    return (words or f"a command of {plugins[0].distribution}").rstrip(".").replace("%", "%%")
 
 
 def _docstring(module: str) -> str | None:
@@ -64,33 +58,34 @@ def _docstring(module: str) -> str | None:
     return None if file is None else ast.get_docstring(ast.parse(file.read_text(encoding="utf-8")))
 
 
-def register_brought(name: str, points: Sequence[Point], commands: Any) -> None:
+def register_brought(name: str, plugins: Sequence[Plugin], commands: Any) -> None:
     """Let a plugin add its command.
 
     Raises:
         PluginConflictError: Two distributions bring it.
         PluginError: It cannot be imported, or does not add the command.
     """
-    if len(points) > 1:
+    if len(plugins) > 1:
         raise PluginConflictError(
-            f"the command {name!r} is brought by {_all(points)}",
+            f"the command {name!r} is brought by {_all(plugins)}",
             hint="uninstall one: the order of sys.path must not choose",
         )
-    (point,) = points
-    origin = f"the command {name!r} ({point.distribution} {point.version})"
+    (plugin,) = plugins
+    origin = f"the command {name!r} ({plugin.distribution} {plugin.version})"
     try:
-        attribute_of(point.target).register(commands)
+        plugin.load().register(commands)
     except (Exception, SystemExit) as cause:  # a stranger's module may raise anything
+        true = cause.__cause__ if isinstance(cause, PluginError) and cause.__cause__ else cause
         raise PluginError(
-            f"{origin} cannot be used: {type(cause).__name__}: {cause}",
-            hint=f"repair or reinstall {point.distribution}",
+            f"{origin} cannot be used: {type(true).__name__}: {true}",
+            hint=f"repair or reinstall {plugin.distribution}",
         ) from cause
     if name not in commands.choices:
         raise PluginError(
-            f"{origin} does not add a parser of that name", hint=f"tell the authors of {point.distribution}"
+            f"{origin} does not add a parser of that name", hint=f"tell the authors of {plugin.distribution}"
         )
-    commands.choices[name].set_defaults(author=f"{point.distribution} {point.version}")
+    commands.choices[name].set_defaults(author=f"{plugin.distribution} {plugin.version}")
 
 
-def _all(points: Sequence[Point]) -> str:
-    return " and ".join(f"{point.distribution} {point.version}" for point in points)
+def _all(plugins: Sequence[Plugin]) -> str:
+    return " and ".join(f"{plugin.distribution} {plugin.version}" for plugin in plugins)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -121,53 +120,10 @@ def _courses(
         ) from cause
     if _marks(trial) != before:
         raise broken(plugin, "changed the trial it was asked about", of=name)
-    return [_held_to(plugin, name, course) for course in courses]
-
-
-def _held_to(plugin: Plugin, name: str, course: Any) -> Course:
-    """A course that names the plugin also where parts of it that are made later fail."""
-    if not isinstance(course, Course):
-        raise broken(plugin, f"shows a {type(course).__name__} instead of a Course", of=name)
-    if type(course) is Course:
-        return course
-    return Course.late(
-        course.subject,
-        course.what,
-        course.unit,
-        lambda: _parts(plugin, name, course),
-        times=lambda: _made(plugin, name, course.times),
-        max_gap_s=course.max_gap_s,
-        at_most=course.at_most,
-    )
-
-
-def _parts(plugin: Plugin, name: str, course: Course) -> Iterator[Course]:
-    before_s = -math.inf
-    for part in _made(plugin, name, course.parts):
-        if not isinstance(part, Course):
-            raise broken(plugin, f"shows a {type(part).__name__} instead of part of a Course", of=name)
-        if len(part.t):
-            if part.t[0] <= before_s:
-                raise broken(plugin, "shows a Course whose times do not increase", of=name)
-            before_s = part.t[-1]
-        yield part
-
-
-def _made(plugin: Plugin, name: str, make: Callable[[], Iterable[_Made]]) -> Iterator[_Made]:
-    """What a plugin makes one by one."""
-    made: Iterator[_Made] | None = None
-    while True:
-        try:
-            with quiet(plugin.origin):
-                made = iter(make()) if made is None else made
-                one = next(made)
-        except StopIteration:
-            return
-        except (Exception, SystemExit) as cause:
-            raise broken(
-                plugin, f"raised {type(cause).__name__} when asked what it saw: {cause}", of=name
-            ) from cause
-        yield one
+    for course in courses:
+        if not isinstance(course, Course):
+            raise broken(plugin, f"shows a {type(course).__name__} instead of a Course", of=name)
+    return courses
 
 
 def _units(plugin: Plugin, name: str, said: Iterable[Finding]) -> dict[str, str]:

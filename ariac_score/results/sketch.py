@@ -8,8 +8,8 @@ was violated or nearly so, the stretches are finer. Nothing is decided by a sket
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,9 +60,6 @@ _ROUTE_HOLE_S = 1.0
 
 
 MOST_HOLES = 500
-
-
-PART_SAMPLES = 16_384
 
 
 DISTANCES = ("separation", "centre_distance", "centre_distance_2d")
@@ -228,39 +225,17 @@ def _plain_distance(trial: Trial, robot: str, human: str) -> Course | None:
     for quantity in DISTANCES:
         signal = trial.signals.get(f"{quantity}/{robot}/{human}")
         if signal is not None and len(signal):
-            words = quantity.replace("_", " ")
-            shown = _Plain(signal, words, f"{robot}/{human}", trial.window)
-            return Course.late(
-                shown.subject, words, signal.unit, shown.parts, times=shown.times, max_gap_s=math.inf
-            )
+            inside, words = _inside(signal.t, trial.window), quantity.replace("_", " ")
+            t, values = signal.t[inside], signal.values[inside]
+            return Course(f"{robot}/{human}", words, signal.unit, t, values, np.full(len(t), np.nan))
     return None
 
 
-@dataclass(frozen=True)
-class _Plain:
-    """A signal as a course without a limit, part by part."""
-
-    signal: Signal
-    what: str
-    subject: str
-    window: Span | None
-
-    def times(self) -> Iterator[FloatArray]:
-        return (self.signal.times(*rows) for rows in _rows(self.signal, self.window))
-
-    def parts(self) -> Iterator[Course]:
-        for rows in _rows(self.signal, self.window):
-            t, values = self.signal.stretch(*rows)
-            yield Course(self.subject, self.what, self.signal.unit, t, values, np.full(len(t), np.nan))
-
-
-def _rows(signal: Signal, window: Span | None) -> Iterator[tuple[int, int]]:
-    """The rows of a signal in a window of time, some thousand at a time."""
-    first, last = 0, len(signal)
-    if window is not None:
-        first = signal.row(window.start_s)
-        last = signal.row(math.nextafter(window.end_s, math.inf))
-    return ((row, min(row + PART_SAMPLES, last)) for row in range(first, last, PART_SAMPLES))
+def _inside(t: FloatArray, window: Span | None) -> slice:
+    """The rows in a window of time."""
+    if window is None:
+        return slice(0, len(t))
+    return slice(int(t.searchsorted(window.start_s)), int(t.searchsorted(window.end_s, side="right")))
 
 
 def _share(room: int, fewest: int, most: int) -> int:
@@ -268,184 +243,45 @@ def _share(room: int, fewest: int, most: int) -> int:
 
 
 def _curve(check: str, course: Course, moments: Sequence[Span], stretches: int, finer: int) -> Curve | None:
-    """A course, reduced; `None` where it has no sample.
-
-    It is gone through part by part: first for its times, then for what may be drawn, of which in the
-    end that is kept which would be kept of the whole.
-    """
-    laid_out = _LaidOut([_around(moment) for moment in moments[:DETAILS]], course.max_gap_s)
-    for t in course.times():
-        laid_out.take(t)
-    if not laid_out.count:
+    """A course, reduced; `None` where it has no sample."""
+    t = course.t
+    if not len(t):
         return None
-    drawn = _Drawn(laid_out, stretches, finer)
-    at_most = False
-    for part in _grouped(course.parts()):
-        at_most = part.at_most
-        drawn.take(part)
-    t, actual, limit, rows = drawn.columns()
-    columns = _drawn_columns(actual, limit)
-    kept = [extremes(t, columns, stretches), rows.searchsorted(drawn.edges)]
-    for first, last in laid_out.near:
-        near = slice(*rows.searchsorted([first, last + 1]).tolist())
-        if near.start < near.stop:
-            kept.append(near.start + extremes(t[near], [column[near] for column in columns], finer))
-    beside = laid_out.beside
-    kept += [rows.searchsorted(beside), rows.searchsorted(beside + 1)]
-    shown = distinct(np.concatenate(kept))
+    actual, limit = np.round(course.actual, DECIMALS) + 0.0, np.round(course.limit, DECIMALS) + 0.0
+    known = np.isfinite(limit)
+    columns = [actual, np.where(known, limit, actual), np.where(known, actual - limit, 0.0)]
+    kept = [extremes(t, columns, stretches), _edges(known)]
+    for moment in moments[:DETAILS]:
+        near = _inside(t, Span(moment.start_s - AROUND_S, moment.end_s + AROUND_S))
+        kept.append(near.start + extremes(t[near], [column[near] for column in columns], finer))
+    beside = _beside_holes(t, course.max_gap_s)
+    rows = distinct(np.concatenate([*kept, beside, beside + 1]))
     return Curve(
         check,
         course.subject,
         course.what,
         course.unit,
-        at_most,
-        laid_out.count,
-        _numbers(t[shown]),
-        _numbers(actual[shown]),
-        tuple(float(v) if math.isfinite(v) else None for v in limit[shown]),
-        _numbers(t[rows.searchsorted(beside)]),
+        course.at_most,
+        len(t),
+        _numbers(t[rows]),
+        _numbers(actual[rows]),
+        tuple(float(v) if math.isfinite(v) else None for v in limit[rows]),
+        _numbers(t[beside]),
     )
 
 
-def _grouped(parts: Iterable[Course]) -> Iterator[Course]:
-    """The same in longer parts, which take less time to go through."""
-    waiting: list[Course] = []
-    for part in parts:
-        waiting.append(part)
-        if sum(len(one.t) for one in waiting) >= PART_SAMPLES:
-            yield _joined(waiting)
-            waiting = []
-    if waiting:
-        yield _joined(waiting)
+def _edges(known: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """The samples on both sides of where a limit begins or ends to apply."""
+    (changes,) = np.nonzero(np.diff(known))
+    return np.concatenate([changes[:MOST_HOLES], changes[:MOST_HOLES] + 1])
 
 
-def _joined(parts: Sequence[Course]) -> Course:
-    if len(parts) == 1:
-        return parts[0]
-    columns = ([getattr(part, name) for part in parts] for name in ("t", "actual", "limit"))
-    t, actual, limit = (np.concatenate(column) for column in columns)
-    return replace(parts[0], t=t, actual=actual, limit=limit)
-
-
-def _around(moment: Span) -> tuple[float, float]:
-    return moment.start_s - AROUND_S, moment.end_s + AROUND_S
-
-
-def _drawn_columns(actual: FloatArray, limit: FloatArray) -> list[FloatArray]:
-    """The columns whose extremes are drawn."""
-    known = np.isfinite(limit)
-    return [actual, np.where(known, limit, actual), np.where(known, actual - limit, 0.0)]
-
-
-class _LaidOut:
-    """Where the samples of a course are in time, of times that come in parts.
-
-    Attributes:
-        count: How many there are.
-        near: The first and the last row around each moment; the last before the first where there is none.
-    """
-
-    def __init__(self, around: Sequence[tuple[float, float]], max_gap_s: float) -> None:
-        self.count = 0
-        self._around, self._max_gap_s = around, max_gap_s
-        self.near = [(0, -1) for _ in around]
-        self._near_s = [(0.0, 0.0) for _ in around]
-        self._ends: list[float] = []
-        self._holes, self._gaps = np.zeros(0, dtype=np.intp), np.zeros(0)
-
-    def take(self, t: FloatArray) -> None:
-        """Take the times after those before."""
-        if not len(t):
-            return
-        for number, (from_s, to_s) in enumerate(self._around):
-            first, last = int(t.searchsorted(from_s)), int(t.searchsorted(to_s, side="right")) - 1
-            if first <= last:
-                begun = self.near[number][0] <= self.near[number][1]
-                row = self.near[number][0] if begun else self.count + first
-                begin_s = self._near_s[number][0] if begun else float(t[first])
-                self.near[number] = row, self.count + last
-                self._near_s[number] = begin_s, float(t[last])
-        before = self._ends[1:]
-        gaps = np.diff(np.concatenate([before, t]))
-        (holes,) = np.nonzero(gaps > self._max_gap_s + 1e-9)
-        self._holes = np.concatenate([self._holes, holes + (self.count - len(before))])
-        self._gaps = np.concatenate([self._gaps, gaps[holes]])
-        longest = np.sort(np.argsort(-self._gaps, kind="stable")[:MOST_HOLES])
-        self._holes, self._gaps = self._holes[longest], self._gaps[longest]
-        self._ends = [self._ends[0] if self._ends else float(t[0]), float(t[-1])]
-        self.count += len(t)
-
-    @property
-    def beside(self) -> NDArray[np.intp]:
-        """The samples after which too long nothing comes; of very many the longest."""
-        return self._holes
-
-    @property
-    def stretches(self) -> Iterator[tuple[tuple[int, int], tuple[float, float]]]:
-        """Rows and times of the whole, and of what is around each moment."""
-        yield (0, self.count - 1), (self._ends[0], self._ends[1])
-        yield from zip(self.near, self._near_s, strict=True)
-
-
-class _Drawn:
-    """What may be drawn of a course whose parts come one by one: some samples of each.
-
-    Attributes:
-        edges: The samples on both sides of where a limit begins or ends to apply.
-    """
-
-    def __init__(self, laid_out: _LaidOut, stretches: int, finer: int) -> None:
-        self._laid_out = laid_out
-        self._reduced = [
-            (rows, times, finer if number else stretches)
-            for number, (rows, times) in enumerate(laid_out.stretches)
-        ]
-        self._count = 0
-        self._known: bool | None = None
-        self._changes: list[NDArray[np.intp]] = []
-        self._found: list[tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp]]] = []
-
-    def take(self, part: Course) -> None:
-        """Take a part, later than those before."""
-        n, first = len(part.t), self._count
-        if not n:
-            return
-        actual, limit = np.round(part.actual, DECIMALS) + 0.0, np.round(part.limit, DECIMALS) + 0.0
-        columns = _drawn_columns(actual, limit)
-        self._edges_of(np.isfinite(limit))
-        kept = [np.array([0, n - 1], dtype=np.intp)]
-        for (begin, end), (from_s, to_s), stretches in self._reduced:
-            here = slice(max(begin - first, 0), min(end - first + 1, n))
-            if here.start < here.stop:
-                stretch = _stretch_of(part.t[here], from_s, to_s, stretches)
-                some = _extremes_of(stretch, [column[here] for column in columns])
-                ends = np.array([0, here.stop - here.start - 1], dtype=np.intp)
-                kept += [here.start + some, here.start + ends]
-        beside = self._laid_out.beside
-        for rows in (beside - first, beside + 1 - first):
-            kept.append(rows[(rows >= 0) & (rows < n)])
-        kept.append(np.concatenate([*self._changes[-1:], np.zeros(0, dtype=np.intp)]) - first)
-        own = distinct(np.concatenate([rows[(rows >= 0) & (rows < n)] for rows in kept]))
-        self._found.append((part.t[own], actual[own], limit[own], own + first))
-        self._count += n
-
-    def _edges_of(self, known: NDArray[np.bool_]) -> None:
-        before = [] if self._known is None else [self._known]
-        (changes,) = np.nonzero(np.diff(np.concatenate([np.array(before, dtype=bool), known])))
-        changes = changes + (self._count - len(before))
-        room = MOST_HOLES - sum(len(found) // 2 for found in self._changes)
-        self._changes.append(np.concatenate([changes[:room], changes[:room] + 1]))
-        self._known = bool(known[-1])
-
-    @property
-    def edges(self) -> NDArray[np.intp]:
-        """See above."""
-        return np.concatenate([*self._changes, np.zeros(0, dtype=np.intp)])
-
-    def columns(self) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:
-        """Times, what was, what may be, and the rows these samples have."""
-        t, actual, limit, rows = (np.concatenate(column) for column in zip(*self._found, strict=True))
-        return t, actual, limit, rows
+def _beside_holes(t: FloatArray, max_gap_s: float) -> NDArray[np.intp]:
+    """The samples after which too long nothing comes; of very many the longest."""
+    gaps = np.diff(t)
+    (holes,) = np.nonzero(gaps > max_gap_s + 1e-9)
+    longest = np.argsort(-gaps[holes], kind="stable")[:MOST_HOLES]
+    return np.sort(holes[longest])
 
 
 def _numbers(values: FloatArray) -> tuple[float, ...]:
@@ -468,31 +304,20 @@ def extremes(t: FloatArray, columns: Iterable[FloatArray], stretches: int) -> ND
     """
     if not len(t):
         return np.zeros(0, dtype=np.intp)
-    ends = np.array([0, len(t) - 1], dtype=np.intp)
-    stretch = _stretch_of(t, t[0], t[-1], stretches)
-    return distinct(np.concatenate([ends, _extremes_of(stretch, columns)]))
-
-
-def _stretch_of(t: FloatArray, start_s: float, end_s: float, stretches: int) -> NDArray[np.intp]:
-    """In which of some stretches of equal length, from a start to an end, each time is."""
-    width = (end_s - start_s) / stretches
-    if not width > 0:
-        return np.zeros(len(t), dtype=np.intp)
-    return np.minimum(((t - start_s) / width).astype(np.intp), stretches - 1)
-
-
-def _extremes_of(stretch: NDArray[np.intp], columns: Iterable[FloatArray]) -> NDArray[np.intp]:
-    """The rows of the least and of the largest value in each stretch of every column."""
+    width = (t[-1] - t[0]) / stretches
+    stretch = np.zeros(len(t), dtype=np.intp)
+    if width > 0:
+        stretch = np.minimum(((t - t[0]) / width).astype(np.intp), stretches - 1)
     bounds = np.append(0, np.flatnonzero(np.diff(stretch)) + 1)
-    counts = np.diff(np.append(bounds, len(stretch)))
-    kept = [np.zeros(0, dtype=np.intp)]
+    counts = np.diff(np.append(bounds, len(t)))
+    kept = [np.array([0, len(t) - 1], dtype=np.intp)]
     for column in columns:
         least = np.flatnonzero(column == np.repeat(np.minimum.reduceat(column, bounds), counts))
         largest = np.flatnonzero(column == np.repeat(np.maximum.reduceat(column, bounds), counts))
         # Of equal samples the first one is the least and the last one the largest.
         kept += [least[np.append(True, np.diff(stretch[least]) > 0)]]
         kept += [largest[np.append(np.diff(stretch[largest]) > 0, True)]]
-    return np.concatenate(kept)
+    return distinct(np.concatenate(kept))
 
 
 def _routes(trial: Trial) -> Iterable[Route]:
@@ -507,27 +332,12 @@ def _routes(trial: Trial) -> Iterable[Route]:
 
 
 def _route(name: str, kind: str, signal: Signal, window: Span | None) -> Route | None:
-    """Where something went, reduced; `None` where it has no sample. Likewise gone through part by part."""
-    laid_out = _LaidOut([], _ROUTE_HOLE_S)
-    for rows in _rows(signal, window):
-        laid_out.take(signal.times(*rows))
-    if not laid_out.count:
+    """Where something went, reduced; `None` where it has no sample."""
+    inside = _inside(signal.t, window)
+    t, places = signal.t[inside], np.round(signal.values[inside], DECIMALS) + 0.0
+    if not len(t):
         return None
-    ((_, (from_s, to_s)),) = laid_out.stretches
-    beside, first = laid_out.beside, 0
-    found: list[tuple[FloatArray, FloatArray, NDArray[np.intp]]] = []
-    for rows in _rows(signal, window):
-        t, places = signal.stretch(*rows)
-        places, n = np.round(places, DECIMALS) + 0.0, len(t)
-        stretch = _stretch_of(t, from_s, to_s, ROUTE_STRETCHES)
-        kept = [np.array([0, n - 1]), _extremes_of(stretch, [places[:, 0], places[:, 1]])]
-        kept += [near[(near >= 0) & (near < n)] for near in (beside - first, beside + 1 - first)]
-        own = distinct(np.concatenate(kept))
-        found.append((t[own], places[own], own + first))
-        first += n
-    t, places, numbers = (np.concatenate(column) for column in zip(*found, strict=True))
     x, y = places[:, 0], places[:, 1]
-    around = [numbers.searchsorted(beside), numbers.searchsorted(beside + 1)]
-    shown = distinct(np.concatenate([extremes(t, [x, y], ROUTE_STRETCHES), *around]))
-    holes = t[numbers.searchsorted(beside)]
-    return Route(name, kind, _numbers(t[shown]), _numbers(x[shown]), _numbers(y[shown]), _numbers(holes))
+    beside = _beside_holes(t, _ROUTE_HOLE_S)
+    rows = distinct(np.concatenate([extremes(t, [x, y], ROUTE_STRETCHES), beside, beside + 1]))
+    return Route(name, kind, _numbers(t[rows]), _numbers(x[rows]), _numbers(y[rows]), _numbers(t[beside]))

@@ -12,8 +12,7 @@ import re
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import repeat, starmap
-from math import inf
+from itertools import chain, pairwise, repeat, starmap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,11 +20,11 @@ import numpy as np
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.results.result import Result
 from ariac_score.review.annotation_messages import MONITOR_STATE, Annotation, States, serialized, stamp
-from ariac_score.review.margins import SAID, Part, Track
+from ariac_score.review.margins import SAID, Track
 from ariac_score.scoring.steward import with_verdicts
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.spans import FloatArray, distinct
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,7 +49,11 @@ _LONGEST = 1000
 _SHORTEST_S = 0.5
 """A marker that stood for less could not be seen."""
 AT_ONCE = 50_000
-"""About so many messages are made before the first of them is written."""
+"""About so many messages are serialized before the first of them is written."""
+
+
+_FIRST_NS, _LAST_NS = -(2**62), 2**62
+"""Before and after every stamp; whole numbers, for floats cannot tell nanoseconds apart."""
 
 
 def origin_ns(clock: str) -> int:
@@ -66,7 +69,7 @@ def origin_ns(clock: str) -> int:
 def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: str) -> Iterator[Annotation]:
     """Everything the recording holds, in order of time, one after the other: there can be a million.
 
-    What monitors say over time is made as it is asked for, for all of them up to the same time.
+    What monitors say over time is serialized as it is asked for, some thousand messages at a time.
 
     Args:
         result: The result.
@@ -75,8 +78,7 @@ def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: 
         frame: The tf frame positions are in.
 
     Raises:
-        LogError: The log's clock is before its own zero, or beyond what a stamp can tell; the latter
-            also while messages are made.
+        LogError: The log's clock is before its own zero, or beyond what a stamp can tell.
     """
     clock = _Clock(origin_ns(trial.clock), frame)
     told = [
@@ -108,7 +110,7 @@ class _Clock:
         Raises:
             LogError: One of them is none that a stamp can tell.
         """
-        for end_s in (t_s[0], t_s[-1]):
+        for end_s in (*t_s[:1], *t_s[-1:]):
             stamp(self.ns(float(end_s)))
         return self.origin_ns + np.rint(t_s * 1e9).astype(np.int64)
 
@@ -210,10 +212,10 @@ def _places(subject: str, trial: Trial, t_s: float) -> list[_Place]:
 
 def _place(signal: Signal, t_s: float) -> _Place:
     """The recorded place nearest in time."""
-    row = min(signal.row(t_s), len(signal) - 1)
-    t, places = signal.stretch(max(row - 1, 0), row + 1)
-    nearest = 0 if t_s - t[0] < t[-1] - t_s else -1
-    x, y, z = (float(value) for value in places[nearest])
+    row = min(int(signal.t.searchsorted(t_s)), len(signal) - 1)
+    before = max(row - 1, 0)
+    nearest = before if t_s - signal.t[before] < signal.t[row] - t_s else row
+    x, y, z = (float(value) for value in signal.values[nearest])
     return x, y, z
 
 
@@ -288,72 +290,31 @@ def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words
 
 
 class _Voice:
-    """The messages of one track, some of which wait to be said.
+    """The messages of one track.
 
     Attributes:
         topic: Of all of them.
-        last_ns: The stamp of the last one that waits.
-        ended: Whether nothing comes after those that wait.
+        t_ns: Their stamps, shape (n,), in order.
     """
 
     def __init__(self, track: Track, topic: str, clock: _Clock) -> None:
-        self.topic, self._clock = topic, clock
+        self.topic, self._track = topic, track
         same = {"check": track.check, "subject": _text(track.subject), "unit": track.unit}
         self._states = States(same, clock.frame)
-        self._parts = track.parts()
-        self._waiting = Part.of([])
-        self._t_ns = np.zeros(0, dtype=np.int64)
-        self.ended, self.last_ns = False, -1
-        self.listen()
+        self.t_ns = clock.all_ns(track.t_s)
 
-    def listen(self) -> None:
-        """Wait for more, until something comes later than what waited before."""
-        before_ns = self.last_ns
-        while not self.ended and self.last_ns <= before_ns:
-            part = next(self._parts, None)
-            if part is None:
-                self.ended = True
-            else:
-                t_ns = self._clock.all_ns(part.t_s)
-                self._waiting = _joined(self._waiting, part)
-                self._t_ns = np.concatenate([self._t_ns, t_ns])
-                self.last_ns = int(t_ns[-1])
-
-    def until_ns(self, rows: int) -> float:
-        """Before when nothing else can come, and there are about so many rows."""
-        if len(self._t_ns) > rows:
-            return int(max(self._t_ns[rows], self._t_ns[0] + 1))
-        return inf if self.ended else self.last_ns
-
-    def say(self, before_ns: float) -> list[Annotation]:
-        """The messages that wait and come before a time."""
-        count = len(self._t_ns) if before_ns == inf else int(self._t_ns.searchsorted(before_ns))
-        if not count:
-            return []
-        said, t_ns = self._waiting, self._t_ns[:count]
-        texts = {row: _text(text) for row, text in said.messages.items() if row < count}
-        payloads = self._states.serialized(t_ns, _NUMBERS[said.said[:count]], said.margin[:count], texts)
-        self._waiting, self._t_ns = _after(said, count), self._t_ns[count:]
-        messages = zip(t_ns.tolist(), repeat(self.topic), repeat(MONITOR_STATE), payloads, strict=False)
-        return list(starmap(Annotation, messages))
-
-
-def _joined(one: Part, other: Part) -> Part:
-    count = len(one.t_s)
-    if not count:
-        return other
-    return Part(
-        np.concatenate([one.t_s, other.t_s]),
-        np.concatenate([one.said, other.said]),
-        np.concatenate([one.margin, other.margin]),
-        {**one.messages, **{row + count: text for row, text in other.messages.items()}},
-    )
-
-
-def _after(part: Part, count: int) -> Part:
-    """A part without its first moments."""
-    messages = {row - count: text for row, text in part.messages.items() if row >= count}
-    return Part(part.t_s[count:], part.said[count:], part.margin[count:], messages)
+    def say(self, from_ns: int, before_ns: int) -> Iterator[Annotation]:
+        """The messages from one time to before another."""
+        first, last = self.t_ns.searchsorted([from_ns, before_ns]).tolist()
+        track, rows = self._track, slice(first, last)
+        texts = {row - first: _text(text) for row, text in track.messages.items() if first <= row < last}
+        payloads = self._states.serialized(
+            self.t_ns[rows], _NUMBERS[track.said[rows]], track.margin[rows], texts
+        )
+        messages = zip(
+            self.t_ns[rows].tolist(), repeat(self.topic), repeat(MONITOR_STATE), payloads, strict=False
+        )
+        return starmap(Annotation, messages)
 
 
 def _merged(voices: Sequence[_Voice], told: Sequence[Annotation]) -> Iterator[Annotation]:
@@ -365,19 +326,12 @@ def _merged(voices: Sequence[_Voice], told: Sequence[Annotation]) -> Iterator[An
     """
     topics = [*(voice.topic for voice in voices), *(message.topic for message in told)]
     ranks = {topic: rank for rank, topic in enumerate(sorted(set(topics)))}
-    rows = max(AT_ONCE // max(len(voices), 1), 1)
-    done = 0
-    while True:
-        until_ns = min((voice.until_ns(rows) for voice in voices), default=inf)
-        last = bisect_left(told, until_ns, lo=done, key=lambda message: message.t_ns)
-        spoken = [*(voice.say(until_ns) for voice in voices), told[done:last]]
-        messages = [message for of_one in spoken for message in of_one]
-        done = last
+    stamps = np.concatenate([np.zeros(0, dtype=np.int64), *(voice.t_ns for voice in voices)])
+    cuts = distinct(np.sort(stamps)[AT_ONCE::AT_ONCE]).tolist()
+    for from_ns, before_ns in pairwise([_FIRST_NS, *cuts, _LAST_NS]):
+        first, last = (bisect_left(told, ns, key=lambda one: one.t_ns) for ns in (from_ns, before_ns))
+        spoken = chain.from_iterable(voice.say(from_ns, before_ns) for voice in voices)
+        messages = [*spoken, *told[first:last]]
         place = np.array([(message.t_ns, ranks[message.topic]) for message in messages], dtype=np.int64)
         order = np.lexsort(place.reshape(len(messages), 2).T[::-1])
         yield from map(messages.__getitem__, order.tolist())
-        if until_ns == inf:
-            return
-        for voice in voices:
-            if voice.last_ns == until_ns:
-                voice.listen()

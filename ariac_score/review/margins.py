@@ -8,9 +8,8 @@ and end, and the samples they rest on.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,12 +32,11 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import quantity_of
-from ariac_score.trial.windows import cuts_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["SAID", "Moment", "Part", "Track", "read_again", "tracks"]
+__all__ = ["SAID", "Moment", "Track", "read_again", "tracks"]
 
 SAID: tuple[Verdict | None, ...] = (
     Verdict.SATISFIED,
@@ -50,7 +48,7 @@ SAID: tuple[Verdict | None, ...] = (
 """What a monitor can say of an instant, by number; `None`: nothing."""
 
 JUST_AFTER_S = 1e-9
-"""What lacks samples is undecided from the last one on, which itself was judged."""
+"""The shortest time that a stamp can tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,40 +69,6 @@ class Moment:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """Moments of a track, one after the other.
-
-    Attributes:
-        t_s: As of a moment, shape (n,).
-        said: The verdict of each, as its number in `SAID`, shape (n,).
-        margin: Likewise; NaN without one.
-        messages: By row, where there is one.
-    """
-
-    t_s: FloatArray
-    said: NDArray[np.uint8]
-    margin: FloatArray
-    messages: Mapping[int, str]
-
-    @classmethod
-    def of(cls, moments: Sequence[Moment]) -> Part:
-        """Some moments as columns."""
-        return cls(
-            np.array([moment.t_s for moment in moments], dtype=np.float64),
-            np.array([SAID.index(moment.verdict) for moment in moments], dtype=np.uint8),
-            np.array([math.nan if m.margin is None else m.margin for m in moments], dtype=np.float64),
-            {row: moment.message for row, moment in enumerate(moments) if moment.message},
-        )
-
-    def moments(self) -> Iterator[Moment]:
-        """The same one by one."""
-        columns = self.t_s.tolist(), self.said.tolist(), self.margin.tolist()
-        for row, (t_s, said, margin) in enumerate(zip(*columns, strict=True)):
-            known = None if math.isnan(margin) else margin
-            yield Moment(t_s, SAID[said], known, self.messages.get(row, ""))
-
-
-@dataclass(frozen=True)
 class Track:
     """What one monitor says about one subject, in order of time.
 
@@ -112,7 +76,10 @@ class Track:
         check: Name of the check.
         subject: Whom it is about.
         unit: Unit of the margins.
-        moments: Strictly increasing in time.
+        t_s: The instants, shape (n,), s of trial time, strictly increasing.
+        said: The verdict of each, as its number in `SAID`, shape (n,).
+        margin: Signed distance to the limit at each; NaN without one.
+        messages: One sentence for people, by row; where nothing is new there is none.
         what: What its margin is of, where a subject has several; empty for the first.
         sampled: Whether its margin is known at every sample, not only where findings rest.
     """
@@ -120,36 +87,37 @@ class Track:
     check: str
     subject: str
     unit: str
-    moments: tuple[Moment, ...]
+    t_s: FloatArray
+    said: NDArray[np.uint8]
+    margin: FloatArray
+    messages: Mapping[int, str]
     what: str = ""
     sampled: bool = False
 
-    def parts(self) -> Iterator[Part]:
-        """The moments in parts, one after the other; each has some."""
-        if self.moments:
-            yield Part.of(self.moments)
-
-
-class _Sampled(Track):
-    """A track that is made part by part whenever it is looked at, and never held as a whole."""
-
-    _made: Callable[[], Iterator[Part]]
-
-    def __init__(
-        self, check: str, subject: str, unit: str, what: str, made: Callable[[], Iterator[Part]]
-    ) -> None:
-        known = {"check": check, "subject": subject, "unit": unit, "what": what, "sampled": True}
-        for name, value in {**known, "_made": made}.items():
-            object.__setattr__(self, name, value)
-
-    def parts(self) -> Iterator[Part]:
-        """The moments in parts, made anew."""
-        return self._made()
+    @classmethod
+    def of(
+        cls, check: str, subject: str, unit: str, moments: Sequence[Moment], *, sampled: bool = False
+    ) -> Track:
+        """Some moments as columns."""
+        return cls(
+            check,
+            subject,
+            unit,
+            np.array([moment.t_s for moment in moments], dtype=np.float64),
+            np.array([SAID.index(moment.verdict) for moment in moments], dtype=np.uint8),
+            np.array([math.nan if m.margin is None else m.margin for m in moments], dtype=np.float64),
+            {row: moment.message for row, moment in enumerate(moments) if moment.message},
+            sampled=sampled,
+        )
 
     @property
     def moments(self) -> tuple[Moment, ...]:
-        """All moments."""
-        return tuple(moment for part in self._made() for moment in part.moments())
+        """The same one by one."""
+        columns = zip(self.t_s.tolist(), self.said.tolist(), self.margin.tolist(), strict=True)
+        return tuple(
+            Moment(t_s, SAID[said], None if math.isnan(margin) else margin, self.messages.get(row, ""))
+            for row, (t_s, said, margin) in enumerate(columns)
+        )
 
 
 def read_again(result: Result, path: Path, prepared: Prepared) -> Trial:
@@ -204,50 +172,27 @@ def _with_undecided(track: Track, findings: Sequence[Finding]) -> Track:
         for f in findings
         if f.subject == track.subject and f.verdict is Verdict.INCONCLUSIVE and f.span is not None
     ]
-    if not undecided:
-        return track
-    made = partial(_among, track.parts, undecided)
-    return _Sampled(track.check, track.subject, track.unit, track.what, made)
+    known = set(track.t_s[np.isin(track.t_s, [moment.t_s for moment in undecided])].tolist())
+    more: dict[float, Moment] = {}
+    for moment in undecided:
+        # What lacks samples is undecided from the last one on, which itself was judged.
+        t_s = moment.t_s + JUST_AFTER_S if moment.t_s in known else moment.t_s
+        more[t_s] = replace(moment, t_s=t_s)
+    return _inserted(track, [more[t_s] for t_s in sorted(more)]) if more else track
 
 
-def _among(parts: Callable[[], Iterator[Part]], undecided: Sequence[Moment]) -> Iterator[Part]:
-    """Parts with what is undecided among them: just after the sample where it begins at one."""
-    waiting = sorted(enumerate(undecided), key=lambda one: (one[1].t_s, one[0]))
-    more: dict[float, tuple[int, Moment]] = {}
-    for part in parts():
-        last_s = float(part.t_s[-1])
-        while waiting and waiting[0][1].t_s <= last_s:
-            number, moment = waiting.pop(0)
-            begins_s = moment.t_s
-            row = int(part.t_s.searchsorted(begins_s))
-            _put(more, number, moment, begins_s + JUST_AFTER_S if part.t_s[row] == begins_s else begins_s)
-        ready = sorted(t_s for t_s in more if t_s < last_s)
-        yield _inserted(part, [more.pop(t_s)[1] for t_s in ready])
-    for number, moment in waiting:
-        _put(more, number, moment, moment.t_s)
-    if more:
-        yield Part.of([more[t_s][1] for t_s in sorted(more)])
-
-
-def _put(more: dict[float, tuple[int, Moment]], number: int, moment: Moment, t_s: float) -> None:
-    """Say something of an instant, unless something that comes later is said of it."""
-    if t_s not in more or more[t_s][0] < number:
-        more[t_s] = number, replace(moment, t_s=t_s)
-
-
-def _inserted(part: Part, moments: Sequence[Moment]) -> Part:
-    """A part with more moments, after those of the same time."""
-    if not moments:
-        return part
-    new = Part.of(moments)
-    rows = part.t_s.searchsorted(new.t_s, side="right")
-    told = {row + int(np.searchsorted(rows, row, side="right")): m for row, m in part.messages.items()}
-    told |= {int(rows[k]) + k: moments[k].message for k in range(len(moments)) if moments[k].message}
-    return Part(
-        np.insert(part.t_s, rows, new.t_s),
-        np.insert(part.said, rows, new.said),
-        np.insert(part.margin, rows, new.margin),
-        told,
+def _inserted(track: Track, moments: Sequence[Moment]) -> Track:
+    """A track with more moments, after those of the same time."""
+    new = Track.of("", "", "", moments)
+    rows = track.t_s.searchsorted(new.t_s, side="right")
+    messages = {row + int(np.searchsorted(rows, row, side="right")): m for row, m in track.messages.items()}
+    messages |= {int(rows[k]) + k: message for k, message in new.messages.items()}
+    return replace(
+        track,
+        t_s=np.insert(track.t_s, rows, new.t_s),
+        said=np.insert(track.said, rows, new.said),
+        margin=np.insert(track.margin, rows, new.margin),
+        messages=messages,
     )
 
 
@@ -258,7 +203,8 @@ def _sampled(name: str, courses: Sequence[Course], findings: Sequence[Finding]) 
     """The margins of a monitor with the state at each; in the order of its subjects."""
     found: list[Track] = []
     for course in courses:
-        if not any(len(t) for t in course.times()):
+        t, margin = course.t, course.margin
+        if not len(t):
             continue
         several = any(track.subject == course.subject for track in found)
         violations = [
@@ -266,22 +212,24 @@ def _sampled(name: str, courses: Sequence[Course], findings: Sequence[Finding]) 
             for f in findings
             if f.span is not None and f.subject == course.subject and f.verdict is Verdict.VIOLATED
         ]
+        said = _said(t, margin, violations)
+        changed = np.flatnonzero(np.diff(said, prepend=np.array([-1], dtype=np.int8)))
+        messages = _words(course, margin, changed)
         what = course.what if several else ""
-        made = partial(_states, course, violations)
-        found.append(_Sampled(name, course.subject, course.unit, what, made))
+        found.append(
+            Track(
+                name,
+                course.subject,
+                course.unit,
+                t,
+                said.astype(np.uint8),
+                margin,
+                messages,
+                what,
+                sampled=True,
+            )
+        )
     return found
-
-
-def _states(course: Course, violations: Sequence[Span]) -> Iterator[Part]:
-    """What holds at each sample, in words where that changes."""
-    before = -1
-    for part in course.parts():
-        if len(part.t):
-            margin, said = part.margin, _said(part, violations)
-            changed = np.flatnonzero(np.diff(said, prepend=np.array([before], dtype=np.int8)))
-            before = int(said[-1])
-            messages = {row: _words(part, row, margin) for row in changed.tolist()}
-            yield Part(part.t, said.astype(np.uint8), margin, messages)
 
 
 _SATISFIED, _VIOLATED, _IDLE = (
@@ -289,9 +237,8 @@ _SATISFIED, _VIOLATED, _IDLE = (
 )
 
 
-def _said(course: Course, violations: Sequence[Span]) -> NDArray[np.int8]:
+def _said(t: FloatArray, margin: FloatArray, violations: Sequence[Span]) -> NDArray[np.int8]:
     """What holds at each sample; a margin of exactly 0 is broken where it counted so."""
-    t, margin = course.t, course.margin
     broken, unsure = margin < 0, margin == 0
     for span in violations if unsure.any() else ():
         broken |= unsure & (t >= span.start_s) & (t <= span.end_s)
@@ -299,13 +246,16 @@ def _said(course: Course, violations: Sequence[Span]) -> NDArray[np.int8]:
     return np.where(np.isnan(margin), _IDLE, said).astype(np.int8)
 
 
-def _words(course: Course, row: int, margin: FloatArray) -> str:
-    """What was, beside what may be."""
-    if math.isnan(margin[row]):
-        return "the limit does not apply"
-    actual, limit = float(course.actual[row]), float(course.limit[row])
+def _words(course: Course, margin: FloatArray, rows: NDArray[np.intp]) -> dict[int, str]:
+    """What was, beside what may be, at some samples."""
+    actual, limit = course.actual[rows].tolist(), course.limit[rows].tolist()
     relation = "at most" if course.at_most else "at least"
-    return f"{course.what} {actual:.3f} {course.unit} ({relation} {limit:.3f})"
+    return {
+        row: "the limit does not apply"
+        if math.isnan(margin[row])
+        else f"{course.what} {was:.3f} {course.unit} ({relation} {may:.3f})"
+        for row, was, may in zip(rows.tolist(), actual, limit, strict=True)
+    }
 
 
 # Monitors that watch online ------------------------------------------------------------
@@ -316,65 +266,46 @@ def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) ->
     wanted = {need.quantity for need in needs_of(plugin, name, monitor)}
     signals = [s for key, s in sorted(trial.signals.items()) if quantity_of(key) in wanted]
     window = trial.window
-    heard: dict[str, _Heard] = {}
+    heard: dict[str, list[Standing]] = {}
     try:
         with quiet(plugin.origin):
             watch = monitor.begin()
             for samples in _steps(signals):
                 for standing in watch.step(samples):
                     if window is not None and window.start_s <= standing.t_s <= window.end_s:
-                        heard.setdefault(standing.subject, _Heard()).take(standing)
+                        heard.setdefault(standing.subject, []).append(standing)
     except Exception as cause:
         raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
-    return [_Sampled(name, subject, one.unit, "", one.parts) for subject, one in heard.items()]
+    return [_standing_track(name, subject, standings) for subject, standings in heard.items()]
 
 
-class _Heard:
-    """What was said of one subject, kept as columns; in words only where the state changes."""
-
-    def __init__(self) -> None:
-        self.unit = ""
-        self._parts: list[Part] = []
-        self._moments: list[Moment] = []
-        self._before: Verdict | None = None
-
-    def take(self, standing: Standing) -> None:
-        """Keep what was just said."""
-        words = standing.message if standing.verdict is not self._before else ""
-        self._moments.append(Moment(standing.t_s, standing.verdict, standing.robustness, words))
-        self.unit, self._before = standing.unit, standing.verdict
-        if len(self._moments) == _PART_MOMENTS:
-            self._parts, self._moments = [*self.parts()], []
-
-    def parts(self) -> Iterator[Part]:
-        """All of it, in parts."""
-        yield from self._parts
-        if self._moments:
-            yield Part.of(self._moments)
-
-
-_PART_MOMENTS = 4096
+def _standing_track(name: str, subject: str, standings: Sequence[Standing]) -> Track:
+    """What was said of one subject, in words only where the state changes."""
+    moments, before = [], None
+    for one in standings:
+        words = one.message if one.verdict is not before else ""
+        moments.append(Moment(one.t_s, one.verdict, one.robustness, words))
+        before = one.verdict
+    return Track.of(name, subject, standings[-1].unit, moments, sampled=True)
 
 
 def _steps(signals: Sequence[Signal]) -> Iterator[list[Sample]]:
     """All samples, those of one instant together."""
-    cuts = cuts_of(signals).tolist()
-    for low_s, high_s in zip([-math.inf, *cuts], [*cuts, math.inf], strict=True):
-        parts = [signal.stretch(signal.row(low_s), signal.row(high_s)) for signal in signals]
-        times = np.concatenate([np.zeros(0), *(t for t, _ in parts)])
-        which = np.repeat(np.arange(len(parts)), [len(t) for t, _ in parts])
-        index = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(len(t)) for t, _ in parts)])
-        order = np.lexsort((which, times))
-        groups = np.split(order, np.flatnonzero(np.diff(times[order])) + 1)
-        for group in groups if len(order) else ():
-            places = zip(which[group].tolist(), index[group].tolist(), strict=True)
-            yield [_sample(signals[number], parts[number], row) for number, row in places]
+    times = np.concatenate([np.zeros(0), *(signal.t for signal in signals)])
+    which = np.repeat(np.arange(len(signals)), [len(signal) for signal in signals])
+    index = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(len(s)) for s in signals)])
+    values = [signal.values for signal in signals]  # held, for derived ones are computed when looked at
+    order = np.lexsort((which, times))
+    for group in np.split(order, np.flatnonzero(np.diff(times[order])) + 1) if len(order) else ():
+        yield [
+            _sample(signals[number], float(times[place]), values[number][row])
+            for place, number, row in zip(group, which[group], index[group], strict=True)
+        ]
 
 
-def _sample(signal: Signal, part: tuple[FloatArray, FloatArray], row: int) -> Sample:
-    t, values = part
-    value = float(values[row]) if values.ndim == 1 else tuple(values[row].tolist())
-    return Sample(signal.name, float(t[row]), value, signal.unit)
+def _sample(signal: Signal, t_s: float, value: FloatArray) -> Sample:
+    plain = float(value) if np.ndim(value) == 0 else tuple(value.tolist())
+    return Sample(signal.name, t_s, plain, signal.unit)
 
 
 # Monitors of which only the findings are known ------------------------------------------
@@ -392,7 +323,7 @@ def _told(name: str, findings: Sequence[Finding], result: Result) -> Iterator[Tr
         ordered = tuple(moments[t_s] for t_s in sorted(moments))
         unit = next((finding.unit for finding in own if finding.unit), "")
         if ordered:
-            yield Track(name, subject, unit, ordered)
+            yield Track.of(name, subject, unit, ordered)
 
 
 def _says_more(moment: Moment, known: Moment | None) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby, pairwise
 from typing import Any
@@ -137,12 +137,11 @@ class OnlineChecks:
 
 def _items(trial: Trial, needed: frozenset[str]) -> list[Sample | Event]:
     """What comes while the trial goes on, in order of time."""
-    samples: Iterator[Sample | Event] = (
-        signal.sample(i)
-        for name, signal in sorted(trial.signals.items())
-        if name.partition("/")[0] in needed
-        for i in range(len(signal))
-    )
+    signals = [one for name, one in sorted(trial.signals.items()) if name.partition("/")[0] in needed]
+    # Derived vectors stay as long as they are held; else they would be computed for every sample.
+    held = [signal.values for signal in signals]
+    samples: list[Sample | Event] = [signal.sample(i) for signal in signals for i in range(len(signal))]
+    del held
     # What happens at an instant is known before what is measured at it.
     return sorted((*trial.events, *samples), key=lambda item: item.t_s)
 

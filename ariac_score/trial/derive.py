@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, LogDefect, Trial
-from ariac_score.trial.signals import Signal
+from ariac_score.trial.signals import Signal, common_times, sealed
 from ariac_score.trial.spans import BoolArray, FloatArray, distinct
 from ariac_score.trial.vocabulary import QUANTITIES
-from ariac_score.trial.windows import Computed, Kept, TimeBase, cuts_of, same_times
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -114,85 +115,56 @@ def centred_velocity(
     >>> v[:, 0].tolist(), jumps
     ([1.0, 1.0, 1.0], 0)
     """
-    reach = _Reach(t, half_window_samples, half_window_s, max_gap_s)
-    velocity = _Velocity(reach, positions_m, teleport_speed_m_s)
-    return (*velocity.rows(0, len(t)), velocity.jumps)
-
-
-class _Reach:
-    """Over which rows the difference at each sample runs, for all points sampled at the same times."""
-
-    def __init__(
-        self, t: FloatArray, half_window_samples: int, half_window_s: float, max_gap_s: float
-    ) -> None:
-        self.t, self.samples, self.seconds, self.max_gap_s = t, half_window_samples, half_window_s, max_gap_s
-        self._last: tuple[int, int, Any] = -1, -1, None
-        self.gaps = [
-            first + 1 + np.flatnonzero(np.diff(part) > max_gap_s + 1e-9) for first, part in _steps(t)
-        ]
-
-    def rows(self, first: int, last: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """The first and the last row of each difference, were there no tracks."""
-        if self._last[:2] != (first, last):
-            self._last = first, last, self._rows(first, last)
-        found: tuple[NDArray[np.intp], NDArray[np.intp]] = self._last[2]
-        return found
-
-    def _rows(self, first: int, last: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        index = np.arange(first, last)
-        if not self.seconds > 0:
-            return index - self.samples, index + self.samples
-        t = self.t[first:last]
-        low = np.searchsorted(self.t, t - self.seconds - 1e-9, side="left")
-        high = np.searchsorted(self.t, t + self.seconds + 1e-9, side="right") - 1
-        return np.minimum(low, index - 1), np.maximum(high, index + 1)
-
-
-def _steps(t: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-    """Times in parts that share one with the next, each with its first row."""
-    for first in range(0, len(t) - 1, _BLOCK_SAMPLES):
-        yield first, t[first : first + _BLOCK_SAMPLES + 1]
+    velocity = _Velocity(t, positions_m, half_window_samples, half_window_s, teleport_speed_m_s, max_gap_s)
+    return velocity.t, velocity.values(), velocity.jumps
 
 
 class _Velocity:
-    """The velocity of one point, computed where it is asked for."""
+    """The velocity of one point, computed when it is looked at.
 
-    def __init__(self, reach: _Reach, positions_m: FloatArray, teleport_speed_m_s: float) -> None:
-        self.reach, self.positions_m = reach, positions_m
-        t, jumped = reach.t, [np.zeros(0, dtype=np.intp)]
-        for first, part in _steps(t):
-            way = _norm(np.diff(positions_m[first : first + len(part)], axis=0))
-            jumped.append(first + np.flatnonzero(way > teleport_speed_m_s * np.diff(part)))
-        jumps = np.concatenate(jumped)
+    Attributes:
+        t: The times at which there is one, shape (m,), s.
+        jumps: How often the point jumped.
+    """
+
+    def __init__(
+        self,
+        t: FloatArray,
+        positions_m: FloatArray,
+        half_window_samples: int,
+        half_window_s: float,
+        teleport_speed_m_s: float,
+        max_gap_s: float,
+    ) -> None:
+        self._all_t, self._positions_m = t, positions_m
+        self._half_samples, self._half_s = half_window_samples, half_window_s
+        steps_s = np.diff(t)
+        jumps = np.flatnonzero(_norm(np.diff(positions_m, axis=0)) > teleport_speed_m_s * steps_s)
+        gaps = np.flatnonzero(steps_s > max_gap_s + 1e-9)
         self.jumps = len(jumps)
-        self.begins = distinct(np.concatenate([[0], jumps + 1, *reach.gaps]).astype(np.intp))
-        """The first row of each track: at a jump, and after a gap, one ends."""
-        self.ends = np.append(self.begins[1:], len(t))
-        alone = self.begins[self.ends - self.begins == 1]
+        # The first row of each track: at a jump, and after a gap, one ends.
+        self._begins = distinct(np.concatenate([[0], jumps + 1, gaps + 1]).astype(np.intp))
+        self._ends = np.append(self._begins[1:], len(t))
+        alone = self._begins[self._ends - self._begins == 1]
         # Beside a jump nothing is known: a pose updated in leaps would otherwise stand still between them.
-        self.without = distinct(np.concatenate([alone, jumps, jumps + 1])) if len(t) else jumps
-        """The rows that have no velocity."""
+        self._without = distinct(np.concatenate([alone, jumps, jumps + 1])) if len(t) else jumps
+        self.t = np.delete(t, self._without) if len(self._without) else t
 
-    def known(self, first: int, last: int) -> int:
-        """How many of some rows have a velocity."""
-        return last - first - int(np.diff(self.without.searchsorted([first, last]))[0])
-
-    def rows(self, first: int, last: int) -> tuple[FloatArray, FloatArray]:
-        """Times and velocities of some rows, less those that have none."""
-        t = self.reach.t
-        low, high = self.reach.rows(first, last)
-        index = np.arange(first, last)
-        if len(self.without):
-            out = self.without[slice(*self.without.searchsorted([first, last]))] - first
-            low, high, index = np.delete(low, out), np.delete(high, out), np.delete(index, out)
-        if len(self.begins) > 1:
-            track = self.begins.searchsorted(index, side="right") - 1
-            low, high = np.maximum(low, self.begins[track]), np.minimum(high, self.ends[track] - 1)
-        else:
-            low, high = np.maximum(low, 0), np.minimum(high, len(t) - 1)
-        times = t[first:last] if len(index) == last - first else t[index]
-        way = np.take(self.positions_m, high, axis=0) - np.take(self.positions_m, low, axis=0)
-        return times, way / (t[high] - t[low])[:, None]
+    def values(self) -> FloatArray:
+        """The velocities, shape (m, 3), m/s."""
+        t, index = self._all_t, np.arange(len(self._all_t))
+        if len(self._without):
+            index = np.delete(index, self._without)
+        low, high = index - self._half_samples, index + self._half_samples
+        if self._half_s > 0:
+            low = np.searchsorted(t, self.t - self._half_s - 1e-9, side="left")
+            high = np.searchsorted(t, self.t + self._half_s + 1e-9, side="right") - 1
+            low, high = np.minimum(low, index - 1), np.maximum(high, index + 1)
+        track = self._begins.searchsorted(index, side="right") - 1 if len(self._begins) > 1 else 0
+        low, high = np.maximum(low, self._begins[track]), np.minimum(high, self._ends[track] - 1)
+        way = np.take(self._positions_m, high, axis=0) - np.take(self._positions_m, low, axis=0)
+        velocities: FloatArray = way / (t[high] - t[low])[:, None]
+        return velocities
 
 
 def nearest_distances(
@@ -289,9 +261,6 @@ class _Deriver:
         self.speed_window_s = speed_window_s
         self.shortest_gaps_s = shortest_gaps_s
         self.defects: set[LogDefect] = set()
-        self.cuts = cuts_of(trial.signals.values())
-        self.kept = Kept()
-        self._reaches: dict[tuple[int, float], _Reach] = {}
         self._nearest_of: dict[tuple[str, float, int], tuple[_Nearest, int]] = {}
         self._closest_of: dict[tuple[str, float], _Closest | None] = {}
         self._humans_of: dict[str, list[str]] = {}
@@ -317,31 +286,28 @@ class _Deriver:
             "tcp_speed": self._tcp_speed,
         }.get(quantity)
         made = derive(subject, max_gap_s) if derive else None
-        if made is None or not sum(made.counts):
+        if made is None or not len(made[0]):
             return None
-        self.signals[name] = Computed.made(
-            name, QUANTITIES[quantity].unit, made.base, self.cuts, made.counts, made.window, self.kept
-        )
+        t, values = made
+        self.signals[name] = Computed.of(name, QUANTITIES[quantity].unit, t, values)
         return self.signals[name]
-
-    def _common(self, signals: Sequence[Signal], max_gap_s: float) -> TimeBase:
-        return TimeBase(signals, max_gap_s=max_gap_s, cuts=self.cuts)
 
     def _velocity(self, point: str, max_gap_s: float) -> _Made | None:
         position = self.signals.get(f"position/{point}")
         if position is None:
             return None
-        key = id(position.t), max_gap_s
-        if key not in self._reaches:
-            self._reaches[key] = _Reach(position.t, HALF_WINDOW_SAMPLES, self.speed_window_s, max_gap_s)
-        velocity = _Velocity(self._reaches[key], position.values, TELEPORT_SPEED_M_S)
+        velocity = _Velocity(
+            position.t,
+            position.values,
+            HALF_WINDOW_SAMPLES,
+            self.speed_window_s,
+            TELEPORT_SPEED_M_S,
+            max_gap_s,
+        )
         if velocity.jumps:
             message = f"{point} jumped faster than {TELEPORT_SPEED_M_S:g} m/s; its track was split there"
             self.defects.add(LogDefect("teleport", position.name, velocity.jumps, message))
-        base = self._common([position], max_gap_s)
-        counts = [velocity.known(*base.rows(k)) for k in range(len(base))]
-        whole = base if sum(counts) == len(position) else None
-        return _Made(whole, counts, lambda k: velocity.rows(*base.rows(k)))
+        return velocity.t, velocity.values
 
     def _speed(self, subject: str, max_gap_s: float) -> _Made | None:
         """Speed of the origin; where links are followed, of the fastest of them and it."""
@@ -351,15 +317,15 @@ class _Deriver:
         present = [signal for signal in velocities if signal is not None]
         if len(present) < len(points) - (f"position/{subject}" not in self.signals) or not present:
             return None
-        base = self._common(present, max_gap_s)
+        t = common_times(present, max_gap_s=max_gap_s)
 
-        def fastest(k: int) -> FloatArray:
-            speed = np.zeros(len(base.times(k)))
-            for number in range(len(present)):
-                np.maximum(speed, _norm(base.values(number, k)), out=speed)
+        def fastest() -> FloatArray:
+            speed = np.zeros(len(t))
+            for velocity in present:  # one after the other: each is a vector, and there may be many
+                np.maximum(speed, _norm(velocity.at(t)), out=speed)
             return speed
 
-        return _Made.on(base, fastest)
+        return t, fastest
 
     def _tcp_speed(self, subject: str, max_gap_s: float) -> _Made | None:
         """Speed of the link that is the tool centre point, where one is followed."""
@@ -368,11 +334,10 @@ class _Deriver:
         velocity = self.get(f"velocity/{subject}::{tool}", max_gap_s) if tool else None
         if velocity is None:
             return None
-        base = self._common([velocity], max_gap_s)
-        return _Made.on(base, lambda k: _norm(base.values(0, k)))
+        return velocity.t, lambda: _norm(velocity.values)
 
-    def _points_of(self, subject: str, max_gap_s: float, quantity: str) -> tuple[TimeBase, int] | None:
-        """A quantity of every point of a pair, on one time base; how many of them are the robot's."""
+    def _points_of(self, subject: str, max_gap_s: float, quantity: str) -> _Points | None:
+        """A quantity of every point of a pair."""
         robot, _, human = subject.partition("/")
         if not {robot, human} <= self.bodies.keys():
             return None
@@ -381,7 +346,8 @@ class _Deriver:
         present = [signal for signal in found if signal is not None]
         if len(present) < len(found):
             return None  # one that is missing may be the nearest
-        return self._common(present, max_gap_s), len(names[0])
+        robots, humans = present[: len(names[0])], present[len(names[0]) :]
+        return _Points.of(robots, humans, max_gap_s)
 
     def _nearest(self, subject: str, max_gap_s: float, components: int) -> tuple[_Nearest, int] | None:
         """The smallest distances of the robot to each human; which of them is that of the pair."""
@@ -390,23 +356,19 @@ class _Deriver:
             points = self._points_of(subject, max_gap_s, "position")
             if points is None:
                 return None
-            base, of_robot = points
-            others = {subject: base.signals[of_robot:]} | self._seen_together(subject.partition("/")[0], base)
-            nearest = _Nearest(base, of_robot, list(others.values()), slice(components), self.kept)
+            others = {subject: points.human} | self._seen_together(subject.partition("/")[0], points)
+            nearest = _Nearest(points, list(others.values()), slice(components))
             for number, other in enumerate(others):
                 self._nearest_of[other, max_gap_s, components] = nearest, number
         return self._nearest_of[key]
 
-    def _seen_together(self, robot: str, base: TimeBase) -> dict[str, tuple[Signal, ...]]:
+    def _seen_together(self, robot: str, points: _Points) -> dict[str, Sequence[Signal]]:
         """The tracks of all humans that are sampled with a robot, by pair: they are measured at once."""
-        leader = base.leader
-        if leader is None:
-            return {}
-        found = {}
-        for human in self._humans_of.get(robot, ()):
+        found: dict[str, Sequence[Signal]] = {}
+        for human in self._humans_of.get(robot, ()) if points.together else ():
             names = [f"position/{point}" for point in _points(self.bodies[human])]
-            signals = tuple(self.signals[name] for name in names if name in self.signals)
-            if len(signals) == len(names) and all(same_times(leader, signal) for signal in signals):
+            signals = [self.signals[name] for name in names if name in self.signals]
+            if len(signals) == len(names) and all(np.array_equal(points.t, one.t) for one in signals):
                 found[f"{robot}/{human}"] = signals
         return found
 
@@ -415,7 +377,8 @@ class _Deriver:
         if nearest is None:
             return None
         of_pair, number = nearest
-        return _Made.on(of_pair.base, lambda k: of_pair.distances(number, k))
+
+        return of_pair.points.t, lambda: of_pair.distance_m(number)
 
     def _centre_distance(self, subject: str, max_gap_s: float) -> _Made | None:
         return self._distance(subject, max_gap_s, 3)
@@ -431,10 +394,10 @@ class _Deriver:
         of_pair, number = nearest
         radii_m = self.bodies[robot].radius_m, self.bodies[human].radius_m
 
-        def separation(k: int) -> FloatArray:
-            return np.maximum(of_pair.distances(number, k) - radii_m[0] - radii_m[1], 0.0)
+        def separation() -> FloatArray:
+            return np.maximum(of_pair.distance_m(number) - radii_m[0] - radii_m[1], 0.0)
 
-        return _Made.on(of_pair.base, separation)
+        return of_pair.points.t, separation
 
     def _closest(self, subject: str, max_gap_s: float) -> _Closest | None:
         """How the nearest two points of a pair move."""
@@ -442,163 +405,148 @@ class _Deriver:
         if key not in self._closest_of:
             positions = self._points_of(subject, max_gap_s, "position")
             velocities = self._points_of(subject, max_gap_s, "velocity")
-            both = positions is not None and velocities is not None
-            self._closest_of[key] = (
-                _Closest(positions[0], velocities[0], positions[1], self.kept)
-                if both and positions and velocities
-                else None
-            )
+            self._closest_of[key] = _Closest(positions, velocities) if positions and velocities else None
         return self._closest_of[key]
 
     def _approach_of_robot(self, subject: str, max_gap_s: float) -> _Made | None:
         """v . u for the robot, u the unit vector between the closest points."""
         closest = self._closest(subject, max_gap_s)
-        return None if closest is None else closest.towards(_ROBOT)
+        return None if closest is None else closest.towards("robot_towards")
 
     def _approach_of_human(self, subject: str, max_gap_s: float) -> _Made | None:
         """-(v . u) for the human."""
         closest = self._closest(subject, max_gap_s)
-        return None if closest is None else closest.towards(_HUMAN)
+        return None if closest is None else closest.towards("human_towards")
 
     def _relative_speed(self, subject: str, max_gap_s: float) -> _Made | None:
         """|v_r - v_h| of the closest points."""
         closest = self._closest(subject, max_gap_s)
-        return None if closest is None else closest.apart()
+        return None if closest is None else (closest.t, lambda: closest.moves.relative)
 
 
-@dataclass(frozen=True)
-class _Made:
-    """How a signal is made.
+_Made: TypeAlias = "tuple[FloatArray, Callable[[], FloatArray]]"
+"""The times of a signal, and how its values are made."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """A quantity of every point of a robot and a human, on one time base.
 
     Attributes:
-        base: Whose times it has, all of them; `None`: some are left out.
-        counts: Samples in each window.
-        window: Times and values of one window.
+        robot: Of the robot.
+        human: Of the human.
+        t: The times, shape (n,), s.
+        together: Whether all are sampled at these.
     """
 
-    base: TimeBase | None
-    counts: Sequence[int]
-    window: Callable[[int], tuple[FloatArray, FloatArray]]
+    robot: Sequence[Signal]
+    human: Sequence[Signal]
+    t: FloatArray
+    together: bool
 
     @classmethod
-    def on(cls, base: TimeBase, values: Callable[[int], FloatArray]) -> _Made:
-        """A signal that has a value at every time of a base."""
-        counts = [len(base.times(k)) for k in range(len(base))]
-        return cls(base, counts, lambda k: (base.times(k), values(k)))
+    def of(cls, robot: Sequence[Signal], human: Sequence[Signal], max_gap_s: float) -> _Points:
+        """Some points."""
+        signals = [*robot, *human]
+        t = sealed(common_times(signals, max_gap_s=max_gap_s))
+        return cls(robot, human, t, all(s.t is t or np.array_equal(s.t, t) for s in signals))
+
+    def at(self, signal: Signal, t: FloatArray, rows: Any) -> FloatArray:
+        """The values of one of them at some rows of these times."""
+        return signal.values[rows] if self.together and t is self.t else signal.at(t[rows])
+
+
+def _blocks(count: int) -> Iterator[slice]:
+    """Some thousand rows at a time: thirty links on other stamps than the humans are not held at once."""
+    return (slice(first, first + _BLOCK_SAMPLES) for first in range(0, count, _BLOCK_SAMPLES))
 
 
 class _Nearest:
-    """The smallest distances between a robot and each of some humans, a window at a time."""
+    """The smallest distances between a robot and each of some humans."""
 
-    def __init__(
-        self,
-        base: TimeBase,
-        of_robot: int,
-        of_others: Sequence[Sequence[Signal]],
-        components: slice,
-        kept: Kept,
-    ) -> None:
-        self.base, self._robot, self._others, self._components = base, of_robot, of_others, components
-        self._kept, self._numbers = kept, [kept.number() for _ in of_others]
+    def __init__(self, points: _Points, others: Sequence[Sequence[Signal]], components: slice) -> None:
+        self.points, self._others, self._components = points, others, components
 
-    def distances(self, number: int, k: int) -> FloatArray:
-        """Those of one human in window k, m."""
-        found = self._kept.get((self._numbers[number], k), 1)
-        return self._measured(k)[number] if found is None else found[1]
+    def distance_m(self, number: int) -> FloatArray:
+        """Of one of the humans, shape (n,)."""
+        found: FloatArray = self._distances_m[number]
+        return found
 
-    def _measured(self, k: int) -> FloatArray:
-        base = self.base
-        of_robot = [base.values(i, k) for i in range(self._robot)]
-        of_pair = [base.values(i, k) for i in range(self._robot, len(base.signals))]
-        # Others are measured with the first one only where all of them are sampled together.
-        together = [[s.stretch(*base.rows(k))[1] for s in other] for other in self._others[1:]]
-        distances = nearest_distances(of_robot, [of_pair, *together], self._components)
-        for name, distance_m in zip(self._numbers, distances, strict=True):
-            self._kept.put((name, k), (base.times(k), distance_m))
-        return distances
+    @cached_property
+    def _distances_m(self) -> FloatArray:
+        """Of all, shape (number of humans, n): places of thirty links are looked at once for all."""
+        points, t = self.points, self.points.t
+        found = np.empty((len(self._others), len(t)))
+        for rows in _blocks(len(t)):
+            robot = [points.at(one, t, rows) for one in points.robot]
+            humans = [[points.at(one, t, rows) for one in other] for other in self._others]
+            found[:, rows] = nearest_distances(robot, humans, self._components)
+        return found
 
 
-_ROBOT, _HUMAN, _BETWEEN = 0, 1, 2
-_SQUARES = 1 << 17
-"""So many distances are looked at together."""
+@dataclass(frozen=True, eq=False)
+class _Moves:
+    """How the two nearest points move, at each time; speeds towards each other times their distance."""
+
+    robot_towards: FloatArray
+    human_towards: FloatArray
+    relative: FloatArray
 
 
 class _Closest:
-    """Of a robot and a human the two points nearest to each other, and how they move, a window at a time."""
+    """Of a robot and a human the two points nearest to each other, and how they move.
 
-    def __init__(self, positions: TimeBase, velocities: TimeBase, of_robot: int, kept: Kept) -> None:
-        self.positions, self.velocities, self.of_robot = positions, velocities, of_robot
-        self.kept, self.numbers = kept, [kept.number() for _ in range(4)]
-        self._counts: list[tuple[int, int]] | None = None
+    Attributes:
+        t: The times at which places and velocities are known, shape (n,), s.
+        distance_m: Of these two points, shape (n,).
+    """
 
-    def towards(self, whose: int) -> _Made:
+    def __init__(self, positions: _Points, velocities: _Points) -> None:
+        self._positions, self._velocities = positions, velocities
+        self.t = velocities.t
+        if not np.array_equal(positions.t, velocities.t):
+            # Velocities lack samples at jumps, so the common base is that of the velocities.
+            self.t = sealed(velocities.t[np.isin(velocities.t, positions.t)])
+        elif positions.together:
+            self.t = positions.t
+        self.distance_m = np.empty(len(self.t))
+        self._pair = np.empty(len(self.t), dtype=np.intp)
+        for rows in _blocks(len(self.t)):
+            robot, human = (
+                [positions.at(one, self.t, rows) for one in of] for of in (positions.robot, positions.human)
+            )
+            self.distance_m[rows], self._pair[rows] = nearest_points(robot, human)
+
+    def towards(self, whose: str) -> _Made:
         """The speed of one of them towards the other; in one point there is no direction."""
+        somewhere: BoolArray = self.distance_m > 0
+        if somewhere.all():
+            return self.t, lambda: getattr(self.moves, whose) / self.distance_m
+        t = sealed(self.t[somewhere])
+        return t, lambda: getattr(self.moves, whose)[somewhere] / self.distance_m[somewhere]
 
-        def window(k: int) -> tuple[FloatArray, FloatArray]:
-            t, (nearest, *measured) = self._window(k)
-            somewhere: BoolArray = nearest > 0
-            if somewhere.all():
-                return t[:], measured[whose] / nearest
-            return t[somewhere], measured[whose][somewhere] / nearest[somewhere]
+    @cached_property
+    def moves(self) -> _Moves:
+        """How the two points move."""
+        t, positions, velocities = self.t, self._positions, self._velocities
+        found = _Moves(*(np.zeros(len(t)) for _ in range(3)))
+        # Velocities stay as long as they are held: those of the human are computed once for all links.
+        held = [one.values for one in velocities.human]
+        for one in distinct(self._pair).tolist():
+            i, j = divmod(one, len(positions.human))
+            rows = np.flatnonzero(self._pair == one)
+            v_robot = velocities.at(velocities.robot[i], t, rows)
+            v_human = velocities.at(velocities.human[j], t, rows)
+            apart = positions.at(positions.human[j], t, rows) - positions.at(positions.robot[i], t, rows)
+            found.robot_towards[rows] = _dot(v_robot, apart)
+            found.human_towards[rows] = _dot(-v_human, apart)
+            found.relative[rows] = _norm(v_robot - v_human)
+        del held
+        return found
 
-        return _Made(self._base(1), [some for _, some in self._counted()], window)
 
-    def apart(self) -> _Made:
-        """The speed of one against the other."""
-
-        def window(k: int) -> tuple[FloatArray, FloatArray]:
-            t, (_, *measured) = self._window(k)
-            return t[:], measured[_BETWEEN]
-
-        return _Made(self._base(0), [every for every, _ in self._counted()], window)
-
-    def _counted(self) -> list[tuple[int, int]]:
-        """How many samples there are in each window, and in how many of them there is a direction."""
-        if self._counts is None:
-            windows = (self._window(k) for k in range(len(self.velocities)))
-            self._counts = [(len(t), int((found[0] > 0).sum())) for t, found in windows]
-        return self._counts
-
-    def _base(self, which: int) -> TimeBase | None:
-        """The time base, where no sample of it is left out."""
-        base = self.velocities
-        whole = base.leader is not None and sum(c[which] for c in self._counted()) == len(base.leader)
-        return base if whole else None
-
-    def _window(self, k: int) -> tuple[FloatArray, list[FloatArray]]:
-        """Times, distance of the nearest two points, and three speeds of these two."""
-        known = [one for number in self.numbers if (one := self.kept.get((number, k), 1)) is not None]
-        if len(known) == len(self.numbers):
-            return known[0][0], [values for _, values in known]
-        t, at = self._times(k)
-        found = self._measured(k, t, at)
-        for place, (number, values) in enumerate(zip(self.numbers, found, strict=True)):
-            self.kept.put((number, k), (t[:] if place else t, values))  # the times are there once
-        return t, found
-
-    def _times(self, k: int) -> tuple[FloatArray, tuple[Any, Any]]:
-        """The times, and where they are among those of positions and of velocities."""
-        of_positions, t = self.positions.times(k), self.velocities.times(k)
-        if len(t) == len(of_positions) and np.array_equal(t, of_positions):
-            return t, (slice(None), slice(None))
-        # Velocities lack samples at jumps, so the common base is that of the velocities.
-        common = t[np.isin(t, of_positions)]
-        return common, (np.searchsorted(of_positions, common), np.searchsorted(t, common))
-
-    def _measured(self, k: int, t: FloatArray, at: tuple[Any, Any]) -> list[FloatArray]:
-        places = [self.positions.values(i, k)[at[0]] for i in range(len(self.positions.signals))]
-        robot, human = places[: self.of_robot], places[self.of_robot :]
-        nearest, pair = nearest_points(robot, human)
-        towards_human, towards_robot, between = np.zeros(len(t)), np.zeros(len(t)), np.zeros(len(t))
-        for one in distinct(pair).tolist():
-            i, j = divmod(one, len(human))
-            rows = pair == one
-            v_robot = self.velocities.values(i, k)[at[1]][rows]
-            v_human = self.velocities.values(self.of_robot + j, k)[at[1]][rows]
-            apart = human[j][rows] - robot[i][rows]
-            towards_human[rows], towards_robot[rows] = _dot(v_robot, apart), _dot(-v_human, apart)
-            between[rows] = _norm(v_robot - v_human)
-        return [nearest, towards_human, towards_robot, between]
+_SQUARES = 1 << 17
+"""So many distances are looked at together."""
 
 
 def nearest_points(

@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, gaps_between, uncovered_spans
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, uncovered_spans
 
-__all__ = ["LARGEST_VALUE", "Sample", "Signal", "align", "settle"]
-
-_PART_SAMPLES = 4096
+__all__ = ["LARGEST_VALUE", "Sample", "Signal", "align", "common_times", "sealed", "settle"]
 
 
 @dataclass(frozen=True)
@@ -64,8 +62,8 @@ class Signal:
             raise ValueError(f"signal {self.name!r}: times must be finite and strictly increasing")
         if not np.isfinite(values).all():
             raise ValueError(f"signal {self.name!r}: values must be finite")
-        object.__setattr__(self, "t", _sealed(t))
-        object.__setattr__(self, "values", _sealed(values))
+        object.__setattr__(self, "t", sealed(t))
+        object.__setattr__(self, "values", sealed(values))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -80,65 +78,31 @@ class Signal:
         """Tells apart the times and the values of signals that exist together."""
         return id(self.t), id(self.values)
 
-    @property
-    def fixed_t(self) -> FloatArray | None:
-        """The times, where they need not be computed."""
-        return self.t
-
-    def cuts(self, samples: int) -> FloatArray:
-        """Times that cut the signal into windows of so many samples, without its first."""
-        return self.t[samples::samples]
-
-    def row(self, t_s: float) -> int:
-        """The first row at or after a time."""
-        return int(self.t.searchsorted(t_s))
-
-    def times(self, first: int, last: int) -> FloatArray:
-        """The times of some rows."""
-        return self.t[first:last]
-
-    def stretch(self, first: int, last: int) -> tuple[FloatArray, FloatArray]:
-        """Times and values of some rows, from the first to before the last."""
-        return self.t[first:last], self.values[first:last]
-
     def at(self, t: FloatArray) -> FloatArray:
         """Values at other times, by straight lines between neighbours.
 
         At its own sample times the recorded values come back to the bit. Times
         outside the samples take the nearest value; use `covers` to exclude them.
         """
-        if len(t) == len(self) and np.array_equal(t, self.t):
+        if t is self.t or (len(t) == len(self) and np.array_equal(t, self.t)):
             return self.values
-        own, values = self.stretch(*self._around(t))
-        if values.ndim == 1:
-            return np.interp(t, own, values)
-        return np.stack([np.interp(t, own, column) for column in values.T], axis=1)
+        if self.values.ndim == 1:
+            return np.interp(t, self.t, self.values)
+        return np.stack([np.interp(t, self.t, column) for column in self.values.T], axis=1)
 
     def covers(self, t: FloatArray, *, max_gap_s: float) -> BoolArray:
         """Whether each time is a sample or lies between two at most `max_gap_s` apart."""
-        return covered(self.times(*self._around(t)), t, max_gap_s=max_gap_s)
-
-    def _around(self, t: FloatArray) -> tuple[int, int]:
-        """The rows among which times lie, with one more on each side."""
-        if not len(t):
-            return 0, min(len(self), 1)
-        return max(self.row(float(t.min())) - 1, 0), min(self.row(float(t.max())) + 1, len(self))
+        return covered(self.t, t, max_gap_s=max_gap_s)
 
     def gaps(self, window: Span, *, max_gap_s: float) -> list[Span]:
         """The stretches of a window this signal says nothing about."""
-        first, last = self.row(window.start_s), self.row(math.nextafter(window.end_s, math.inf))
-        if first == last:
-            around = self.times(max(first - 1, 0), min(first + 1, len(self)))
-            return uncovered_spans(around, window, max_gap_s=max_gap_s)
-        parts = (self.times(k, min(k + _PART_SAMPLES, last)) for k in range(first, last, _PART_SAMPLES))
-        return gaps_between(parts, window, max_gap_s=max_gap_s)
+        return uncovered_spans(self.t, window, max_gap_s=max_gap_s)
 
     def sample(self, i: int) -> Sample:
         """The i-th sample, as evidence."""
-        row = range(len(self))[i]
-        t, values = self.stretch(row, row + 1)
-        plain = float(values[0]) if values.ndim == 1 else tuple(float(v) for v in values[0])
-        return Sample(self.name, float(t[0]), plain, self.unit)
+        value = self.values[i]
+        plain = float(value) if value.ndim == 0 else tuple(float(v) for v in value)
+        return Sample(self.name, float(self.t[i]), plain, self.unit)
 
 
 def covered(samples_s: FloatArray, t: FloatArray, *, max_gap_s: float) -> BoolArray:
@@ -161,7 +125,7 @@ def covered(samples_s: FloatArray, t: FloatArray, *, max_gap_s: float) -> BoolAr
     return found
 
 
-def _sealed(values: FloatArray) -> FloatArray:
+def sealed(values: FloatArray) -> FloatArray:
     """The values where nobody can write to them, neither who handed them in nor who unsets flags.
 
     That is a copy, except of what is sealed already: signals of one time base share it.
@@ -174,6 +138,24 @@ def _sealed(values: FloatArray) -> FloatArray:
     if isinstance(owner, bytes) and values.flags.c_contiguous:
         return values
     return np.frombuffer(values.tobytes(), dtype=np.float64).reshape(values.shape)
+
+
+def common_times(signals: Sequence[Signal], *, max_gap_s: float) -> FloatArray:
+    """The times of a common base: of all samples those that every signal covers, as of `align`.
+
+    Args:
+        signals: At least one.
+        max_gap_s: Longest stretch between two samples that is interpolated, s.
+    """
+    bases = list({id(signal.t): signal.t for signal in signals}.values())
+    first = bases[0]
+    if all(np.array_equal(t, first) for t in bases[1:]):
+        return first
+    times = distinct(np.concatenate(bases))
+    known = np.ones(len(times), dtype=bool)
+    for t in bases:
+        known &= covered(t, times, max_gap_s=max_gap_s)
+    return times[known]
 
 
 def align(signals: Sequence[Signal], *, max_gap_s: float) -> tuple[FloatArray, list[FloatArray]]:
@@ -189,14 +171,7 @@ def align(signals: Sequence[Signal], *, max_gap_s: float) -> tuple[FloatArray, l
     Returns:
         The times, shape (m,), and for each signal its values there, shape (m,) or (m, k).
     """
-    first = signals[0]
-    if all(len(s.t) == len(first.t) and np.array_equal(s.t, first.t) for s in signals[1:]):
-        return first.t, [s.values for s in signals]
-    t = distinct(np.concatenate([s.t for s in signals]))
-    covered = np.ones(len(t), dtype=bool)
-    for signal in signals:
-        covered &= signal.covers(t, max_gap_s=max_gap_s)
-    t = t[covered]
+    t = common_times(signals, max_gap_s=max_gap_s)
     if not len(t):
         return t, [s.values[:0] for s in signals]
     return t, [s.at(t) for s in signals]

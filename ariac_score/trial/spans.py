@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -14,13 +14,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BoolArray",
-    "Episodes",
     "FloatArray",
     "Span",
-    "Stretch",
     "distinct",
     "episodes_where",
-    "gaps_between",
     "longest_silence_s",
     "sample_durations",
     "uncovered_spans",
@@ -31,8 +28,6 @@ BoolArray: TypeAlias = "NDArray[np.bool_]"
 
 _TIME_TOLERANCE_S = 1e-9
 """Stamps are ns; sums of them in float64 differ from the decimal figure by far less than this."""
-
-_PART_SAMPLES = 4096
 
 
 @dataclass(frozen=True, order=True)
@@ -128,65 +123,15 @@ def episodes_where(
     >>> episodes_where(t, np.array([True, True, False, True, False]), t_off_s=1.5)
     [Span(start_s=0.0, end_s=4.0)]
     """
-    found = Episodes(t_on_s=t_on_s, t_off_s=t_off_s, longest_s=longest_s)
-    found.take(t, holds)
-    return [episode.span for episode in found.end()]
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """An episode, how many samples it has at which the condition holds, and the time of the last of them."""
-
-    span: Span
-    samples: int
-    last_s: float
-
-
-class Episodes:
-    """What `episodes_where` finds, of samples that come in parts."""
-
-    def __init__(self, *, t_on_s: float = 0.0, t_off_s: float = 0.0, longest_s: float = math.inf) -> None:
-        self._t_on_s, self._t_off_s, self._longest_s = t_on_s, t_off_s, longest_s
-        self._found: list[Stretch] = []
-        self._open: tuple[float, float, int] | None = None
-        """Start, last sample and number of samples of a run that may go on."""
-
-    def take(self, t: FloatArray, holds: BoolArray) -> None:
-        """Take samples, later than those before.
-
-        Args:
-            t: Sample times, shape (n,), s, strictly increasing.
-            holds: Whether the condition holds at each sample, shape (n,).
-        """
-        if not len(t):
-            return
-        going, self._open = self._open, None
-        if going is not None and not (holds[0] and t[0] - going[1] <= self._longest_s + _TIME_TOLERANCE_S):
-            self._add(*going, float(t[0]))
-            going = None
-        for first, last in _runs(t, holds, self._longest_s):
-            start, until, samples = float(t[first]), float(t[last]), last - first + 1
-            if going is not None:
-                start, samples, going = going[0], going[2] + samples, None
-            if last + 1 < len(t):
-                self._add(start, until, samples, float(t[last + 1]))
-            else:
-                self._open = start, until, samples
-
-    def _add(self, start: float, until: float, samples: int, following: float | None) -> None:
-        end = until + (0.0 if following is None else min(following - until, self._longest_s))
-        if self._found and start - self._found[-1].span.end_s < self._t_off_s - _TIME_TOLERANCE_S:
-            before = self._found[-1]
-            self._found[-1] = Stretch(Span(before.span.start_s, end), before.samples + samples, until)
-        elif end - start >= self._t_on_s - _TIME_TOLERANCE_S:
-            self._found.append(Stretch(Span(start, end), samples, until))
-
-    def end(self) -> list[Stretch]:
-        """The episodes in time order, once all samples have come."""
-        if self._open is not None:
-            self._add(*self._open, None)
-            self._open = None
-        return self._found
+    found: list[Span] = []
+    for first, last in _runs(t, holds, longest_s):
+        start, until = float(t[first]), float(t[last])
+        end = until + (0.0 if last + 1 == len(t) else min(float(t[last + 1]) - until, longest_s))
+        if found and start - found[-1].end_s < t_off_s - _TIME_TOLERANCE_S:
+            found[-1] = Span(found[-1].start_s, end)
+        elif end - start >= t_on_s - _TIME_TOLERANCE_S:
+            found.append(Span(start, end))
+    return found
 
 
 def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Span]:
@@ -203,8 +148,9 @@ def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Sp
     >>> uncovered_spans(np.array([0.0, 1.0, 4.0]), Span(0.0, 5.0), max_gap_s=1.0)
     [Span(start_s=1.0, end_s=4.0)]
     """
-    inside = t[t.searchsorted(window.start_s) : t.searchsorted(window.end_s, side="right")]
-    gaps = [Span(a, b) for a, b in _long_steps(_parts(inside), window, max_gap_s + _TIME_TOLERANCE_S)]
+    inside, edges = _edges(t, window)
+    (long,) = np.nonzero(np.diff(edges) > max_gap_s + _TIME_TOLERANCE_S)
+    gaps = [Span(float(edges[row]), float(edges[row + 1])) for row in long]
     if len(inside) or gaps:
         return gaps
     after = int(np.searchsorted(t, window.end_s))
@@ -212,46 +158,10 @@ def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Sp
     return [] if bridged else [window]
 
 
-def _parts(t: FloatArray) -> Iterator[FloatArray]:
-    """Times, some thousand at a time."""
-    return (t[first : first + _PART_SAMPLES] for first in range(0, len(t), _PART_SAMPLES))
-
-
-def _long_steps(parts: Iterable[FloatArray], window: Span, longest_s: float) -> Iterator[tuple[float, float]]:
-    """The steps longer than some time, from the start of a window over the times in it to its end."""
-    before = window.start_s
-    for part in parts:
-        if not len(part):
-            continue
-        if float(part[0]) - before > longest_s:
-            yield before, float(part[0])
-        steps_s = np.diff(part)
-        if steps_s.max(initial=0.0) > longest_s:
-            long = np.flatnonzero(steps_s > longest_s)
-            yield from zip(part[long].tolist(), part[long + 1].tolist(), strict=True)
-        before = float(part[-1])
-    if window.end_s - before > longest_s:
-        yield before, window.end_s
-
-
-def gaps_between(parts: Iterable[FloatArray], window: Span, *, max_gap_s: float) -> list[Span]:
-    """The stretches of a window that no sample covers; all of it where there is no sample.
-
-    Args:
-        parts: Sample times within the window, in parts, s, strictly increasing.
-        window: The stretch that should be covered.
-        max_gap_s: As of `uncovered_spans`.
-    """
-    seen = False
-
-    def counted() -> Iterator[FloatArray]:
-        nonlocal seen
-        for part in parts:
-            seen = seen or len(part) > 0
-            yield part
-
-    gaps = [Span(a, b) for a, b in _long_steps(counted(), window, max_gap_s + _TIME_TOLERANCE_S)]
-    return gaps if gaps or seen else [window]
+def _edges(t: FloatArray, window: Span) -> tuple[FloatArray, FloatArray]:
+    """The times in a window, and the same with its start and its end."""
+    inside = t[t.searchsorted(window.start_s) : t.searchsorted(window.end_s, side="right")]
+    return inside, np.concatenate(([window.start_s], inside, [window.end_s]))
 
 
 def distinct(values: NDArray[Any]) -> NDArray[Any]:
@@ -274,10 +184,6 @@ def longest_silence_s(t: FloatArray, window: Span) -> float:
     >>> longest_silence_s(np.array([0.0, 1.0, 4.0]), Span(0.0, 5.0))
     3.0
     """
-    inside = t[t.searchsorted(window.start_s) : t.searchsorted(window.end_s, side="right")]
-    longest_s, before = 0.0, window.start_s
-    for part in _parts(inside):
-        longest_s = max(longest_s, float(part[0]) - before, float(np.diff(part).max(initial=0.0)))
-        before = float(part[-1])
-    longest_s = max(longest_s, window.end_s - before)
+    _, edges = _edges(t, window)
+    longest_s = float(np.diff(edges).max())
     return longest_s if longest_s > _TIME_TOLERANCE_S else 0.0

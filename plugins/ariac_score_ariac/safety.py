@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import floor, inf, sqrt
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from ariac_score import (
     Arrivals,
     Body,
-    Episodes,
     Event,
     Finding,
     OnlineWatch,
@@ -21,46 +20,44 @@ from ariac_score import (
     SignalNeed,
     Span,
     Standing,
-    Stretch,
-    Total,
     Trial,
     Verdict,
     check_parameters,
+    exact_sum,
     parameter,
+)
+from ariac_score_standards.blame import (
+    SPEED,
+    exposure_of,
+    robot_moving,
 )
 from ariac_score_standards.online import PairsOnline
 from ariac_score_standards.severity import (
-    SPEED,
-    Blame,
     Bound,
-    Judged,
-    Meeting,
-    Rules,
-    Said,
-    Sampled,
-    Seen,
-    exposure_of,
+    Episode,
+    JudgedLimit,
+    LimitMonitor,
+    Rows,
+    Statement,
     no_severities,
+    rows_of_episodes,
 )
 from ariac_score_standards.watching import (
     ENVIRONMENT,
     OFF,
     ON,
     BoolArray,
-    FloatArray,
+    Values,
     Watched,
-    Watching,
     watch_pairs,
+    watched_signals,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _CONTACT_CLAUSE = "ARIAC 2022 scoring, robot-human collision"
 
 
 @dataclass(frozen=True)
-class HumanContact(Sampled):
+class HumanContact(LimitMonitor):
     """No robot touches a human.
 
     Measures:
@@ -99,7 +96,7 @@ class HumanContact(Sampled):
         yield SignalNeed(self.distance, "m", self.max_gap_s)
         yield SignalNeed("speed", "m/s", self.max_gap_s, optional=True)
 
-    def _say(self, trial: Trial) -> Iterator[Said]:
+    def statements(self, trial: Trial) -> Iterator[Statement]:
         """Findings for every pair: its contacts, or its closest moment."""
         return watch_pairs(
             trial,
@@ -113,59 +110,59 @@ class HumanContact(Sampled):
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the two touch."""
         wanted = {self._template: "m"}
-        return PairsOnline(wanted, bodies, max_gap_s=self.max_gap_s, judge=self._stand, watch=self.watch)
+        return PairsOnline(wanted, bodies, max_gap_s=self.max_gap_s, judge=self._standing, watch=self.watch)
 
-    def _stand(self, subject: str, t_s: float, values: tuple[float, ...]) -> Standing:
-        margin_m = values[0] - self.contact_distance_m
+    def _standing(self, subject: str, t_s: float, now: Values) -> Standing:
+        """What holds at one instant."""
+        bound = self._bound(now, self.contact_distance_m)
+        distance_m, margin_m = float(bound.actual), float(bound.margin)
         if margin_m > 0:
-            return Standing(subject, t_s, Verdict.SATISFIED, f"{values[0]:.3f} m apart", margin_m, "m")
-        return Standing(subject, t_s, Verdict.VIOLATED, f"contact: {values[0]:.3f} m", margin_m, "m")
+            return Standing(subject, t_s, Verdict.SATISFIED, f"{distance_m:.3f} m apart", margin_m, "m")
+        return Standing(subject, t_s, Verdict.VIOLATED, f"contact: {distance_m:.3f} m", margin_m, "m")
 
-    def _judge(self, subject: str, watched: Watching) -> Iterator[Said]:
-        words = self.distance.replace("_", " ")
+    def _bound(self, watched: Values, contact_m: float) -> Bound:
+        distance_m = watched[self._template]
+        return Bound(self.distance.replace("_", " "), distance_m, np.full_like(distance_m, contact_m), "m")
 
-        def bound(least_m: float) -> Callable[[Watched], Bound]:
-            def judge(window: Watched) -> Bound:
-                (distance_m,) = window.columns.values()
-                return Bound(words, distance_m, np.full_like(distance_m, least_m), "m")
-
-            return judge
-
-        yield Seen(subject, watched, lambda: bound(self.contact_distance_m))
+    def _judge(self, subject: str, watched: Watched) -> Iterator[Statement]:
+        yield JudgedLimit(subject, watched, self._bound(watched, self.contact_distance_m))
         # Contact is at the limit too, so the limit itself must count as below it.
-        beyond = float(np.nextafter(self.contact_distance_m, np.inf))
+        beyond_m = float(np.nextafter(self.contact_distance_m, np.inf))
+        limit = JudgedLimit(subject, watched, self._bound(watched, beyond_m))
         exposure = exposure_of(watched, self._template)
-        judged = Judged(
-            Seen(subject, watched, lambda: bound(beyond)),
-            Rules(_CONTACT_CLAUSE, 0.0, self.t_off_s),
-            gathered=lambda: Blame(lambda window: Meeting.of(window, self._template)),
-        )
-        for one in judged.violations():
-            yield Finding(
-                subject,
-                Verdict.VIOLATED,
-                f"contact: {one.worst.actual:.3f} m at {one.worst.t_s:.3f} s",
-                span=one.span,
-                robustness=one.worst.actual - self.contact_distance_m,
-                unit="m",
-                quantities={**one.quantities, **exposure},
-                labels={"robot_moving": one.told.labels["robot_moving"]},
-                evidence=one.worst.evidence,
-                clause=_CONTACT_CLAUSE,
-                critical=True,
-            )
-        closest = judged.closest
-        if closest is not None and not judged.violated and not watched.gaps:
+        episodes = limit.episodes(t_on_s=0.0, t_off_s=self.t_off_s)
+        for episode in episodes:
+            yield self._contact(limit, episode, exposure)
+        closest = limit.closest
+        if closest is not None and not episodes and not watched.gaps:
+            distance_m = float(limit.bound.actual[closest])
             yield Finding(
                 subject,
                 Verdict.SATISFIED,
-                f"never nearer than {closest.actual:.3f} m, at {closest.t_s:.3f} s",
-                robustness=closest.actual - self.contact_distance_m,
+                f"never nearer than {distance_m:.3f} m, at {watched.t[closest]:.3f} s",
+                robustness=distance_m - self.contact_distance_m,
                 unit="m",
                 quantities={**no_severities("m"), **exposure},
-                evidence=closest.evidence,
+                evidence=limit.evidence(closest),
                 clause=_CONTACT_CLAUSE,
             )
+
+    def _contact(self, limit: JudgedLimit, episode: Episode, exposure: Mapping[str, float]) -> Finding:
+        watched, worst = limit.watched, episode.worst
+        distance_m, speed = float(limit.bound.actual[worst]), watched.get(SPEED)
+        return Finding(
+            limit.subject,
+            Verdict.VIOLATED,
+            f"contact: {distance_m:.3f} m at {watched.t[worst]:.3f} s",
+            span=episode.span,
+            robustness=distance_m - self.contact_distance_m,
+            unit="m",
+            quantities={**episode.quantities, **exposure},
+            labels={"robot_moving": "unknown" if speed is None else robot_moving(speed[episode.rows])},
+            evidence=limit.evidence(worst),
+            clause=_CONTACT_CLAUSE,
+            critical=True,
+        )
 
 
 @dataclass(frozen=True)
@@ -270,90 +267,28 @@ def occurrences(
     return weight * (1 + again)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Touching:
-    """What tells where two bodies touch, and how hard.
+    """Where two bodies touch, and how hard.
 
     Attributes:
-        told: A signal that tells where they touch.
-        touches: Which of its values do.
+        watched: What shows where they touch.
+        touches: Where they do, shape (n,).
         force: The force, where it is known; in N.
     """
 
-    told: Signal
-    touches: Callable[[FloatArray], BoolArray]
+    watched: Watched
+    touches: BoolArray
     force: Signal | None
 
-
-class _Hardness:
-    """For how long two bodies touched in a collision, and how hard, as its samples come."""
-
-    def __init__(self, stretch: Stretch) -> None:
-        self.span, self._left = stretch.span, stretch.samples
-        self._touched_s, self._impulse = Total(stretch.samples), Total(stretch.samples)
-        self._largest_n: float | None = None
-
-    def take(self, touching: _Touching, window: Watched, rows: NDArray[np.intp]) -> None:
-        """Take samples of the collision, in order."""
-        self._left -= len(rows)
-        weights_s = window.durations_s[rows]
-        self._touched_s.take(weights_s)
-        if touching.force is not None:
-            force_n = touching.force.at(window.t[rows])
-            self._impulse.take(force_n * weights_s)
-            largest_n = float(force_n.max())
-            self._largest_n = largest_n if self._largest_n is None else max(self._largest_n, largest_n)
-
-    @property
-    def complete(self) -> bool:
-        """Whether all of its samples have come."""
-        return self._left <= 0
-
-    @property
-    def quantities(self) -> dict[str, float]:
-        """What there is to tell."""
-        found = {"time_in_violation_s": self._touched_s.value}
-        if self._largest_n is not None:
-            found |= {"force_max_N": self._largest_n, "impulse_N_s": self._impulse.value}
+    def hardness(self, rows: Rows) -> dict[str, float]:
+        """For how long they touched in the rows of a collision, and how hard."""
+        weights_s = self.watched.durations_s[rows]
+        found = {"time_in_violation_s": exact_sum(weights_s)}
+        if self.force is not None:
+            force_n = self.force.at(self.watched.t[rows])
+            found |= {"force_max_N": float(force_n.max()), "impulse_N_s": exact_sum(force_n * weights_s)}
         return found
-
-
-@dataclass(frozen=True)
-class _Contact:
-    """Two bodies over the competition, window by window."""
-
-    touching: _Touching
-    watched: Watching
-
-    def _windows(self) -> Iterator[tuple[Watched, BoolArray]]:
-        name = self.touching.told.name
-        return ((window, self.touching.touches(window.columns[name])) for window in self.watched)
-
-    def collisions(self, t_off_s: float) -> list[Stretch]:
-        """Where they touch, pauses shorter than some time bridged."""
-        episodes = Episodes(t_off_s=t_off_s, longest_s=self.watched.max_gap_s)
-        for window, touching in self._windows():
-            episodes.take(window.t, touching)
-        return episodes.end()
-
-    def hardness(self, collisions: Sequence[Stretch]) -> Iterator[_Hardness]:
-        """Each collision, in order of time."""
-        waiting = [_Hardness(one) for one in collisions]
-        first = 0
-        for window, touching in self._windows() if waiting else ():
-            rows = np.flatnonzero(touching)
-            times = window.t[rows]
-            for one in waiting[first:]:
-                if one.span.start_s > window.t[-1]:
-                    break
-                own = rows[
-                    times.searchsorted(one.span.start_s) : times.searchsorted(one.span.end_s, side="right")
-                ]
-                if len(own):
-                    one.take(self.touching, window, own)
-            while first < len(waiting) and waiting[first].complete:
-                yield waiting[first]
-                first += 1
 
 
 @dataclass(frozen=True)
@@ -435,14 +370,20 @@ class CollisionEpisodes:
             force = trial.signals.get(f"contact_force/{a}/{b}")
             if flag is not None:
                 known = force if force is not None and len(force) else None
-                return _Touching(flag, lambda values: values >= 0.5, known)
+                watched = self._watched(trial, flag)
+                return _Touching(watched, watched.columns[flag.name] >= 0.5, known)
             if force is not None:
-                return _Touching(force, lambda values: values > self.contact_on_n, force)
+                watched = self._watched(trial, force)
+                return _Touching(watched, watched.columns[force.name] > self.contact_on_n, force)
         for a, b in ((first.id, second.id), (second.id, first.id)):
             apart = trial.signals.get(f"body_separation/{a}/{b}")
             if apart is not None:
-                return _Touching(apart, lambda values: values <= 0, None)
+                watched = self._watched(trial, apart)
+                return _Touching(watched, watched.columns[apart.name] <= 0, None)
         return None
+
+    def _watched(self, trial: Trial, signal: Signal) -> Watched:
+        return watched_signals([signal], self.max_gap_s, trial.window, {})
 
     def _from_events(self, trial: Trial, first: Body, second: Body) -> list[Span]:
         """Contacts between `on` and `off` events; one that never ends lasts as long as the log."""
@@ -461,21 +402,18 @@ class CollisionEpisodes:
     def _judge(self, trial: Trial, first: Body, second: Body) -> Iterator[Finding]:
         subject = f"{first.id}/{second.id}"
         touching = self._touching(trial, first, second)
-        contact, gaps = None, list[Span]()
-        collisions: Iterator[tuple[Span, Mapping[str, float]]]
+        collisions: list[tuple[Span, Mapping[str, float]]]
         if touching is not None:
-            watched = Watching([touching.told], self.max_gap_s, trial.window, {}, {})
-            contact, gaps = _Contact(touching, watched), list(watched.gaps)
-            found = contact.collisions(self.t_off_s)
-            spans = [one.span for one in found]
-            collisions = ((one.span, one.quantities) for one in contact.hardness(found))
+            found = rows_of_episodes(touching.watched, touching.touches, t_off_s=self.t_off_s)
+            collisions = [(span, touching.hardness(rows)) for span, rows in found]
         else:
             spans = _merged(self._from_events(trial, first, second), self.t_off_s)
-            collisions = ((span, {}) for span in spans)
-        if contact is None and not spans and "in_contact" not in trial.witnessed:
+            collisions = [(span, {}) for span in spans]
+        if touching is None and not collisions and "in_contact" not in trial.witnessed:
             message = "the log does not show whether they touched"
             yield Finding.inconclusive(subject, message, span=trial.window, clause=_COLLISION_CLAUSE)
             return
+        gaps = [] if touching is None else touching.watched.gaps
         for gap in gaps:
             message = f"no samples for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
             yield Finding.inconclusive(subject, message, span=gap, clause=_COLLISION_CLAUSE)
@@ -484,7 +422,7 @@ class CollisionEpisodes:
             weight = self.robot_robot_weight if both else 1
             speed = self._speed_against(trial, first, second, span.start_s)
             yield self._collision(subject, span, weight, speed, hardness)
-        if not spans and not gaps:
+        if not collisions and not gaps:
             yield Finding(
                 subject,
                 Verdict.SATISFIED,

@@ -22,8 +22,9 @@ import ast
 import keyword
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import cached_property
 from itertools import product
 from string import Formatter
 from typing import Any, ClassVar
@@ -33,7 +34,6 @@ import numpy as np
 from ariac_score import (
     QUANTITIES,
     Body,
-    Episodes,
     Expression,
     Finding,
     FormulaError,
@@ -46,10 +46,23 @@ from ariac_score import (
     check_parameters,
     parameter,
 )
-from ariac_score_standards.online import Judge, SubjectsOnline
-from ariac_score_standards.severity import Bound, Moment, Rules, Said, Sampled, Seen, Violation
-from ariac_score_standards.severity import Judged as AllJudged
-from ariac_score_standards.watching import BoolArray, FloatArray, Subject, Watched, Watching, watch_subjects
+from ariac_score_standards.online import SubjectsOnline
+from ariac_score_standards.severity import (
+    Bound,
+    Episode,
+    JudgedLimit,
+    LimitMonitor,
+    Statement,
+    rows_of_episodes,
+)
+from ariac_score_standards.watching import (
+    BoolArray,
+    FloatArray,
+    Subject,
+    Values,
+    Watched,
+    watch_subjects,
+)
 
 _KINDS = ("robot", "agv", "human")
 _AXES = {".x": 0, ".y": 1, ".z": 2}
@@ -237,9 +250,13 @@ class Formula:
     def _numbers(self) -> Mapping[str, float]:
         return self.parameters or {}
 
-    @property
+    @cached_property
     def _sources(self) -> dict[str, _Source]:
         return {name: _source(name, told) for name, told in (self.signals or {}).items()}
+
+    @cached_property
+    def _parsed(self) -> Mapping[str, Expression]:
+        return {text: Expression.parse(text) for text in self._texts}
 
     @property
     def _clause(self) -> str:
@@ -261,7 +278,8 @@ class Formula:
             Subject("/".join(chosen), dict(zip(kinds, chosen, strict=True))) for chosen in product(*ids)
         ], kinds
 
-    def _say(self, trial: Trial) -> Iterator[Said]:
+    def statements(self, trial: Trial) -> Iterator[Statement]:
+        """Everything about every combination of bodies the formula speaks of."""
         if not all(self._texts):
             yield Finding.inconclusive("trial", "no formula is given", span=trial.window, clause=self._clause)
             return
@@ -276,39 +294,28 @@ class Formula:
             kinds=kinds,
         )
 
-    def _guarded(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
+    def _guarded(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
         """What the formula says; where it has no value, that."""
         try:
             yield from self._judge(subject, watched)
-        except FormulaError as first:
-            wrong = self._of_all(watched) or first
+        except FormulaError as wrong:
             message = f"the formula has no value: {wrong.cause}"
             yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
 
-    def _of_all(self, watched: Watching) -> FormulaError | None:
-        """What is wrong with all samples at once: which it is must not hang on where windows begin."""
-        whole = watched.whole()
-        try:
-            for text in reversed(self._texts):
-                self._of(text, whole)
-        except FormulaError as wrong:
-            return wrong
-        return None
-
-    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
-        """Everything about a subject; nothing is said before all samples were judged once."""
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:
+        """Everything about a subject; the formula is evaluated before anything is stated."""
         raise NotImplementedError
 
-    def _of(self, text: str, watched: Watched) -> Judged:
+    def _of(self, text: str, watched: Values, rows: int) -> Judged:
         values: dict[str, Any] = dict(self._numbers)
         for name, source in self._sources.items():
             column = watched[source.template]
             values[name] = column if source.axis is None else column[:, source.axis]
-        return judge_columns(Expression.parse(text), values, len(watched.t))
+        return judge_columns(self._parsed[text], values, rows)
 
 
 @dataclass(frozen=True)
-class Always(Formula, Sampled):
+class Always(Formula, LimitMonitor):
     """A formula over signals holds at every sample of the competition.
 
     Measures:
@@ -339,72 +346,69 @@ class Always(Formula, Sampled):
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the formula holds; for the bodies known beforehand."""
         templates = [source.template for source in self._sources.values()]
-        known, _ = self._subjects(Trial("", bodies=tuple(bodies)))
-        subjects = {subject.name: [subject.fill(template) for template in templates] for subject in known}
-        if not all(self._texts):
-            return SubjectsOnline({}, max_gap_s=self.max_gap_s, judge=_nobody_asked, watch=self.watch)
-        return SubjectsOnline(subjects, max_gap_s=self.max_gap_s, judge=self._stander(), watch=self.watch)
+        known, _ = self._subjects(Trial("", bodies=tuple(bodies if all(self._texts) else ())))
+        subjects = {
+            subject.name: {template: subject.fill(template) for template in templates} for subject in known
+        }
+        return SubjectsOnline(
+            subjects if all(self._texts) else {},
+            max_gap_s=self.max_gap_s,
+            judge=self._standing,
+            watch=self.watch,
+        )
 
-    def _stander(self) -> Judge:
+    def _standing(self, subject: str, t_s: float, values: Mapping[str, Any]) -> Standing:
         """What holds at one instant."""
-        formula, axes = Expression.parse(self.holds), {n: source.axis for n, source in self._sources.items()}
-        numbers, words = dict(self._numbers), "" if self.unit == "1" else f" {self.unit}"
+        try:
+            now = self._bound({template: np.array([value]) for template, value in values.items()}, 1)
+        except FormulaError as wrong:
+            message = f"the formula has no value: {wrong.cause}"
+            return Standing(subject, t_s, Verdict.INCONCLUSIVE, message)
+        margin, holds = float(now.margin[0]), not now.broken[0]
+        words = f"{self._says} {'holds' if holds else 'does not hold'} by {abs(margin):.3f}{self._unit}"
+        verdict = Verdict.SATISFIED if holds else Verdict.VIOLATED
+        return Standing(subject, t_s, verdict, words, margin, self.unit)
 
-        def stand(subject: str, t_s: float, values: tuple[Any, ...]) -> Standing:
-            row: dict[str, Any] = dict(numbers)
-            for (name, axis), value in zip(axes.items(), values, strict=True):
-                row[name] = np.array([value if axis is None else value[axis]])
-            try:
-                now = self._sided(judge_columns(formula, row, 1))
-            except FormulaError as wrong:
-                message = f"the formula has no value: {wrong.cause}"
-                return Standing(subject, t_s, Verdict.INCONCLUSIVE, message)
-            margin, holds = float(now.margin[0]), bool(now.true[0])
-            says = f"{self._says} {'holds' if holds else 'does not hold'} by {abs(margin):.3f}{words}"
-            verdict = Verdict.SATISFIED if holds else Verdict.VIOLATED
-            return Standing(subject, t_s, verdict, says, margin, self.unit)
-
-        return stand
+    @property
+    def _unit(self) -> str:
+        return "" if self.unit == "1" else f" {self.unit}"
 
     def _sided(self, found: Judged) -> Judged:
         """What the formula says, as what has to hold."""
         return found
 
-    def _bound(self, window: Watched) -> _Margin:
-        found = self._sided(self._of(self.holds, window))
-        what, nothing = "margin of the formula", np.zeros(len(window.t))
+    def _bound(self, watched: Values, rows: int) -> _FormulaBound:
+        found = self._sided(self._of(self.holds, watched, rows))
+        what, nothing = "margin of the formula", np.zeros(rows)
         if found.limit is None:
-            return _Margin(what, found.margin, nothing, self.unit, given=found)
-        return _Margin(what, found.margin, found.limit, self.unit, evidence="limit", given=found)
+            return _FormulaBound(what, found.margin, nothing, self.unit, judged=found)
+        return _FormulaBound(what, found.margin, found.limit, self.unit, evidence="limit", judged=found)
 
-    def _shown(self, window: Watched) -> Bound:
-        margin = self._bound(window).margin
-        return Bound("margin of the formula", margin, np.zeros(len(margin)), self.unit)
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:
+        limit = JudgedLimit(subject.name, watched, self._bound(watched, len(watched)))
+        margin = limit.bound.margin
+        yield replace(limit, bound=Bound(limit.bound.what, margin, np.zeros(len(margin)), self.unit))
+        episodes = limit.episodes(t_on_s=self.t_on_s, t_off_s=self.t_off_s)
+        for episode in episodes:
+            yield self._finding(limit, episode.worst, episode)
+        if not episodes and not watched.gaps and limit.closest is not None:
+            yield self._finding(limit, limit.closest, None)
 
-    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
-        seen = Seen(subject.name, watched, lambda: self._bound)
-        judged = AllJudged(seen, Rules(self._clause, self.t_on_s, self.t_off_s), broken=_untrue)
-        yield Seen(subject.name, watched, lambda: self._shown)
-        for one in judged.violations():
-            yield self._finding(subject, one.worst, one)
-        if judged.closest is not None and not judged.violated and not watched.gaps:
-            yield self._finding(subject, judged.closest, None)
-
-    def _finding(self, subject: Subject, moment: Moment, violation: Violation | None) -> Finding:
-        at, unit = f"at {moment.t_s:.3f} s", "" if self.unit == "1" else f" {self.unit}"
-        kept = f"holds; closest by {moment.margin:.3f}{unit}, {at}"
-        broken = f"does not hold; at worst by {-moment.margin:.3f}{unit}, {at}"
+    def _finding(self, limit: JudgedLimit, row: int, episode: Episode | None) -> Finding:
+        margin, at = float(limit.bound.margin[row]), f"at {limit.watched.t[row]:.3f} s"
+        kept = f"holds; closest by {margin:.3f}{self._unit}, {at}"
+        broken = f"does not hold; at worst by {-margin:.3f}{self._unit}, {at}"
         return Finding(
-            subject.name,
-            Verdict.SATISFIED if violation is None else Verdict.VIOLATED,
-            f"{self._says} {kept if violation is None else broken}",
-            span=None if violation is None else violation.span,
-            robustness=moment.margin,
+            limit.subject,
+            Verdict.SATISFIED if episode is None else Verdict.VIOLATED,
+            f"{self._says} {kept if episode is None else broken}",
+            span=None if episode is None else episode.span,
+            robustness=margin,
             unit=self.unit,
-            quantities={} if violation is None else violation.quantities,
-            evidence=moment.evidence,
+            quantities={} if episode is None else episode.quantities,
+            evidence=limit.evidence(row),
             clause=self._clause,
-            critical=self.critical and violation is not None,
+            critical=self.critical and episode is not None,
         )
 
     @property
@@ -413,25 +417,20 @@ class Always(Formula, Sampled):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Margin(Bound):
-    """What a formula says, as a limit; its margin is that of the formula."""
+class _FormulaBound(Bound):
+    """What a formula says, as a limit: margin and truth are those of the formula."""
 
-    given: Judged
+    judged: Judged
 
-    @property
+    @cached_property
     def margin(self) -> FloatArray:
         """As the formula has it."""
-        return self.given.margin
+        return self.judged.margin
 
-
-def _untrue(bound: Bound) -> BoolArray:
-    assert isinstance(bound, _Margin)  # nothing else is judged here
-    return ~bound.given.true
-
-
-def _nobody_asked(subject: str, t_s: float, _values: tuple[Any, ...]) -> Standing:
-    """Where no formula is given nobody is watched."""
-    return Standing(subject, t_s, Verdict.INCONCLUSIVE, "no formula is given")
+    @property
+    def broken(self) -> BoolArray:
+        """Where it is not true; that can be at a margin of 0."""
+        return ~self.judged.true
 
 
 @dataclass(frozen=True)
@@ -493,54 +492,42 @@ class Within(Formula):
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """For every subject each late response, or the latest that was in time."""
-        return (said for said in self._say(trial) if isinstance(said, Finding))
+        return (one for one in self.statements(trial) if isinstance(one, Finding))
 
-    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Finding]:
-        said = False
-        in_time: list[tuple[float, float]] = []
-        for began, takes in self._answers(watched):
-            if takes <= self.within_s + 1e-9:
-                in_time.append((takes, began))
-                continue
-            said = True
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
+        answers = self._answers(watched)
+        late = [(began, takes) for began, takes in answers if takes > self.within_s + 1e-9]
+        for began, takes in late:
             yield self._late(subject, watched, began, takes)
-        if in_time and not watched.gaps:
-            takes, began = max(in_time)
-            message = (
-                f"the latest response took {takes:.3f} s, to {began:.3f} s (at most {self.within_s:g} s)"
-            )
-            if not said:
-                yield Finding(
-                    subject.name,
-                    Verdict.SATISFIED,
-                    message,
-                    robustness=self.within_s - takes,
-                    unit="s",
-                    quantities={"response_s": takes, "time_in_violation_s": 0.0},
-                    clause=self._clause,
-                )
-        elif not said and not watched.gaps:
+        if late or watched.gaps:
+            return
+        if not answers:
             message = f"'{self.trigger}' never began to hold"
             yield Finding.not_applicable(subject.name, message, clause=self._clause)
+            return
+        began, takes = max(answers, key=lambda answer: (answer[1], answer[0]))
+        yield Finding(
+            subject.name,
+            Verdict.SATISFIED,
+            f"the latest response took {takes:.3f} s, to {began:.3f} s (at most {self.within_s:g} s)",
+            robustness=self.within_s - takes,
+            unit="s",
+            quantities={"response_s": takes, "time_in_violation_s": 0.0},
+            clause=self._clause,
+        )
 
-    def _answers(self, watched: Watching) -> list[tuple[float, float]]:
+    def _answers(self, watched: Watched) -> list[tuple[float, float]]:
         """When the trigger began to hold, and how long the response then took; infinite: it never came."""
-        triggered = Episodes(t_on_s=self.t_on_s, t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
-        for window in watched:
-            triggered.take(window.t, self._of(self.trigger, window).true)
-        starts = [episode.span.start_s for episode in triggered.end()]
-        times, open_from = dict.fromkeys(starts, np.inf), 0
-        for window in watched:
-            answered = window.t[self._of(self.response, window).true]
-            while open_from < len(starts) and starts[open_from] <= window.t[-1]:
-                after = int(answered.searchsorted(starts[open_from]))
-                if after == len(answered):
-                    break
-                times[starts[open_from]] = float(answered[after]) - starts[open_from]
-                open_from += 1
-        return list(times.items())
+        answered = watched.t[self._of(self.response, watched, len(watched)).true]
+        triggered = self._of(self.trigger, watched, len(watched)).true
+        found = []
+        for span, _ in rows_of_episodes(watched, triggered, t_on_s=self.t_on_s, t_off_s=self.t_off_s):
+            after = int(answered.searchsorted(span.start_s))
+            takes = float(answered[after]) - span.start_s if after < len(answered) else np.inf
+            found.append((span.start_s, takes))
+        return found
 
-    def _late(self, subject: Subject, watched: Watching, began: float, takes: float) -> Finding:
+    def _late(self, subject: Subject, watched: Watched, began: float, takes: float) -> Finding:
         deadline, last = began + self.within_s, watched.end_s
         unseen = [gap for gap in watched.gaps if gap.start_s < deadline and gap.end_s > began]
         if unseen or last < deadline - 1e-9:
@@ -550,11 +537,11 @@ class Within(Formula):
             )
         answered = np.isfinite(takes)
         end = began + takes if answered else last
-        told = f"came after {takes:.3f} s" if answered else "never came"
+        came = f"came after {takes:.3f} s" if answered else "never came"
         return Finding(
             subject.name,
             Verdict.VIOLATED,
-            f"the response to {began:.3f} s {told} (at most {self.within_s:g} s)",
+            f"the response to {began:.3f} s {came} (at most {self.within_s:g} s)",
             span=Span(began, end),
             robustness=self.within_s - (end - began),
             unit="s",

@@ -6,55 +6,58 @@ Stops are events: `emergency_stop` and `protective_stop`; `emergency_stop_reset`
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from ariac_score import (
-    Episodes,
     Event,
     Finding,
-    Sample,
     SignalNeed,
     Span,
-    Total,
     Trial,
     Verdict,
     check_parameters,
+    episodes_where,
+    exact_sum,
     parameter,
 )
-from ariac_score_standards.severity import (
+from ariac_score_standards.blame import (
     STANDSTILL_SPEED_M_S,
+)
+from ariac_score_standards.parameters import (
+    GAP,
+    SPEED,
+    TIME,
+    TOLERANCE_S,
+)
+from ariac_score_standards.severity import (
     Bound,
-    Said,
-    Sampled,
-    Seen,
-    ways_m,
+    JudgedLimit,
+    LimitMonitor,
+    Reach,
+    Rows,
+    Statement,
+    rows_of_episodes,
 )
 from ariac_score_standards.watching import (
-    BoolArray,
     FloatArray,
     Subject,
     Watched,
-    Watching,
     bodies_of,
     state_over,
     watch_subjects,
+)
+from ariac_score_standards.ways import (
+    travelled_m,
 )
 
 EMERGENCY_STOP = "emergency_stop"
 PROTECTIVE_STOP = "protective_stop"
 RESET = "emergency_stop_reset"
 START = "start"
-
-_TIME: Any = {"unit": "s", "at_least": 0, "at_most": 60}
-_GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
-_SPEED: Any = {"unit": "m/s", "at_least": 0, "at_most": 20}
-_TOLERANCE_S = 1e-9
 
 
 # Formulas -------------------------------------------------------------------------------------
@@ -72,65 +75,13 @@ def standstill_reached_s(
     >>> standstill_reached_s(t, v, 0.0, standstill_m_s=0.25, hold_s=0.5)
     0.75
     """
-    rest = _Rest(request_s, standstill_m_s, hold_s)
-    rest.take(t, speed_m_s)
-    return rest.reached_s
-
-
-class _Rest:
-    """`standstill_reached_s`, of samples that come in parts."""
-
-    def __init__(self, request_s: float, standstill_m_s: float, hold_s: float) -> None:
-        self._request_s, self._limit, self._hold_s = request_s, standstill_m_s, hold_s
-        self._before = np.zeros(0), np.zeros(0)
-        self._since_s: float | None = None
-        self._until_s = request_s
-        self.reached_s: float | None = None
-
-    def take(self, t: FloatArray, speed_m_s: FloatArray) -> bool:
-        """Look at the next samples; whether that is enough."""
-        before, speed_before = self._before
-        carried = len(before)
-        if carried:
-            t, speed_m_s = np.concatenate([before, t]), np.concatenate([speed_before, speed_m_s])
-        first = max(int(t.searchsorted(self._request_s - _TOLERANCE_S)), carried)
-        still = speed_m_s[first:] <= self._limit
-        changes = first + 1 + np.flatnonzero(still[1:] != still[:-1])
-        for begin, end in pairwise([first, *changes.tolist(), len(t)]):
-            if begin == end or self.reached_s is not None:
-                break
-            if not speed_m_s[begin] <= self._limit:
-                self._ended(float(t[begin]))
-                continue
-            if self._since_s is None:
-                self._since_s = max(_crossing(t, speed_m_s, begin, self._limit), self._request_s)
-            self._until_s = float(t[end - 1])
-            self._held(self._until_s)
-        self._before = t[-1:], speed_m_s[-1:]
-        return self.reached_s is not None
-
-    def _ended(self, following_s: float) -> None:
-        """A stretch at rest is over, for at the sample that follows the machine moves."""
-        if self._since_s is not None:
-            self._held(self._until_s + (following_s - self._until_s))
-        if self.reached_s is None:
-            self._since_s = None
-
-    def _held(self, until_s: float) -> None:
-        """Whether the machine was at rest for long enough until some time: then it stays so."""
-        if self._since_s is not None and until_s - self._since_s >= self._hold_s - _TOLERANCE_S:
-            self.reached_s = self._since_s
-
-
-def _rest(
-    watched: Watching, speed: str, request_s: float, standstill_m_s: float, hold_s: float
-) -> float | None:
-    """`standstill_reached_s`, window by window."""
-    rest = _Rest(request_s, standstill_m_s, hold_s)
-    for window in watched.between(float(np.nextafter(request_s - _TOLERANCE_S, -np.inf))):
-        if rest.take(window.t, window[speed]):
-            break
-    return rest.reached_s
+    first = int(t.searchsorted(request_s - TOLERANCE_S))
+    for span in episodes_where(t[first:], speed_m_s[first:] <= standstill_m_s):
+        row = int(t.searchsorted(span.start_s))
+        reached_s = max(_crossing(t, speed_m_s, row, standstill_m_s), request_s)
+        if span.end_s - reached_s >= hold_s - TOLERANCE_S:
+            return reached_s
+    return None
 
 
 def _crossing(t: FloatArray, speed: FloatArray, first: int, limit: float) -> float:
@@ -173,15 +124,15 @@ class StopPerformance:
     """
 
     kind: Literal["robot", "agv"] = parameter("robot", source="which machines")
-    max_time_s: float = parameter(0.5, source="data of the machine; catalogue, M8", **_TIME)
+    max_time_s: float = parameter(0.5, source="data of the machine; catalogue, M8", **TIME)
     max_distance_m: float | None = parameter(
         None, unit="m", at_least=0, at_most=100, source="data of the machine"
     )
-    hold_s: float = parameter(0.1, source="catalogue, M8", **_TIME)
-    standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **_SPEED)
-    power_wait_s: float = parameter(1.0, source="how long after standstill power may go off", **_TIME)
+    hold_s: float = parameter(0.1, source="catalogue, M8", **TIME)
+    standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **SPEED)
+    power_wait_s: float = parameter(1.0, source="how long after standstill power may go off", **TIME)
     max_flag_age_s: float = parameter(1.0, unit="s", above=0, at_most=60, source="how long a flag holds")
-    max_gap_s: float = parameter(0.05, **_GAP)
+    max_gap_s: float = parameter(0.05, **GAP)
 
     _clause = "derived from IEC 60204-1 and ISO 13850, stop functions"
 
@@ -209,16 +160,22 @@ class StopPerformance:
     def _speed(self) -> str:
         return f"speed/{{{self.kind}}}"
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Finding]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
         requests = events_about(trial, subject.name, (EMERGENCY_STOP, PROTECTIVE_STOP))
         for request in requests:
             yield self._stop(trial, subject, watched, request)
         if not requests:
             yield nothing_happened(trial, subject, (EMERGENCY_STOP, PROTECTIVE_STOP), self._clause)
 
-    def _stop(self, trial: Trial, subject: Subject, watched: Watching, request: Event) -> Finding:
+    def _stop(self, trial: Trial, subject: Subject, watched: Watched, request: Event) -> Finding:
         name = request.kind.replace("_", " ")
-        reached = _rest(watched, self._speed, request.t_s, self.standstill_speed_m_s, self.hold_s)
+        reached = standstill_reached_s(
+            watched.t,
+            watched[self._speed],
+            request.t_s,
+            standstill_m_s=self.standstill_speed_m_s,
+            hold_s=self.hold_s,
+        )
         last = watched.end_s
         end = last if reached is None else reached + self.hold_s
         unseen = [gap for gap in watched.gaps if gap.start_s < end and gap.end_s > request.t_s]
@@ -240,27 +197,27 @@ class StopPerformance:
         return self._stopped(trial, subject, watched, request, reached)
 
     def _stopped(
-        self, trial: Trial, subject: Subject, watched: Watching, request: Event, reached: float
+        self, trial: Trial, subject: Subject, watched: Watched, request: Event, reached: float
     ) -> Finding:
         time_s = reached - request.t_s
         # What creeps on below standstill while it is being held belongs to the way.
-        (way_m,) = ways_m(watched, self._speed, [Span(request.t_s, reached + self.hold_s)])
+        way_m = travelled_m(watched.t, watched[self._speed], Span(request.t_s, reached + self.hold_s))
         category = self._category(trial, subject, watched, request, reached)
-        over_time = time_s > self.max_time_s + _TOLERANCE_S
+        over_time = time_s > self.max_time_s + TOLERANCE_S
         over_way = self.max_distance_m is not None and way_m > self.max_distance_m
         powered = category == 2 and request.kind == EMERGENCY_STOP
-        told = [f"{request.kind.replace('_', ' ')} at {request.t_s:.3f} s: stopped in {time_s:.3f} s"]
-        told.append(f"on {way_m:.3f} m")
+        words = [f"{request.kind.replace('_', ' ')} at {request.t_s:.3f} s: stopped in {time_s:.3f} s"]
+        words.append(f"on {way_m:.3f} m")
         if over_time:
-            told.append(f"at most {self.max_time_s:g} s")
+            words.append(f"at most {self.max_time_s:g} s")
         if over_way:
-            told.append(f"at most {self.max_distance_m:g} m")
+            words.append(f"at most {self.max_distance_m:g} m")
         if powered:
-            told.append("the drives kept their power (category 2)")
+            words.append("the drives kept their power (category 2)")
         return Finding(
             subject.name,
             Verdict.VIOLATED if over_time or over_way or powered else Verdict.SATISFIED,
-            ", ".join(told),
+            ", ".join(words),
             span=Span(request.t_s, reached),
             robustness=self.max_time_s - time_s,
             unit="s",
@@ -274,26 +231,18 @@ class StopPerformance:
         )
 
     def _category(
-        self, trial: Trial, subject: Subject, watched: Watching, request: Event, reached: float
+        self, trial: Trial, subject: Subject, watched: Watched, request: Event, reached: float
     ) -> int | None:
         """The category shown by the drives' power; `None` when the log does not tell."""
         until_s = reached + self.power_wait_s
-        off_s: float | None = None
-        last_s = -np.inf
-        for window in watched.between(request.t_s, until_s):
-            t = window.t[(window.t >= request.t_s) & (window.t <= until_s)]
-            if not len(t):
-                continue
-            state = state_over(trial, "drive_enabled", subject.name, t, max_age_s=self.max_flag_age_s)
-            if state is None or not state.known.all():
-                return None
-            off = np.flatnonzero(~state.on)
-            if off_s is None and len(off):
-                off_s = float(t[off[0]])
-            last_s = float(t[-1])
-        if last_s == -np.inf or (off_s is None and last_s < until_s - self.max_gap_s):
+        t = watched.t[(watched.t >= request.t_s) & (watched.t <= until_s)]
+        state = state_over(trial, "drive_enabled", subject.name, t, max_age_s=self.max_flag_age_s)
+        if state is None or not len(t) or not state.known.all():
             return None
-        return stop_category(off_s, reached)
+        off = np.flatnonzero(~state.on)
+        if not len(off) and t[-1] < until_s - self.max_gap_s:
+            return None
+        return stop_category(float(t[off[0]]) if len(off) else None, reached)
 
 
 def _words(stop: Event) -> str:
@@ -340,7 +289,7 @@ class _Latched:
 
 
 @dataclass(frozen=True)
-class EstopRestart(Sampled):
+class EstopRestart(LimitMonitor):
     """After an emergency stop nothing moves before reset and a separate start.
 
     Measures:
@@ -362,11 +311,11 @@ class EstopRestart(Sampled):
         (EMERGENCY_STOP,),
         source="events that latch; for trucks ISO 3691-4 adds bumper contact and power interruption",
     )
-    stop_within_s: float = parameter(1.0, source="STOPPING: until rest at the latest; our choice", **_TIME)
-    hold_s: float = parameter(0.1, source="at rest for this long is LATCHED; catalogue, M8", **_TIME)
-    standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **_SPEED)
-    max_gap_s: float = parameter(0.05, **_GAP)
-    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+    stop_within_s: float = parameter(1.0, source="STOPPING: until rest at the latest; our choice", **TIME)
+    hold_s: float = parameter(0.1, source="at rest for this long is LATCHED; catalogue, M8", **TIME)
+    standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7", **SPEED)
+    max_gap_s: float = parameter(0.05, **GAP)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
     _clause = "derived from ISO 13850, resetting the emergency stop"
 
@@ -379,7 +328,12 @@ class EstopRestart(Sampled):
         """The speed."""
         yield SignalNeed("speed", "m/s", self.max_gap_s)
 
-    def _say(self, trial: Trial) -> Iterator[Said]:
+    @property
+    def reach(self) -> Reach:
+        """Rest is due from the stop on; that it was reached shows once it was held."""
+        return Reach("start", ahead_s=self.hold_s)
+
+    def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every machine each emergency stop, or that there was none."""
         return watch_subjects(
             trial,
@@ -395,7 +349,7 @@ class EstopRestart(Sampled):
     def _speed(self) -> str:
         return f"speed/{{{self.kind}}}"
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
         stops = events_about(trial, subject.name, self.after)
         if not stops:
             yield nothing_happened(trial, subject, self.after, self._clause)
@@ -405,74 +359,63 @@ class EstopRestart(Sampled):
             following = stops[number + 1].t_s if number + 1 < len(stops) else np.inf
             latches.append(self._latched(trial, subject, watched, stop, following))
 
-        def bound(window: Watched) -> Bound:
-            speed, rests = window[self._speed], np.zeros(len(window.t), dtype=bool)
-            for latch in latches:
-                rests[latch.rests(window.t)] = True
-            limit = np.full_like(speed, self.standstill_speed_m_s)
-            return Bound("speed after a stop", speed, limit, "m/s", True, rests)
-
-        yield Seen(subject.name, watched, lambda: bound)
+        speed, rests = watched[self._speed], np.zeros(len(watched), dtype=bool)
+        for latch in latches:
+            rests[latch.rests(watched.t)] = True
+        limit = np.full_like(speed, self.standstill_speed_m_s)
+        bound = Bound("speed after a stop", speed, limit, "m/s", True, rests)
+        yield JudgedLimit(subject.name, watched, bound)
         for latch in latches:
             yield from self._after(trial, subject, watched, latch)
 
     def _latched(
-        self, trial: Trial, subject: Subject, watched: Watching, stop: Event, following_s: float
+        self, trial: Trial, subject: Subject, watched: Watched, stop: Event, following_s: float
     ) -> _Latched:
         resets = [e.t_s for e in events_about(trial, subject.name, (RESET,)) if e.t_s >= stop.t_s]
         reset_s = resets[0] if resets else np.inf
         starts = [e.t_s for e in events_about(trial, subject.name, (START,)) if e.t_s >= reset_s]
         end_s = min(starts[0] if starts else np.inf, following_s)
-        rest = _rest(watched, self._speed, stop.t_s, self.standstill_speed_m_s, self.hold_s)
+        rest = standstill_reached_s(
+            watched.t,
+            watched[self._speed],
+            stop.t_s,
+            standstill_m_s=self.standstill_speed_m_s,
+            hold_s=self.hold_s,
+        )
         latched_s = (
             stop.t_s + self.stop_within_s if rest is None else min(rest, stop.t_s + self.stop_within_s)
         )
-        return _Latched(stop, reset_s, end_s, latched_s - _TOLERANCE_S)
+        return _Latched(stop, reset_s, end_s, latched_s - TOLERANCE_S)
 
-    def _moving(self, window: Watched, latch: _Latched) -> BoolArray:
+    def _movements(self, watched: Watched, latch: _Latched) -> list[tuple[Span, Rows]]:
         """Where the machine moves although it has to rest."""
-        moving, rests = np.zeros(len(window.t), dtype=bool), latch.rests(window.t)
-        moving[rests] = window[self._speed][rests] > self.standstill_speed_m_s
-        return moving
+        moving, rests = np.zeros(len(watched), dtype=bool), latch.rests(watched.t)
+        moving[rests] = watched[self._speed][rests] > self.standstill_speed_m_s
+        return rows_of_episodes(watched, moving, t_off_s=self.t_off_s)
 
-    def _movements(self, watched: Watching, latch: _Latched) -> list[_Movement]:
-        """The movements after a stop."""
-        episodes = Episodes(t_off_s=self.t_off_s, longest_s=watched.max_gap_s)
-        for window in watched.between(latch.rests_s):
-            episodes.take(window.t, self._moving(window, latch))
-            if window.t[0] >= latch.end_s:
-                break
-        found = [_Movement(one.span, Total(one.samples), one.last_s) for one in episodes.end()]
-        ways = [Span(one.span.start_s, min(one.span.end_s, latch.end_s)) for one in found]
-        for one, way_m in zip(found, ways_m(watched, self._speed, ways), strict=True):
-            one.way_m = way_m
-            for window in watched.between(one.span.start_s, one.last_s):
-                one.take(window, self._speed, self._moving(window, latch))
-        return found
-
-    def _after(self, trial: Trial, subject: Subject, watched: Watching, latch: _Latched) -> Iterator[Finding]:
+    def _after(self, trial: Trial, subject: Subject, watched: Watched, latch: _Latched) -> Iterator[Finding]:
         stop, reset_s, end_s = latch.stop, latch.reset_s, latch.end_s
-        movements = self._movements(watched, latch)
+        speed, movements = watched[self._speed], self._movements(watched, latch)
         silent = [
             kind
             for kind in (RESET, START)
             if kind not in trial.witnessed and not events_about(trial, subject.name, (kind,))
         ]
         if movements and silent:
-            first = movements[0].span
+            first, _ = movements[0]
             message = (
                 f"moved at {first.start_s:.3f} s after the {_words(stop)} at {stop.t_s:.3f} s, "
                 f"but the log does not show whether there was any {silent[0].replace('_', ' ')}"
             )
             yield Finding.inconclusive(subject.name, message, span=first, clause=self._clause)
             return
-        for movement in movements:
-            span = movement.span
+        for span, rows in movements:
+            worst = int(rows[np.argmax(speed[rows])])
             phase = "LATCHED" if span.start_s < reset_s else "READY"
             quantities = {
-                "time_in_violation_s": movement.lasts_s.value,
-                "speed_max_m_s": movement.fastest_m_s,
-                "travel_m": movement.way_m,
+                "time_in_violation_s": exact_sum(watched.durations_s[rows]),
+                "speed_max_m_s": float(speed[worst]),
+                "travel_m": travelled_m(watched.t, speed, Span(span.start_s, min(span.end_s, end_s))),
             }
             if np.isfinite(end_s):
                 quantities["before_start_s"] = float(end_s - span.start_s)
@@ -481,11 +424,11 @@ class EstopRestart(Sampled):
                 Verdict.VIOLATED,
                 f"moved at {span.start_s:.3f} s in {phase}, after the {_words(stop)} at {stop.t_s:.3f} s",
                 span=span,
-                robustness=self.standstill_speed_m_s - movement.fastest_m_s,
+                robustness=float(self.standstill_speed_m_s - speed[worst]),
                 unit="m/s",
                 quantities=quantities,
                 labels={"state": phase},
-                evidence=movement.evidence,
+                evidence=watched.samples(worst),
                 clause=self._clause,
                 critical=True,
             )
@@ -500,36 +443,3 @@ class EstopRestart(Sampled):
                 ),
                 clause=self._clause,
             )
-
-
-@dataclass(eq=False)
-class _Movement:
-    """A movement after a stop, as its samples come.
-
-    Attributes:
-        span: From its first sample to the end of its last one.
-        lasts_s: How long it lasts, s.
-        last_s: Time of its last sample, s.
-        way_m: The way it covers, m.
-        fastest_m_s: Its largest speed, m/s.
-        evidence: What was measured then.
-    """
-
-    span: Span
-    lasts_s: Total
-    last_s: float
-    way_m: float = 0.0
-    fastest_m_s: float = -math.inf
-    evidence: tuple[Sample, ...] = ()
-
-    def take(self, window: Watched, speed: str, moving: BoolArray) -> None:
-        """The next window of it."""
-        first = int(window.t.searchsorted(self.span.start_s))
-        end = int(window.t.searchsorted(self.span.end_s, side="right"))
-        rows = first + np.flatnonzero(moving[first:end])
-        if not len(rows):
-            return
-        self.lasts_s.take(window.durations_s[rows])
-        worst = int(rows[np.argmax(window[speed][rows])])
-        if window[speed][worst] > self.fastest_m_s:
-            self.fastest_m_s, self.evidence = float(window[speed][worst]), window.samples(worst)

@@ -10,26 +10,33 @@ import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, inside
-from ariac_score_standards.iso_10218_2 import flag_over, flag_unknown
-from ariac_score_standards.severity import Bound, Rules, Said, Sampled, findings_of
+from ariac_score_standards.parameters import (
+    GAP,
+    SPEED,
+    TIME,
+)
+from ariac_score_standards.severity import (
+    Bound,
+    JudgedLimit,
+    LimitMonitor,
+    Rules,
+    Statement,
+    limit_findings,
+)
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
     Subject,
     Watched,
-    Watching,
     bodies_of,
+    flag_over,
     nobody,
     watch_subjects,
 )
 
-_TIME: Any = {"unit": "s", "at_least": 0, "at_most": 60}
-_GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
-_SPEED: Any = {"unit": "m/s", "at_least": 0, "at_most": 20}
-
 
 @dataclass(frozen=True)
-class ReducedSpeed(Sampled):
+class ReducedSpeed(LimitMonitor):
     """The robot keeps its reduced speed.
 
     Measures:
@@ -44,15 +51,15 @@ class ReducedSpeed(Sampled):
     """
 
     max_speed_m_s: float = parameter(
-        0.25, status="verified", source="many public sources, such as OSHA STD 01-12-002", **_SPEED
+        0.25, status="verified", source="many public sources, such as OSHA STD 01-12-002", **SPEED
     )
     speed: Literal["speed", "tcp_speed"] = parameter("speed", source="what a log is most likely to have")
     applies: Literal["always", "manual_mode", "human_in_zone"] = parameter("always", source="catalogue, M6")
     zone: tuple[tuple[float, ...], ...] = parameter((), unit="m", source="corners [x, y] of the slow zone")
     max_flag_age_s: float = parameter(1.0, unit="s", above=0, at_most=60, source="how long a flag holds")
-    max_gap_s: float = parameter(0.05, **_GAP)
-    t_on_s: float = parameter(0.03, source="catalogue, 1.2", **_TIME)
-    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+    max_gap_s: float = parameter(0.05, **GAP)
+    t_on_s: float = parameter(0.03, source="catalogue, 1.2", **TIME)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
     _clause = "derived from ISO 10218-1, reduced-speed control"
 
@@ -70,7 +77,7 @@ class ReducedSpeed(Sampled):
         if self.applies == "human_in_zone":
             yield SignalNeed("position", "m", self.max_gap_s)
 
-    def _say(self, trial: Trial) -> Iterator[Said]:
+    def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every robot where it was too fast, or its closest moment."""
         wanted = {f"{self.speed}/{{robot}}": "m/s"}
         by_zone = self.applies == "human_in_zone"
@@ -87,41 +94,36 @@ class ReducedSpeed(Sampled):
             judge=lambda subject, watched: self._judge(trial, subject, watched, humans),
         )
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watching, humans: list[str]) -> Iterator[Said]:
-        idle = "the limit never applied"
-        if self.applies == "manual_mode":
-            unknown = flag_unknown(trial, subject, "manual_mode", self.max_flag_age_s, watched, self._clause)
-            if unknown is not None:
-                yield unknown
-                return
-            idle = "the robot was never in manual mode"
-        elif self.applies == "human_in_zone":
-            idle = "nobody was in the slow zone"
-
-        def bound(window: Watched) -> Bound:
-            speed = window[f"{self.speed}/{{robot}}"]
-            limit = np.full_like(speed, self.max_speed_m_s)
-            return Bound("speed", speed, limit, "m/s", True, self._applies(trial, subject, window, humans))
-
+    def _judge(
+        self, trial: Trial, subject: Subject, watched: Watched, humans: list[str]
+    ) -> Iterator[Statement]:
+        applies, idle = self._applies(trial, subject, watched, humans)
+        if isinstance(applies, Finding):
+            yield applies
+            return
+        speed = watched[f"{self.speed}/{{robot}}"]
+        limit = np.full_like(speed, self.max_speed_m_s)
+        bound = Bound("speed", speed, limit, "m/s", True, applies)
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, idle)
-        yield from findings_of(subject.name, watched, lambda: bound, rules)
+        yield from limit_findings(JudgedLimit(subject.name, watched, bound), rules)
 
     def _applies(
-        self, trial: Trial, subject: Subject, window: Watched, humans: list[str]
-    ) -> BoolArray | None:
-        """Where the limit applies; `None`: everywhere."""
+        self, trial: Trial, subject: Subject, watched: Watched, humans: list[str]
+    ) -> tuple[BoolArray | Finding | None, str]:
+        """Where the limit applies (`None`: everywhere), or why that is unknown; what to say if nowhere."""
         if self.applies == "manual_mode":
-            return flag_over(trial, subject, "manual_mode", self.max_flag_age_s, window)
+            flag = flag_over(trial, subject, "manual_mode", self.max_flag_age_s, watched, self._clause)
+            return flag, "the robot was never in manual mode"
         if self.applies == "always":
-            return None
-        applies: BoolArray = np.zeros(len(window.t), dtype=bool)
+            return None, "the limit never applied"
+        applies: BoolArray = np.zeros(len(watched), dtype=bool)
         for human in humans:
-            applies |= inside(window[f"position/{human}"], self.zone)
-        return applies
+            applies |= inside(watched[f"position/{human}"], self.zone)
+        return applies, "nobody was in the slow zone"
 
 
 @dataclass(frozen=True)
-class SpaceLimit(Sampled):
+class SpaceLimit(LimitMonitor):
     """Every monitored point stays where it may be, and every joint within its limits.
 
     Measures:
@@ -150,9 +152,9 @@ class SpaceLimit(Sampled):
     joint: str = parameter("", source="joint whose angle is limited; set per robot")
     joint_low_rad: float | None = parameter(None, unit="rad", at_least=-100, at_most=100, source="per robot")
     joint_high_rad: float | None = parameter(None, unit="rad", at_least=-100, at_most=100, source="per robot")
-    max_gap_s: float = parameter(0.05, **_GAP)
-    t_on_s: float = parameter(0.03, source="catalogue, 1.2", **_TIME)
-    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+    max_gap_s: float = parameter(0.05, **GAP)
+    t_on_s: float = parameter(0.03, source="catalogue, 1.2", **TIME)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
     _clause = "derived from ISO 10218-1, axis and space limiting"
 
@@ -216,7 +218,7 @@ class SpaceLimit(Sampled):
             np.minimum(left, self.joint_high_rad - angle_rad, out=left)
         return left
 
-    def _say(self, trial: Trial) -> Iterator[Said]:
+    def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every point and joint where it was outside, or its closest moment."""
         if not (self._limits_space or self.joint):
             message = "no limit of space and none of a joint is given"
@@ -241,18 +243,16 @@ class SpaceLimit(Sampled):
             names += [f"{body.id}::{link}" for link in body.links]
         return [Subject(name, {"point": name}) for name in names]
 
-    def _watch(self, trial: Trial, points: list[Subject], quantity: str, unit: str) -> Iterator[Said]:
+    def _watch(self, trial: Trial, points: list[Subject], quantity: str, unit: str) -> Iterator[Statement]:
         template = f"{quantity}/{{point}}"
 
-        def bound(window: Watched) -> Bound:
-            values = window[template]
+        def judge(subject: Subject, watched: Watched) -> Iterator[Statement]:
+            values = watched[template]
             left = self.inside_by_m(values) if unit == "m" else self.joint_left_rad(values)
             what = "way left to the border" if unit == "m" else "angle left to the limit"
-            return Bound(what, left, np.zeros_like(left), unit)
-
-        def judge(subject: Subject, watched: Watching) -> Iterator[Said]:
+            bound = Bound(what, left, np.zeros_like(left), unit)
             rules = Rules(self._clause, self.t_on_s, self.t_off_s)
-            return findings_of(subject.name, watched, lambda: bound, rules)
+            return limit_findings(JudgedLimit(subject.name, watched, bound), rules)
 
         return watch_subjects(
             trial,

@@ -8,13 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from ariac_score import ParameterFacts, SignalNeed, Trial, check_parameters, parameter
-from ariac_score_standards.severity import Bound, Constant, Rules, Said, Sampled, Told, findings_of
+from ariac_score_standards.severity import (
+    Bound,
+    Details,
+    JudgedLimit,
+    LimitMonitor,
+    Reach,
+    Rules,
+    Statement,
+    limit_findings,
+)
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
     Subject,
     Watched,
-    Watching,
     pairs_of,
     watch_subjects,
 )
@@ -87,22 +95,8 @@ def closes(gap_m: FloatArray) -> BoolArray:
     return closing
 
 
-def closes_within(window: Watched, gap: str) -> BoolArray:
-    """The same in a window, its neighbours looked at.
-
-    Args:
-        window: Of the signals.
-        gap: Template of the gap.
-    """
-    before = [] if window.previous is None else [window.previous[gap][-1:]]
-    after = [] if window.following is None else [window.following[gap][:1]]
-    if not (before or after):
-        return closes(window[gap])
-    return closes(np.concatenate([*before, window[gap], *after]))[len(before) :][: len(window.t)]
-
-
 @dataclass(frozen=True)
-class CrushGap(Sampled):
+class CrushGap(LimitMonitor):
     """No part of the body is between robot and fixed things in a gap that closes on it.
 
     It tells where a contact is clamped, which `pfl_contact` takes from the same signal;
@@ -134,7 +128,7 @@ class CrushGap(Sampled):
         """The gap."""
         yield SignalNeed("crush_gap", "m", self.max_gap_s)
 
-    def _say(self, trial: Trial) -> Iterator[Said]:
+    def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every pair where a gap closed on somebody, or its closest moment."""
         return watch_subjects(
             trial,
@@ -146,12 +140,19 @@ class CrushGap(Sampled):
             kinds=("robot", "human"),
         )
 
-    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
-        def judge(window: Watched) -> Bound:
-            gap = window[_GAP]
-            limit = np.full_like(gap, minimum_gap_m(self.part))
-            return Bound("closing gap", gap, limit, "m", False, closes_within(window, _GAP))
+    @property
+    def reach(self) -> Reach:
+        """Whether a gap closes shows at the samples beside it."""
+        return Reach("neighbour", ahead=1)
 
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:
+        gap = watched[_GAP]
+        limit = np.full_like(gap, minimum_gap_m(self.part))
+        bound = Bound("closing gap", gap, limit, "m", False, closes(gap))
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "no gap ever closed")
-        told = Told(labels={"clamped": "yes", "part": self.part})
-        yield from findings_of(subject.name, watched, lambda: judge, rules, gathered=lambda: Constant(told))
+        labels = {"clamped": "yes", "part": self.part}
+        yield from limit_findings(
+            JudgedLimit(subject.name, watched, bound),
+            rules,
+            lambda episode: Details() if episode is None else Details(labels=labels),
+        )

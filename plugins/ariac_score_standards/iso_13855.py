@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, Verdict, check_parameters, exact_sum, parameter
-from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
-from ariac_score_standards.iso_ts_15066 import RunStarts
-from ariac_score_standards.severity import (
+from ariac_score_standards.blame import (
     MEETING,
     STANDSTILL_SPEED_M_S,
-    Blame,
-    Bound,
-    Constant,
-    Judging,
     Meeting,
-    Rules,
-    Said,
-    Sampled,
-    Several,
-    Told,
     exposure_of,
-    findings_of,
     meeting_needs,
+)
+from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
+from ariac_score_standards.parameters import (
+    LENGTH,
+    TOLERANCE_S,
+)
+from ariac_score_standards.severity import (
+    Bound,
+    Details,
+    Episode,
+    JudgedLimit,
+    LimitMonitor,
+    Reach,
+    Rules,
+    Statement,
+    limit_findings,
     no_severities,
 )
 from ariac_score_standards.watching import (
@@ -34,7 +38,7 @@ from ariac_score_standards.watching import (
     FloatArray,
     Subject,
     Watched,
-    Watching,
+    first_of_runs,
     pairs_of,
     watch_subjects,
 )
@@ -51,7 +55,6 @@ SWITCH_M = 0.5
 LEAST_M = 0.1
 """An orthogonal field is never nearer to the hazard than this."""
 
-_TOLERANCE_S = 1e-9
 _CLAUSE = "derived from ISO 13855:{edition}, minimum distance"
 _ROUNDING_M = 1e-12
 """A distance given in m is 0.5 m in spite of the last bit."""
@@ -145,11 +148,8 @@ def _parallel_intrusion_m(edition: Edition, height_m: float, resolution_m: float
     return max(0.85, 1.2 - 0.4 * height_m)
 
 
-_LENGTH: Any = {"unit": "m", "at_least": 0, "at_most": 100}
-
-
 @dataclass(frozen=True)
-class SafeguardDistance(Sampled):
+class SafeguardDistance(LimitMonitor):
     """A sensing line is far enough from its hazard, and the hazard rests when somebody is past it.
 
     Measures:
@@ -177,9 +177,9 @@ class SafeguardDistance(Sampled):
     resolution_m: float = parameter(
         0.03, unit="m", at_least=0, at_most=1, source="d; data of the sensing device"
     )
-    height_m: float = parameter(0.3, source="H of a field parallel to the floor; per cell", **_LENGTH)
-    supplement_m: float = parameter(0.0, source="Z, edition 2024", **_LENGTH)
-    reach_m: float = parameter(0.0, source="reach through a guard; per guard", **_LENGTH)
+    height_m: float = parameter(0.3, source="H of a field parallel to the floor; per cell", **LENGTH)
+    supplement_m: float = parameter(0.0, source="Z, edition 2024", **LENGTH)
+    reach_m: float = parameter(0.0, source="reach through a guard; per guard", **LENGTH)
     covered: bool = parameter(False, source="whether a two-hand control is covered")
     line: tuple[tuple[float, ...], ...] = parameter(
         (), unit="m", source="both ends [x, y] of the sensing line; required"
@@ -225,7 +225,7 @@ class SafeguardDistance(Sampled):
         yield SignalNeed("speed", "m/s", self.max_gap_s)
         yield from meeting_needs(self.max_gap_s, "speed")
 
-    def _say(self, trial: Trial) -> Iterator[Said]:
+    def statements(self, trial: Trial) -> Iterator[Statement]:
         """About the line itself, then for every pair where the robot moved, or that it did not."""
         if not (self.line and self.hazard):
             message = "the sensing line or the hazard zone is not given"
@@ -259,73 +259,49 @@ class SafeguardDistance(Sampled):
 
     def past_line(self, t: FloatArray, position_m: FloatArray) -> tuple[BoolArray, FloatArray]:
         """Whether a human is past the line, and since when; positions of shape (n, 2 or 3)."""
-        if not len(t):
-            return np.zeros(0, dtype=bool), np.zeros(0)
-        return self._crossing()(t, position_m)
-
-    def _crossing(self) -> Callable[[FloatArray, FloatArray], tuple[BoolArray, FloatArray]]:
-        """`past_line` of samples that come in parts."""
         a, b = (np.asarray(end, dtype=np.float64) for end in self.line)
-        along = b - a
-        middle = (
-            np.array([exact_sum(axis) / len(axis) for axis in [*zip(*self.hazard, strict=False)][:2]]) - a
+        along, offset = b - a, position_m[:, :2] - a
+        axes = [*zip(*self.hazard, strict=False)][:2]
+        middle = np.array([exact_sum(axis) / len(axis) for axis in axes]) - a
+        side = along[0] * offset[:, 1] - along[1] * offset[:, 0]
+        if along[0] * middle[1] - along[1] * middle[0] < 0:
+            side = -side
+        beyond = side >= 0
+        share = (offset[:, 0] * along[0] + offset[:, 1] * along[1]) / (
+            along[0] * along[0] + along[1] * along[1]
         )
-        other_side = along[0] * middle[1] - along[1] * middle[0] < 0
-        starts = RunStarts(self.max_gap_s)
-        before: tuple[FloatArray, FloatArray] | None = None
+        entered = np.zeros(len(t), dtype=bool)
+        when = np.array(t, dtype=np.float64)
+        cross = np.flatnonzero(beyond[1:] & ~beyond[:-1])
+        part = -side[cross] / (side[cross + 1] - side[cross])
+        where = share[cross] + part * (share[cross + 1] - share[cross])
+        through = (where >= 0) & (where <= 1)
+        entered[cross[through] + 1] = True
+        when[cross + 1] = t[cross] + part * (t[cross + 1] - t[cross])
+        if len(t) and beyond[0]:
+            entered[0] = 0 <= share[0] <= 1
+        first = first_of_runs(t, beyond, self.max_gap_s)
+        past: BoolArray = beyond & entered[first]
+        return past, when[first]
 
-        def past(t: FloatArray, position_m: FloatArray) -> tuple[BoolArray, FloatArray]:
-            nonlocal before
-            first = 0 if before is None else 1  # the last sample of the part before comes along
-            if before is not None:
-                t, position_m = np.concatenate([before[0], t]), np.concatenate([before[1], position_m])
-            before = t[-1:], position_m[-1:]
-            offset = position_m[:, :2] - a
-            side = along[0] * offset[:, 1] - along[1] * offset[:, 0]
-            if other_side:
-                side = -side
-            beyond = side >= 0
-            share = (offset[:, 0] * along[0] + offset[:, 1] * along[1]) / float(
-                along[0] * along[0] + along[1] * along[1]
-            )
-            entered = np.zeros(len(t), dtype=bool)
-            when = np.array(t, dtype=np.float64)
-            cross = np.flatnonzero(beyond[1:] & ~beyond[:-1])
-            part = -side[cross] / (side[cross + 1] - side[cross])
-            where = share[cross] + part * (share[cross + 1] - share[cross])
-            through = (where >= 0) & (where <= 1)
-            entered[cross[through] + 1] = True
-            when[cross + 1] = t[cross] + part * (t[cross + 1] - t[cross])
-            if not first and beyond[0]:
-                entered[0] = 0 <= share[0] <= 1
-            rows = slice(first, None)
-            came_in, since = starts.take(t[rows], beyond[rows], entered[rows], when[rows])
-            return beyond[rows] & came_in, since
+    @property
+    def reach(self) -> Reach:
+        """What is due depends on when the human crossed the line."""
+        return Reach("run")
 
-        return past
+    def _bound(self, watched: Watched) -> Bound:
+        position, speed = watched["position/{human}"], watched["speed/{robot}"]
+        past, since = self.past_line(watched.t, position)
+        late = watched.t - since >= self.stopping_time_s - TOLERANCE_S
+        near = -depth_inside_m(position, self.hazard) < self.minimum().intrusion_m
+        limit = np.full_like(speed, self.standstill_speed_m_s)
+        return Bound("speed behind the line", speed, limit, "m/s", True, past & (late | near))
 
-    def _begin(self) -> Judging:
-        past_line, intrusion_m = self._crossing(), self.minimum().intrusion_m
+    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:
+        exposure = exposure_of(watched)
 
-        def judge(window: Watched) -> Bound:
-            position, speed = window["position/{human}"], window["speed/{robot}"]
-            past, since = past_line(window.t, position)
-            late = window.t - since >= self.stopping_time_s - _TOLERANCE_S
-            near = -depth_inside_m(position, self.hazard) < intrusion_m
-            limit = np.full_like(speed, self.standstill_speed_m_s)
-            return Bound("speed behind the line", speed, limit, "m/s", True, past & (late | near))
+        def details(episode: Episode | None) -> Details:
+            return Details(exposure, {} if episode is None else Meeting.of(watched).labels(episode.rows))
 
-        return judge
-
-    def _judge(self, subject: Subject, watched: Watching) -> Iterator[Said]:
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was past the line for long enough")
-        exposure = Told(exposure_of(watched))
-        yield from findings_of(
-            subject.name,
-            watched,
-            self._begin,
-            rules,
-            gathered=lambda: Several(Constant(exposure), Blame(Meeting.of)),
-            idle=lambda: exposure,
-            apart=False,
-        )
+        yield from limit_findings(JudgedLimit(subject.name, watched, self._bound(watched)), rules, details)

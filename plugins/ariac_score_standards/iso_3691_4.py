@@ -2,51 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
 
 import numpy as np
 
 from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
-from ariac_score_standards.geometry import check_polygon, depth_inside_m
-from ariac_score_standards.iso_ts_15066 import RunStarts, approach_of
-from ariac_score_standards.severity import (
+from ariac_score_standards.blame import (
     STANDSTILL_SPEED_M_S,
-    Blame,
-    Bound,
-    Constant,
-    Gathered,
-    Judging,
     Meeting,
-    Rules,
-    Said,
-    Sampled,
-    Seen,
-    Several,
-    Told,
-    exposure_of,
-    findings_of,
+    exposure,
 )
+from ariac_score_standards.geometry import check_polygon, depth_inside_m
+from ariac_score_standards.parameters import (
+    GAP,
+    LENGTH,
+    SPEED,
+    TIME,
+    TOLERANCE_S,
+)
+from ariac_score_standards.severity import (
+    Bound,
+    Details,
+    Episode,
+    JudgedLimit,
+    LimitMonitor,
+    Reach,
+    Rules,
+    Statement,
+    limit_findings,
+    violations_only,
+)
+from ariac_score_standards.ssm_formula import approach_of
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
     Subject,
     Watched,
-    Watching,
     bodies_of,
+    first_of_runs,
     pairs_of,
     state_over,
     watch_subjects,
 )
-
-_TIME: Any = {"unit": "s", "at_least": 0, "at_most": 60}
-_GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
-_SPEED: Any = {"unit": "m/s", "at_least": 0, "at_most": 20}
-_LENGTH: Any = {"unit": "m", "at_least": 0, "at_most": 100}
-_TOLERANCE_S = 1e-9
-
 
 # Formulas -------------------------------------------------------------------------------------
 
@@ -73,7 +71,7 @@ def protective_field_m(stopping_m: FloatArray, *supplements_m: float) -> FloatAr
 
 
 @dataclass(frozen=True)
-class AgvSpeedClearance(Sampled):
+class AgvSpeedClearance(LimitMonitor):
     """A truck is as slow as the space around it and its detection of persons ask for.
 
     Measures:
@@ -89,12 +87,12 @@ class AgvSpeedClearance(Sampled):
         detection muted. The number for less clearance is not public: 0.3 m/s is our choice.
     """
 
-    rated_speed_m_s: float = parameter(1.5, source="data of the vehicle", **_SPEED)
+    rated_speed_m_s: float = parameter(1.5, source="data of the vehicle", **SPEED)
     reduced_speed_m_s: float = parameter(
-        0.3, status="verified", source="extract of ISO 3691-4:2020, Table A.1", **_SPEED
+        0.3, status="verified", source="extract of ISO 3691-4:2020, Table A.1", **SPEED
     )
     clearance_m: float = parameter(
-        0.5, status="verified", source="extract of ISO 3691-4:2020, Table A.1", **_LENGTH
+        0.5, status="verified", source="extract of ISO 3691-4:2020, Table A.1", **LENGTH
     )
     confined: bool = parameter(
         False, status="verified", source="fenced and interlocked zone: rated speed; public deep dive"
@@ -106,9 +104,9 @@ class AgvSpeedClearance(Sampled):
         None, unit="m", at_least=0, at_most=100, source="where neither log nor map tells"
     )
     max_flag_age_s: float = parameter(1.0, unit="s", above=0, at_most=60, source="how long a flag holds")
-    max_gap_s: float = parameter(0.05, **_GAP)
-    t_on_s: float = parameter(0.03, source="catalogue, 1.2", **_TIME)
-    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+    max_gap_s: float = parameter(0.05, **GAP)
+    t_on_s: float = parameter(0.03, source="catalogue, 1.2", **TIME)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
     _clause = "derived from ISO 3691-4:2020, Annex A"
 
@@ -139,7 +137,7 @@ class AgvSpeedClearance(Sampled):
         if self.obstacles:
             yield SignalNeed("position", "m", self.max_gap_s)
 
-    def _say(self, trial: Trial) -> Iterator[Said]:
+    def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every AGV where it was too fast, or its closest moment."""
         return watch_subjects(
             trial,
@@ -153,47 +151,34 @@ class AgvSpeedClearance(Sampled):
         )
 
     def _clearance(self, trial: Trial, subject: Subject, watched: Watched) -> FloatArray | None:
-        recorded = watched.extra.get("clearance/{agv}")
+        recorded = watched.get("clearance/{agv}")
         if recorded is not None:
             return recorded
         if self.obstacles:
             (radius,) = (body.radius_m for body in trial.bodies if body.id == subject.name)
-            free = np.full(len(watched.t), np.inf)
+            free = np.full(len(watched), np.inf)
             for obstacle in self.obstacles:
                 np.minimum(free, -depth_inside_m(watched["position/{agv}"], obstacle), out=free)
             return np.maximum(free - radius, 0.0)
         if self.assumed_clearance_m is not None or self.confined:
-            return np.full(len(watched.t), self.assumed_clearance_m or 0.0)
+            return np.full(len(watched), self.assumed_clearance_m or 0.0)
         return None
 
-    def _active(self, trial: Trial, subject: Subject, t: FloatArray) -> BoolArray | None:
-        """Whether the detection is active; `None` where the log has no flag."""
-        flag = state_over(trial, "personnel_detection", subject.name, t, max_age_s=self.max_flag_age_s)
-        # Where a flag is recorded but not known, the detection is not taken for active.
-        return None if flag is None else flag.on
-
-    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
-        cleared = (self._clearance(trial, subject, window) for window in watched)
-        if not all(clearance is not None and np.isfinite(clearance).all() for clearance in cleared):
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
+        clearance = self._clearance(trial, subject, watched)
+        if clearance is None or not np.isfinite(clearance).all():
             message = "the clearance is not known: no signal, no obstacles, none assumed"
             yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
             return
-        flagged = self._active(trial, subject, np.zeros(0)) is not None
-
-        def bound(window: Watched) -> Bound:
-            clearance, active = (
-                self._clearance(trial, subject, window),
-                self._active(trial, subject, window.t),
-            )
-            assert clearance is not None  # as above
-            limit = self.allowed_speed_m_s(clearance, True if active is None else active)
-            return Bound("speed", window["speed/{agv}"], limit, "m/s", True, None, "allowed_speed")
-
-        rules = Rules(self._clause, self.t_on_s, self.t_off_s)
-        told = Told(labels={"personnel_detection": "recorded" if flagged else "assumed active"})
-        yield from findings_of(
-            subject.name, watched, lambda: bound, rules, gathered=lambda: Constant(told), idle=lambda: told
+        flag = state_over(
+            trial, "personnel_detection", subject.name, watched.t, max_age_s=self.max_flag_age_s
         )
+        # Where a flag is recorded but not known, the detection is not taken for active.
+        limit = self.allowed_speed_m_s(clearance, True if flag is None else flag.on)
+        bound = Bound("speed", watched["speed/{agv}"], limit, "m/s", True, None, "allowed_speed")
+        details = Details(labels={"personnel_detection": "assumed active" if flag is None else "recorded"})
+        rules = Rules(self._clause, self.t_on_s, self.t_off_s)
+        yield from limit_findings(JudgedLimit(subject.name, watched, bound), rules, lambda _episode: details)
 
 
 # Stopping before a person ---------------------------------------------------------------------
@@ -203,7 +188,7 @@ _APART = "body_separation/{agv}/{human}"
 
 
 @dataclass(frozen=True)
-class AgvProtectiveField(Sampled):
+class AgvProtectiveField(LimitMonitor):
     """A truck brakes for a person in its way, and touches nobody while it moves.
 
     Measures:
@@ -223,21 +208,19 @@ class AgvProtectiveField(Sampled):
     """
 
     reaction_s: float = parameter(
-        0.26, status="verified", source="t_sensor + t_control; Banner AG4 guide, example 6", **_TIME
+        0.26, status="verified", source="t_sensor + t_control; Banner AG4 guide, example 6", **TIME
     )
     deceleration_m_s2: float = parameter(
         2.0, unit="m/s2", above=0, at_most=100, source="or data of the vehicle"
     )
-    width_m: float = parameter(0.8, source="data of the vehicle", **_LENGTH)
-    length_m: float = parameter(1.2, source="data of the vehicle; the origin is its middle", **_LENGTH)
-    margin_m: float = parameter(0.1, source="on both sides of the corridor", **_LENGTH)
-    slowing_m_s: float = parameter(0.02, source="less than at entry by this has begun to brake", **_SPEED)
-    standstill_speed_m_s: float = parameter(
-        STANDSTILL_SPEED_M_S, source="catalogue, M7; ARIAC 2023", **_SPEED
-    )
-    max_gap_s: float = parameter(0.05, **_GAP)
-    t_on_s: float = parameter(0.0, source="catalogue, 1.2", **_TIME)
-    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **_TIME)
+    width_m: float = parameter(0.8, source="data of the vehicle", **LENGTH)
+    length_m: float = parameter(1.2, source="data of the vehicle; the origin is its middle", **LENGTH)
+    margin_m: float = parameter(0.1, source="on both sides of the corridor", **LENGTH)
+    slowing_m_s: float = parameter(0.02, source="less than at entry by this has begun to brake", **SPEED)
+    standstill_speed_m_s: float = parameter(STANDSTILL_SPEED_M_S, source="catalogue, M7; ARIAC 2023", **SPEED)
+    max_gap_s: float = parameter(0.05, **GAP)
+    t_on_s: float = parameter(0.0, source="catalogue, 1.2", **TIME)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
     _clause = "derived from ISO 3691-4, 4.8.2"
 
@@ -255,7 +238,7 @@ class AgvProtectiveField(Sampled):
         yield SignalNeed("velocity", "m/s", self.max_gap_s)
         yield SignalNeed("body_separation", "m", self.max_gap_s, optional=True)
 
-    def _say(self, trial: Trial) -> Iterator[Said]:
+    def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every AGV and human where it did not brake, or its closest moment."""
         return watch_subjects(
             trial,
@@ -282,95 +265,75 @@ class AgvProtectiveField(Sampled):
         swept = moving & (ahead > 0) & (aside <= self.width_m / 2 + self.margin_m + human_radius_m)
         return np.where(swept, np.maximum(ahead - self.length_m / 2 - human_radius_m, 0.0), np.inf)
 
-    def _ahead(self, human_radius_m: float) -> Judging:
-        """The way left to a person, window by window."""
-        starts = RunStarts(self.max_gap_s)
+    @property
+    def reach(self) -> Reach:
+        """What is due depends on when the person came into the way, and on the speed then."""
+        return Reach("run")
 
-        def judge(window: Watched) -> Bound:
-            velocity = window["velocity/{agv}"]
-            speed = _plane_speed(velocity)
-            places = window["position/{agv}"], window["position/{human}"]
-            way = self.way_left_m(places[0], velocity, places[1], human_radius_m)
-            needed = self.stopping_distance_m(speed)
-            entered = (way < needed) & (speed > self.standstill_speed_m_s)
-            entered_s, speed_then = starts.take(window.t, entered, window.t, speed)
-            braking = speed < speed_then - self.slowing_m_s
-            ignored = entered & (window.t - entered_s >= self.reaction_s - _TOLERANCE_S) & ~braking
-            shown = np.where(np.isfinite(way), way, needed)  # outside the corridor nothing is asked for
-            in_corridor = np.isfinite(way) & (ignored | (way >= needed))
-            return Bound("way left to a person", shown, needed, "m", False, in_corridor, "stopping_distance")
-
-        return judge
-
-    def _judge(self, trial: Trial, subject: Subject, watched: Watching) -> Iterator[Said]:
-        radii = {body.id: body.radius_m for body in trial.bodies}
-        radius = radii[subject.bodies["human"]]
-        meeting = partial(self._meeting, radii_m=radius + radii[subject.bodies["agv"]])
-        exposure = exposure_of(watched, meeting=meeting)
-        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the way of the truck")
-        told = Told(exposure)
-
-        def gathered(*, contact: bool) -> Gathered:
-            return Several(_Fastest(), Constant(told), Blame(meeting, before=contact))
-
-        yield from findings_of(
-            subject.name,
-            watched,
-            lambda: self._ahead(radius),
-            rules,
-            gathered=lambda: gathered(contact=False),
-            idle=lambda: Told({"speed_max_m_s": 0.0}) + told,
-            apart=False,
-        )
-        if watched.has(_APART):
-            yield from self._touches(subject, watched, lambda: gathered(contact=True))
-
-    def _meeting(self, watched: Watched, radii_m: float) -> Meeting:
-        """Truck and person: both are one point, with their radii around it."""
+    def _way_left(self, watched: Watched, human_radius_m: float) -> Bound:
+        """The way left to a person against what a stop takes."""
         velocity = watched["velocity/{agv}"]
-        of_human = watched.extra.get("velocity/{human}", np.full_like(velocity, np.nan))
+        speed = _plane_speed(velocity)
+        places = watched["position/{agv}"], watched["position/{human}"]
+        way = self.way_left_m(places[0], velocity, places[1], human_radius_m)
+        needed = self.stopping_distance_m(speed)
+        entered = (way < needed) & (speed > self.standstill_speed_m_s)
+        first = first_of_runs(watched.t, entered, self.max_gap_s)
+        braking = speed < speed[first] - self.slowing_m_s
+        ignored = entered & (watched.t - watched.t[first] >= self.reaction_s - TOLERANCE_S) & ~braking
+        shown = np.where(np.isfinite(way), way, needed)  # outside the corridor nothing is required
+        in_corridor = np.isfinite(way) & (ignored | (way >= needed))
+        return Bound("way left to a person", shown, needed, "m", False, in_corridor, "stopping_distance")
+
+    def _touch(self, watched: Watched, apart_m: FloatArray) -> Bound:
+        """The distance of surfaces while the truck moves."""
+        contact_m = np.nextafter(0.0, 1.0)  # contact is at 0 too, so 0 itself must count as below it
+        moving = _plane_speed(watched["velocity/{agv}"]) > self.standstill_speed_m_s
+        limit, applies = np.full_like(apart_m, contact_m), np.isfinite(apart_m) & moving
+        return Bound("distance of the moving truck", np.nan_to_num(apart_m), limit, "m", False, applies)
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
+        radii = {body.id: body.radius_m for body in trial.bodies}
+        human_radius = radii[subject.bodies["human"]]
+        meeting = self._meeting(watched, human_radius + radii[subject.bodies["agv"]])
+
+        def details(episode: Episode | None, *, contact: bool = False) -> Details:
+            if episode is None:
+                return Details({"speed_max_m_s": 0.0, **meeting.exposure})
+            fastest_m_s = float(meeting.both.robot_speed_m_s[episode.rows].max())
+            labels = meeting.both.labels(episode.rows, before=contact)
+            return Details({"speed_max_m_s": fastest_m_s, **meeting.exposure}, labels)
+
+        way_left = JudgedLimit(subject.name, watched, self._way_left(watched, human_radius))
+        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the way of the truck")
+        yield from limit_findings(way_left, rules, details)
+        apart = watched.get(_APART)
+        if apart is not None:
+            touch = JudgedLimit(subject.name, watched, self._touch(watched, apart))
+            rules = Rules(self._clause, 0.0, self.t_off_s, "the truck never moved", critical=True)
+            yield from violations_only(
+                limit_findings(touch, rules, lambda episode: details(episode, contact=True))
+            )
+
+    def _meeting(self, watched: Watched, radii_m: float) -> _Meeting:
+        """Truck and person: both are one point, with their radii around it."""
+        velocity, of_human = watched["velocity/{agv}"], watched.get("velocity/{human}")
+        if of_human is None:
+            of_human = np.full_like(velocity, np.nan)
         approach = approach_of(watched["position/{agv}"], watched["position/{human}"], velocity, of_human)
-        return Meeting(
-            np.maximum(approach.distance_m - radii_m, 0.0),
-            _plane_speed(velocity),
-            approach.robot_m_s,
-            approach.human_m_s,
-            self.standstill_speed_m_s,
-        )
+        speed, apart_m = _plane_speed(velocity), np.maximum(approach.distance_m - radii_m, 0.0)
+        both = Meeting(speed, approach.robot_m_s, approach.human_m_s, self.standstill_speed_m_s)
+        return _Meeting(both, exposure(watched, apart_m, speed, standstill_m_s=self.standstill_speed_m_s))
 
-    def _touches(
-        self, subject: Subject, watched: Watching, gathered: Callable[[], Gathered]
-    ) -> Iterator[Said]:
-        contact = np.nextafter(0.0, 1.0)  # contact is at 0 too, so 0 itself must count as below it
 
-        def bound(window: Watched) -> Bound:
-            apart = window.extra[_APART]
-            moving = _plane_speed(window["velocity/{agv}"]) > self.standstill_speed_m_s
-            limit, applies = np.full_like(apart, contact), np.isfinite(apart) & moving
-            return Bound("distance of the moving truck", np.nan_to_num(apart), limit, "m", False, applies)
+@dataclass(frozen=True, eq=False)
+class _Meeting:
+    """How truck and person move, and for how long the person was exposed."""
 
-        rules = Rules(self._clause, 0.0, self.t_off_s, "the truck never moved", critical=True)
-        for said in findings_of(subject.name, watched, lambda: bound, rules, gathered=gathered):
-            if isinstance(said, Seen) or said.critical:
-                yield said
+    both: Meeting
+    exposure: Mapping[str, float]
 
 
 def _plane_speed(velocity_m_s: FloatArray) -> FloatArray:
     speed: FloatArray = np.sqrt(velocity_m_s[:, 0] ** 2 + velocity_m_s[:, 1] ** 2)
     return speed
-
-
-class _Fastest(Gathered):
-    """The largest speed of a truck in an episode."""
-
-    def __init__(self) -> None:
-        self._fastest = 0.0
-
-    def take(self, watched: Watched, bound: Bound, rows: Any) -> None:
-        """Compare with those before."""
-        del bound
-        self._fastest = max(self._fastest, float(_plane_speed(watched["velocity/{agv}"])[rows].max()))
-
-    def told(self) -> Told:
-        """The largest."""
-        return Told({"speed_max_m_s": self._fastest})

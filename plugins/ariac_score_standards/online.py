@@ -14,8 +14,11 @@ from typing import Any
 
 from ariac_score import Alignment, Arrivals, Body, Event, Finding, Sample, Standing, Trial
 
-Judge = Callable[[str, float, tuple[Any, ...]], Standing]
-"""What holds at one instant, given a subject, the time and its values in the order of the templates."""
+Judge = Callable[[str, float, Mapping[str, Any]], Standing]
+"""What holds at one instant, given a subject, the time, and its values by template.
+
+Numbers, not columns of one row: a formula takes both, and arrays of one number take ten times as long.
+"""
 
 
 @dataclass(frozen=True)
@@ -23,14 +26,15 @@ class _Followed:
     """Whose signals are judged together."""
 
     subject: str
+    names: Mapping[str, str]
     alignment: Alignment
 
 
 class SubjectsOnline:
-    """Watches every subject of whom all signals come.
+    """Watches every subject of whom all signals come, by a monitor that judges each sample alone.
 
     Args:
-        subjects: The signals of each, by its name.
+        subjects: For each, by its name, the signal name of each template.
         max_gap_s: Longest stretch between two samples that is bridged, s.
         judge: What holds at one instant.
         watch: What the monitor finds in a whole trial.
@@ -38,7 +42,7 @@ class SubjectsOnline:
 
     def __init__(
         self,
-        subjects: Mapping[str, Sequence[str]],
+        subjects: Mapping[str, Mapping[str, str]],
         *,
         max_gap_s: float,
         judge: Judge,
@@ -53,7 +57,7 @@ class SubjectsOnline:
 
     def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
         """Take samples, and judge every instant that all signals have reached by now."""
-        del events  # of which nothing hangs
+        del events  # nothing depends on them
         self._arrivals.take(samples)
         touched: dict[str, _Followed] = {}
         for sample in samples:
@@ -64,8 +68,9 @@ class SubjectsOnline:
             for one in those:
                 touched[one.subject] = one
         for subject in sorted(touched) if len(touched) > 1 else touched:
-            for t_s, values in touched[subject].alignment.rows():
-                yield self._judge(subject, t_s, values)
+            one = touched[subject]
+            for t_s, values in one.alignment.rows():
+                yield self._judge(subject, t_s, dict(zip(one.names, values, strict=True)))
 
     def end(self, trial: Trial) -> Iterable[Finding]:
         """What the monitor finds in the trial with the samples that were stepped."""
@@ -74,9 +79,10 @@ class SubjectsOnline:
     def _met(self, signal: str) -> None:
         """A signal has come for the first time."""
 
-    def _follow(self, subject: str, names: Sequence[str]) -> None:
-        followed = _Followed(subject, self._arrivals.aligned(names, max_gap_s=self._max_gap_s))
-        for name in dict.fromkeys(names):
+    def _follow(self, subject: str, names: Mapping[str, str]) -> None:
+        alignment = self._arrivals.aligned([*names.values()], max_gap_s=self._max_gap_s)
+        followed = _Followed(subject, names, alignment)
+        for name in dict.fromkeys(names.values()):
             self._by_signal.setdefault(name, []).append(followed)
 
 
@@ -115,5 +121,5 @@ class PairsOnline(SubjectsOnline):
             return
         robot, human = named.groups()
         if self._kinds.get(robot, "robot") == "robot" and self._kinds.get(human, "human") == "human":
-            names = [template.format(robot=robot, human=human) for template in self._wanted]
+            names = {template: template.format(robot=robot, human=human) for template in self._wanted}
             self._follow(f"{robot}/{human}", names)

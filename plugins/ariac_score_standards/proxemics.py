@@ -4,34 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from ariac_score import SignalNeed, Total, Trial, check_parameters, exact_sum, parameter
-from ariac_score_standards.severity import (
+from ariac_score import SignalNeed, Trial, check_parameters, exact_sum, parameter
+from ariac_score_standards.blame import (
     APART,
     MEETING,
-    Blame,
-    Bound,
-    Constant,
     Meeting,
-    Rules,
-    Said,
-    Sampled,
-    Several,
-    Told,
     exposure_of,
-    findings_of,
     meeting_needs,
 )
+from ariac_score_standards.parameters import (
+    GAP,
+)
+from ariac_score_standards.severity import (
+    Bound,
+    Details,
+    Episode,
+    JudgedLimit,
+    LimitMonitor,
+    Rules,
+    Statement,
+    limit_findings,
+)
 from ariac_score_standards.watching import (
-    BoolArray,
     FloatArray,
     Subject,
     Watched,
-    Watching,
     pairs_of,
     watch_subjects,
 )
@@ -101,11 +101,10 @@ _WANTED = {
     **dict.fromkeys(("position/{robot}", "position/{human}"), "m"),
     **dict.fromkeys(("velocity/{robot}", "velocity/{human}"), "m/s"),
 }
-_GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
 
 
 @dataclass(frozen=True)
-class ProximityComfort(Sampled):
+class ProximityComfort(LimitMonitor):
     """How near the robot came, and how soon it would have touched. Informational, never a gate.
 
     Measures:
@@ -126,7 +125,7 @@ class ProximityComfort(Sampled):
     horizon_s: float = parameter(
         3.0, unit="s", above=0, at_most=600, status="verified", source="nuplan-devkit; beyond it none is told"
     )
-    max_gap_s: float = parameter(0.05, **_GAP)
+    max_gap_s: float = parameter(0.05, **GAP)
     t_on_s: float = parameter(0.03, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
     t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
 
@@ -141,7 +140,7 @@ class ProximityComfort(Sampled):
             yield SignalNeed(quantity, unit, self.max_gap_s)
         yield from meeting_needs(self.max_gap_s, "separation")
 
-    def _say(self, trial: Trial) -> Iterator[Said]:
+    def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every pair where it would soon have touched, or its closest moment."""
         radii = {body.id: body.radius_m for body in trial.bodies}
         return watch_subjects(
@@ -155,55 +154,23 @@ class ProximityComfort(Sampled):
             kinds=("robot", "human"),
         )
 
-    def _time_s(self, window: Watched, contact_m: float) -> FloatArray:
-        """Time to collision at each sample, at most the horizon, s."""
-        apart = (window["position/{human}"] - window["position/{robot}"])[:, :2]
-        relative = (window["velocity/{human}"] - window["velocity/{robot}"])[:, :2]
-        return np.minimum(time_to_collision_s(apart, relative, contact_m), self.horizon_s)
-
-    def _judge(self, subject: Subject, watched: Watching, radii: Mapping[str, float]) -> Iterator[Said]:
+    def _judge(self, subject: Subject, watched: Watched, radii: Mapping[str, float]) -> Iterator[Statement]:
         contact = radii[subject.bodies["robot"]] + radii[subject.bodies["human"]]
+        apart = (watched["position/{human}"] - watched["position/{robot}"])[:, :2]
+        relative = (watched["velocity/{human}"] - watched["velocity/{robot}"])[:, :2]
+        time = np.minimum(time_to_collision_s(apart, relative, contact), self.horizon_s)
+        distance = watched[APART]
+        shares = zone_shares(distance, watched.durations_s)
+        quantities = {
+            **{f"share_{zone}": share for zone, share in shares.items()},
+            "time_to_collision_min_s": float(time.min()),
+            "distance_min_m": float(distance.min()),
+            **exposure_of(watched),
+        }
 
-        def bound(window: Watched) -> Bound:
-            time = self._time_s(window, contact)
-            return Bound("time to collision", time, np.full_like(time, self.min_time_to_collision_s), "s")
+        def details(episode: Episode | None) -> Details:
+            return Details(quantities, {} if episode is None else Meeting.of(watched).labels(episode.rows))
 
-        quantities = {f"share_{zone}": share for zone, share in _shares(watched).items()}
-        quantities["time_to_collision_min_s"] = min(
-            float(self._time_s(window, contact).min()) for window in watched
-        )
-        quantities["distance_min_m"] = min(float(window[APART].min()) for window in watched)
-        quantities |= exposure_of(watched)
-        told = Told(quantities)
+        bound = Bound("time to collision", time, np.full_like(time, self.min_time_to_collision_s), "s")
         rules = Rules(self._clause, self.t_on_s, self.t_off_s)
-        yield from findings_of(
-            subject.name,
-            watched,
-            lambda: bound,
-            rules,
-            gathered=lambda: Several(Constant(told), Blame(Meeting.of)),
-            idle=lambda: told,
-        )
-
-
-def _shares(watched: Watching) -> dict[str, float]:
-    """`zone_shares` window by window."""
-    borders = [-np.inf, *ZONES_M.values(), np.inf]
-    zones = dict(zip((*ZONES_M, "public"), pairwise(borders), strict=True))
-
-    def within(window: Watched, zone: str) -> BoolArray:
-        low, high = zones[zone]
-        inside: BoolArray = (window[APART] >= low) & (window[APART] < high)
-        return inside
-
-    samples = dict.fromkeys(zones, 0)
-    for window in watched:
-        for zone in zones:
-            samples[zone] += int(within(window, zone).sum())
-    whole, totals = Total(len(watched)), {zone: Total(count) for zone, count in samples.items()}
-    for window in watched:
-        weights_s = window.durations_s
-        whole.take(weights_s)
-        for zone, total in totals.items():
-            total.take(weights_s[within(window, zone)])
-    return {zone: total.value / whole.value if whole.value > 0 else 0.0 for zone, total in totals.items()}
+        yield from limit_findings(JudgedLimit(subject.name, watched, bound), rules, details)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -22,12 +22,11 @@ from ariac_score import (
     exact_sum,
     parameter,
 )
+from ariac_score_standards.blame import EXPOSURE_DISTANCE_M
 from ariac_score_standards.exposed_time import ExposedTime
-from ariac_score_standards.severity import EXPOSURE_DISTANCE_M, covered_share
 from ariac_score_standards.watching import FloatArray, nobody, pairs_of
 
 _BACKWARDS = "disordered_stamps"
-_PART_SAMPLES = 4096
 _CLAUSE = "signal coverage (monitor catalogue, 1.4 and M19)"
 
 
@@ -41,6 +40,15 @@ def tracks_of(t: FloatArray, position_m: FloatArray, *, teleport_speed_m_s: floa
     jump = np.sqrt(add_up((step * step).T)) > teleport_speed_m_s * np.diff(t)
     cuts = [0, *(np.flatnonzero(jump) + 1).tolist(), len(t)]
     return [slice(a, b) for a, b in pairwise(cuts) if b > a]
+
+
+def covered_share(covered_s: float, exposure_time_s: float) -> float:
+    """Share of the exposure for which signals were present; 1 when there was no exposure.
+
+    >>> covered_share(9.0, 10.0)
+    0.9
+    """
+    return covered_s / exposure_time_s if exposure_time_s > 0 else 1.0
 
 
 @dataclass(frozen=True)
@@ -91,42 +99,27 @@ class SignalCoverage:
         if self.share_of == "exposure" and not pairs_of(trial):
             yield nobody(trial, _CLAUSE)
             return
-        asked = {quantity: self._asked(trial, quantity) for quantity in self.quantities}
-        exposed = self._exposed_s(trial, [one for of_one in asked.values() for one in of_one])
+        exposed = None
+        if self.share_of == "exposure":
+            pairs, within_m = pairs_of(trial), self.exposure_distance_m
+            exposed = ExposedTime(trial, pairs, within_m=within_m, max_gap_s=self.max_gap_s)
         for quantity in self.quantities:
-            for one in asked[quantity]:
-                yield self._judge(trial, one, exposed.get(one.signal.name))
-            if not asked[quantity]:
+            signals = [s for name, s in sorted(trial.signals.items()) if name.startswith(f"{quantity}/")]
+            for signal in signals:
+                yield self._judge(trial, signal, exposed)
+            if not signals:
                 message = f"there is no signal of {quantity!r}"
                 yield Finding.inconclusive(quantity, message, span=trial.window, clause=_CLAUSE)
         if not self.quantities:
             yield Finding.not_applicable("trial", "no quantity is asked for", clause=_CLAUSE)
 
-    def _asked(self, trial: Trial, quantity: str) -> list[_Asked]:
-        """The signals of a quantity, each with its gaps."""
-        found = []
-        for _, signal in sorted((n, s) for n, s in trial.signals.items() if n.startswith(f"{quantity}/")):
-            window = trial.window or signal.span or Span(0.0, 0.0)
-            found.append(_Asked(signal, window, signal.gaps(window, max_gap_s=self.max_gap_s)))
-        return found
-
-    def _exposed_s(self, trial: Trial, asked: Sequence[_Asked]) -> Mapping[str, tuple[float, float]]:
-        """How long somebody was exposed, and how much of that lies in gaps, s; by signal, where asked for."""
-        if self.share_of != "exposure" or not asked:
-            return {}
-        time = ExposedTime(
-            trial, pairs_of(trial), within_m=self.exposure_distance_m, max_gap_s=self.max_gap_s
-        )
-        found = time.of([(one.window, one.gaps) for one in asked])
-        return {one.signal.name: times for one, times in zip(asked, found, strict=True)}
-
-    def _judge(self, trial: Trial, asked: _Asked, exposed_s: tuple[float, float] | None) -> Finding:
-        signal, window, gaps = asked.signal, asked.window, asked.gaps
-        if exposed_s is not None:
-            whole_s, missing_s = exposed_s
+    def _judge(self, trial: Trial, signal: Signal, exposed: ExposedTime | None) -> Finding:
+        window = trial.window or signal.span or Span(0.0, 0.0)
+        gaps = signal.gaps(window, max_gap_s=self.max_gap_s)
+        if exposed is None:
+            whole_s, missing_s = window.duration_s, exact_sum(gap.duration_s for gap in gaps)
         else:
-            whole_s = window.duration_s
-            missing_s = exact_sum(gap.duration_s for gap in gaps)
+            whole_s, missing_s = exposed.of(window, gaps)
         share = covered_share(whole_s - missing_s, whole_s)
         quantities = {"coverage": share, "missing_s": missing_s, "stalest_s": _stalest_s(signal, window)}
         if self.share_of == "exposure":
@@ -135,10 +128,8 @@ class SignalCoverage:
             sum(d.count for d in trial.log_defects if (d.kind, d.where) == (_BACKWARDS, signal.name))
         )
         if signal.name.startswith("position/") and len(signal):
-            tracks = (
-                tracks_of(*part, teleport_speed_m_s=self.teleport_speed_m_s) for part in _parts(signal, 1)
-            )
-            quantities["jumps"] = float(sum(len(found) - 1 for found in tracks))
+            tracks = tracks_of(signal.t, signal.values, teleport_speed_m_s=self.teleport_speed_m_s)
+            quantities["jumps"] = float(len(tracks) - 1)
         return Finding(
             signal.name,
             self.verdict(share),
@@ -151,34 +142,8 @@ class SignalCoverage:
         )
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """A signal whose coverage is asked for.
-
-    Attributes:
-        signal: The signal.
-        window: What it should cover.
-        gaps: What of that it does not.
-    """
-
-    signal: Signal
-    window: Span
-    gaps: Sequence[Span]
-
-
-def _parts(signal: Signal, shared: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Times and values of a signal, some thousand at a time; of each part so many are in the next as well."""
-    for first in range(0, len(signal), _PART_SAMPLES):
-        yield signal.stretch(first, min(first + _PART_SAMPLES + shared, len(signal)))
-
-
 def _stalest_s(signal: Signal, window: Span) -> float:
     """The longest time in a window until the next sample, or to its end, s."""
-    longest_s, before = 0.0, window.start_s
-    for first in range(0, len(signal), _PART_SAMPLES):
-        t = signal.times(first, min(first + _PART_SAMPLES, len(signal)))
-        inside = t[t.searchsorted(window.start_s) : t.searchsorted(window.end_s, side="right")]
-        if len(inside):
-            longest_s = max(longest_s, float(inside[0]) - before, float(np.diff(inside).max(initial=0.0)))
-            before = float(inside[-1])
-    return max(longest_s, window.end_s - before)
+    inside = signal.t[(signal.t >= window.start_s) & (signal.t <= window.end_s)]
+    ages = np.diff(np.concatenate(([window.start_s], inside, [window.end_s])))
+    return float(ages.max())

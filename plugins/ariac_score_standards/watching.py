@@ -1,22 +1,19 @@
 """Where every monitor starts: whom it watches, on which signals, and what the log leaves open.
 
 A monitor names the signals it wants as templates (`speed/{robot}`) and hands over a
-function that judges one subject. `watch_pairs` asks it about every robot and human,
-`watch_bodies` about every body of a kind, `watch_subjects` about any list. Signals
-come on one time base, cut to the competition, window by window (`Watching`); what is
-missing, and every gap longer than the monitor accepts, is said before the judging starts
-and is never satisfied. A judge that needs all samples at once asks for `whole`.
+function that judges one subject. `watch_pairs` calls it for every robot and human,
+`watch_subjects` for any list of subjects, such as `bodies_of` a kind. Signals come as
+whole columns on one time base, cut to the competition (`Watched`); what is missing, and
+every gap longer than the monitor accepts, is inconclusive before the judging starts.
 Flags and modes, which stay as they are until they change, come from `state_over`.
 """
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -26,10 +23,10 @@ from ariac_score import (
     Sample,
     Signal,
     Span,
-    TimeBase,
     Trial,
-    gaps_between,
+    align,
     sample_durations,
+    uncovered_spans,
 )
 
 if TYPE_CHECKING:
@@ -42,9 +39,15 @@ ENVIRONMENT = "environment"
 """Stands in a signal's name for everything that is no body."""
 
 
-@dataclass(frozen=True)
+class Values(Protocol):
+    """The values of signals by template: columns of a whole trial (`Watched`), or numbers of one instant."""
+
+    def __getitem__(self, template: str, /) -> Any: ...
+
+
+@dataclass(frozen=True, eq=False)
 class Watched:
-    """Signals of one subject on one time base, cut to the competition: all of it, or a window of time.
+    """Signals of one subject on one time base, cut to the competition.
 
     Attributes:
         t: Sample times, shape (n,), s.
@@ -53,11 +56,7 @@ class Watched:
         max_gap_s: A sample stands for no longer than this, s.
         units: Unit by signal name.
         names: Signal name by template.
-        extra: Values of the optional signals the log has, by template; NaN where it has none.
-        until_s: Time of the sample after the last one of these; `None`: there is none.
-        previous: The window before this one; `None`: there is none.
-        following: The window after this one; `None`: there is none.
-        number: Which of the windows of its subject this is.
+        optional: The optional signals the log has, by template.
     """
 
     t: FloatArray
@@ -66,21 +65,36 @@ class Watched:
     max_gap_s: float
     units: Mapping[str, str]
     names: Mapping[str, str] = field(default_factory=dict)
-    extra: Mapping[str, FloatArray] = field(default_factory=dict)
-    until_s: float | None = None
-    previous: Watched | None = None
-    following: Watched | None = None
-    number: int = 0
+    optional: Mapping[str, Signal] = field(default_factory=dict)
+    _computed: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     def __getitem__(self, template: str) -> FloatArray:
         return self.columns[self.names[template]]
 
+    def get(self, template: str) -> FloatArray | None:
+        """The values of a wanted or an optional signal, NaN in its gaps; `None`: the log has none."""
+        if template in self.names:
+            return self[template]
+        if template not in self.optional:
+            return None
+        # Not computed beforehand: what shows who is to blame can cost more than the verdict,
+        # and most subjects have no violation that it would be needed for.
+        if template not in self._computed:
+            self._computed[template] = _values_over(self.optional[template], self.t, self.max_gap_s)
+        return self._computed[template]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
     @cached_property
     def durations_s(self) -> FloatArray:
         """How long each sample stands for, shape (n,), s."""
-        if self.until_s is None:
-            return sample_durations(self.t, longest_s=self.max_gap_s)
-        return sample_durations(np.append(self.t, self.until_s), longest_s=self.max_gap_s)[:-1]
+        return sample_durations(self.t, longest_s=self.max_gap_s)
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample; there has to be one."""
+        return float(self.t[-1])
 
     def samples(self, row: int) -> tuple[Sample, ...]:
         """What was measured in one row, as evidence."""
@@ -90,183 +104,46 @@ class Watched:
         )
 
 
-class Watching:
-    """Signals of one subject, watched window by window, as often as they are gone through.
+def _values_over(signal: Signal, t: FloatArray, max_gap_s: float) -> FloatArray:
+    """The values of a signal at some times; NaN where it has none."""
+    if not len(signal):
+        return np.full((len(t), *signal.values.shape[1:]), np.nan)
+    values = np.array(signal.at(t), dtype=np.float64)
+    values[~signal.covers(t, max_gap_s=max_gap_s)] = np.nan
+    return values
+
+
+def watched_signals(
+    signals: Sequence[Signal],
+    max_gap_s: float,
+    window: Span | None,
+    names: Mapping[str, str],
+    optional: Mapping[str, Signal] | None = None,
+) -> Watched:
+    """Signals as they are watched.
 
     Args:
-        signals: What is watched.
+        signals: At least one.
         max_gap_s: A sample stands for no longer than this, s.
-        window: The competition; `None`: all samples count.
+        window: The competition; `None`: all samples count, and there are no gaps.
         names: Signal name by template.
-        helpful: Optional signals by template.
-
-    Attributes:
-        gaps: Stretches of the competition without samples.
-        max_gap_s: As given.
-        names: As given.
+        optional: Further signals by template.
     """
-
-    def __init__(
-        self,
-        signals: Sequence[Signal],
-        max_gap_s: float,
-        window: Span | None,
-        names: Mapping[str, str],
-        helpful: Mapping[str, Signal],
-    ) -> None:
-        self.max_gap_s, self.names = max_gap_s, names
-        self._base = TimeBase(signals, max_gap_s=max_gap_s)
-        self._window, self._helpful = window, helpful
-        self._units = {signal.name: signal.unit for signal in signals}
-        self._numbers = {signal.name: number for number, signal in enumerate(signals)}
-        self._known: list[int] = []
-        self._begins_s: list[float] = []
-        self._rows, self._end_s = [0], math.nan
-        self._near: dict[int, Watched] = {}
-        self._last: Watched | None = None
-        times = self._counted()
-        self.gaps: Sequence[Span] = []
-        if window is not None:
-            self.gaps = gaps_between(times, window, max_gap_s=max_gap_s)
-        for _ in times:  # so that all are counted
-            pass
-
-    def _counted(self) -> Iterator[FloatArray]:
-        for k in range(len(self._base)):
-            t = self._times(k)
-            if len(t):
-                self._known.append(k)
-                self._begins_s.append(float(t[0]))
-                self._rows.append(self._rows[-1] + len(t))
-                self._end_s = float(t[-1])
-            yield t
-
-    def __len__(self) -> int:
-        return self._rows[-1]
-
-    def has(self, template: str) -> bool:
-        """Whether the log has an optional signal."""
-        return template in self._helpful
-
-    @property
-    def span(self) -> Span:
-        """From the first to the last sample; there has to be one."""
-        return Span(self._begins_s[0], self.end_s)
-
-    @property
-    def end_s(self) -> float:
-        """Time of the last sample; there has to be one."""
-        return self._end_s
-
-    def __iter__(self) -> Iterator[Watched]:
-        return self._windows(0, len(self._known))
-
-    def between(self, start_s: float, end_s: float = math.inf) -> Iterator[Watched]:
-        """The windows from that of the last sample up to a time to that of the last one up to another."""
-        first = max(bisect_right(self._begins_s, start_s) - 1, 0)
-        return self._windows(first, bisect_right(self._begins_s, end_s))
-
-    def rows_before(self, t_s: float) -> int:
-        """How many samples there are before a time."""
-        number = bisect_right(self._begins_s, t_s) - 1
-        if number < 0:
-            return 0
-        return self._rows[number] + int(self._watched(number).t.searchsorted(t_s))
-
-    def _windows(self, first: int, last: int) -> Iterator[Watched]:
-        """From one window to before another, by their numbers."""
-        return (self._linked(number) for number in range(first, last))
-
-    def _linked(self, number: int) -> Watched:
-        """A window that knows those beside it; the last one stays, for it is often asked for again."""
-        if self._last is None or self._last.number != number:
-            previous = self._watched(number - 1) if number else None
-            window = self._watched(number)
-            following = self._watched(number + 1) if number + 1 < len(self._known) else None
-            until_s = None if following is None else float(following.t[0])
-            self._last = replace(window, until_s=until_s, previous=previous, following=following)
-        return self._last
-
-    def whole(self) -> Watched:
-        """All windows in one."""
-        leader, window = self._base.leader, self._window
-        if leader is not None and not self._helpful:
-            first = 0 if window is None else leader.row(window.start_s)
-            last = len(leader) if window is None else leader.row(float(np.nextafter(window.end_s, np.inf)))
-            columns = {signal.name: signal.stretch(first, last)[1] for signal in self._base.signals}
-            t = leader.times(first, last)
-            return Watched(t, columns, self.gaps, self.max_gap_s, self._units, self.names)
-        windows = list(self)
-        if len(windows) == 1:
-            return windows[0]
-
-        def joined(of: Callable[[Watched], Mapping[str, FloatArray]], name: str) -> FloatArray:
-            return np.concatenate([of(window)[name] for window in windows])
-
-        return Watched(
-            np.concatenate([window.t for window in windows]),
-            {name: joined(lambda w: w.columns, name) for name in self._numbers},
-            self.gaps,
-            self.max_gap_s,
-            self._units,
-            self.names,
-            {template: joined(lambda w: w.extra, template) for template in self._helpful},
-        )
-
-    def _inside(self, t: FloatArray) -> slice:
-        if self._window is None:
-            return slice(0, len(t))
-        return slice(
-            int(t.searchsorted(self._window.start_s)), int(t.searchsorted(self._window.end_s, side="right"))
-        )
-
-    def _times(self, k: int) -> FloatArray:
-        t = self._base.times(k)
-        return t[self._inside(t)]
-
-    def _watched(self, number: int) -> Watched:
-        """A window, which stays while it or one beside it is looked at."""
-        if number in self._near:
-            return self._near[number]
-        base, k = self._base, self._known[number]
-        inside = self._inside(base.times(k))
-        numbers, helpful = self._numbers, self._helpful
-        columns = _Columns(numbers, lambda name: base.values(numbers[name], k)[inside])
-        extra = _Columns(helpful, lambda template: base.beyond(k, helpful[template])[inside])
-        window = Watched(
-            base.times(k)[inside],
-            columns,
-            self.gaps,
-            self.max_gap_s,
-            self._units,
-            self.names,
-            extra,
-            number=number,
-        )
-        self._near = {other: near for other, near in self._near.items() if abs(other - number) <= 1}
-        self._near[number] = window
-        return window
-
-
-class _Columns(Mapping[str, FloatArray]):
-    """Columns that are had when they are looked at."""
-
-    def __init__(self, names: Iterable[str], column: Callable[[str], FloatArray]) -> None:
-        self._names, self._column = dict.fromkeys(names), column
-        self._known: dict[str, FloatArray] = {}
-
-    def __getitem__(self, name: str) -> FloatArray:
-        if name not in self._names:
-            raise KeyError(name)
-        if name not in self._known:
-            self._known[name] = self._column(name)
-        return self._known[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
+    t, columns = align(signals, max_gap_s=max_gap_s)
+    inside, gaps = slice(None), []
+    if window is not None:
+        inside = slice(int(t.searchsorted(window.start_s)), int(t.searchsorted(window.end_s, side="right")))
+        # Of the samples inside alone: one after the end covers nothing up to it.
+        gaps = uncovered_spans(t[inside], window, max_gap_s=max_gap_s)
+    return Watched(
+        t[inside],
+        {signal.name: column[inside] for signal, column in zip(signals, columns, strict=True)},
+        gaps,
+        max_gap_s,
+        {signal.name: signal.unit for signal in signals},
+        names,
+        optional or {},
+    )
 
 
 def _plain(value: FloatArray) -> float | tuple[float, ...]:
@@ -275,7 +152,7 @@ def _plain(value: FloatArray) -> float | tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Subject:
-    """Whom a monitor is asked about.
+    """Whom a monitor judges.
 
     Attributes:
         name: Subject of the findings, such as `gantry/person_1`.
@@ -300,10 +177,10 @@ def watch_pairs(
     *,
     max_gap_s: float,
     clause: str,
-    judge: Callable[[str, Watching], Iterator[Yielded]],
+    judge: Callable[[str, Watched], Iterator[Yielded]],
     optional: Mapping[str, str] | None = None,
 ) -> Iterator[Finding | Yielded]:
-    """Judge every (robot, human) pair; what cannot be judged is said for each pair.
+    """Judge every (robot, human) pair; what cannot be judged is inconclusive for each pair.
 
     Args:
         trial: The trial.
@@ -346,11 +223,11 @@ def watch_subjects(
     *,
     max_gap_s: float,
     clause: str,
-    judge: Callable[[Subject, Watching], Iterator[Yielded]],
+    judge: Callable[[Subject, Watched], Iterator[Yielded]],
     optional: Mapping[str, str] | None = None,
     kinds: tuple[str, ...] = ("robot",),
 ) -> Iterator[Finding | Yielded]:
-    """Judge every subject; what cannot be judged is said for each.
+    """Judge every subject; what cannot be judged is inconclusive.
 
     Args:
         trial: The trial.
@@ -362,10 +239,10 @@ def watch_subjects(
         optional: Unit by signal template, of signals that help where the log has them.
         kinds: Kinds of bodies that must be there for a subject to exist.
     """
-    asked = list(subjects)
-    if not asked:
+    all_subjects = list(subjects)
+    if not all_subjects:
         yield nobody(trial, clause, kinds)
-    for subject in asked:
+    for subject in all_subjects:
         names = {template: subject.fill(template) for template in wanted}
         try:
             signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
@@ -373,7 +250,7 @@ def watch_subjects(
             yield Finding.inconclusive(subject.name, str(missing), span=trial.window, clause=clause)
             continue
         helpful = _present(trial, subject, optional or {})
-        watched = Watching(signals, max_gap_s, trial.window, names, helpful)
+        watched = watched_signals(signals, max_gap_s, trial.window, names, helpful)
         if (trial.started_s is None) != (trial.ended_s is None):
             missing_end = "end" if trial.ended_s is None else "start"
             message = (
@@ -387,22 +264,22 @@ def watch_subjects(
             yield from judge(subject, watched)
 
 
-def seen(
+def watched_subjects(
     trial: Trial,
     subjects: Iterable[Subject],
     wanted: Mapping[str, str],
     *,
     max_gap_s: float,
     optional: Mapping[str, str] | None = None,
-) -> Iterator[tuple[Subject, Watching]]:
-    """Every subject whose signals the log has, with what can be judged of it, to be drawn."""
+) -> Iterator[tuple[Subject, Watched]]:
+    """Every subject whose signals the log has, with the signals, for a chart."""
     for subject in subjects:
         names = {template: subject.fill(template) for template in wanted}
         if not trial.signals.keys() >= set(names.values()):
             continue
         signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
         helpful = _present(trial, subject, optional or {})
-        watched = Watching(signals, max_gap_s, trial.window, names, helpful)
+        watched = watched_signals(signals, max_gap_s, trial.window, names, helpful)
         if len(watched):
             yield subject, watched
 
@@ -477,5 +354,34 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
     times = np.array([e.t_s for e in events])
     earlier = OFF if events[0].detail == ON else ON if events[0].detail == OFF else ""
     words = np.array([earlier, *(event.detail for event in events)])
-    told = words[np.searchsorted(times, t, side="right")]
-    return State(told == ON, (told == ON) | (told == OFF))
+    word = words[np.searchsorted(times, t, side="right")]
+    return State(word == ON, (word == ON) | (word == OFF))
+
+
+def flag_over(
+    trial: Trial, subject: Subject, flag: str, max_age_s: float, watched: Watched, clause: str
+) -> BoolArray | Finding:
+    """A flag that decides, over time; the finding that says so when it is not known all the time."""
+    state = state_over(trial, flag, subject.name, watched.t, max_age_s=max_age_s)
+    if state is not None and state.known.all():
+        return state.on
+    if state is None:
+        message = f"the log has neither a signal '{flag}/{subject.name}' nor {flag!r} events"
+    else:
+        message = f"{flag!r} is not known at {watched.t[np.argmin(state.known)]:.3f} s"
+    return Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)
+
+
+def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> NDArray[np.intp]:
+    """For each row the first row of the run of true rows it belongs to; itself where false.
+
+    A hole in the samples longer than `longest_s` ends a run.
+
+    >>> holds = np.array([False, True, True, False, True])
+    >>> first_of_runs(np.arange(5.0), holds, 1.0).tolist()
+    [0, 1, 1, 3, 4]
+    """
+    index = np.arange(len(t))
+    goes_on = np.zeros(len(t), dtype=bool)
+    goes_on[1:] = holds[1:] & holds[:-1] & (np.diff(t) <= longest_s + 1e-9)
+    return np.maximum.accumulate(np.where(goes_on, 0, index))

@@ -64,60 +64,6 @@ def test_a_monitor_that_cannot_show_what_it_saw_is_named(asked: Any, show: Any, 
         asked(PLUGIN, "separation", Showing(show), TRIAL)
 
 
-def _late(made: Callable[[], Iterable[Any]]) -> Course:
-    return Course.late("r/h", "distance", "m", made, times=list, max_gap_s=1.0)
-
-
-def _part(*t: float) -> Course:
-    return Course("r/h", "distance", "m", np.array(t), np.zeros(len(t)), np.zeros(len(t)))
-
-
-def _raise_late() -> Iterator[Course]:
-    print("dipping the pen")  # noqa: T201  # plugins do
-    yield _part(0.0)
-    raise RuntimeError("out of ink")
-
-
-@pytest.mark.parametrize(
-    ("made", "words"),
-    [
-        (_raise_late, "raised RuntimeError when asked what it saw: out of ink"),
-        (lambda: None, "raised TypeError when asked what it saw"),
-        (lambda: ["a line"], "shows a str instead of part of a Course"),
-        (lambda: [_part(0.0, 1.0), _part(1.0, 2.0)], "shows a Course whose times do not increase"),
-    ],
-)
-@pytest.mark.parametrize("asked", [courses_of, margins_of])
-def test_a_monitor_that_fails_while_its_course_is_made_is_named(
-    asked: Any, made: Any, words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (course,) = asked(PLUGIN, "separation", Showing(lambda _trial: [_late(made)]), TRIAL)
-
-    with pytest.raises(PluginError, match=words):
-        list(course.parts())
-    assert capsys.readouterr().out == ""
-
-
-def test_a_course_that_is_made_late_is_as_it_was_told() -> None:
-    parts = [_part(0.0, 1.0), _part(), _part(1.5)]
-    told = Course.late(
-        "r/h",
-        "distance",
-        "m",
-        lambda: parts,
-        times=lambda: (part.t for part in parts),
-        max_gap_s=2.0,
-        at_most=True,
-    )
-
-    (course,) = margins_of(PLUGIN, "separation", Showing(lambda _trial: [told]), TRIAL)
-
-    assert (course.subject, course.what, course.unit) == ("r/h", "distance", "m")
-    assert (course.max_gap_s, course.at_most) == (2.0, True)
-    assert list(course.parts()) == parts
-    assert course.t.tolist() == [0.0, 1.0, 1.5]
-
-
 def test_a_signal_that_is_missing_leaves_nothing_to_draw() -> None:
     showing = Showing(lambda trial: [trial.signal("nothing/robot", unit="m")])
 

@@ -34,7 +34,7 @@ from ariac_score.engine.price import price_trial
 from ariac_score.errors import RuleSetError
 from ariac_score.results.result import Provenance
 from ariac_score_standards import SsmSeparation
-from ariac_score_standards.iso_ts_15066 import PROFILES
+from ariac_score_standards.ssm_formula import PROFILES
 
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
 INCONCLUSIVE, NOT_APPLICABLE = Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE

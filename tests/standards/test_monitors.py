@@ -63,6 +63,7 @@ from ariac_score_standards import (
     StopPerformance,
     Within,
 )
+from ariac_score_standards.blame import closing_by
 from ariac_score_standards.body_regions import AREAS, REGIONS, body_limits, limits_at
 from ariac_score_standards.formula import judge_columns
 from ariac_score_standards.iec_60204_1 import stop_category
@@ -70,10 +71,10 @@ from ariac_score_standards.iso_9283 import angle_performance, pose_performance
 from ariac_score_standards.iso_10218_2 import permitted_speed_m_s, reduced_mass_kg
 from ariac_score_standards.iso_13854 import MINIMUM_GAP_M, PART_OF_REGION, clamps
 from ariac_score_standards.iso_13855 import minimum_distance
-from ariac_score_standards.iso_ts_15066 import approach_of
 from ariac_score_standards.proxemics import time_to_collision_s, zone_of, zone_shares
-from ariac_score_standards.severity import closing_by, travelled_m
 from ariac_score_standards.signal_coverage import tracks_of
+from ariac_score_standards.ssm_formula import approach_of
+from ariac_score_standards.ways import travelled_m
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED

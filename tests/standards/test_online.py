@@ -127,6 +127,21 @@ def test_equal_distance_is_enough_and_the_next_number_below_is_not() -> None:
     assert broken.message.endswith(f"nearer than the required {required_m:.3f} m")
 
 
+def test_a_human_who_is_near_counts_as_faster_online_too() -> None:
+    # Seed: d_min = h (1.0 + 1.5) + r 1.0 + 0 + 2.6; within 0.5 m a human reaches with 2.0 m/s, else walks
+    # with 1.6 m/s.
+    watch = SsmSeparation(human_speed="by_distance").begin()
+    near, far = 2.0 * 2.5 + 0.3 + 2.6, 1.6 * 2.5 + 0.3 + 2.6
+
+    found = [
+        s.robustness
+        for t_s, distance_m in ((1.0, 0.5), (1.01, float(np.nextafter(0.5, 1.0))))
+        for s in watch.step(snapshot(t_s, distance_m, robot=0.3))
+    ]
+
+    assert found == [pytest.approx(0.5 - near), pytest.approx(0.5 - far)]
+
+
 def test_nothing_is_said_before_all_signals_are_there() -> None:
     watch = MONITOR.begin()
     distance, human, robot = snapshot(1.0, 1.0)

@@ -56,9 +56,9 @@ from ariac_score_standards.iso_10218_2 import (
 )
 from ariac_score_standards.iso_13854 import clamps
 from ariac_score_standards.iso_13855 import minimum_distance
-from ariac_score_standards.iso_ts_15066 import approach_of, path_m
 from ariac_score_standards.proxemics import time_to_collision_s, zone_of
 from ariac_score_standards.signal_coverage import tracks_of
+from ariac_score_standards.ssm_formula import approach_of, path_m
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 DEFAULT_FILE = SHARED / "standards" / "worked_examples.json"

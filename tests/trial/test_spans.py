@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from ariac_score.trial.spans import (
     BoolArray,
-    Episodes,
     Span,
     episodes_where,
-    gaps_between,
     longest_silence_s,
     sample_durations,
     uncovered_spans,
@@ -286,67 +282,6 @@ def test_the_longest_silence_is_the_longest_stretch_without_a_sample(
     longest_s = longest_silence_s(np.array(sorted(stamps), dtype=float), window)
 
     assert longest_s == max(b - a for a, b in pairwise(marks))
-
-
-# In parts ------------------------------------------------------------------------------
-
-
-def parts_of(row: NDArray[Any], cuts: list[int]) -> list[NDArray[Any]]:
-    return np.split(row, sorted(min(cut, len(row)) for cut in cuts))
-
-
-@given(
-    st.lists(st.tuples(st.sampled_from([0.01, 0.02, 0.5]), st.booleans()), max_size=40),
-    st.lists(st.integers(0, 40), max_size=6),
-    st.sampled_from([0.0, 0.03]),
-    st.sampled_from([0.0, 0.05, 1.0]),
-)
-@settings(max_examples=100, derandomize=True, deadline=None)
-def test_episodes_do_not_depend_on_the_parts_in_which_samples_come(
-    rows: list[tuple[float, bool]], cuts: list[int], t_on_s: float, t_off_s: float
-) -> None:
-    t, holds = np.cumsum([step for step, _ in rows]), np.array([held for _, held in rows], dtype=bool)
-    whole = episodes_where(t, holds, t_on_s=t_on_s, t_off_s=t_off_s, longest_s=0.05)
-
-    episodes = Episodes(t_on_s=t_on_s, t_off_s=t_off_s, longest_s=0.05)
-    for part_t, part_holds in zip(parts_of(t, cuts), parts_of(holds, cuts), strict=True):
-        episodes.take(part_t, part_holds)
-    found = episodes.end()
-
-    assert [one.span for one in found] == whole
-    for one in found:
-        inside = (t >= one.span.start_s) & (t <= one.span.end_s)
-        assert one.samples == int(holds[inside].sum())
-
-
-def test_a_run_across_the_border_of_two_parts_is_one_and_a_hole_there_ends_it() -> None:
-    def spans(second: list[float]) -> list[Span]:
-        episodes = Episodes(longest_s=0.1)
-        episodes.take(np.array([0.0, 0.1]), np.array([True, True]))
-        episodes.take(np.array(second), np.array([True] * len(second)))
-        return [one.span for one in episodes.end()]
-
-    assert spans([0.2, 0.3]) == [Span(0.0, 0.3)]
-    assert spans([0.5, 0.6]) == [Span(0.0, 0.2), Span(0.5, 0.6)]
-    assert spans([]) == [Span(0.0, 0.1)]
-
-
-@given(st.lists(st.floats(0, 9), max_size=30, unique=True), st.lists(st.integers(0, 30), max_size=5))
-@settings(max_examples=60, derandomize=True, deadline=None)
-def test_gaps_do_not_depend_on_the_parts_in_which_samples_come(stamps: list[float], cuts: list[int]) -> None:
-    t, window = np.array(sorted(stamps)), Span(0.0, 9.0)
-
-    found = gaps_between(parts_of(t, cuts), window, max_gap_s=0.5)
-
-    assert found == uncovered_spans(t, window, max_gap_s=0.5)
-
-
-def test_a_gap_at_the_border_of_two_parts_is_one() -> None:
-    parts = [np.array([0.0, 0.1]), np.array([0.9, 1.0])]
-
-    assert gaps_between(parts, Span(0.0, 1.0), max_gap_s=0.5) == [Span(0.1, 0.9)]
-    assert gaps_between(parts, Span(0.0, 1.0), max_gap_s=0.8) == []
-    assert gaps_between([], Span(0.0, 1.0), max_gap_s=5.0) == [Span(0.0, 1.0)]
 
 
 @pytest.mark.parametrize("samples", [4095, 4096, 4097, 9000])

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Total, exact_sum
+from ariac_score import exact_sum
 
 ROOT = Path(__file__).parents[2]
 NUMBERS = st.lists(
@@ -45,16 +45,6 @@ def test_a_sum_hangs_neither_on_the_order_nor_on_how_a_column_lies_in_memory() -
     }
 
 
-@given(NUMBERS, st.lists(st.integers(0, 40), max_size=6))
-@settings(max_examples=200, derandomize=True, deadline=None)
-def test_a_total_of_parts_is_the_exact_sum_of_all(numbers: list[float], cuts: list[int]) -> None:
-    total = Total()
-    for part in np.split(np.array(numbers, dtype=np.float64), sorted(min(cut, len(numbers)) for cut in cuts)):
-        total.take(part)
-
-    assert total.value == nearest(numbers)
-
-
 @pytest.mark.parametrize(
     ("numbers", "expected"),
     [
@@ -67,18 +57,11 @@ def test_a_total_of_parts_is_the_exact_sum_of_all(numbers: list[float], cuts: li
     ],
 )
 def test_a_sum_has_a_value_at_the_ends_of_the_numbers(numbers: list[float], expected: float) -> None:
-    total = Total()
-    total.take(np.array(numbers))
-
-    assert (exact_sum(numbers), total.value) == (expected, expected)
+    assert exact_sum(numbers) == expected
 
 
 def test_what_is_not_a_number_stays_none() -> None:
-    total = Total()
-    total.take(np.array([1.0, math.nan]))
-
     assert math.isnan(exact_sum([1.0, math.nan]))
-    assert math.isnan(total.value)
 
 
 # Nobody adds up in numpy's order ---------------------------------------------------------------

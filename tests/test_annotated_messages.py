@@ -1,11 +1,9 @@
-"""Annotations are made window by window: the same messages in the same order, and nothing that grows."""
+"""What monitors say over time, and the messages that are made of it."""
 
 from __future__ import annotations
 
 import math
-import runpy
 import sys
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
@@ -39,14 +37,11 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.review.annotate import messages_of
-from ariac_score.review.annotation_messages import Annotation
 from ariac_score.review.margins import Moment, Track, tracks
 from ariac_score.scoring.ruleset import Check, RuleSet
-from ariac_score.trial import windows
 from ariac_score.trial.derive import Derivation, derive_signals
 
-ROOT = Path(__file__).parents[2]
-MADE = SimpleNamespace(**runpy.run_path(str(ROOT / "tests/standards/test_windows.py")))
+ROOT = Path(__file__).parents[1]
 REGISTRY = Registry()
 RULES = load_rule_set(str(ROOT / "examples/all_monitors.yaml"))
 SATISFIED, VIOLATED, INCONCLUSIVE = Verdict.SATISFIED, Verdict.VIOLATED, Verdict.INCONCLUSIVE
@@ -75,11 +70,6 @@ def found_of(trial: Trial, rules: RuleSet) -> tuple[Result, Trial, list[Track]]:
     return result, trial, tracks(result, trial, prepared)
 
 
-def messages(trial: Trial, rules: RuleSet = RULES) -> Iterator[Annotation]:
-    result, derived, found = found_of(trial, rules)
-    return messages_of(result, derived, found, frame="world")
-
-
 def at_once(number: int) -> Any:
     """So many messages are made before the first is written."""
     return patch.object(sys.modules["ariac_score.review.annotate"], "AT_ONCE", number)
@@ -88,26 +78,16 @@ def at_once(number: int) -> Any:
 # What is written -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("seed", "samples", "number"), [(1, 3, 500), (2, 7, 1), (3, 32, 500)])
-def test_messages_do_not_depend_on_windows(seed: int, samples: int, number: int) -> None:
-    trial = MADE.MADE.wild_trial(seed, hole=seed == 1, step=0.3)
-    whole = list(messages(trial))  # which has fewer samples than one window
-
-    with MADE.window_size(samples), at_once(number):
-        assert list(messages(trial)) == whole
-    assert len(whole) > 1000
-
-
-@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
-def test_what_is_undecided_stands_where_samples_lack_in_any_window(samples: int) -> None:
+def test_what_is_undecided_stands_where_samples_lack() -> None:
     # Contact at 0.3 m or nearer. Nothing before 0.5 s, between 0.7 s and 1.5 s, and after 1.7 s.
     t = np.array([0.5, 0.6, 0.7, 1.5, 1.6, 1.7])
-    trial = replace(MADE.two(t, [0.5, 0.25, 0.5, 0.5, 0.5, 0.75]), recorded=Span(0.0, 2.0))
+    signals = {"separation/r/h": Signal("separation/r/h", "m", t, np.array([0.5, 0.25, 0.5, 0.5, 0.5, 0.75]))}
+    bodies = Body("r", "robot"), Body("h", "human")
+    trial = Trial("t", bodies=bodies, signals=signals, recorded=Span(0.0, 2.0))
     rules = rules_of("ariac.human_contact", max_gap_s=0.15, contact_distance_m=0.3, t_off_s=0.0)
 
-    with MADE.window_size(samples):
-        _, _, (track,) = found_of(trial, rules)
-        said = track.moments
+    _, _, (track,) = found_of(trial, rules)
+    said = track.moments
 
     assert [(m.t_s, m.verdict, m.margin) for m in said] == [
         (0.0, INCONCLUSIVE, None),
@@ -165,15 +145,13 @@ def limited(trial: Trial) -> list[Track]:
     return tracks(replace(example(), measured=NOTHING), derived, rules, registry=REGISTRY)
 
 
-@pytest.mark.parametrize("samples", [1, 2, 3, 4096])
-def test_a_monitor_that_watches_online_is_asked_about_every_instant_in_any_window(samples: int) -> None:
+def test_a_monitor_that_watches_online_is_asked_about_every_instant() -> None:
     t = np.arange(6) / 10
     speed = Signal("speed/r", "m/s", t, np.array([0.5, 1.0, 1.5, 1.25, 0.75, 3.0]))
     other = Signal("speed/h", "m/s", t + 0.05, np.full(6, 9.0))
     trial = Trial("t", signals={"speed/r": speed, "speed/h": other}, recorded=Span(0.1, 0.4))
 
-    with MADE.window_size(samples), patch("ariac_score.review.margins._PART_MOMENTS", min(samples, 3)):
-        (track,) = limited(trial)
+    (track,) = limited(trial)
 
     assert (track.check, track.subject, track.unit, track.sampled) == ("limited", "r", "m/s", True)
     assert track.moments == (
@@ -182,21 +160,6 @@ def test_a_monitor_that_watches_online_is_asked_about_every_instant_in_any_windo
         Moment(0.3, VIOLATED, -0.25),
         Moment(0.4, SATISFIED, 0.25, "0.75 m/s"),
     )
-
-
-def test_a_monitor_that_watches_online_has_derived_signals_computed_once() -> None:
-    computed: list[int] = []
-    window = windows.Computed.window
-
-    def counted(self: windows.Computed, k: int) -> Any:
-        computed.append(k)
-        return window(self, k)
-
-    with MADE.window_size(100), patch.object(windows.Computed, "window", counted):
-        (track,) = limited(MADE.long_trial(2000))
-
-    assert len(track.moments) > 1900
-    assert len(computed) < 1000  # of 20 windows and some signals; not of every sample
 
 
 MOMENTS = st.lists(
@@ -213,7 +176,7 @@ MOMENTS = st.lists(
 def track_of(number: int, steps: Sequence[tuple[int, Verdict | None, float | None, str]]) -> Track:
     times_ns = np.cumsum([step for step, *_ in steps]).tolist()
     moments = (Moment(t_ns / 1e9, *said) for t_ns, (_, *said) in zip(times_ns, steps, strict=True))
-    return Track(f"c{number}", "r/h", "m" * number, tuple(moments))
+    return Track.of(f"c{number}", "r/h", "m" * number, list(moments))
 
 
 @settings(max_examples=60, derandomize=True, deadline=None)
@@ -264,39 +227,3 @@ def test_a_margin_that_is_another_nan_is_written_as_any_nan() -> None:
         for track in (plain, other)
     )
     assert one == two
-
-
-# What is held --------------------------------------------------------------------------
-
-HELD = {
-    "pairs": rules_of("iso_ts_15066.ssm_separation", "ariac.human_contact"),
-    "bodies": rules_of("iso_10218_1.reduced_speed", "iso_3691_4.agv_protective_field"),
-}
-
-
-@pytest.mark.parametrize("kind", HELD)
-@pytest.mark.usefixtures("small_windows")
-def test_what_annotations_are_made_of_does_not_grow_with_the_trial(kind: str) -> None:
-    def write(trial: Trial) -> object:
-        return deque(messages(trial, HELD[kind]), maxlen=0)
-
-    write(MADE.long_trial(1000))  # what is loaded once is no matter
-    short, long = (MADE.held_bytes(write, count) for count in (MADE.SAMPLES, 4 * MADE.SAMPLES))
-
-    assert long - short < MADE.GROWTH_BYTES
-
-
-@pytest.fixture
-def small_windows() -> Iterator[None]:
-    with MADE.window_size(1000, kept_bytes=80_000), at_once(1000):
-        yield
-
-
-@pytest.mark.usefixtures("small_windows")
-def test_annotations_that_are_all_held_are_found_out() -> None:
-    def hold(trial: Trial) -> object:
-        return list(messages(trial, rules_of("ariac.human_contact")))
-
-    hold(MADE.long_trial(1000))
-    short, long = (MADE.held_bytes(hold, count) for count in (MADE.SAMPLES, 4 * MADE.SAMPLES))
-    assert long - short > MADE.GROWTH_BYTES

@@ -1,0 +1,13 @@
+"""What parameters of many monitors have in common: their units and where they end."""
+
+from __future__ import annotations
+
+from typing import Any
+
+TIME: Any = {"unit": "s", "at_least": 0, "at_most": 60}
+GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
+SPEED: Any = {"unit": "m/s", "at_least": 0, "at_most": 20}
+LENGTH: Any = {"unit": "m", "at_least": 0, "at_most": 100}
+
+TOLERANCE_S = 1e-9
+"""Times are sums of decimals in float64; a time that is up is up in spite of the last bit."""

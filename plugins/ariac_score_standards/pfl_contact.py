@@ -1,0 +1,374 @@
+"""Contact between robot and human within limits of force and pressure, after ISO/TS 15066:2016, Annex A."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ariac_score import (
+    Event,
+    Finding,
+    SignalNeed,
+    Span,
+    Trial,
+    Verdict,
+    check_parameters,
+    exact_sum,
+    parameter,
+)
+from ariac_score_standards.blame import MEETING, Meeting, exposure_of
+from ariac_score_standards.body_regions import UNKNOWN_REGION, BodyLimits, body_limits, limits_at
+from ariac_score_standards.iso_13854 import PART_OF_REGION, clamps, closes
+from ariac_score_standards.parameters import GAP, TIME, TOLERANCE_S
+from ariac_score_standards.severity import (
+    Bound,
+    JudgedLimit,
+    LimitMonitor,
+    Reach,
+    Rows,
+    Statement,
+    rows_of_episodes,
+)
+from ariac_score_standards.watching import (
+    BoolArray,
+    FloatArray,
+    Subject,
+    Watched,
+    pairs_of,
+    state_over,
+    watch_subjects,
+)
+
+CONTACT = "contact"
+"""Event kind: robot and human (subject `robot/human`) touch; the detail names the body region."""
+
+_FORCE = "contact_force/{robot}/{human}"
+_CONTACT_QUANTITIES = (
+    "contacts",
+    "force_max_N",
+    "force_ratio_max",
+    "pressure_ratio_max",
+    "ratio_max",
+    "contact_s",
+    "impulse_N_s",
+    "time_in_violation_s",
+    "impulse_above_limit_N_s",
+    "relative_depth_max",
+    "relative_depth_integral_s",
+)
+"""What is measured of every contact; all 0 where there is none."""
+_GAP_CLOSING = "crush_gap/{robot}/{human}"
+_HEIGHT = "contact_height/{robot}/{human}"
+_HELPFUL = {
+    "contact_pressure/{robot}/{human}": "Pa",
+    "contact_area/{robot}/{human}": "m2",
+    _HEIGHT: "m",
+    _GAP_CLOSING: "m",
+    **MEETING,
+}
+
+
+@dataclass(frozen=True)
+class PflContact(LimitMonitor):
+    """Contact between robot and human stays within what the body region bears.
+
+    Measures:
+        For every contact the force (and, where the log has pressure or area, the
+        pressure) against the limit of the body region, sample by sample. For
+        `transient_window_s` from the beginning of a contact the transient limit
+        holds (`transient_factor` times the other), then, or while the body part is
+        clamped (`clamped`, or a closing `crush_gap` too small for it), the quasi-static
+        one. Touches less than `t_off_s` apart are one contact. The region comes from the
+        parameter `region`, else from the event `contact` of the pair; else the weakest
+        region at the height of the contact, or of all, lends its limits. Where the log
+        has the speeds it is told whether the robot moved (`robot_moving`) and who closed
+        in (`closing_by`), else they are unknown; where it has the distance, `exposure_s`.
+    Violated when:
+        Force or pressure exceeds its limit, or skull, forehead or face are known to be
+        touched at all. Every violation is a critical event.
+    Source:
+        ISO/TS 15066:2016, Annex A (Table A.2); ISO 10218-2:2025, Annex M, as public
+        sources give them. Not valid for children. The window of 0.5 s is from
+        memory (DGUV FB HM-080), threshold and clamping rule are our choice.
+    """
+
+    region: str = parameter("", source="body region or area; empty: as the log tells")
+    contact_on_n: float = parameter(5.0, unit="N", at_least=0, at_most=1000, source="catalogue, M4")
+    transient_window_s: float = parameter(0.5, status="from memory", source="DGUV FB HM-080", **TIME)
+    transient_factor: float = parameter(
+        2.0, unit="1", at_least=1, at_most=10, status="verified", source="public sources on Table A.2"
+    )
+    clamped: bool = parameter(False, source="whether the quasi-static limit holds from the beginning")
+    max_gap_s: float = parameter(0.05, **GAP)
+    t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
+
+    _clause = "derived from ISO/TS 15066:2016, Annex A"
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.region:
+            body_limits(self.region)
+
+    def transient(self, since_contact_s: FloatArray, clamped: BoolArray | bool = False) -> BoolArray:
+        """Whether the transient limit holds at a time since the contact began."""
+        short = since_contact_s <= self.transient_window_s + TOLERANCE_S
+        result: BoolArray = short & ~np.asarray(clamped, dtype=bool)
+        return result
+
+    def limit_n(self, limits: BodyLimits, transient: BoolArray) -> FloatArray:
+        """Limit of force in each phase, N."""
+        factor = limits.region.transient_factor(self.transient_factor)
+        return np.where(transient, factor * limits.force_n, limits.force_n)
+
+    def limit_pa(self, limits: BodyLimits, transient: BoolArray) -> FloatArray:
+        """Limit of pressure in each phase, Pa."""
+        factor = limits.region.transient_factor(self.transient_factor)
+        return np.where(transient, factor * limits.pressure_pa, limits.pressure_pa)
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """The force; what else helps is used where it is there."""
+        yield SignalNeed("contact_force", "N", self.max_gap_s)
+        for template, unit in {**_HELPFUL, "clamped/": "1"}.items():
+            yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s, optional=True)
+
+    @property
+    def reach(self) -> Reach:
+        """The region, and with it the limits, may show only when the contact is over."""
+        return Reach("run", ahead_s=math.inf)
+
+    def statements(self, trial: Trial) -> Iterator[Statement]:
+        """For every pair each contact, or that there was none."""
+        subjects = pairs_of(trial)
+        forceless = [s for s in subjects if s.fill(_FORCE) not in trial.signals]
+        for subject in forceless:
+            yield self._without_force(trial, subject)
+        measured = [s for s in subjects if s not in forceless]
+        if measured or not subjects:
+            yield from watch_subjects(
+                trial,
+                measured,
+                {_FORCE: "N"},
+                max_gap_s=self.max_gap_s,
+                clause=self._clause,
+                judge=lambda subject, watched: self._judge(trial, subject, watched),
+                optional=_HELPFUL,
+                kinds=("robot", "human"),
+            )
+
+    def _without_force(self, trial: Trial, subject: Subject) -> Finding:
+        touched = _contact_events(trial, subject)
+        name = subject.fill(_FORCE)
+        if touched:
+            message = f"contact at {touched[0].t_s:.3f} s without a force: signal {name!r} is not in the log"
+            return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+        if CONTACT in trial.witnessed:
+            return Finding.satisfied(subject.name, "the log records no contact", clause=self._clause)
+        message = f"signal {name!r} is not in the log"
+        return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+
+    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
+        contacts = self._contacts(trial, subject, watched)
+        limit = JudgedLimit(subject.name, watched, self._bound(watched, contacts))
+        yield limit
+        exposure = exposure_of(watched)
+        for contact in contacts:
+            yield self._finding(subject, watched, contact, exposure)
+        if not contacts and not watched.gaps:
+            strongest = int(np.argmax(limit.bound.actual))
+            yield Finding(
+                subject.name,
+                Verdict.SATISFIED,
+                f"no contact: never more than {limit.bound.actual[strongest]:.3f} N",
+                robustness=float(limit.bound.margin[strongest]),
+                unit="N",
+                quantities={**dict.fromkeys(_CONTACT_QUANTITIES, 0.0), **exposure},
+                evidence=watched.samples(strongest),
+                clause=self._clause,
+            )
+
+    def _bound(self, watched: Watched, contacts: Sequence[_Contact]) -> Bound:
+        """The part of its limit that each contact reaches; without contact the force that would be one."""
+        force = watched[_FORCE]
+        if not contacts:
+            return Bound("contact force", force, np.full_like(force, self.contact_on_n), "N", True)
+        ratio = np.zeros(len(force))
+        for contact in contacts:
+            if contact.pressed is not None:
+                ratio[contact.rows] = contact.pressed.ratio
+        what = "part of the limit of contact"
+        return Bound(what, ratio, np.ones_like(ratio), "1", True, ratio > 0)
+
+    def _contacts(self, trial: Trial, subject: Subject, watched: Watched) -> list[_Contact]:
+        """The contacts, each held against the limits of its region where that can be told."""
+        found = []
+        touching = watched[_FORCE] > self.contact_on_n
+        for span, rows in rows_of_episodes(watched, touching, t_off_s=self.t_off_s):
+            try:
+                limits, known = self._limits(trial, subject, watched, rows)
+            except ValueError as unknown:
+                found.append(_Contact(span, rows, None, unknown=str(unknown)))
+                continue
+            pressed = self._pressed(trial, subject, watched, rows, limits)
+            found.append(_Contact(span, rows, pressed, known=known))
+        return found
+
+    def _limits(
+        self, trial: Trial, subject: Subject, watched: Watched, rows: Rows
+    ) -> tuple[BodyLimits, bool]:
+        """The limits of a contact, and whether its region is known."""
+        if self.region:
+            return body_limits(self.region), True
+        start_s, end_s = watched.t[rows[0]] - self.t_off_s, watched.t[rows[-1]] + watched.max_gap_s
+        events = _contact_events(trial, subject)
+        named = [e.detail for e in events if start_s <= e.t_s <= end_s and e.detail]
+        if named:
+            return min((body_limits(name) for name in named), key=lambda limits: limits.force_n), True
+        heights = watched.get(_HEIGHT)
+        if heights is None or not np.isfinite(heights[rows]).all():
+            return body_limits(UNKNOWN_REGION), False
+        return min((limits_at(float(h)) for h in heights[rows]), key=lambda limits: limits.force_n), False
+
+    def _pressed(
+        self, trial: Trial, subject: Subject, watched: Watched, rows: Rows, limits: BodyLimits
+    ) -> _Pressed:
+        """What a contact bears down with, against its limits."""
+        clamped = self._clamped(trial, subject, watched, rows, limits)
+        transient = self.transient(watched.t[rows] - watched.t[rows[0]], clamped)
+        force, pressure = watched[_FORCE][rows], _pressure(watched, rows)
+        of_force = force / self.limit_n(limits, transient)
+        of_pressure = np.nan_to_num(pressure, nan=0.0) / self.limit_pa(limits, transient)
+        measured = bool(np.isfinite(pressure).any())
+        return _Pressed(limits, force, of_force, of_pressure, transient, measured)
+
+    def _finding(
+        self, subject: Subject, watched: Watched, contact: _Contact, exposure: Mapping[str, float]
+    ) -> Finding:
+        pressed, span = contact.pressed, contact.span
+        if pressed is None:
+            message = f"contact at {span.start_s:.3f} s: {contact.unknown}"
+            return Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
+        limits, worst, rows = pressed.limits, pressed.worst, contact.rows
+        ratio = float(pressed.ratio[worst])
+        forbidden = contact.known and not limits.region.contact_permitted
+        violated = ratio > 1.0 or forbidden
+        where = limits.region.title.lower() if contact.known else f"a region unknown, taken for {limits.name}"
+        phase = "transient" if pressed.transient[worst] else "quasi-static"
+        message = f"contact with {where}: {pressed.force_n[worst]:.1f} N, {ratio:.3f} of the {phase} limit"
+        labels = {"region": limits.name, "region_known": "yes" if contact.known else "no", "phase": phase}
+        return Finding(
+            subject.name,
+            Verdict.VIOLATED if violated else Verdict.SATISFIED,
+            f"{message}; contact there is not permissible" if forbidden else message,
+            span=span,
+            robustness=None if forbidden else 1.0 - ratio,
+            unit="" if forbidden else "1",
+            quantities={**exposure, **pressed.quantities(watched.durations_s[rows])},
+            labels={**labels, **Meeting.of(watched).labels(rows, before=True)},
+            evidence=watched.samples(int(rows[worst])),
+            clause=self._clause,
+            critical=violated,
+        )
+
+    def _clamped(
+        self, trial: Trial, subject: Subject, watched: Watched, rows: Rows, limits: BodyLimits
+    ) -> BoolArray:
+        """Where the body part cannot get away: as given, as recorded, or by the gap it is in."""
+        clamped: BoolArray = np.full(len(rows), self.clamped)
+        held = state_over(trial, "clamped", subject.name, watched.t[rows], max_age_s=watched.max_gap_s)
+        if held is not None:
+            clamped |= held.on
+        gap = watched.get(_GAP_CLOSING)
+        if gap is not None:
+            clamped |= clamps(PART_OF_REGION[limits.region.name], gap, closes(gap))[rows]
+        return clamped
+
+
+@dataclass(frozen=True, eq=False)
+class _Contact:
+    """A contact.
+
+    Attributes:
+        span: From its first sample to the end of its last one.
+        rows: Its samples.
+        pressed: The contact against its limits; `None`: these cannot be told.
+        known: Whether the region is known.
+        unknown: Why there are no limits.
+    """
+
+    span: Span
+    rows: Rows
+    pressed: _Pressed | None
+    known: bool = False
+    unknown: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Pressed:
+    """A contact against its limits, sample by sample.
+
+    Attributes:
+        limits: What the region bears.
+        force_n: Shape (n,), N.
+        of_force: Part of the limit of force.
+        of_pressure: Part of the limit of pressure; 0 where it is not known.
+        transient: Whether the transient limits hold.
+        measured: Whether a pressure is known at any sample.
+    """
+
+    limits: BodyLimits
+    force_n: FloatArray
+    of_force: FloatArray
+    of_pressure: FloatArray
+    transient: BoolArray
+    measured: bool
+
+    @property
+    def ratio(self) -> FloatArray:
+        """The larger part of both."""
+        return np.maximum(self.of_force, self.of_pressure)
+
+    @property
+    def worst(self) -> int:
+        """The sample that reaches the largest part of its limit."""
+        return int(np.argmax(self.ratio))
+
+    def quantities(self, weight_s: FloatArray) -> dict[str, float]:
+        """What is measured of it, given how long each sample stands for."""
+        ratio, impulse_n_s = self.ratio, self.force_n * weight_s
+        above = ratio > 1.0
+        relative = np.clip(np.maximum(ratio - 1.0, 0.0), 0.0, 1.0)
+        of_pressure = {"pressure_ratio_max": float(self.of_pressure.max())}
+        return {
+            "contacts": 1.0,
+            "force_max_N": float(self.force_n.max()),
+            "force_ratio_max": float(self.of_force.max()),
+            "ratio_max": float(ratio.max()),
+            "contact_s": exact_sum(weight_s),
+            "impulse_N_s": exact_sum(impulse_n_s),
+            "time_in_violation_s": exact_sum(weight_s[above]),
+            "impulse_above_limit_N_s": exact_sum(impulse_n_s[above]),
+            "relative_depth_max": float(relative.max()),
+            "relative_depth_integral_s": exact_sum(relative * weight_s),
+            **(of_pressure if self.measured else {}),
+        }
+
+
+def _contact_events(trial: Trial, subject: Subject) -> Sequence[Event]:
+    return [event for event in trial.events_of(CONTACT) if event.subject == subject.name]
+
+
+def _pressure(watched: Watched, rows: Rows) -> FloatArray:
+    """Pressure as recorded, else force over area; NaN where neither is known."""
+    recorded = watched.get("contact_pressure/{robot}/{human}")
+    area = watched.get("contact_area/{robot}/{human}")
+    pressure = np.full(len(rows), np.nan)
+    if recorded is not None:
+        pressure = recorded[rows].copy()
+    if area is not None:
+        of_area = np.full(len(rows), np.nan)
+        np.divide(watched[_FORCE][rows], area[rows], out=of_area, where=area[rows] > 0)
+        pressure = np.where(np.isfinite(pressure), pressure, of_area)
+    return pressure
