@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from ariac_score.logs.messages import RecordedMessage, read_messages
     from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
     from ariac_score.results.cohort_file import Cohort, load_cohort
-    from ariac_score.results.result import Measured, Provenance, Result
+    from ariac_score.results.result import Code, Measured, Pinned, Provenance, Result
     from ariac_score.results.result_file import as_json, load_result
     from ariac_score.scoring.expression import Expression, add_up
     from ariac_score.scoring.ruleset import RuleSet, load_rule_set
@@ -127,7 +127,7 @@ _HOME = {
     "ariac_score.logs.messages": "RecordedMessage read_messages",
     "ariac_score.ranking.evaluation": "Entry Evaluation OrderPlan Stop",
     "ariac_score.results.cohort_file": "Cohort load_cohort",
-    "ariac_score.results.result": "Measured Provenance Result",
+    "ariac_score.results.result": "Code Measured Pinned Provenance Result",
     "ariac_score.results.result_file": "as_json load_result",
     "ariac_score.scoring.expression": "Expression add_up",
     "ariac_score.scoring.ruleset": "RuleSet load_rule_set",
@@ -165,6 +165,7 @@ __all__ = [
     "Arrivals",
     "Body",
     "Charting",
+    "Code",
     "Cohort",
     "Course",
     "DataFileError",
@@ -201,6 +202,7 @@ __all__ = [
     "Order",
     "OrderPlan",
     "ParameterFacts",
+    "Pinned",
     "Pose",
     "Product",
     "Provenance",

@@ -21,11 +21,12 @@ from pathlib import Path
 
 from ariac_score import score_trial
 from ariac_score.batch.index import Row
-from ariac_score.batch.outcomes import Summary
+from ariac_score.batch.outcomes import CheckCounts, Summary
 from ariac_score.batch.tasks import Limits, Setting
 from ariac_score.platforms.evalai import Challenge, challenge_config
 from ariac_score.platforms.submission import phase_text
 from ariac_score.results.cohort_file import Cohort, CohortMean, cohort_text
+from ariac_score.results.result import Pinned
 from ariac_score.results.result_file import as_json
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.testing import (
@@ -386,7 +387,7 @@ def _bundles(_: Path) -> Seeds:
 
 def _cohorts(_: Path) -> Seeds:
     means = {"mean_cost": {"": CohortMean(12.5, 3, 1)}, "mean_time": {"order_1": CohortMean(None, 0, 0)}}
-    yield "made", cohort_text(Cohort(("ariac2024.release_5", "0" * 64), {"kit_1": means})).encode()
+    yield "made", cohort_text(Cohort.of(Pinned("ariac2024.release_5", "0" * 64), {"kit_1": means})).encode()
 
 
 def _decisions(_: Path) -> Seeds:
@@ -422,10 +423,10 @@ def _challenges(_: Path) -> Seeds:
 
 
 def _batch_rows(_: Path) -> Seeds:
-    checks = (("separation", {"violated": 1, "satisfied": 2}, -0.25),)
+    checks = (CheckCounts("separation", -0.25, satisfied=2, violated=1, inconclusive=0, not_applicable=0),)
     rows = [
-        Row(("a", "kit_1", 1), Summary("scored", "", 19.5, 20.0, checks), "objects/00/0.json", "0" * 64),
-        Row(("b", "kit_1", 1), Summary("crashed", "signal 11", None, None), "", ""),
+        Row.of(("a", "kit_1", 1), Summary("scored", "", 19.5, 20.0, checks), "objects/00/0.json", "0" * 64),
+        Row.of(("b", "kit_1", 1), Summary("crashed", "signal 11", None, None)),
     ]
     yield "two", "".join(row.as_line() for row in rows).encode()
 

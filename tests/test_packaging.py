@@ -63,7 +63,7 @@ def test_the_wheel_holds_every_module_and_data_file(wheel: zipfile.ZipFile) -> N
         | {"py.typed"}
     }
     wanted |= {f"ariac_score/rules/{p}" for p in _tree("rules", "*.yaml") | {"__init__.py"}}
-    wanted |= {f"ariac_score/schemas/{p}" for p in _tree("schemas", "*.json") | {"__init__.py"}}
+    wanted |= {f"ariac_score/schemas/{p}" for p in _tree("schemas", "*.json") | _tree("schemas", "*.py")}
     wanted |= _tree("plugins", "*.py") | _tree("plugins", "py.typed")
 
     assert wanted - names == set()

@@ -15,8 +15,9 @@ from ariac_score.checks.contracts import Wanted
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import DataFileError, LogError, ResultError
 from ariac_score.logs import gazebo, jsonl
+from ariac_score.results.codec import MAX_BYTES
 from ariac_score.results.cohort_file import load_cohort
-from ariac_score.results.result_file import MAX_BYTES, as_json
+from ariac_score.results.result_file import as_json
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 from ariac_score.trial.channels import LogMap
 from ariac_score_ariac.official.ariac_text import MAX_LINE_CHARS, PerformanceLogReader
@@ -126,9 +127,9 @@ def test_a_result_as_large_as_allowed_is_read_and_a_larger_one_is_not(
     file.write_bytes(result_text.encode())
     size = file.stat().st_size
     assert size < MAX_BYTES
-    monkeypatch.setattr("ariac_score.results.result_file.MAX_BYTES", size)
+    monkeypatch.setattr("ariac_score.results.codec.MAX_BYTES", size)
     assert load_result(file).score is not None
-    monkeypatch.setattr("ariac_score.results.result_file.MAX_BYTES", size - 1)
+    monkeypatch.setattr("ariac_score.results.codec.MAX_BYTES", size - 1)
     with pytest.raises(ResultError, match="larger than"):
         load_result(file)
 

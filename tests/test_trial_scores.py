@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from ariac_score import (
     Measured,
     Order,
+    Pinned,
     Pose,
     Product,
     Provenance,
@@ -108,7 +109,7 @@ def cohort_of(teams: Sequence[Team], rules: str) -> Cohort:
 
 def result_of(team: Team, teams: Sequence[Team], rules: str) -> Result:
     rule_set, _ = rules_of(rules)
-    provenance = Provenance((), (), (rule_set.id, rule_set.sha256), ("none", "0" * 64), ())
+    provenance = Provenance((), (), Pinned(rule_set.id, rule_set.sha256), Pinned("none", "0" * 64), ())
     return price_trial(measured(team, rules), rule_set, provenance, cohort_of(teams, rules).of_trial("t"))
 
 
@@ -221,7 +222,7 @@ def test_a_cost_of_nothing_withholds_the_score_of_the_scripts_only() -> None:
 @pytest.mark.parametrize("rules", [EVALUATION, DOCUMENTED])
 def test_without_other_teams_the_task_score_stands(rules: str) -> None:
     rule_set, _ = rules_of(rules)
-    provenance = Provenance((), (), (rule_set.id, rule_set.sha256), ("none", "0" * 64), ())
+    provenance = Provenance((), (), Pinned(rule_set.id, rule_set.sha256), Pinned("none", "0" * 64), ())
 
     result = price_trial(measured(Team(1000.0, (FAST, SLOW)), rules), rule_set, provenance)
 

@@ -10,16 +10,19 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ariac_score.batch.outcomes import Summary, summary_of
+import msgspec
+from msgspec import Struct
+
+from ariac_score.batch.outcomes import CheckCounts, Summary, summary_of
 from ariac_score.batch.store import Store, read_document
 from ariac_score.batch.tasks import TaskKey
 from ariac_score.errors import BatchError
-from ariac_score.results.result_file import newer_schema
+from ariac_score.results.codec import plain
+from ariac_score.results.result_file import RESULT
 
 __all__ = [
     "AGAIN",
@@ -52,67 +55,41 @@ _LITTLE_MEMORY = "PRAGMA cache_size = -256"
 """So many KiB of a file are held; the system has all of it in memory anyway, for as long as it likes."""
 _AT_A_TIME = 256
 _BLOCK = 1 << 16
-_OURS = b'"schema": "ariac-score/result/1"'
-_VERDICTS = ("satisfied", "violated", "inconclusive", "not_applicable")
+_OURS = f'"schema": "{RESULT.tag}"'.encode()
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(Struct, frozen=True, forbid_unknown_fields=True):
     """One run in the tables.
 
     Attributes:
-        key: Team, trial, number.
-        summary: Outcome, score, verdicts.
+        team: Of the run.
+        trial: Of the run.
+        run: Its number.
+        outcome: One of `OUTCOMES`.
+        reason: Why, where it is not simply scored.
+        score: Final score; `None` when there is none.
+        task: Task score; `None` when there is none.
+        checks: What each check found.
         object: Name of its document within the folder of the batch; empty when nothing is kept.
         sha256: Hash of that document; empty likewise.
     """
 
-    key: TaskKey
-    summary: Summary
+    team: str
+    trial: str
+    run: int
+    outcome: str
+    reason: str
+    score: float | None
+    task: float | None
+    checks: tuple[CheckCounts, ...]
     object: str
     sha256: str
 
-    def as_line(self) -> str:
-        """The row as a line of JSON."""
-        team, trial, number = self.key
-        told = {
-            "team": team,
-            "trial": trial,
-            "run": number,
-            "outcome": self.summary.outcome,
-            "reason": self.summary.reason,
-            "score": self.summary.score,
-            "task": self.summary.task,
-            "checks": [
-                {"name": name, "worst_robustness": worst, **{v: counts.get(v, 0) for v in _VERDICTS}}
-                for name, counts, worst in self.summary.checks
-            ],
-            "object": self.object,
-            "sha256": self.sha256,
-        }
-        return json.dumps(told, ensure_ascii=True) + "\n"
-
     @classmethod
-    def from_line(cls, line: str) -> Row:
-        """A row as it was written.
-
-        Raises:
-            ValueError: It is not one.
-        """
-        told = json.loads(line)
-        try:
-            checks = tuple(
-                (c["name"], {v: c[v] for v in _VERDICTS if c[v]}, c["worst_robustness"])
-                for c in told["checks"]
-            )
-            summary = Summary(told["outcome"], told["reason"], told["score"], told["task"], checks)
-            row = cls((told["team"], told["trial"], told["run"]), summary, told["object"], told["sha256"])
-        except (KeyError, TypeError) as cause:
-            raise ValueError(f"no row: {cause}") from None
-        words = (*row.key[:2], summary.outcome, summary.reason, row.object, row.sha256)
-        if set(map(type, words)) != {str} or type(row.key[2]) is not int:
-            raise ValueError("no row: its fields are of other kinds")
-        return row
+    def of(cls, key: TaskKey, summary: Summary, name: str = "", sha256: str = "") -> Row:
+        """The row of a run."""
+        s = summary
+        return cls(*key, s.outcome, s.reason, s.score, s.task, s.checks, name, sha256)
 
     @classmethod
     def kept(cls, key: TaskKey, document: bytes, name: str) -> Row:
@@ -121,7 +98,34 @@ class Row:
         Raises:
             ValueError: It is damaged.
         """
-        return cls(key, summary_of(document), name, hashlib.sha256(document).hexdigest())
+        return cls.of(key, summary_of(document), name, hashlib.sha256(document).hexdigest())
+
+    @property
+    def key(self) -> TaskKey:
+        """Team, trial, number."""
+        return self.team, self.trial, self.run
+
+    @property
+    def summary(self) -> Summary:
+        """What it says of its run."""
+        return Summary(self.outcome, self.reason, self.score, self.task, self.checks)
+
+    def as_line(self) -> str:
+        """The row as a line of JSON."""
+        return json.dumps(plain(self), ensure_ascii=True) + "\n"
+
+    @classmethod
+    def from_line(cls, line: str) -> Row:
+        """A row as it was written.
+
+        Raises:
+            ValueError: It is not one.
+        """
+        # Not decoded by msgspec at once: a name of a file may hold half a surrogate pair.
+        try:
+            return msgspec.convert(json.loads(line), cls)
+        except msgspec.ValidationError as cause:
+            raise ValueError(f"no row: {cause}") from None
 
 
 class Written(NamedTuple):
@@ -144,7 +148,7 @@ class Written(NamedTuple):
     @classmethod
     def of(cls, row: Row) -> Written:
         """A row, written."""
-        return cls(row.summary.outcome, row.summary.reason, row.object, row.sha256, row.as_line())
+        return cls(row.outcome, row.reason, row.object, row.sha256, row.as_line())
 
     @classmethod
     def from_line(cls, line: str) -> Written:
@@ -273,7 +277,7 @@ def _newer(document: bytes) -> str:
     if _OURS in document or not document:
         return ""
     try:
-        return newer_schema(json.loads(document))
+        return RESULT.newer(json.loads(document))
     except (ValueError, RecursionError):
         return ""
 
@@ -395,10 +399,8 @@ def _write_index(file: Path, lines: Iterator[str]) -> None:
 
 def _index_rows(row: Row) -> tuple[tuple[Any, ...], list[tuple[Any, ...]]]:
     """What stands in either table of the index of a run."""
-    s = row.summary
-    checks = [(*row.key, name, *_counts(counts), worst) for name, counts, worst in s.checks]
-    return (*row.key, s.outcome, s.reason, s.score, s.task, row.object, row.sha256), checks
-
-
-def _counts(counts: Mapping[str, Any]) -> list[int]:
-    return [counts.get(verdict, 0) for verdict in _VERDICTS]
+    checks = [
+        (*row.key, c.name, c.satisfied, c.violated, c.inconclusive, c.not_applicable, c.worst_robustness)
+        for c in row.checks
+    ]
+    return (*row.key, row.outcome, row.reason, row.score, row.task, row.object, row.sha256), checks

@@ -43,7 +43,7 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
                 _take(row, document, part, store, rows)
             check_index(part, (row for row, _ in read_rows(part / RUNS)))
         for line in rows.lines():
-            outcomes[Row.from_line(line).summary.outcome] += 1
+            outcomes[Row.from_line(line).outcome] += 1
         store.put(store.root / DESCRIPTION, (json.dumps(told, sort_keys=True, indent=1) + "\n").encode())
         store.put(store.root / "rules.yaml", (parts[0] / "rules.yaml").read_bytes())
         write_tables(store, rows, work)
@@ -60,8 +60,7 @@ def _take(row: Row, document: bytes, part: Path, store: Store, rows: Rows) -> No
     taken = rows.get(row.key)
     if taken is not None and taken.as_line() != row.as_line():
         raise BatchError(
-            f"run {name} has two results: {taken.object or taken.summary.outcome} and "
-            f"{row.object or row.summary.outcome}",
+            f"run {name} has two results: {taken.object or taken.outcome} and {row.object or row.outcome}",
             file=part,
             hint="its log differed between the parts; score that run again in one of them",
         )

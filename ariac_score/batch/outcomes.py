@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import msgspec
+from msgspec import Struct
+
+from ariac_score.checks.findings import Verdict
 from ariac_score.errors import (
     FormulaError,
     LogError,
@@ -16,19 +19,19 @@ from ariac_score.errors import (
     RunEndedError,
     ScoreError,
 )
+from ariac_score.results.codec import as_text
+from ariac_score.results.result_file import RESULT
 
 __all__ = [
     "OUTCOMES",
-    "SCHEMA",
     "UNSETTLED",
+    "CheckCounts",
     "Summary",
     "outcome_document",
     "outcome_of",
     "summary_of",
     "told_within",
 ]
-
-SCHEMA = "ariac-score/outcome/1"
 
 OUTCOMES: Mapping[str, str] = {
     "scored": "it has a score",
@@ -76,11 +79,45 @@ def told_within(error: ScoreError, root: Path) -> str:
     return f"{words}; {error.hint}".replace(f"{root}/", "") if error.hint else words
 
 
+class OutcomeDocument(Struct, frozen=True, tag_field="schema", tag="ariac-score/outcome/1"):
+    """Why a run has no result.
+
+    Attributes:
+        outcome: One of `OUTCOMES`.
+        reason: In words.
+        team: Of the run.
+        trial: Of the run.
+    """
+
+    outcome: str
+    reason: str
+    team: str
+    trial: str
+
+
 def outcome_document(outcome: str, reason: str, *, team: str, trial: str) -> bytes:
     """An outcome as canonical JSON."""
-    data = {"schema": SCHEMA, "outcome": outcome, "reason": reason, "team": team, "trial": trial}
-    text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False)
-    return text.encode("utf-8", "backslashreplace") + b"\n"
+    return as_text(OutcomeDocument(outcome, reason, team, trial)).encode("utf-8")
+
+
+class CheckCounts(Struct, frozen=True, forbid_unknown_fields=True):
+    """What one check found in a run.
+
+    Attributes:
+        name: Of the check.
+        worst_robustness: The smallest; `None` where no finding has one.
+        satisfied: How many findings are.
+        violated: How many findings are.
+        inconclusive: How many findings are.
+        not_applicable: How many findings are.
+    """
+
+    name: str
+    worst_robustness: float | None
+    satisfied: int
+    violated: int
+    inconclusive: int
+    not_applicable: int
 
 
 @dataclass(frozen=True)
@@ -92,14 +129,87 @@ class Summary:
         reason: Why, where it is not simply scored.
         score: Final score as printed; `None` when there is none.
         task: Task score as printed; `None` when there is none.
-        checks: For each check how many findings it has of each verdict, and its worst robustness.
+        checks: What each check found, by name.
     """
 
     outcome: str
     reason: str
     score: float | None
     task: float | None
-    checks: tuple[tuple[str, Mapping[str, int], float | None], ...] = ()
+    checks: tuple[CheckCounts, ...] = ()
+
+
+# The few parts of a result that a summary needs: a season has thousands of results, and reading
+# each in full takes ten times as long. Both versions of the format have them in the same places.
+
+
+class _Finding(Struct):
+    check: str
+    subject: str
+    verdict: str
+    robustness: float | None
+
+
+class _Official(Struct):
+    outcome: str
+
+
+class _Measured(Struct):
+    findings: dict[str, _Finding]
+    official: _Official | None
+
+
+class _Assumption(Struct):
+    finding: str
+    policy: str
+    message: str
+
+
+class _Task(Struct):
+    amount: float
+
+
+class _Result(Struct, tag_field="schema", tag=RESULT.tag):
+    status: str
+    missing: str
+    score: float | None
+    task: _Task | None
+    measured: _Measured
+    assumptions: list[_Assumption]
+
+    @property
+    def outcome(self) -> str:
+        ended = self.measured.official.outcome if self.measured.official else ""
+        return ended if ended in ("crashed", "cancelled") else _STATUS[self.status]
+
+    @property
+    def reason(self) -> str:
+        """The first thing that withholds the score, and whom it is about."""
+        if self.outcome not in _STATUS.values():
+            return OUTCOMES[self.outcome]
+        withheld = next((a for a in self.assumptions if a.policy == "withhold"), None)
+        if withheld is None or self.status != "incomplete":
+            return self.missing
+        return f"{self.measured.findings[withheld.finding].subject}: {withheld.message}"
+
+    def checks(self) -> Iterator[CheckCounts]:
+        """What each check found, by name."""
+        found: dict[str, list[_Finding]] = {}
+        for finding in self.measured.findings.values():
+            found.setdefault(finding.check, []).append(finding)
+        for name, own in sorted(found.items()):
+            counts = Counter(finding.verdict for finding in own)
+            margins = [finding.robustness for finding in own if finding.robustness is not None]
+            yield CheckCounts(
+                name, min(margins, default=None), *(counts[verdict.value] for verdict in Verdict)
+            )
+
+
+class _Result1(_Result, tag="ariac-score/result/1"):
+    pass
+
+
+_DECODER = msgspec.json.Decoder(_Result | _Result1 | OutcomeDocument)
 
 
 def summary_of(document: bytes) -> Summary:
@@ -108,46 +218,8 @@ def summary_of(document: bytes) -> Summary:
     Raises:
         ValueError: It is neither.
     """
-    data = json.loads(document)
-    if not isinstance(data, dict) or data.get("schema") not in (SCHEMA, "ariac-score/result/1"):
-        raise ValueError("neither a result nor an outcome")
-    if data["schema"] == SCHEMA:
-        return Summary(data["outcome"], data["reason"], None, None)
-    task = data.get("task")
-    return Summary(
-        _outcome(data),
-        _reason(data),
-        data["score"],
-        task["amount"] if task else None,
-        tuple(_checks(data)),
-    )
-
-
-def _outcome(data: Mapping[str, Any]) -> str:
-    official = data["measured"].get("official") or {}
-    ended = official.get("outcome", "")
-    return ended if ended in ("crashed", "cancelled") else _STATUS[data["status"]]
-
-
-def _reason(data: Mapping[str, Any]) -> str:
-    """The first thing that withholds the score, and whom it is about."""
-    findings = data["measured"]["findings"]
-    withheld = [
-        f"{findings[a['finding']]['subject']}: {a['message']}"
-        for a in data["assumptions"]
-        if a["policy"] == "withhold"
-    ]
-    ended = _outcome(data)
-    if ended in OUTCOMES and ended not in _STATUS.values():
-        return OUTCOMES[ended]
-    return withheld[0] if withheld and data["status"] == "incomplete" else str(data["missing"])
-
-
-def _checks(data: Mapping[str, Any]) -> list[tuple[str, Mapping[str, int], float | None]]:
-    rows: dict[str, tuple[dict[str, int], list[float]]] = {}
-    for finding in data["measured"]["findings"].values():
-        counts, margins = rows.setdefault(finding["check"], ({}, []))
-        counts[finding["verdict"]] = counts.get(finding["verdict"], 0) + 1
-        if finding.get("robustness") is not None:
-            margins.append(finding["robustness"])
-    return [(check, counts, min(m, default=None)) for check, (counts, m) in sorted(rows.items())]
+    found = _DECODER.decode(document)
+    if isinstance(found, OutcomeDocument):
+        return Summary(found.outcome, found.reason, None, None)
+    task = found.task.amount if found.task else None
+    return Summary(found.outcome, found.reason, found.score, task, tuple(found.checks()))

@@ -243,7 +243,7 @@ def _told_apart(tasks: Iterable[Task], settled: _Settled) -> Iterator[Task]:
             yield task
             continue
         document = outcome_document("refused", task.refused, team=task.team, trial=task.trial)
-        settled.add(task.key, Written.of(Row(task.key, summary_of(document), "", "")))
+        settled.add(task.key, Written.of(Row.of(task.key, summary_of(document))))
 
 
 def _stored(
@@ -340,7 +340,7 @@ def _kept(done: Done, setting: Setting, store: Store) -> Row:
     """The row of what came of a task, its document stored."""
     task = done.task
     if not done.address and done.document is not None:
-        return Row(task.key, summary_of(done.document), "", "")
+        return Row.of(task.key, summary_of(done.document))
     name = store.name_of(done.address, setting.rules_sha256)
     if done.document is None:
         return Row.kept(task.key, store.read(name), name)

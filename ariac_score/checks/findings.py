@@ -4,20 +4,47 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from types import MappingProxyType
 
+from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.signals import Sample
 from ariac_score.trial.spans import Span
 
-__all__ = ["COUNT", "POINTS", "Finding", "Limit", "Verdict"]
+__all__ = [
+    "COUNT",
+    "POINTS",
+    "SIGNIFICANT_DIGITS",
+    "Finding",
+    "FrozenMap",
+    "Limit",
+    "Verdict",
+    "canonical",
+    "canonical_number",
+    "canonical_span",
+    "settled",
+]
 
 POINTS = "points"
 """Unit of what an official scorer awards or takes."""
 
 COUNT = "count"
 """Unit of numbers of things, which formulas make points of."""
+
+SIGNIFICANT_DIGITS = 12
+"""Measured numbers keep so many digits: fewer than float64 has, so that the last bits,
+in which two machines may differ, never reach a result; more than any sensor means."""
+
+
+def canonical(value: float) -> float:
+    """A measured number with the declared digits; never a negative zero.
+
+    >>> canonical(0.1 + 0.2)
+    0.3
+    """
+    if not math.isfinite(value):
+        raise ValueError(f"{value!r} cannot stand in a result")
+    return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0
 
 
 class Verdict(str, Enum):
@@ -83,8 +110,8 @@ def _components(value: float | tuple[float, ...]) -> tuple[float, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-_NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
-_NO_WORDS: Mapping[str, str] = MappingProxyType({})
+_NO_NUMBERS: Mapping[str, float] = FrozenMap({})
+_NO_WORDS: Mapping[str, str] = FrozenMap({})
 
 
 @dataclass(frozen=True)
@@ -132,9 +159,9 @@ class Finding:
         for sample in self.evidence:
             if not all(math.isfinite(v) for v in _components(sample.value)):
                 raise ValueError(f"evidence {sample.signal!r} is {sample.value!r}")
-        object.__setattr__(self, "quantities", MappingProxyType(dict(self.quantities)))
-        object.__setattr__(self, "labels", MappingProxyType(dict(self.labels)))
-        object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
+        object.__setattr__(self, "quantities", FrozenMap(dict(self.quantities)))
+        object.__setattr__(self, "labels", FrozenMap(dict(self.labels)))
+        object.__setattr__(self, "units", FrozenMap(dict(self.units)))
         for name in self.units.keys() - self.quantities.keys():
             raise ValueError(f"there is a unit for {name!r}, which is no quantity of this finding")
         object.__setattr__(self, "evidence", tuple(self.evidence))
@@ -182,3 +209,30 @@ class Finding:
             clause=clause,
             units={name: limit.unit for name, limit in zip(names, limits, strict=True)},
         )
+
+
+def canonical_number(value: int | float | None) -> int | float | None:
+    """A number with the declared digits; whole ones and none as they are."""
+    return canonical(value) if isinstance(value, float) else value
+
+
+def settled(finding: Finding) -> Finding:
+    """A finding with its numbers as they are stored, so that pricing now and later agree."""
+    return replace(
+        finding,
+        span=None if finding.span is None else canonical_span(finding.span),
+        robustness=None if finding.robustness is None else canonical(finding.robustness),
+        quantities={name: canonical(value) for name, value in finding.quantities.items()},
+        evidence=tuple(_settled_sample(sample) for sample in finding.evidence),
+    )
+
+
+def canonical_span(span: Span) -> Span:
+    """A span with the declared digits."""
+    return Span(canonical(span.start_s), canonical(span.end_s))
+
+
+def _settled_sample(sample: Sample) -> Sample:
+    value = sample.value
+    kept = tuple(canonical(v) for v in value) if isinstance(value, tuple) else canonical(value)
+    return replace(sample, t_s=canonical(sample.t_s), value=kept)

@@ -40,8 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     # Imported here, so that --help and --version stay quick.
     from ariac_score.logs.rosmonitoring import RosMonitoringReader  # noqa: PLC0415
     from ariac_score.report.audit_text import audit_text  # noqa: PLC0415
-    from ariac_score.review.audit import audit  # noqa: PLC0415
-    from ariac_score.review.audit_file import audit_json  # noqa: PLC0415
+    from ariac_score.review.audit import AUDIT, audit  # noqa: PLC0415
     from ariac_score.terminal.output import progress_bar, refuse_inputs, write  # noqa: PLC0415
     from ariac_score.terminal.style import Style, style_for  # noqa: PLC0415
 
@@ -51,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     with progress_bar(arguments.path) as progress:
         audited = audit(arguments.path, arguments.rules, against=arguments.against, progress=progress)
     if arguments.output_format == "json":
-        write(audit_json(audited), arguments.output)
+        write(AUDIT.text(audited), arguments.output)
     else:
         style = Style() if arguments.output else style_for(sys.stdout)
         write(audit_text(audited, style), arguments.output)

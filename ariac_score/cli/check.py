@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _lines(found: Readiness, name: str, style: Style) -> Iterator[str]:
     from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
 
-    under = f"under {found.result.provenance.rule_set[0]}"
+    under = f"under {found.result.provenance.rule_set.id}"
     if found.ready:
         yield style(plain(name), "bold") + style(f" can be scored {under}", "green")
     else:
@@ -81,7 +81,7 @@ def _lines(found: Readiness, name: str, style: Style) -> Iterator[str]:
 def _data(found: Readiness) -> dict[str, Any]:
     return {
         "ready": found.ready,
-        "rule_set": found.result.provenance.rule_set[0],
+        "rule_set": found.result.provenance.rule_set.id,
         "status": found.result.status,
         "lacks": [
             {"what": lack.what, "effect": lack.effect, "cause": lack.cause, "remedy": lack.remedy}

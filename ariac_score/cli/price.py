@@ -50,5 +50,5 @@ def run(arguments: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     if arguments.output_format == "text" and stored.score is not None and again.score is not None:
-        print(f"before, under {stored.provenance.rule_set[0]}: {stored.score:f}", file=sys.stderr)
+        print(f"before, under {stored.provenance.rule_set.id}: {stored.score:f}", file=sys.stderr)
     return show(again, arguments)

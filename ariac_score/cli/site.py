@@ -214,7 +214,7 @@ def _make(
     from ariac_score.terminal.output import counting_bar, write  # noqa: PLC0415  # keeps --help quick
 
     publication = load_publication(file)
-    site = Site(publication, file.read_text(encoding="utf-8"), folder, previous, sensitivity)
+    site = Site(publication, folder, previous, sensitivity)
     with counting_bar("drawing", len(publication.results)) as step:
         count = write_site(site, out, write, progress=step)
     print(f"{count} files in {out}; open {out / 'index.html'}", file=sys.stderr)

@@ -114,7 +114,7 @@ def _kind(found: Verification) -> str:
     if result is None:
         return "no whole result"
     automatic = "withheld" if result.score is None else f"{result.score:f}"
-    under = f"under {result.provenance.rule_set[0]}"
+    under = f"under {result.provenance.rule_set.id}"
     if result.adjusted is None:
         return f"automatic result, score {automatic}, {under}"
     final = "none" if result.adjusted.score is None else f"{result.adjusted.score:f}"

@@ -17,7 +17,6 @@ from ariac_score.results.result import (
     Measured,
     Result,
     canonical,
-    declared_units,
 )
 from ariac_score.results.sketch import Sketch, sketch_of
 from ariac_score.scoring.ruleset import Check
@@ -67,7 +66,6 @@ def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = No
         clock=trial.clock,
         official=trial.official,
         team=trial.team.name if trial.team else "",
-        units=declared_units(findings.values()),
     )
 
 

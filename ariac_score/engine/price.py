@@ -12,7 +12,9 @@ from ariac_score.errors import (
     RuleSetError,
 )
 from ariac_score.results.result import (
+    Code,
     Measured,
+    Pinned,
     Provenance,
     Result,
     Settings,
@@ -105,7 +107,8 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
             findings[f"{check.name}#{number}"] = finding
         if settings is not None and known is not None and said in known:
             settings[check.name] = known[said]
-    code = tuple(sorted({engine_code(), *result.provenance.code}))
-    provenance = replace(result.provenance, rule_set=(rule_set.id, rule_set.sha256), code=code)
+    code = tuple(sorted({Code(*engine_code()), *result.provenance.code}))
+    pinned = Pinned(rule_set.id, rule_set.sha256)
+    provenance = replace(result.provenance, rule_set=pinned, code=code)
     measured = replace(result.measured, findings=findings, settings=settings)
     return price_trial(measured, rule_set, provenance, cohort)

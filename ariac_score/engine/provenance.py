@@ -18,7 +18,7 @@ from ariac_score.errors import (
 )
 from ariac_score.logs.bundle import Bundle, Part, name_from
 from ariac_score.logs.containers.ranged import ranged
-from ariac_score.results.result import Provenance, Source
+from ariac_score.results.result import Code, Pinned, Provenance, Source
 
 __all__ = ["code_of", "engine_code", "file_hashes", "hashing_files", "provenance_of", "refuse_other_contents"]
 
@@ -59,9 +59,11 @@ def provenance_of(bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared
     return Provenance(
         inputs=inputs,
         ignored=tuple(sorted(bundle.ignored)),
-        rule_set=(rule_set.id, rule_set.sha256),
-        log_map=(log_map.id, log_map.sha256),
-        code=tuple(sorted({engine_code(), *((d, v, p, package_sha256(p)) for d, v, p in packages)})),
+        rule_set=Pinned(rule_set.id, rule_set.sha256),
+        log_map=Pinned(log_map.id, log_map.sha256),
+        code=tuple(
+            sorted({Code(*engine_code()), *(Code(d, v, p, package_sha256(p)) for d, v, p in packages)})
+        ),
     )
 
 

@@ -330,7 +330,7 @@ def _export(phase: Phase, ranking: Ranking, results: Mapping[tuple[str, int], Re
     (standing,) = ranking.standings
     kept = [run for run in ranking.runs if run.kept]
     unsettled = [run for run in ranking.runs if run.outcome in UNSETTLED | {"undecided"}]
-    missing = [trial for trial, cell in standing.cells.items() if cell.outcome == "no_run"]
+    missing = [trial for trial, cell in standing.trials.items() if cell.outcome == "no_run"]
     if not kept:
         reason = next((run.reason for run in ranking.runs), "no run could be scored")
         return replace(_nothing(phase, reason).export, result_sha256=_hash(results))

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
 
+from msgspec import structs
+
 from ariac_score.engine.price import price_trial, reprice
 from ariac_score.errors import FormulaError, did_you_mean
 from ariac_score.ranking.competition import Competition, RunKey
@@ -19,7 +21,7 @@ from ariac_score.results.adjustments import Adjustments, apply, check_targets
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.scoring.steward import Adjusted, Adjustment, with_verdicts
+from ariac_score.scoring.steward import Adjusted, Adjustment, as_kept, with_verdicts
 
 __all__ = ["adjusted_ranking", "decisions_by_run"]
 
@@ -40,7 +42,8 @@ def adjusted_ranking(
         key: _changed(runs[key], own, rule_set, ranking, adjustments.sha256) for key, own in decided.items()
     }
     after = rank_again(competition, spec, rule_set, ranking, changed)
-    return replace(ranking, stewarded=Stewarded(after, adjustments.decisions, adjustments.sha256))
+    kept = tuple(as_kept(decision) for decision in adjustments.decisions)
+    return replace(ranking, stewarded=Stewarded(after, kept, adjustments.sha256))
 
 
 def _target(decision: Adjustment, runs: Sequence[RunOutcome]) -> RunOutcome:
@@ -93,7 +96,7 @@ def _changed(
     result = run.result
     if ranking.cohort is not None and run.outcome == "undecided":
         result = reprice(result, rule_set, ranking.cohort.of_trial(run.trial))
-    check_targets([replace(decision, team="", trial="") for decision in own], result, rule_set)
+    check_targets([structs.replace(decision, team="", trial="") for decision in own], result, rule_set)
     adjusted = apply(result, own, rule_set, sha256=sha256)
     return replace(
         run,

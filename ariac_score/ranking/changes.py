@@ -9,6 +9,8 @@ from decimal import Decimal
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import RunOutcome, Standing
+from ariac_score.results.codec import plain
+from ariac_score.results.result import Pinned
 
 __all__ = ["Changes", "RunChange", "TeamChange", "changes_between"]
 
@@ -63,14 +65,14 @@ class Changes:
     """What changed.
 
     Attributes:
-        rules: Id and SHA-256 before and now, where they differ.
+        rules: The rule sets before and now, where they differ.
         how: Keys of the ranking's declaration that differ.
         trials: Trials that are new, or gone (with a minus before them).
         teams: Every team of either, in the order of the ranking now.
         runs: Every run that differs.
     """
 
-    rules: tuple[tuple[str, str], tuple[str, str]] | None
+    rules: tuple[Pinned, Pinned] | None
     how: tuple[str, ...]
     trials: tuple[str, ...]
     teams: tuple[TeamChange, ...]
@@ -87,10 +89,10 @@ class Changes:
 def changes_between(before: Publication, now: Publication) -> Changes:
     """What changed from one publication to the next."""
     old, new = before.final, now.final
-    keys = sorted(before.how.keys() | now.how.keys())
+    was, is_now = plain(before.how), plain(now.how)
     return Changes(
         rules=None if old.rule_set == new.rule_set else (old.rule_set, new.rule_set),
-        how=tuple(key for key in keys if before.how.get(key) != now.how.get(key)),
+        how=tuple(key for key in sorted(is_now) if was[key] != is_now[key]),
         trials=(
             *(trial for trial in new.trials if trial not in old.trials),
             *(f"-{trial}" for trial in old.trials if trial not in new.trials),

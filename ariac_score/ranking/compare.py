@@ -42,7 +42,7 @@ def differences(strict: Evaluation, ranking: Ranking) -> tuple[Difference, ...]:
     found = []
     for standing in ranking.standings:
         team = standing.team
-        for trial, cell in standing.cells.items():
+        for trial, cell in standing.trials.items():
             entry = strict.trials.get(trial, {}).get(team)
             theirs = None if entry is None else float(entry.score)
             if not _same(theirs, float(cell.score)):
@@ -78,7 +78,7 @@ def _why(strict: Evaluation, ranking: Ranking, team: str, trial: str) -> str:
     own = [f"{s.exception} at {s.run or team}: {s.cause}" for s in stops if s.team == team]
     entry = strict.trials.get(trial, {}).get(team)
     own += list(entry.remarks) if entry else []
-    cell = next(s.cells[trial] for s in ranking.standings if s.team == team)
+    cell = next(s.trials[trial] for s in ranking.standings if s.team == team)
     if cell.outcome != "scored":
         own.append(f"here {cell.outcome}: {cell.reason}")
     if own:

@@ -1,34 +1,31 @@
-"""A ranking as canonical JSON: every number that entered it, by team, trial and run; and back."""
+"""A ranking as it is published: every number that entered it, by team, trial and run; and back."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from decimal import Decimal
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from ariac_score.documents.schema import schema_errors
+from msgspec import Meta, Struct
+
 from ariac_score.errors import DataFileError
-from ariac_score.ranking.compare import Difference
 from ariac_score.ranking.competition import RunKey
-from ariac_score.ranking.evaluation import Evaluation
-from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing, Stewarded, final_ranking
+from ariac_score.ranking.rank import Outcome, Ranking, RunOutcome, Standing, Stewarded, final_ranking
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec
-from ariac_score.ranking.statistics import Group, Pair, Statistics, TeamOdds
-from ariac_score.results.cohort_file import cohort_text
-from ariac_score.results.result_file import adjustment_data, adjustment_from
+from ariac_score.ranking.statistics import Statistics
+from ariac_score.results.codec import Format, plain
+from ariac_score.results.cohort_file import Cohort
+from ariac_score.results.result import Pinned, Sha256
+from ariac_score.results.result_file import decision_from_1
+from ariac_score.scoring.steward import Adjustment
 
-__all__ = ["Publication", "StoredResult", "load_publication", "ranking_json"]
-
-SCHEMA = "ariac-score/ranking/2"
-METHOD = "bootstrap by trial and run, paired between teams; PCG64"
-"""What the statistics were made by; docs/ranking.md."""
+__all__ = ["PUBLICATION", "Publication", "StoredResult", "load_publication", "ranking_json"]
 
 
-@dataclass(frozen=True)
-class StoredResult:
+class StoredResult(Struct, frozen=True, forbid_unknown_fields=True):
     """Where the result of a run is kept.
 
     Attributes:
@@ -36,8 +33,101 @@ class StoredResult:
         sha256: Of the file.
     """
 
-    file: str
+    file: Annotated[str, Meta(min_length=1)]
+    sha256: Sha256
+
+
+class Input(Struct, frozen=True, forbid_unknown_fields=True):
+    """A file that a run was scored from.
+
+    Attributes:
+        role: Such as `log`.
+        name: Within the bundle.
+        sha256: Of its content.
+    """
+
+    role: str
+    name: str
     sha256: str
+
+
+class PublishedRun(Struct, frozen=True, forbid_unknown_fields=True):
+    """One run: how it ended, what it is worth, whether it counts.
+
+    Attributes:
+        team: Team.
+        trial: Trial.
+        run: Its number.
+        outcome: How it ended.
+        reason: In words, where it is out of the ordinary.
+        task: Task score, where the rules have one.
+        score: Score; null when there is none, or it was not kept and needs a cohort.
+        kept: Whether it counts for the trial.
+        terms: The terms of the trial that runs are compared by.
+        inputs: The files it was scored from.
+        result: Its result, below the folder of results; null when it is not given.
+    """
+
+    team: str
+    trial: str
+    run: int
+    outcome: Outcome
+    reason: str
+    task: Decimal | None
+    score: Decimal | None
+    kept: bool
+    terms: Mapping[str, int | float]
+    inputs: tuple[Input, ...]
+    result: StoredResult | None
+
+    @property
+    def key(self) -> RunKey:
+        """Team, trial, number."""
+        return self.team, self.trial, self.run
+
+
+class How(Struct, frozen=True, forbid_unknown_fields=True):
+    """How runs became ranks, as in the `ranking` of a rule set, defaults included.
+
+    Attributes:
+        keep: How many runs of a trial count.
+        by: What makes a run better, most important first.
+        missing_run: What a run that was not made counts as.
+        judges: What is made of the judges' marks.
+        value: What teams are ranked by.
+        best: Which value comes first.
+        ties: What separates teams of equal value, most important first.
+        intervals: How the uncertainty of ranks is estimated.
+    """
+
+    keep: Annotated[int, Meta(ge=1)]
+    by: tuple[Mapping[str, str], ...]
+    missing_run: Annotated[str, Meta(pattern="^(zero|leave_out)$")]
+    judges: Annotated[str, Meta(pattern="^(sum|mean)$")]
+    value: str
+    best: Annotated[str, Meta(pattern="^(highest|lowest)$")]
+    ties: tuple[Mapping[str, str], ...]
+    intervals: Intervals
+
+
+class PublishedDecisions(Struct, frozen=True, forbid_unknown_fields=True):
+    """The ranking after the decisions of stewards.
+
+    Attributes:
+        sha256: Of `adjustments.yaml`.
+        adjustments: The decisions, in the order of their file.
+        standings: Best first.
+        runs: Every run.
+        worst: By trial what counts where there is no score.
+        statistics: How sure this ranking is; null where that was not asked.
+    """
+
+    sha256: Sha256
+    adjustments: Annotated[tuple[Adjustment, ...], Meta(min_length=1)]
+    standings: tuple[Standing, ...]
+    runs: tuple[PublishedRun, ...]
+    worst: Mapping[str, Decimal]
+    statistics: Statistics | None
 
 
 @dataclass(frozen=True)
@@ -45,25 +135,84 @@ class Publication:
     """A ranking as it is published.
 
     Attributes:
-        ranking: The ranking, with what stewards made of it; of its runs all but their results.
-        how: How runs became ranks, as the rules say it: `ranking` of the JSON.
-        statistics: How sure it is, as stewards left it; `None` where that was not asked.
+        competition: Id.
+        title: One line for people.
+        rule_set: By which its runs were scored.
+        trials: Their ids in order.
+        how: How runs became ranks.
+        standings: Best first.
+        runs: Every run, sorted by team, trial and number.
+        worst: By trial what counts where a team has no score: 0, or the worst run kept.
+        statistics: How sure the ranking is; null where that was not asked.
+        cohort: The values across teams; null when the rules compare none.
+        strangers: What lies among the runs and belongs to nobody.
         folder: Where the results are, relative to the file; empty when they are not given.
-        results: For each run its result.
-        inputs: For each run SHA-256 of the files it was scored from, by role and name.
+        strict: The organisers' own evaluation, where it was reproduced, and where it differs.
+        adjusted: What stewards made of it; null leaves the automatic ranking.
     """
 
-    ranking: Ranking
-    how: Mapping[str, Any]
-    statistics: Statistics | None = None
-    folder: str = ""
-    results: Mapping[RunKey, StoredResult] = field(default_factory=dict)
-    inputs: Mapping[RunKey, tuple[tuple[str, str, str], ...]] = field(default_factory=dict)
+    competition: str
+    title: str
+    rule_set: Pinned
+    trials: tuple[str, ...]
+    how: How
+    standings: tuple[Standing, ...]
+    runs: tuple[PublishedRun, ...]
+    worst: Mapping[str, Decimal]
+    statistics: Statistics | None
+    cohort: Cohort | None
+    strangers: tuple[str, ...]
+    folder: str
+    strict: Mapping[str, Any] | None
+    adjusted: PublishedDecisions | None
 
-    @property
+    @cached_property
+    def ranking(self) -> Ranking:
+        """The ranking, with what stewards made of it; of its runs all but their results."""
+        automatic = self._ranking(self.standings, self.runs, self.worst)
+        adjusted = self.adjusted
+        if adjusted is None:
+            return automatic
+        after = self._ranking(adjusted.standings, adjusted.runs, adjusted.worst)
+        return replace(automatic, stewarded=Stewarded(after, adjusted.adjustments, adjusted.sha256))
+
+    def _ranking(
+        self, standings: tuple[Standing, ...], runs: tuple[PublishedRun, ...], worst: Mapping[str, Decimal]
+    ) -> Ranking:
+        return Ranking(
+            competition=self.competition,
+            title=self.title,
+            rule_set=self.rule_set,
+            trials=self.trials,
+            standings=standings,
+            runs=tuple(
+                RunOutcome(r.team, r.trial, r.run, r.outcome, r.reason, r.task, r.score, r.kept, r.terms)
+                for r in runs
+            ),
+            cohort=self.cohort,
+            strangers=self.strangers,
+            worst=worst,
+        )
+
+    @cached_property
     def final(self) -> Ranking:
         """The ranking that counts: the adjusted one, where stewards decided something."""
         return final_ranking(self.ranking)
+
+    @property
+    def final_statistics(self) -> Statistics | None:
+        """How sure the ranking that counts is."""
+        return self.statistics if self.adjusted is None else self.adjusted.statistics
+
+    @cached_property
+    def results(self) -> Mapping[RunKey, StoredResult]:
+        """For each run its result, where it is given."""
+        return {run.key: run.result for run in self.runs if run.result is not None}
+
+    @cached_property
+    def inputs(self) -> Mapping[RunKey, tuple[Input, ...]]:
+        """For each run the files it was scored from."""
+        return {run.key: run.inputs for run in self.runs}
 
 
 def ranking_json(
@@ -71,8 +220,8 @@ def ranking_json(
     spec: Spec,
     statistics: Statistics | None = None,
     adjusted: Statistics | None = None,
-    strict: Evaluation | None = None,
-    differences: tuple[Difference, ...] = (),
+    strict: object = None,
+    differences: tuple[object, ...] = (),
     *,
     folder: str = "",
     results: Mapping[RunKey, StoredResult] | None = None,
@@ -90,56 +239,47 @@ def ranking_json(
         results: The result of each run, where they were written.
     """
     stored = results or {}
-    data = {
-        "schema": SCHEMA,
-        "competition": ranking.competition,
-        "title": ranking.title,
-        "rule_set": {"id": ranking.rule_set[0], "sha256": ranking.rule_set[1]},
-        "trials": list(ranking.trials),
-        "ranking": _how(spec),
-        "standings": [_standing(standing) for standing in ranking.standings],
-        "statistics": None if statistics is None else _statistics(statistics),
-        "worst": {trial: float(amount) for trial, amount in ranking.worst.items()},
-        "results": folder or None,
-        "runs": [_run(run, stored.get(run.key)) for run in ranking.runs],
-        "cohort": None if ranking.cohort is None else json.loads(cohort_text(ranking.cohort)),
-        "strangers": list(ranking.strangers),
-        "strict": None if strict is None else _strict(strict, differences),
-    }
-    if ranking.stewarded is not None:
-        data["adjusted"] = _stewarded(ranking.stewarded, adjusted)
-    text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
-    # Half a surrogate pair, which a file name may hold, has no place in UTF-8 but has one in JSON.
-    return text.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
+    after = ranking.stewarded
+    return PUBLICATION.text(
+        Publication(
+            competition=ranking.competition,
+            title=ranking.title,
+            rule_set=ranking.rule_set,
+            trials=ranking.trials,
+            how=_how(spec),
+            standings=ranking.standings,
+            runs=tuple(_run(run, stored.get(run.key)) for run in ranking.runs),
+            worst=ranking.worst,
+            statistics=statistics,
+            cohort=ranking.cohort,
+            strangers=ranking.strangers,
+            folder=folder,
+            strict=None if strict is None else {**plain(strict), "differences": plain(differences)},
+            adjusted=None
+            if after is None
+            else PublishedDecisions(
+                sha256=after.sha256,
+                adjustments=after.adjustments,
+                standings=after.ranking.standings,
+                runs=tuple(_run(run, None) for run in after.ranking.runs),
+                worst=after.ranking.worst,
+                statistics=adjusted,
+            ),
+        )
+    )
 
 
-def _stewarded(stewarded: Stewarded, statistics: Statistics | None) -> dict[str, Any]:
-    """What the stewards made of it: what remains when this key is taken away is the automatic ranking."""
-    return {
-        "sha256": stewarded.sha256,
-        "adjustments": [adjustment_data(decision) for decision in stewarded.adjustments],
-        "standings": [_standing(standing) for standing in stewarded.ranking.standings],
-        "runs": [_run(run, None) for run in stewarded.ranking.runs],
-        "worst": {trial: float(amount) for trial, amount in stewarded.ranking.worst.items()},
-        "statistics": None if statistics is None else _statistics(statistics),
-    }
-
-
-def _amount(value: Decimal | None) -> float | None:
-    return None if value is None else float(value)
-
-
-def _how(spec: Spec) -> dict[str, Any]:
-    return {
-        "keep": spec.keep,
-        "by": [_key(key) for key in spec.by],
-        "missing_run": "zero" if spec.fill else "leave_out",
-        "judges": spec.judges,
-        "value": spec.value.source,
-        "best": "highest" if spec.highest else "lowest",
-        "ties": [_key(key) for key in spec.ties],
-        "intervals": _intervals(spec.intervals),
-    }
+def _how(spec: Spec) -> How:
+    return How(
+        keep=spec.keep,
+        by=tuple(_key(key) for key in spec.by),
+        missing_run="zero" if spec.fill else "leave_out",
+        judges=spec.judges,
+        value=spec.value.source,
+        best="highest" if spec.highest else "lowest",
+        ties=tuple(_key(key) for key in spec.ties),
+        intervals=spec.intervals,
+    )
 
 
 def _key(key: Key) -> dict[str, str]:
@@ -148,123 +288,60 @@ def _key(key: Key) -> dict[str, str]:
     return {"highest" if key.highest else "lowest": key.name}
 
 
-def _intervals(declared: Intervals) -> dict[str, Any]:
-    return {
-        "resample": declared.resample,
-        "draws": declared.draws,
-        "seed": declared.seed,
-        "level": declared.level,
-    }
-
-
-def _standing(standing: Standing) -> dict[str, Any]:
-    return {
-        "rank": standing.rank,
-        "team": standing.team,
-        "name": standing.name,
-        "value": standing.value,
-        "execution": _amount(standing.execution),
-        "judges": _amount(standing.judges),
-        "ties": dict(standing.ties),
-        "trials": {trial: _cell(cell) for trial, cell in standing.cells.items()},
-        "remarks": list(standing.remarks),
-        "places": list(standing.places),
-        "separated_by": standing.separated_by,
-        "disqualified": standing.disqualified,
-    }
-
-
-def _cell(cell: Cell) -> dict[str, Any]:
-    return {
-        "score": _amount(cell.score),
-        "outcome": cell.outcome,
-        "reason": cell.reason,
-        "runs": list(cell.runs),
-        "made": cell.made,
-    }
-
-
-def _run(run: RunOutcome, stored: StoredResult | None) -> dict[str, Any]:
+def _run(run: RunOutcome, stored: StoredResult | None) -> PublishedRun:
     inputs = run.result.provenance.inputs if run.result else ()
-    return {
-        "team": run.team,
-        "trial": run.trial,
-        "run": run.number,
-        "outcome": run.outcome,
-        "reason": run.reason,
-        "task": _amount(run.task),
-        "score": _amount(run.score),
-        "kept": run.kept,
-        "terms": dict(run.terms),
-        "inputs": [{"role": s.role, "name": s.name, "sha256": s.sha256} for s in inputs],
-        "result": None if stored is None else {"file": stored.file, "sha256": stored.sha256},
+    return PublishedRun(
+        team=run.team,
+        trial=run.trial,
+        run=run.number,
+        outcome=run.outcome,
+        reason=run.reason,
+        task=run.task,
+        score=run.score,
+        kept=run.kept,
+        terms=run.terms,
+        inputs=tuple(Input(s.role, s.name, s.sha256) for s in inputs),
+        result=stored,
+    )
+
+
+# The version before ----------------------------------------------------------------------
+
+
+def _from_2(data: dict[str, Any]) -> dict[str, Any]:
+    """`ranking/2` as `ranking/3`: intervals by name, decisions flat, the folder of results by its name."""
+    data = {**data, "how": data["ranking"], "folder": data["results"] or ""}
+    del data["ranking"], data["results"]
+    if data["cohort"] is not None:
+        data["cohort"] = {key: value for key, value in data["cohort"].items() if key != "schema"}
+    data["statistics"] = _statistics_from_2(data["statistics"])
+    adjusted = data.get("adjusted")
+    data["adjusted"] = adjusted and {
+        **adjusted,
+        "adjustments": [decision_from_1(decision) for decision in adjusted["adjustments"]],
+        "statistics": _statistics_from_2(adjusted["statistics"]),
     }
+    return data
 
 
-def _statistics(found: Statistics) -> dict[str, Any]:
-    return {
-        "declared": _intervals(found.intervals),
-        "method": METHOD,
-        "resampled": found.resample or None,
-        "widened_by": found.widened_by,
-        "notes": list(found.notes),
-        "teams": [
-            {
-                "team": odds.team,
-                "rank_low": odds.low,
-                "rank_high": odds.high,
-                "chances": list(odds.chances),
-                "execution": list(odds.execution),
-            }
-            for odds in found.teams
-        ],
-        "pairs": [
-            {
-                "first": pair.first,
-                "second": pair.second,
-                "ahead": pair.ahead,
-                "interval": [pair.low, pair.high],
-                "joint_interval": [pair.joint_low, pair.joint_high],
-                "chance": pair.chance,
-                "told_apart": pair.told_apart,
-            }
-            for pair in found.pairs
-        ],
-        "groups": [{"label": group.label, "teams": list(group.teams)} for group in found.groups],
-    }
+def _statistics_from_2(data: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if data is None:
+        return None
+    data = dict(data)
+    intervals, resample = data.pop("declared"), data.pop("resampled") or ""
+    pairs = [_pair_from_2(pair) for pair in data["pairs"]]
+    return {**data, "intervals": intervals, "resample": resample, "pairs": pairs}
 
 
-def _strict(strict: Evaluation, differences: tuple[Difference, ...]) -> dict[str, Any]:
-    trials: Mapping[str, Any] = {
-        trial: {
-            team: {
-                "run": entry.run,
-                "raw": entry.raw,
-                "cost": entry.cost,
-                "scores": dict(entry.scores),
-                "durations_s": dict(entry.durations_s),
-                "score": entry.score,
-                "remarks": list(entry.remarks),
-            }
-            for team, entry in entries.items()
-        }
-        for trial, entries in strict.trials.items()
-    }
-    return {
-        "leaderboard": [{"team": team, "score": score} for team, score in strict.leaderboard],
-        "trials": trials,
-        "stops": [
-            {"trial": s.trial, "team": s.team, "run": s.run, "exception": s.exception, "cause": s.cause}
-            for s in strict.stops
-        ],
-        "differences": [
-            {"team": d.team, "what": d.what, "strict": d.strict, "robust": d.robust, "because": d.because}
-            for d in differences
-        ],
-    }
+def _pair_from_2(pair: Mapping[str, Any]) -> dict[str, Any]:
+    pair = dict(pair)
+    (low, high), (joint_low, joint_high) = pair.pop("interval"), pair.pop("joint_interval")
+    del pair["told_apart"]  # it follows from the interval that holds for all pairs together
+    return {**pair, "low": low, "high": high, "joint_low": joint_low, "joint_high": joint_high}
 
 
-# And back --------------------------------------------------------------------------------
+PUBLICATION = Format("ranking", 3, Publication, before={2: _from_2}, made_by="'rank --output-format json'")
+"""How a ranking is stored."""
 
 
 def load_publication(path: Path) -> Publication:
@@ -273,159 +350,9 @@ def load_publication(path: Path) -> Publication:
     Raises:
         DataFileError: Missing, not a ranking, or one that contradicts itself.
     """
-    hint = "give the JSON that 'rank --output-format json' wrote"
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"), parse_float=Decimal)
-    except OSError as cause:
-        raise DataFileError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
-    except (ValueError, RecursionError) as cause:
-        raise DataFileError(f"not a ranking: {cause}", file=path, hint=hint) from None
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        told = data.get("schema") if isinstance(data, dict) else None
-        raise DataFileError(f"its schema is {told!r}, not {SCHEMA!r}", file=path, place="$.schema", hint=hint)
-    plain = _plain(data)
-    faults = schema_errors(plain, "ranking")
-    if faults:
-        where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in faults[0][0])
-        raise DataFileError(faults[0][1], file=path, place=where, hint="rank again with this version")
-    publication = _publication(data, plain)
+    publication = PUBLICATION.read(path)
     _refuse_contradictions(publication, path)
     return publication
-
-
-def _plain(value: Any) -> Any:
-    """A value of the file with floats for decimals, all the way down."""
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_plain(inner) for inner in value]
-    return float(value) if isinstance(value, Decimal) else value
-
-
-def _publication(data: Mapping[str, Any], plain: Mapping[str, Any]) -> Publication:
-    runs = tuple(_run_of(run) for run in data["runs"])
-    statistics = plain.get("adjusted", plain)["statistics"]
-    return Publication(
-        ranking=Ranking(
-            competition=data["competition"],
-            title=data["title"],
-            rule_set=(data["rule_set"]["id"], data["rule_set"]["sha256"]),
-            trials=tuple(data["trials"]),
-            standings=tuple(_standing_of(standing) for standing in data["standings"]),
-            runs=runs,
-            cohort=None,
-            strangers=tuple(data["strangers"]),
-            worst=_worst_of(data),
-            stewarded=_stewarded_of(data) if "adjusted" in data else None,
-        ),
-        how=plain["ranking"],
-        statistics=None if statistics is None else _statistics_of(statistics),
-        folder=data["results"] or "",
-        results={
-            run.key: StoredResult(entry["result"]["file"], entry["result"]["sha256"])
-            for run, entry in zip(runs, data["runs"], strict=True)
-            if entry["result"] is not None
-        },
-        inputs={
-            run.key: tuple((source["role"], source["name"], source["sha256"]) for source in entry["inputs"])
-            for run, entry in zip(runs, data["runs"], strict=True)
-        },
-    )
-
-
-def _stewarded_of(data: Mapping[str, Any]) -> Stewarded:
-    adjusted = data["adjusted"]
-    return Stewarded(
-        Ranking(
-            competition=data["competition"],
-            title=data["title"],
-            rule_set=(data["rule_set"]["id"], data["rule_set"]["sha256"]),
-            trials=tuple(data["trials"]),
-            standings=tuple(_standing_of(standing) for standing in adjusted["standings"]),
-            runs=tuple(_run_of(run) for run in adjusted["runs"]),
-            cohort=None,
-            strangers=tuple(data["strangers"]),
-            worst=_worst_of(adjusted),
-        ),
-        tuple(adjustment_from(decision) for decision in adjusted["adjustments"]),
-        adjusted["sha256"],
-    )
-
-
-def _worst_of(data: Mapping[str, Any]) -> dict[str, Decimal]:
-    return {trial: _decimal(amount) or Decimal(0) for trial, amount in data["worst"].items()}
-
-
-def _decimal(value: Any) -> Decimal | None:
-    """An amount as written, without the zero that makes a whole number a float."""
-    if value is None:
-        return None
-    number = Decimal(value)
-    return number.quantize(Decimal(1)) if number == number.to_integral_value() else number
-
-
-def _standing_of(data: Mapping[str, Any]) -> Standing:
-    plain = _plain(data)
-    return Standing(
-        rank=data["rank"],
-        team=data["team"],
-        name=data["name"],
-        value=plain["value"],
-        execution=_decimal(data["execution"]) or Decimal(0),
-        judges=_decimal(data["judges"]),
-        ties=plain["ties"],
-        cells={trial: _cell_of(cell) for trial, cell in data["trials"].items()},
-        remarks=tuple(data["remarks"]),
-        places=tuple(data["places"]),
-        separated_by=data["separated_by"],
-        disqualified=data["disqualified"],
-    )
-
-
-def _cell_of(data: Mapping[str, Any]) -> Cell:
-    score = _decimal(data["score"]) or Decimal(0)
-    return Cell(score, data["outcome"], data["reason"], tuple(data["runs"]), data["made"])
-
-
-def _run_of(data: Mapping[str, Any]) -> RunOutcome:
-    return RunOutcome(
-        team=data["team"],
-        trial=data["trial"],
-        number=data["run"],
-        outcome=data["outcome"],
-        reason=data["reason"],
-        task=_decimal(data["task"]),
-        score=_decimal(data["score"]),
-        kept=data["kept"],
-        terms=_plain(data["terms"]),
-    )
-
-
-def _statistics_of(data: Mapping[str, Any]) -> Statistics:
-    return Statistics(
-        intervals=Intervals(**data["declared"]),
-        resample=data["resampled"] or "",
-        widened_by=data["widened_by"],
-        notes=tuple(data["notes"]),
-        teams=tuple(
-            TeamOdds(t["team"], t["rank_low"], t["rank_high"], tuple(t["chances"]), tuple(t["execution"]))
-            for t in data["teams"]
-        ),
-        pairs=tuple(
-            Pair(
-                first=p["first"],
-                second=p["second"],
-                ahead=p["ahead"],
-                low=p["interval"][0],
-                high=p["interval"][1],
-                joint_low=p["joint_interval"][0],
-                joint_high=p["joint_interval"][1],
-                chance=p["chance"],
-            )
-            for p in data["pairs"]
-        ),
-        groups=tuple(Group(g["label"], tuple(g["teams"])) for g in data["groups"]),
-    )
 
 
 def _refuse_contradictions(found: Publication, path: Path) -> None:
@@ -447,7 +374,7 @@ def _refuse_contradictions(found: Publication, path: Path) -> None:
             f"{outside[0]!r} leads out of the folder of results", file=path, place="$.runs", hint=hint
         )
     teams = {standing.team for standing in found.final.standings}
-    if found.statistics is not None and not {odds.team for odds in found.statistics.teams} <= teams:
+    if (sure := found.final_statistics) is not None and not {odds.team for odds in sure.teams} <= teams:
         raise DataFileError("its statistics are of other teams", file=path, place="$.statistics", hint=hint)
 
 
@@ -463,9 +390,9 @@ def _refuse_wrong_sums(ranking: Ranking, path: Path) -> None:
         raise DataFileError("a team or trial stands in it twice", file=path, place="$.standings", hint=hint)
     for number, standing in enumerate(ranking.standings):
         place = f"$.standings[{number}]"
-        if set(standing.cells) != set(ranking.trials):
+        if set(standing.trials) != set(ranking.trials):
             raise DataFileError("it has other trials than are listed", file=path, place=place, hint=hint)
-        total = sum((cell.score for cell in standing.cells.values()), Decimal(0))
+        total = sum((cell.score for cell in standing.trials.values()), Decimal(0))
         # Each amount is a float of its own, which keeps 15 digits of what was added up.
         if abs(total - standing.execution) > max(abs(total), Decimal(1)) * Decimal("1e-12"):
             raise DataFileError(

@@ -13,14 +13,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_HALF_EVEN, Decimal
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta
 
 from ariac_score.engine.price import reprice
 from ariac_score.errors import FormulaError, RunEndedError, ScoreError
 from ariac_score.ranking.competition import Competition, RunKey, Team
 from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
-from ariac_score.results.result import Result
+from ariac_score.results.result import Pinned, Result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import Expression, Number, add_up
 from ariac_score.scoring.pricing import Contributed
@@ -30,6 +32,7 @@ from ariac_score.scoring.steward import Adjustment
 __all__ = [
     "OUTCOMES",
     "Cell",
+    "Outcome",
     "Ranking",
     "RunOutcome",
     "Standing",
@@ -56,6 +59,7 @@ OUTCOMES: Mapping[str, str] = {
     "no_run": "there is no run",
 }
 """How a run, or a team's trial, can end."""
+Outcome = Annotated[str, Meta(pattern=f"^({'|'.join(OUTCOMES)})$")]
 _AS_ZERO = ("crashed", "cancelled", "disqualified")
 
 
@@ -79,7 +83,7 @@ class RunOutcome:
     team: str
     trial: str
     number: int
-    outcome: str
+    outcome: Outcome
     reason: str = ""
     task: Decimal | None = None
     score: Decimal | None = None
@@ -106,7 +110,7 @@ class Cell:
     """
 
     score: Decimal
-    outcome: str
+    outcome: Outcome
     reason: str
     runs: tuple[int, ...]
     made: int
@@ -125,7 +129,7 @@ class Standing:
         execution: Sum over the trials.
         judges: What the judges' marks come to; `None` when there are none.
         ties: The values that separate teams of equal value, by name.
-        cells: By trial.
+        trials: What each trial brings.
         remarks: What a reader of the ranking must know about this team.
         places: How many trials it won, in how many it came second, and so on.
         separated_by: What puts it behind the team before it: `value`, or one of the ties;
@@ -139,8 +143,8 @@ class Standing:
     value: Number | None
     execution: Decimal
     judges: Decimal | None
-    ties: Mapping[str, float | None]
-    cells: Mapping[str, Cell]
+    ties: Mapping[str, int | float | None]
+    trials: Mapping[str, Cell]
     remarks: tuple[str, ...] = ()
     places: tuple[int, ...] = ()
     separated_by: str = ""
@@ -154,7 +158,7 @@ class Ranking:
     Attributes:
         competition: Id.
         title: One line for people.
-        rule_set: Id and SHA-256.
+        rule_set: By which its runs were scored.
         trials: Their ids in order.
         standings: Best first.
         runs: Every run, sorted by team, trial and number.
@@ -166,7 +170,7 @@ class Ranking:
 
     competition: str
     title: str
-    rule_set: tuple[str, str]
+    rule_set: Pinned
     trials: tuple[str, ...]
     standings: tuple[Standing, ...]
     runs: tuple[RunOutcome, ...]
@@ -267,7 +271,7 @@ def _ranking(
     return Ranking(
         competition=competition.id,
         title=competition.title,
-        rule_set=(rule_set.id, rule_set.sha256),
+        rule_set=Pinned(rule_set.id, rule_set.sha256),
         trials=tuple(trial.id for trial in competition.trials),
         standings=_standings(competition, spec, cells, outcomes),
         runs=tuple(outcomes),
@@ -575,7 +579,7 @@ def _remarks(
 
 def remarks_on_team(standing: Standing) -> tuple[str, ...]:
     """What its remarks say of the team itself; those on its trials come first, one for each not scored."""
-    return standing.remarks[sum(1 for cell in standing.cells.values() if cell.outcome != "scored") :]
+    return standing.remarks[sum(1 for cell in standing.trials.values() if cell.outcome != "scored") :]
 
 
 def _ranked(found: Sequence[Standing], spec: Spec) -> tuple[Standing, ...]:

@@ -119,7 +119,7 @@ def sampled(ranking: Ranking, spec: Spec, digits: int) -> Sampled:
         if cell[0] is not None and cell[1] is not None and known:
             groups.setdefault((cell[0], cell[1]), []).append(run)
     groups = {key: sorted(runs, key=lambda run: merit(run, spec)) for key, runs in groups.items()}
-    own = [[standing.cells[trial] for trial in ranking.trials] for standing in standings]
+    own = [[standing.trials[trial] for trial in ranking.trials] for standing in standings]
     most = max((len(runs) for runs in groups.values()), default=0)
     digits = _affordable(groups, cell_digits(spec, digits), len(trials), spec.keep)
     scores = np.zeros((len(teams), len(trials), most + 1), dtype=np.int64)

@@ -11,7 +11,7 @@ from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.ranking.competition import Competition, Run, RunKey
-from ariac_score.results.result import Result
+from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import load_result
 from ariac_score.scoring.ruleset import RuleSet
 
@@ -53,7 +53,7 @@ def score_runs(
         ("trial", trial.id): trial.config for trial in competition.trials
     }
     results: dict[RunKey, Result | ScoreError] = {}
-    made_under: dict[tuple[str, str], Run] = {}
+    made_under: dict[Pinned, Run] = {}
     for done, run in enumerate(competition.runs):
         progress(done, run)
         also = [c for c in (configs.get(("trial", run.trial)), configs.get(("team", run.team))) if c]
@@ -63,7 +63,7 @@ def score_runs(
                 made_under.setdefault(stored.provenance.rule_set, run)
                 result = reprice(stored, rule_set)
             else:
-                made_under.setdefault((rule_set.id, rule_set.sha256), run)
+                made_under.setdefault(Pinned(rule_set.id, rule_set.sha256), run)
                 result = score_trial(
                     run.path,
                     rule_set,
@@ -114,7 +114,7 @@ def _stored(run: Run) -> Result:
     return stored
 
 
-def _refuse_different_rules(made_under: Mapping[tuple[str, str], Run]) -> None:
+def _refuse_different_rules(made_under: Mapping[Pinned, Run]) -> None:
     """Results of different rule sets are never ranked together."""
     if len(made_under) < 2:
         return
@@ -127,5 +127,5 @@ def _refuse_different_rules(made_under: Mapping[tuple[str, str], Run]) -> None:
     )
 
 
-def _rules_told(rules: tuple[str, str]) -> str:
-    return f"{rules[0]} (SHA-256 {rules[1][:12]}…)"
+def _rules_told(rules: Pinned) -> str:
+    return f"{rules.id} (SHA-256 {rules.sha256[:12]}…)"

@@ -24,6 +24,8 @@ __all__ = ["Group", "Pair", "Statistics", "TeamOdds", "rank_statistics"]
 
 FEW_TRIALS = 8
 """Fewer are said to be few."""
+METHOD = "bootstrap by trial and run, paired between teams; PCG64"
+"""docs/ranking.md."""
 
 
 @dataclass(frozen=True)
@@ -32,16 +34,16 @@ class TeamOdds:
 
     Attributes:
         team: Id.
-        low: Best rank it may have.
-        high: Worst rank it may have.
+        rank_low: Best rank it may have.
+        rank_high: Worst rank it may have.
         chances: In which part of the draws it has each rank, from the first; shared ranks
             count as the first of them.
         execution: From where to where its sum over the trials may be, in points.
     """
 
     team: str
-    low: int
-    high: int
+    rank_low: int
+    rank_high: int
     chances: tuple[float, ...]
     execution: tuple[float, float]
 
@@ -96,6 +98,7 @@ class Statistics:
 
     Attributes:
         intervals: What was declared.
+        method: How competitions were drawn.
         resample: What was drawn; with a single trial only runs can be.
         widened_by: By what deviations were multiplied, because few were drawn from.
         notes: What a reader must know.
@@ -105,6 +108,7 @@ class Statistics:
     """
 
     intervals: Intervals
+    method: str = METHOD
     resample: str = ""
     widened_by: float = 1.0
     notes: tuple[str, ...] = ()

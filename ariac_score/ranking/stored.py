@@ -11,7 +11,7 @@ from ariac_score.errors import DataFileError, ResultError
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication, StoredResult
 from ariac_score.ranking.rank import Ranking, RunOutcome
-from ariac_score.results.result import Result
+from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import as_json, load_result
 
 __all__ = ["read_stored", "results_folder", "write_results"]
@@ -61,16 +61,14 @@ def results_folder(publication: Publication, file: Path) -> Path | None:
     return file.parent / publication.folder if publication.folder else None
 
 
-def read_stored(
-    stored: StoredResult, folder: Path, run: RunOutcome, rule_set: tuple[str, str]
-) -> tuple[Result, str]:
+def read_stored(stored: StoredResult, folder: Path, run: RunOutcome, rule_set: Pinned) -> tuple[Result, str]:
     """The result of one run and its text, checked against the ranking.
 
     Args:
         stored: Where it is.
         folder: Of the results.
         run: The run as the ranking has it.
-        rule_set: Id and SHA-256 of the rules of the ranking.
+        rule_set: The rules of the ranking.
 
     Raises:
         DataFileError: The file is missing, or not the one that was ranked.
@@ -94,7 +92,7 @@ def read_stored(
     result = load_result(file, known=True)
     if result.provenance.rule_set != rule_set:
         raise ResultError(
-            f"it was made under {result.provenance.rule_set[0]}, the ranking under {rule_set[0]}",
+            f"it was made under {result.provenance.rule_set.id}, the ranking under {rule_set.id}",
             file=file,
             hint="results of different rule sets are not ranked together: score all runs under one",
         )

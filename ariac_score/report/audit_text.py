@@ -51,7 +51,7 @@ def _headline(audit: Audit, style: Style) -> Iterator[str]:
     words = f"{tried - wrong} of {tried} sums hold" if wrong else f"all {tried} sums hold"
     yield f"the text against itself: {style(words, 'red' if wrong else 'green')}"
     yield f"{plain(audit.trial)}, {plain(audit.source)} in the layout of {plain(audit.layout)}"
-    yield f"under {audit.rule_set[0]}, sha256 {audit.rule_set[1][:16]}…"
+    yield f"under {audit.rule_set.id}, sha256 {audit.rule_set.sha256[:16]}…"
 
 
 def _differing(audit: Audit, style: Style) -> Iterator[str]:
@@ -152,8 +152,8 @@ def _comparison(comparison: Comparison, style: Style) -> Iterator[str]:
     for change in comparison.changes:
         yield from _change(change, style)
     reasons: dict[str, list[str]] = {}
-    for _, path, term, reason in comparison.undecided:
-        reasons.setdefault(reason, []).append(f"{path}: {term}" if path else term)
+    for each in comparison.undecided:
+        reasons.setdefault(each.reason, []).append(f"{each.path}: {each.term}" if each.path else each.term)
     for reason, names in reasons.items():
         yield style(f"  cannot be compared: {plain(reason)}", "yellow")
         yield style(f"    {plain(', '.join(names))}", "dim")

@@ -41,7 +41,7 @@ def ranking_text(
 
 
 def _head(ranking: Ranking, style: Style) -> Iterator[str]:
-    yield style(plain(ranking.title), "bold") + f" by {ranking.rule_set[0]}"
+    yield style(plain(ranking.title), "bold") + f" by {ranking.rule_set.id}"
     counted = (
         _many(len(ranking.standings), "team"),
         _many(len(ranking.trials), "trial"),
@@ -103,7 +103,7 @@ def _leaderboard(ranking: Ranking, style: Style) -> Iterator[str]:
     shared = [s.rank for s in ranking.standings if s.rank is not None]
     if len(set(shared)) < len(shared):
         yield style("= shares its rank: nothing the rules name separates these teams", "dim")
-    if any(cell.outcome not in _ORDINARY for s in ranking.standings for cell in s.cells.values()):
+    if any(cell.outcome not in _ORDINARY for s in ranking.standings for cell in s.trials.values()):
         yield style("* see below", "dim")
 
 
@@ -114,8 +114,8 @@ def _row(standing: Standing, ranking: Ranking, *, judged: bool) -> list[str]:
     judges = "-" if standing.judges is None else amount_text(standing.judges)
     execution = amount_text(standing.execution)
     cells = [
-        amount_text(standing.cells[trial].score) + ("" if standing.cells[trial].outcome in _ORDINARY else "*")
-        for trial in ranking.trials
+        amount_text(cell.score) + ("" if cell.outcome in _ORDINARY else "*")
+        for cell in (standing.trials[trial] for trial in ranking.trials)
     ]
     return [rank, plain(standing.name), *([value, execution, judges] if judged else [execution]), *cells]
 
@@ -135,7 +135,7 @@ def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[st
         chances = ", ".join(
             f"{rank} in {_percent(chance)}" for rank, chance in enumerate(odds.chances, 1) if chance >= 0.005
         )
-        yield f"  {plain(names[odds.team])}: rank {_from_to(odds.low, odds.high)}; {chances}"
+        yield f"  {plain(names[odds.team])}: rank {_from_to(odds.rank_low, odds.rank_high)}; {chances}"
     for group in statistics.groups:
         if len(group.teams) > 1:
             told = ", ".join(plain(names[team]) for team in group.teams)
@@ -169,7 +169,7 @@ def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
         f"  {plain(s.team)}, {plain(trial)}: {OUTCOMES['no_run']}, "
         f"so the trial brings {amount_text(cell.score)}"
         for s in ranking.standings
-        for trial, cell in s.cells.items()
+        for trial, cell in s.trials.items()
         if cell.outcome == "no_run"
     ]
     lines += _run_lines([run for run in ranking.runs if run.outcome not in _ORDINARY])
@@ -266,10 +266,10 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
             "" if standing.judges is None else f"{standing.judges:f}",
         ]
         for trial in ranking.trials:
-            cell = standing.cells[trial]
+            cell = standing.trials[trial]
             row += [f"{cell.score:f}", cell.outcome, " ".join(map(str, cell.runs))]
         row.append(_safe("; ".join(standing.remarks)))
-        row += ["", ""] if own is None else [str(own.low), str(own.high)]
+        row += ["", ""] if own is None else [str(own.rank_low), str(own.rank_high)]
         if stewarded is not None:
             then = automatic[standing.team]
             row.append("" if then.rank is None else str(then.rank))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from decimal import Decimal
+
+from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.results.result import Result
@@ -71,7 +72,7 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     if result.task is not None:
         yield f"task score {style(amount_text(result.task.amount), 'bold')}, before other teams are looked at"
     who = f"{plain(measured.team)}, " if measured.team else ""
-    yield f"{who}{plain(measured.trial)} under {result.provenance.rule_set[0]}: {result.rule_set_title}"
+    yield f"{who}{plain(measured.trial)} under {result.provenance.rule_set.id}: {result.rule_set_title}"
     if measured.window is not None:
         span = measured.window
         times = f"{span.start_s:.3f} s to {span.end_s:.3f} s ({span.duration_s:.3f} s)"
@@ -147,7 +148,7 @@ def _worth_showing(line: Line) -> Line:
         telling = [c for c in line.children if c.kind != "factor" or c.value != 1 or c.amount]
         if len(telling) != 1 or telling[0].amount != line.amount or not telling[0].children:
             return line
-        line = replace(telling[0], label=line.label, path=line.path, subject=line.subject)
+        line = structs.replace(telling[0], label=line.label, path=line.path, subject=line.subject)
 
 
 def _ledger_line(line: Line, style: Style, depth: int) -> str:

@@ -1,1 +1,1 @@
-"""Stored documents: results, cohorts, decisions, signatures."""
+"""What is stored: one class for each document, and one codec for all of them."""

@@ -16,7 +16,7 @@ from ariac_score.errors import DataFileError, did_you_mean
 from ariac_score.results.result import Result
 from ariac_score.scoring.pricing import Priced, price
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
-from ariac_score.scoring.steward import Adjusted, Adjustment, adjusted_ledger, check_effects
+from ariac_score.scoring.steward import Adjusted, Adjustment, FiledAdjustment, adjusted_ledger, check_effects
 
 __all__ = ["Adjustments", "adjust", "adjustments_template", "apply", "check_targets", "load_adjustments"]
 
@@ -95,7 +95,7 @@ def _time(document: YamlDocument, number: int, told: Any) -> Any:
 
 def _decision(document: YamlDocument, number: int, entry: Mapping[str, Any]) -> Adjustment:
     target, effect = entry["target"], entry["effect"]
-    decision = Adjustment(
+    decision = FiledAdjustment(
         id=entry["id"],
         author=entry["author"],
         reason=entry["reason"],

@@ -10,20 +10,19 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from ariac_score.documents.schema import schema_errors, strict_json
-from ariac_score.documents.yaml import read_text
+from msgspec import Meta
+
 from ariac_score.errors import DataFileError, UsageError, did_you_mean
-from ariac_score.results.result import Measured
+from ariac_score.results.codec import Format, plain
+from ariac_score.results.result import Measured, Pinned, Sha256
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import add_up
 from ariac_score.scoring.pricing import Contributed, contribute
 from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["Cohort", "CohortMean", "cohort_text", "contributed", "load_cohort", "make_cohort"]
-
-SCHEMA = "ariac-score/cohort/1"
+__all__ = ["COHORT", "Cohort", "CohortMean", "cohort_text", "contributed", "load_cohort", "make_cohort"]
 
 
 @dataclass(frozen=True)
@@ -37,8 +36,8 @@ class CohortMean:
     """
 
     value: float | None
-    teams: int
-    left_out: int
+    teams: Annotated[int, Meta(ge=0)]
+    left_out: Annotated[int, Meta(ge=0)]
 
 
 @dataclass(frozen=True)
@@ -46,17 +45,26 @@ class Cohort:
     """The values across teams of a competition.
 
     Attributes:
-        rule_set: Id and SHA-256 of the rule set they were measured under.
+        rule_set: The rule set they were measured under.
         trials: For each trial, value name and path (of an order, or empty) the mean.
+        sha256: Hash of everything else, as JSON with sorted keys; it shows an edit.
+
+    Raises:
+        ValueError: The hash is another one.
     """
 
-    rule_set: tuple[str, str]
+    rule_set: Pinned
     trials: Mapping[str, Mapping[str, Mapping[str, CohortMean]]]
+    sha256: Sha256
 
-    @property
-    def sha256(self) -> str:
-        """Hash of the content; the file repeats it, so that an edit shows."""
-        return hashlib.sha256(json.dumps(_content(self), sort_keys=True).encode("utf-8")).hexdigest()
+    def __post_init__(self) -> None:
+        if self.sha256 != _sha256(self.rule_set, self.trials):
+            raise ValueError("its content does not match its hash: it was edited or damaged")
+
+    @classmethod
+    def of(cls, rule_set: Pinned, trials: Mapping[str, Mapping[str, Mapping[str, CohortMean]]]) -> Cohort:
+        """A cohort with its hash."""
+        return cls(rule_set, trials, _sha256(rule_set, trials))
 
     def of_trial(self, trial: str, measured: Measured | None = None) -> CohortValues:
         """The values one trial is priced with.
@@ -89,6 +97,15 @@ class Cohort:
         )
 
 
+def _sha256(rule_set: Pinned, trials: Mapping[str, Mapping[str, Mapping[str, CohortMean]]]) -> str:
+    content = {"schema": "ariac-score/cohort/1", "rule_set": plain(rule_set), "trials": plain(trials)}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode("utf-8")).hexdigest()
+
+
+COHORT = Format("cohort", 1, Cohort, made_by="'rank --cohort-output'")
+"""How a cohort is stored."""
+
+
 def _orders(values: Mapping[str, Mapping[str, CohortMean]]) -> set[str]:
     return {path for means in values.values() for path in means if path}
 
@@ -110,8 +127,8 @@ def make_cohort(rule_set: RuleSet, trials: Mapping[str, Sequence[Contributed]]) 
         trials: For each trial what each team with a run brings, in the order of the teams;
             the means are added up in that order.
     """
-    return Cohort(
-        (rule_set.id, rule_set.sha256),
+    return Cohort.of(
+        Pinned(rule_set.id, rule_set.sha256),
         {
             trial: {term.name: _means(term, teams) for term in rule_set.sheet.cohort.values()}
             for trial, teams in trials.items()
@@ -135,70 +152,24 @@ def _means(term: CohortTerm, teams: Sequence[Contributed]) -> dict[str, CohortMe
 # The file ------------------------------------------------------------------------------
 
 
-def cohort_text(cohort: Cohort) -> str:
-    """A cohort as canonical JSON, with its own hash."""
-    data = {**_content(cohort), "sha256": cohort.sha256}
-    return json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _content(cohort: Cohort) -> dict[str, Any]:
-    return {
-        "schema": SCHEMA,
-        "rule_set": {"id": cohort.rule_set[0], "sha256": cohort.rule_set[1]},
-        "trials": {
-            trial: {
-                name: {
-                    path: {"value": mean.value, "teams": mean.teams, "left_out": mean.left_out}
-                    for path, mean in means.items()
-                }
-                for name, means in values.items()
-            }
-            for trial, values in cohort.trials.items()
-        },
-    }
-
-
 def load_cohort(path: Path, rule_set: RuleSet) -> Cohort:
     """Read a published cohort for pricing under a rule set.
 
     Raises:
         DataFileError: Missing, not a cohort, edited, or made under other rules.
     """
-    try:
-        data = strict_json(read_text(path).decode("utf-8"))
-    except (ValueError, RecursionError) as cause:
+    cohort = COHORT.read(path)
+    if cohort.rule_set != Pinned(rule_set.id, rule_set.sha256):
         raise DataFileError(
-            f"not a cohort: {cause}", file=path, hint="give the cohort.json that 'rank --cohort-output' wrote"
-        ) from None
-    faults = schema_errors(data, "cohort")
-    if faults:
-        where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in faults[0][0])
-        raise DataFileError(
-            faults[0][1], file=path, place=where, hint="ask the organisers for the file again"
-        )
-    cohort = Cohort(
-        (data["rule_set"]["id"], data["rule_set"]["sha256"]),
-        {
-            trial: {
-                name: {at: CohortMean(m["value"], m["teams"], m["left_out"]) for at, m in means.items()}
-                for name, means in values.items()
-            }
-            for trial, values in data["trials"].items()
-        },
-    )
-    if cohort.sha256 != data["sha256"]:
-        raise DataFileError(
-            "its content does not match its hash: it was edited or damaged",
-            file=path,
-            place="$.sha256",
-            hint="ask the organisers for the file again",
-        )
-    if cohort.rule_set != (rule_set.id, rule_set.sha256):
-        raise DataFileError(
-            f"it was made under {cohort.rule_set[0]} (SHA-256 {cohort.rule_set[1][:12]}…), not under "
+            f"it was made under {cohort.rule_set.id} (SHA-256 {cohort.rule_set.sha256[:12]}…), not under "
             f"{rule_set.id} ({rule_set.sha256[:12]}…)",
             file=path,
             place="$.rule_set",
             hint="price with the rule set the organisers used",
         )
     return cohort
+
+
+def cohort_text(cohort: Cohort) -> str:
+    """A cohort as canonical JSON, with its own hash."""
+    return COHORT.text(cohort)

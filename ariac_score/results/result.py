@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
-from ariac_score.checks.findings import Finding
+from msgspec import Meta, Struct
+
+from ariac_score.checks.findings import SIGNIFICANT_DIGITS, Finding, canonical, canonical_span, settled
 from ariac_score.errors import ResultError
 from ariac_score.results.sketch import Sketch
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.ledger import Ledger, reconcile
-from ariac_score.scoring.policy import Assumption
+from ariac_score.scoring.policy import Assumption, Policy
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.steward import Adjusted
 from ariac_score.trial.model import LogDefect, OfficialResult
@@ -21,50 +22,50 @@ from ariac_score.trial.spans import Span
 
 __all__ = [
     "SIGNIFICANT_DIGITS",
+    "CheckUse",
+    "Code",
     "Coverage",
     "Measured",
+    "Pinned",
     "Provenance",
     "Result",
     "Setting",
     "Settings",
+    "Sha256",
     "Source",
     "canonical",
-    "declared_units",
     "settled",
 ]
 
-SIGNIFICANT_DIGITS = 12
-"""Measured numbers keep so many digits: fewer than float64 has, so that the last bits,
-in which two machines may differ, never reach a result; more than any sensor means."""
+Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 
 
-def canonical(value: float) -> float:
-    """A measured number with the declared digits; never a negative zero.
+class Pinned(Struct, frozen=True, forbid_unknown_fields=True):
+    """A rule set or log map, and which state of it.
 
-    >>> canonical(0.1 + 0.2)
-    0.3
+    Attributes:
+        id: Its name.
+        sha256: Of its file.
     """
-    if not math.isfinite(value):
-        raise ValueError(f"{value!r} cannot stand in a result")
-    return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0
+
+    id: str
+    sha256: str
 
 
-def declared_units(findings: Iterable[Finding]) -> dict[str, dict[str, str]]:
-    """The declared units of quantities, by check."""
-    units: dict[str, dict[str, str]] = {}
-    for finding in findings:
-        if finding.units:
-            units.setdefault(finding.check, {}).update(finding.units)
-    return units
+class Code(Struct, frozen=True, order=True, forbid_unknown_fields=True):
+    """A package that took part.
 
+    Attributes:
+        distribution: That installs it.
+        version: Of the distribution.
+        package: Its name.
+        sha256: Of its files.
+    """
 
-def settled(finding: Finding) -> Finding:
-    """A finding with its numbers as they will be stored, so that pricing now and later agree."""
-    return replace(
-        finding,
-        robustness=None if finding.robustness is None else canonical(finding.robustness),
-        quantities={name: canonical(value) for name, value in finding.quantities.items()},
-    )
+    distribution: str
+    version: str
+    package: str
+    sha256: Sha256
 
 
 @dataclass(frozen=True)
@@ -86,8 +87,7 @@ class Coverage:
     source: str = ""
 
 
-@dataclass(frozen=True)
-class Setting:
+class Setting(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
     """One parameter as it was in force.
 
     Attributes:
@@ -102,7 +102,7 @@ class Setting:
     name: str
     value: Any
     unit: str
-    origin: str
+    origin: Annotated[str, Meta(pattern="^(rule_set|default|derived)$")]
     status: str = ""
     source: str = ""
 
@@ -118,6 +118,11 @@ class Settings:
 
     source: str
     parameters: tuple[Setting, ...]
+
+
+def _settled_scope(scope: Scope) -> Scope:
+    facts = {k: v if isinstance(v, int) else canonical(v) for k, v in scope.facts.items()}
+    return replace(scope, facts=facts, inner=tuple(_settled_scope(inner) for inner in scope.inner))
 
 
 @dataclass(frozen=True)
@@ -139,7 +144,6 @@ class Measured:
         team: Name of the team; empty when unknown.
         sketch: What a page draws beside this; `None` where none was made. Nothing is priced by it.
         settings: What every check was set to, by its name; `None` where it was not kept. Prices nothing.
-        units: By check the declared units of its quantities; `None` where they were not kept.
     """
 
     trial: str
@@ -156,15 +160,28 @@ class Measured:
     team: str = ""
     sketch: Sketch | None = None
     settings: Mapping[str, Settings] | None = None
-    units: Mapping[str, Mapping[str, str]] | None = None
+
+    def __post_init__(self) -> None:
+        # Rounded here and not while writing: what is priced now is what a reader will price.
+        kept = {
+            "findings": {key: settled(finding) for key, finding in self.findings.items()},
+            "scopes": _settled_scope(self.scopes),
+            "window": None if self.window is None else canonical_span(self.window),
+            "orders": {key: None if t_s is None else canonical(t_s) for key, t_s in self.orders.items()},
+            "coverage": tuple(
+                replace(c, rate_hz=canonical(c.rate_hz), largest_gap_s=canonical(c.largest_gap_s))
+                for c in self.coverage
+            ),
+        }
+        for name, value in kept.items():
+            object.__setattr__(self, name, value)
 
     def of(self, check: str) -> dict[str, Finding]:
         """The findings of one check, by id."""
         return {key: finding for key, finding in self.findings.items() if finding.check == check}
 
 
-@dataclass(frozen=True)
-class Source:
+class Source(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
     """One file that was read: its role, its name within the bundle, its hash.
 
     Attributes:
@@ -178,8 +195,8 @@ class Source:
     role: str
     name: str
     bytes: int
-    sha256: str
-    read_bytes: int | None = None
+    sha256: Sha256
+    read_bytes: Annotated[int, Meta(ge=0)] | None = None
 
 
 @dataclass(frozen=True)
@@ -189,16 +206,28 @@ class Provenance:
     Attributes:
         inputs: Every file of the trial, sorted by role and name.
         ignored: Files of the bundle that no reader took, sorted.
-        rule_set: Id and SHA-256.
-        log_map: Id and SHA-256.
-        code: For each distribution package that was used: distribution, version, SHA-256.
+        rule_set: By which it was scored.
+        log_map: By which the log was read.
+        code: Every package that was used, sorted.
     """
 
     inputs: tuple[Source, ...]
     ignored: tuple[str, ...]
-    rule_set: tuple[str, str]
-    log_map: tuple[str, str]
-    code: tuple[tuple[str, str, str, str], ...]
+    rule_set: Pinned
+    log_map: Pinned
+    code: tuple[Code, ...]
+
+
+CheckUse = TypedDict(
+    "CheckUse",
+    {
+        "use": Annotated[str, Meta(description="Its plugin.")],
+        "with": Annotated[dict[str, Any], Meta(description="The parameters that the rule set gives.")],
+        "on_inconclusive": Annotated[Policy, Meta(description="What it counts as while it is undecided.")],
+        "priced": Annotated[bool, Meta(description="Whether the score depends on it.")],
+    },
+)
+"""A check in a result; not a class, because one of its keys is a keyword of Python."""
 
 
 @dataclass(frozen=True)
@@ -229,15 +258,15 @@ class Result:
 
     measured: Measured
     rule_set_title: str
-    checks: Mapping[str, Mapping[str, Any]]
+    checks: Mapping[str, CheckUse]
     notes: tuple[str, ...]
     rules: str
-    status: str
+    status: Annotated[str, Meta(pattern="^(scored|incomplete|needs_cohort)$")]
     score: Decimal | None
     possible: Decimal | None
     ledger: Ledger | None
     assumptions: tuple[Assumption, ...]
-    digits: int
+    digits: Annotated[int, Meta(ge=0, le=9)]
     provenance: Provenance
     task: Ledger | None = None
     cohort: CohortValues = field(default_factory=CohortValues)

@@ -94,6 +94,9 @@ class Curve:
     limit: tuple[float | None, ...]
     holes_s: tuple[float, ...] = ()
 
+    def __post_init__(self) -> None:
+        _refuse_uneven(self.t_s, self.actual, self.limit)
+
 
 @dataclass(frozen=True)
 class Route:
@@ -115,10 +118,24 @@ class Route:
     y_m: tuple[float, ...]
     holes_s: tuple[float, ...] = ()
 
+    def __post_init__(self) -> None:
+        _refuse_uneven(self.t_s, self.x_m, self.y_m)
+
+
+def _refuse_uneven(*columns: Sequence[object]) -> None:
+    if len({len(column) for column in columns}) > 1 or not columns[0]:
+        raise ValueError("a series of the sketch has columns of different length, or none")
+
 
 @dataclass(frozen=True)
 class AskedPart:
-    """One part as ordered."""
+    """One part as ordered.
+
+    Attributes:
+        slot: Its name within the task.
+        type: Of the part.
+        quadrant: Of the tray; 0 where none is named.
+    """
 
     slot: str
     type: str
@@ -127,7 +144,16 @@ class AskedPart:
 
 @dataclass(frozen=True)
 class AskedTask:
-    """One task as ordered."""
+    """One task as ordered.
+
+    Attributes:
+        order: Id of the order.
+        task: Its path.
+        kind: Such as `kitting`.
+        agv: Where it was wanted; empty when nothing says.
+        station: Likewise.
+        parts: What was wanted.
+    """
 
     order: str
     task: str
@@ -139,7 +165,15 @@ class AskedTask:
 
 @dataclass(frozen=True)
 class Brought:
-    """One submission: when, where, and the types of its parts, `None` when the log does not show them."""
+    """One submission.
+
+    Attributes:
+        task: Path of the task.
+        submitted_s: When, s.
+        agv: Where; empty when nothing says.
+        station: Likewise.
+        parts: Types of its parts; `None` when the log does not show them.
+    """
 
     task: str
     submitted_s: float

@@ -262,7 +262,7 @@ def _log(result: Result, clock: _Clock, without: Sequence[str]) -> Iterator[_Tol
             t_s = finding.span.start_s if finding.span else end_s
             words = f"{finding.subject}: {finding.message}"
             yield _line(clock, t_s, levels[finding.verdict], finding.check, key, words)
-    name = result.provenance.rule_set[0]
+    name = result.provenance.rule_set.id
     yield _line(clock, end_s, _INFO, name, "score", f"automatic score {_amount(result.score)}")
     if result.adjusted is not None:
         for decision in result.adjusted.adjustments:

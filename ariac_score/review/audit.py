@@ -12,28 +12,37 @@ left out: where this gives no number, the verdict rests on the official file its
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta
 
 from ariac_score.checks.contracts import Reader, Wanted
+from ariac_score.checks.findings import canonical_number
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import find_trial, read_needed, refuse_other_years
 from ariac_score.errors import FormulaError, NothingToScoreError, UsageError
 from ariac_score.logs.bundle import Bundle
+from ariac_score.results.codec import Format
+from ariac_score.results.result import Pinned
 from ariac_score.review.certainty import Certain, Value
 from ariac_score.review.comparison import Comparison, compare_rules, rule_sets_differing_from
 from ariac_score.scoring.expression import Number
 from ariac_score.scoring.printed import PrintedBlock, PrintedItem, PrintedText, number_of
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_names
+from ariac_score.scoring.scope import Level
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import OfficialOrder, OfficialResult, Order, Trial
 
-__all__ = ["AGREE", "CANNOT_BE_JUDGED", "DIFFER", "Audit", "Item", "Sum", "audit"]
+__all__ = ["AGREE", "AUDIT", "CANNOT_BE_JUDGED", "DIFFER", "Audit", "Item", "Sum", "audit"]
 
 AGREE, DIFFER, CANNOT_BE_JUDGED = "agree", "differ", "cannot_be_judged"
+Judgement = Annotated[str, Meta(pattern="^(agree|differ|cannot_be_judged)$")]
 
 STATE_LOG_ROUNDING: Mapping[str, float] = {"m": 0.01, "rad": 0.01}
 """How exact poses of a Gazebo state.log are: three significant digits, so 1 cm beyond 1 m.
@@ -73,17 +82,20 @@ class Item:
         scope: Path of the order, shipment or part that it was compared with.
     """
 
-    level: str
+    level: Level
     path: str
     label: str
     printed: str
     ours: Number | None
-    verdict: str
+    verdict: Judgement
     reason: str = ""
     tolerance: float = 0.0
     because: str = ""
     independent: bool = False
     scope: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ours", canonical_number(self.ours))
 
 
 @dataclass(frozen=True)
@@ -104,16 +116,22 @@ class Sum:
         rests_on: Path, label and text of every printed number that `expected` is made of.
     """
 
-    level: str
+    level: Level
     path: str
     label: str
     printed: str
     expected: Number | None
     formula: str
-    relation: str
-    verdict: str
+    relation: Annotated[str, Meta(pattern="^(equal|at_most|at_least)$")]
+    verdict: Judgement
     reason: str = ""
     rests_on: tuple[tuple[str, str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "expected", canonical_number(self.expected))
+
+
+_NO_RULES = Pinned("", "")
 
 
 @dataclass(frozen=True)
@@ -125,20 +143,27 @@ class Audit:
         source: File of the official text.
         layout: The layout of the text, as the reader names it.
         outcome: How the run ended where no score was printed, in words; else empty.
-        rule_set: Id and SHA-256 of the rule set; empty where there was nothing to compare.
+        rule_set: By which it was compared; empty where there was nothing to compare.
         items: Every printed item, in the order of the text.
         sums: Everything that must add up, in the order of the text.
         comparisons: The same trial under other rule sets.
+        counts: How many items have each verdict.
     """
 
     trial: str
     source: str
     layout: str
     outcome: str = ""
-    rule_set: tuple[str, str] = ("", "")
+    rule_set: Pinned = _NO_RULES
     items: tuple[Item, ...] = ()
     sums: tuple[Sum, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
+    counts: Mapping[str, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        judged = Counter(item.verdict for item in self.items)
+        counts = {verdict: judged[verdict] for verdict in (AGREE, DIFFER, CANNOT_BE_JUDGED)}
+        object.__setattr__(self, "counts", counts)
 
     @property
     def differs(self) -> bool:
@@ -147,7 +172,11 @@ class Audit:
 
     def count(self, verdict: str) -> int:
         """How many items have a verdict."""
-        return sum(1 for item in self.items if item.verdict == verdict)
+        return self.counts[verdict]
+
+
+AUDIT = Format("audit", 2, Audit, made_by="'audit --output-format json'")
+"""How an audit is stored."""
 
 
 def audit(
@@ -190,7 +219,7 @@ def audit(
         trial.id,
         official.source,
         layout,
-        rule_set=(rule_set.id, rule_set.sha256),
+        rule_set=Pinned(rule_set.id, rule_set.sha256),
         items=tuple(items.of(block)),
         sums=tuple(_sums(rule_set.printed, block)),
         comparisons=tuple(compare_rules(ours, look.at(other)[1]) for other in others),

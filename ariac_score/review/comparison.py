@@ -10,14 +10,32 @@ import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
+from ariac_score.checks.findings import canonical_number
 from ariac_score.review.certainty import Certain
 from ariac_score.scoring.expression import Expression, Number, Traced
 from ariac_score.scoring.ruleset import Difference, RuleSet, load_rule_set, rule_set_names
-from ariac_score.scoring.scope import LEVELS, Scope
+from ariac_score.scoring.scope import LEVELS, Level, Scope
 
-__all__ = ["Change", "Comparison", "compare_rules", "rule_sets_differing_from"]
+__all__ = ["Change", "Comparison", "Undecided", "compare_rules", "rule_sets_differing_from"]
 
 _SCORE, _TASK_SCORE = _WHOLE = "score", "task score"
+
+
+@dataclass(frozen=True)
+class Undecided:
+    """One term that one of two rule sets leaves open.
+
+    Attributes:
+        level: One of `LEVELS`.
+        path: Path of the scope; empty for the trial.
+        term: Its name.
+        reason: Why it is open.
+    """
+
+    level: Level
+    path: str
+    term: str
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -35,13 +53,17 @@ class Change:
         follows: Whether it differs only because what it is made of does.
     """
 
-    level: str
+    level: Level
     path: str
     term: str
     before: Number
     after: Number
     reasons: tuple[Difference, ...] = ()
     follows: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "before", canonical_number(self.before))
+        object.__setattr__(self, "after", canonical_number(self.after))
 
     @property
     def unexplained(self) -> bool:
@@ -57,13 +79,13 @@ class Comparison:
         first: Id of the first rule set.
         second: Id of the second.
         changes: What differs, from the parts outwards, the score last.
-        undecided: Terms that one of the two leaves open, as level, path, term and reason.
+        undecided: Terms that one of the two leaves open, from the parts outwards.
     """
 
     first: str
     second: str
     changes: tuple[Change, ...]
-    undecided: tuple[tuple[str, str, str, str], ...] = ()
+    undecided: tuple[Undecided, ...] = ()
 
 
 def rule_sets_differing_from(rule_set: RuleSet) -> tuple[RuleSet, ...]:
@@ -85,7 +107,7 @@ def compare_rules(first: Certain, second: Certain) -> Comparison:
     for rule_set in (first.rule_set, second.rule_set):
         if rule_set.sheet.needs_cohort:
             reason = f"{rule_set.id} compares teams; its score is known when all are ranked"
-            comparing.undecided.append(("trial", "", _SCORE, reason))
+            comparing.undecided.append(Undecided("trial", "", _SCORE, reason))
     return Comparison(
         first.rule_set.id, second.rule_set.id, tuple(comparing.shown()), tuple(comparing.undecided)
     )
@@ -102,7 +124,7 @@ class _Comparing:
     first: Certain
     second: Certain
     changes: dict[_Key, Change] = field(default_factory=dict)
-    undecided: list[tuple[str, str, str, str]] = field(default_factory=list)
+    undecided: list[Undecided] = field(default_factory=list)
     inner: dict[_Key, list[_Key]] = field(default_factory=dict)
     counting: set[_Key] = field(default_factory=set)
     decided: set[str] = field(default_factory=set)
@@ -111,7 +133,7 @@ class _Comparing:
         """Compare one term in one scope."""
         one, other = self.first.value(before, level, path), self.second.value(after, level, path)
         if one.traced is None or other.traced is None:
-            self.undecided.append((level, path, term, one.reason or other.reason))
+            self.undecided.append(Undecided(level, path, term, one.reason or other.reason))
             return
         if level in ("order", "trial"):
             self.counting |= {(path, term), *_terms_in(one.traced, other.traced)}

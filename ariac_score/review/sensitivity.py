@@ -32,7 +32,7 @@ from ariac_score.logs.bundle import with_parts
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.spec import ranking_spec
-from ariac_score.results.result import Measured, Result
+from ariac_score.results.result import Measured, Pinned, Result
 from ariac_score.scoring.ledger import rounded
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet
@@ -446,10 +446,9 @@ def _under(rules: RuleSet, knob: Knob, result: Result | ScoreError, log: _Log | 
     if isinstance(result, ScoreError):
         return result
     if knob.check:
-        checks = {
-            name: {**stored, "with": dict(rules.checks[name].parameters)} if name == knob.check else stored
-            for name, stored in result.checks.items()
-        }
+        checks = dict(result.checks)
+        if knob.check in checks:
+            checks[knob.check] = {**checks[knob.check], "with": dict(rules.checks[knob.check].parameters)}
         measured = result.measured if log is None else log.measure_again(result.measured, rules, knob.check)
         result = replace(result, measured=measured, checks=checks)
     try:
@@ -519,7 +518,7 @@ def _as_data(each: ScoreSensitivity | RankSensitivity) -> dict[str, Any]:
     return {**data, "shifts": shifts}
 
 
-def load_rank_sensitivity(path: Path, of: str, rule_set: tuple[str, str]) -> list[RankSensitivity]:
+def load_rank_sensitivity(path: Path, of: str, rule_set: Pinned) -> list[RankSensitivity]:
     """Read back what `sensitivity_json` wrote about a ranking.
 
     Args:
@@ -538,13 +537,13 @@ def load_rank_sensitivity(path: Path, of: str, rule_set: tuple[str, str]) -> lis
     except (ValueError, RecursionError) as cause:
         raise DataFileError(f"not a sensitivity: {cause}", file=path, hint=hint) from None
     try:
-        rules = data["rule_set"]["id"], data["rule_set"]["sha256"]
+        rules = Pinned(data["rule_set"]["id"], data["rule_set"]["sha256"])
         if data["format"] != "ariac-score sensitivity" or data["version"] != 1:
             raise DataFileError("not a sensitivity of this version", file=path, hint=hint)
         if data["of"] != of or rules != rule_set:
             raise DataFileError(
-                f"it is of {data['of']!r} under {rules[0]} ({str(rules[1])[:12]}…), "
-                f"not of {of!r} under {rule_set[0]} ({rule_set[1][:12]}…)",
+                f"it is of {data['of']!r} under {rules.id} ({str(rules.sha256)[:12]}…), "
+                f"not of {of!r} under {rule_set.id} ({rule_set.sha256[:12]}…)",
                 file=path,
                 hint=hint,
             )

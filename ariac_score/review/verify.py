@@ -14,15 +14,22 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.registry import Registry, package_sha256
-from ariac_score.documents.schema import schema_errors, strict_json
+from ariac_score.documents.schema import strict_json
 from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
 from ariac_score.engine.settings import plain_value
 from ariac_score.errors import NothingToScoreError, PluginError, ResultError, ScoreError, UsageError
 from ariac_score.ranking.competition import FILE, Competition, Run, load_competition
 from ariac_score.results.adjustments import adjust, load_adjustments
-from ariac_score.results.result import Provenance, Result
-from ariac_score.results.result_file import as_json, check_follows, measured_sha256, newer_schema, read_result
+from ariac_score.results.result import Code, Provenance, Result
+from ariac_score.results.result_file import (
+    RESULT,
+    as_json,
+    check_follows,
+    measured_sha256,
+    read_result,
+    result_in,
+)
 from ariac_score.scoring.ruleset import RuleSet, differences, expanded_yaml, load_rule_set, rule_set_from_text
 
 __all__ = ["Step", "Verification", "verify_result"]
@@ -90,16 +97,14 @@ def verify_result(
         ScoreError: The log, the rules or the adjustments cannot be read.
     """
     text, data = _read(path)
-    steps = [_schema(data)]
-    if steps[0].outcome == FAILED:
-        return Verification(tuple(steps), None)
     try:
         result = read_result(path)
     except ResultError as error:
-        return Verification((*steps, Step("sums", FAILED, _told(error))), None)
+        return Verification(_unread(error, data), None)
+    steps = [Step("schema", OK, data["schema"])]
     steps.append(Step("sums", OK, f"every line of the ledger adds up to {_amount(result)}"))
     steps += _follows(result)
-    steps.append(_canonical(text, result))
+    steps.append(_canonical(text, data["schema"], result))
     given = load_rule_set(rules) if rules else _installed(result)
     steps.append(_rules(result, given, asked=bool(rules)))
     steps.append(_code(result))
@@ -108,6 +113,7 @@ def verify_result(
     if log is not None:
         rule_set = _rule_set_for(result, given, asked=bool(rules))
         again = _again(result.automatic, log, rule_set, log_map, registry or Registry())
+        again = result_in(as_json(again).encode("utf-8"), path)  # texts as a file can hold them
         again, parts = _as_it_was_read(result.automatic, again)
         steps += [*parts, _inputs(result, again), _recomputed(result.automatic, again)]
     return Verification(tuple(steps), result)
@@ -136,14 +142,12 @@ def _amount(result: Result) -> str:
     return "nothing, for there is no score" if result.score is None else f"{result.score:f}"
 
 
-def _schema(data: Any) -> Step:
-    faults = schema_errors(data, "result")
-    if not faults:
-        return Step("schema", OK, str(data["schema"]))
-    if newer := newer_schema(data):
-        return Step("schema", FAILED, f"$.schema: {newer}; update ariac-score")
-    where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in faults[0][0])
-    return Step("schema", FAILED, f"{where}: {faults[0][1]}")
+def _unread(error: ResultError, data: Any) -> tuple[Step, ...]:
+    """What is wrong with a file that no result can be built from: its form, or its sums."""
+    if error.place.startswith("$"):
+        update = f"; {error.hint}" if RESULT.newer(data) else ""
+        return (Step("schema", FAILED, _told(error) + update),)
+    return (Step("schema", OK, str(data["schema"])), Step("sums", FAILED, _told(error)))
 
 
 def _follows(result: Result) -> Iterator[Step]:
@@ -168,8 +172,10 @@ def _follows(result: Result) -> Iterator[Step]:
         yield Step("adjusted", FAILED, _told(error))
 
 
-def _canonical(text: str, result: Result) -> Step:
+def _canonical(text: str, tag: str, result: Result) -> Step:
     """Whether the file is what is written for such a result, which an editor seldom keeps."""
+    if tag != RESULT.tag:
+        return Step("bytes", NOTE, f"{tag} is read, but no longer written; its values were compared")
     if text == as_json(result):
         return Step("bytes", OK, "as they are written")
     found = list(_different(json.loads(text), json.loads(as_json(result)), "$"))
@@ -182,22 +188,22 @@ def _canonical(text: str, result: Result) -> Step:
 def _installed(result: Result) -> RuleSet | None:
     """The rule set of that name, where one is installed."""
     try:
-        name = result.provenance.rule_set[0]
+        name = result.provenance.rule_set.id
         return None if name.endswith((".yaml", ".yml")) or "/" in name else load_rule_set(name)
     except ScoreError:
         return None
 
 
 def _rules(result: Result, given: RuleSet | None, *, asked: bool) -> Step:
-    name, sha256 = result.provenance.rule_set
+    name, sha256 = result.provenance.rule_set.id, result.provenance.rule_set.sha256
     own = rule_set_from_text(result.rules, file="the rules in the result")
     worse = FAILED if asked else NOTE
     if own.id != name:
         return Step(
             "rules", FAILED, f"the rules in the result are {own.id!r}, it says that it is by {name!r}"
         )
-    told = (own.title, own.notes, {name: _used(own, name) for name in own.checks})
-    if told != (result.rule_set_title, result.notes, {n: dict(used) for n, used in result.checks.items()}):
+    used = {check: _used(own, check) for check in own.checks}
+    if (own.title, own.notes, used) != (result.rule_set_title, result.notes, result.checks):
         return Step("rules", FAILED, "title, notes or checks are not those of the rules in the result")
     for check, parameter in _given_otherwise(result):
         words = f"settings of {check!r} give {parameter!r} another value than the rules in the result"
@@ -219,7 +225,7 @@ def _rules(result: Result, given: RuleSet | None, *, asked: bool) -> Step:
 def _given_otherwise(result: Result) -> Iterator[tuple[str, str]]:
     """Parameters that the settings have from the rule set, and the rule set does not give so."""
     for name, kept in (result.measured.settings or {}).items():
-        given = dict(result.checks.get(name, {}).get("with", {}))
+        given = dict(result.checks[name]["with"] if name in result.checks else {})
         told = {one.name: one for one in kept.parameters}
         for parameter in sorted(given.keys() - told.keys()):
             yield name, parameter
@@ -248,14 +254,16 @@ def _code(result: Result) -> Step:
     """Which recorded versions are not those installed here."""
     if not result.provenance.code:
         return Step("code", NOTE, "the result does not say which code made it")
-    others = [words for each in result.provenance.code if (words := _other(*each))]
+    others = [words for each in result.provenance.code if (words := _other(each))]
     if others:
         return Step("code", NOTE, "\n".join(others))
-    return Step("code", OK, ", ".join(f"{p} ({d} {v})" for d, v, p, _ in result.provenance.code))
+    here = (f"{code.package} ({code.distribution} {code.version})" for code in result.provenance.code)
+    return Step("code", OK, ", ".join(here))
 
 
-def _other(distribution: str, recorded: str, package: str, sha256: str) -> str:
+def _other(code: Code) -> str:
     """How the installed code differs from the recorded; empty when it does not."""
+    distribution, recorded, package = code.distribution, code.version, code.package
     try:
         here = version(distribution)
         own = package_sha256(package)
@@ -263,8 +271,8 @@ def _other(distribution: str, recorded: str, package: str, sha256: str) -> str:
         return f"{distribution} {recorded} with {package} made it, and is not installed here"
     if here != recorded:
         return f"{distribution} {recorded} with {package} made it, here it is {here}"
-    if own != sha256:
-        return f"{package} of {distribution} {recorded} made it, sha256 {sha256[:16]}…, here {own[:16]}…"
+    if own != code.sha256:
+        return f"{package} of {distribution} {recorded} made it, sha256 {code.sha256[:16]}…, here {own[:16]}…"
     return ""
 
 
@@ -293,7 +301,7 @@ def _rule_set_for(result: Result, given: RuleSet | None, *, asked: bool) -> Rule
     own = rule_set_from_text(result.rules, file="the rules in the result")
     if given is not None and (asked or expanded_yaml(given) == expanded_yaml(own)):
         return given
-    return replace(own, sha256=result.provenance.rule_set[1])
+    return replace(own, sha256=result.provenance.rule_set.sha256)
 
 
 def _again(stored: Result, log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> Result:
@@ -382,10 +390,9 @@ def _recomputed(stored: Result, again: Result) -> Step:
         return Step("recomputed", OK, "the same to the byte")
     found = list(_different(json.loads(before), json.loads(after), "$"))
     # A result that keeps no settings is of a version before they were kept, or was robbed of them.
-    unpriced = ["$.provenance"]
-    unpriced += ["$.settings"] if stored.measured.settings is None else []
-    unpriced += ["$.units"] if stored.measured.units is None else []
-    values = [each for each in found if not each[0].startswith(tuple(unpriced))]
+    unpriced = ("$.provenance", *(() if stored.measured.settings is not None else ("$.measured.settings",)))
+    # Units of quantities were not kept before `result/2`; the ledger, which rests on them, is compared.
+    values = [each for each in found if not each[0].startswith(unpriced) and ".units" not in each[0]]
     words = (
         _listed(values, "in the result", "computed again")
         if values
@@ -398,14 +405,16 @@ def _recomputed(stored: Result, again: Result) -> Step:
 
 def _versions(stored: Provenance, again: Provenance) -> Iterator[str]:
     """Which of what made a result is not what computed it again."""
-    for what, (name, sha256), (now, own) in (
+    for what, one, other in (
         ("rule set", stored.rule_set, again.rule_set),
         ("log map", stored.log_map, again.log_map),
     ):
-        if (name, sha256) != (now, own):
-            yield f"another {what}: {name}, sha256 {sha256[:16]}…; here {now}, sha256 {own[:16]}…"
-    then = {(d, p): (v, sha256) for d, v, p, sha256 in stored.code}
-    here = {(d, p): (v, sha256) for d, v, p, sha256 in again.code}
+        if one != other:
+            found = f"{one.id}, sha256 {one.sha256[:16]}…; here {other.id}, sha256 {other.sha256[:16]}…"
+            yield f"another {what}: {found}"
+    then, here = (
+        {(c.distribution, c.package): (c.version, c.sha256) for c in each.code} for each in (stored, again)
+    )
     for distribution, package in dict.fromkeys([*then, *here]):
         before, after = then.get((distribution, package)), here.get((distribution, package))
         if before != after:

@@ -16,6 +16,7 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from msgspec import Struct
 
 from ariac_score.errors import FormulaError, did_you_mean
 
@@ -39,8 +40,7 @@ LARGEST_INTEGER = 2**53
 """Beyond this an integer would not survive JSON and float64 unchanged."""
 
 
-@dataclass(frozen=True)
-class Traced:
+class Traced(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
     """A number and how it came about.
 
     Attributes:

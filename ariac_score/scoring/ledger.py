@@ -11,10 +11,13 @@ its own, and small by construction.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from decimal import ROUND_HALF_EVEN, Decimal
+from typing import Annotated
 
-from ariac_score.checks.findings import COUNT, POINTS
+from msgspec import Meta, Struct
+from msgspec.structs import force_setattr, replace
+
+from ariac_score.checks.findings import COUNT, POINTS, canonical
 from ariac_score.errors import FormulaError, ResultError
 from ariac_score.scoring.expression import LARGEST_INTEGER, Number, Traced
 
@@ -27,8 +30,7 @@ _CARRY = frozenset({POINTS, COUNT})
 _ROUNDING = "rounding"
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
     """One amount of the ledger, itself the sum of the lines below it.
 
     Attributes:
@@ -46,13 +48,17 @@ class Line:
 
     path: str
     label: str
-    kind: str
+    kind: Annotated[str, Meta(pattern="^(sum|amount|factor|rounding)$")]
     amount: Decimal
     value: Number
     children: tuple[Line, ...] = ()
     trace: Traced | None = None
     findings: tuple[str, ...] = ()
     subject: str = ""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.value, float):
+            force_setattr(self, "value", canonical(self.value))
 
     def walk(self) -> Iterator[Line]:
         """This line and all below it, top down."""
@@ -106,7 +112,7 @@ class _Maker:
         parts = self._parts(inner, path)
         plain = Line(path, traced.label, "amount", rounded(value, self.digits), value, subject=traced.subject)
         if parts is None:
-            return replace(plain, trace=inner, findings=inner.findings)
+            return replace(plain, trace=_kept(inner), findings=inner.findings)
         difference = plain.amount - sum((part.amount for part in parts), Decimal(0))
         if difference:
             parts = [*parts, Line(f"{path}/{_ROUNDING}", _ROUNDING, _ROUNDING, difference, float(difference))]
@@ -142,7 +148,7 @@ class _Maker:
                 "factor",
                 -rounded(right.value, self.digits),
                 right.value,
-                trace=right,
+                trace=_kept(right),
                 findings=_findings(right),
             )
             return [*first, taken]
@@ -177,7 +183,7 @@ class _Maker:
                     "factor",
                     rounded(after, self.digits) - rounded(running, self.digits),
                     part.value,
-                    trace=part,
+                    trace=_kept(part),
                     findings=_findings(part),
                 )
             )
@@ -202,7 +208,13 @@ class _Maker:
         total = sum((line.amount for line in lines), Decimal(0))
         amount = rounded(traced.value, self.digits) - total
         label = f"mean of {len(lines)}"
-        return [Line(f"{path}/mean", label, "factor", amount, len(lines), trace=traced)]
+        return [Line(f"{path}/mean", label, "factor", amount, len(lines), trace=_kept(traced))]
+
+
+def _kept(traced: Traced) -> Traced:
+    """A trace with its numbers as they will be stored."""
+    value = traced.value if isinstance(traced.value, int) else canonical(traced.value)
+    return replace(traced, value=value, children=tuple(_kept(child) for child in traced.children))
 
 
 def _chain(traced: Traced) -> list[tuple[str, Traced]]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
+
+from msgspec import Meta
 
 from ariac_score.checks.findings import Finding, Verdict
 
-__all__ = ["POLICIES", "Assumed", "Assumption", "assume", "ideal"]
+__all__ = ["POLICIES", "Assumed", "Assumption", "Policy", "assume", "ideal"]
 
 POLICIES = {
     "withhold": "no score until it is decided",
@@ -15,15 +18,23 @@ POLICIES = {
     "worst_case": "counted as a critical violation, at full depth for all of the time",
     "exclude": "left out, as though nobody had asked",
 }
+Policy = Annotated[str, Meta(pattern=f"^({'|'.join(POLICIES)})$")]
 
 
 @dataclass(frozen=True)
 class Assumption:
-    """One undecided finding and what was made of it."""
+    """One undecided finding and what was made of it.
+
+    Attributes:
+        finding: Its id.
+        check: That it is of.
+        policy: What it counts as, one of `POLICIES`.
+        message: Why it is undecided.
+    """
 
     finding: str
     check: str
-    policy: str
+    policy: Policy
     message: str
 
 

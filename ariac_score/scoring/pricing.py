@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import Decimal
+
+from msgspec.structs import replace
 
 from ariac_score.checks.findings import Finding
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError

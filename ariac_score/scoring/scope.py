@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
+from typing import Annotated
 
-__all__ = ["LEVELS", "Scope"]
+from msgspec import Meta
+
+from ariac_score.checks.findings import FrozenMap
+
+__all__ = ["LEVELS", "Level", "Scope"]
 
 LEVELS = ("part", "submission", "order", "trial")
 """From the innermost outwards, which is the order of evaluation."""
+Level = Annotated[str, Meta(pattern=f"^({'|'.join(LEVELS)})$")]
 
 
 @dataclass(frozen=True)
@@ -25,13 +30,13 @@ class Scope:
         inner: The scopes directly inside.
     """
 
-    level: str
+    level: Level
     path: str
-    facts: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    facts: Mapping[str, int | float] = field(default_factory=lambda: FrozenMap({}))
     inner: tuple[Scope, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "facts", MappingProxyType(dict(self.facts)))
+        object.__setattr__(self, "facts", FrozenMap(dict(self.facts)))
 
     def contains(self, subject: str) -> bool:
         """Whether a finding's subject lies in this scope."""

@@ -8,8 +8,11 @@ Verdicts come first, then points, then what settles the score, each in the order
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
+from typing import Annotated, ClassVar
+
+from msgspec import Meta, Struct
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import DataFileError, FormulaError
@@ -17,15 +20,23 @@ from ariac_score.scoring.expression import LARGEST_INTEGER
 from ariac_score.scoring.ledger import Ledger, Line
 from ariac_score.scoring.pricing import Priced
 
-__all__ = ["VERDICTS", "Adjusted", "Adjustment", "adjusted_ledger", "check_effects", "with_verdicts"]
+__all__ = [
+    "VERDICTS",
+    "Adjusted",
+    "Adjustment",
+    "FiledAdjustment",
+    "adjusted_ledger",
+    "as_kept",
+    "check_effects",
+    "with_verdicts",
+]
 
 VERDICTS = (Verdict.SATISFIED.value, Verdict.VIOLATED.value, Verdict.NOT_APPLICABLE.value)
 """What a steward can decide of a finding; that it stays undecided is no decision."""
 
 
-@dataclass(frozen=True)
-class Adjustment:
-    """One decision of a steward.
+class Adjustment(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
+    """One decision of a steward, as a result keeps it.
 
     Attributes:
         id: Its name in the file, such as `protest_3`.
@@ -33,33 +44,32 @@ class Adjustment:
         reason: Why.
         time: When, in UTC.
         measured: SHA-256 of the measurement it was made for.
-        team: Team it was made for; empty when the result names none.
         trial: Trial it was made for.
+        team: Team it was made for; empty when the result names none.
         run: Number of the run, which a ranking needs.
         finding: Id of the finding it is about; empty: the trial.
         verdict: What the finding counts as.
         points: Points added, or taken when negative.
         score: The score instead of any other.
         disqualified: Whether the run is worth 0 and counts as disqualified.
-        file: Where it stands.
-        place: Where in that file.
     """
 
     id: str
     author: str
     reason: str
     time: str
-    measured: str
-    team: str
+    measured: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
     trial: str
+    team: str = ""
     run: int | None = None
     finding: str = ""
-    verdict: str = ""
+    verdict: Annotated[str, Meta(pattern="^(satisfied|violated|not_applicable|)$")] = ""
     points: Decimal | None = None
     score: Decimal | None = None
     disqualified: bool = False
-    file: str = field(default="", compare=False)
-    place: str = field(default="", compare=False)
+
+    file: ClassVar[str] = "the result"
+    place: ClassVar[str] = ""
 
     @property
     def effect(self) -> str:
@@ -80,6 +90,23 @@ class Adjustment:
         return DataFileError(f"adjustment {self.id!r}: {cause}", file=self.file, place=self.place, hint=hint)
 
 
+class FiledAdjustment(Adjustment, frozen=True):
+    """A decision as it was read from `adjustments.yaml`.
+
+    Attributes:
+        file: Where it stands.
+        place: Where in that file.
+    """
+
+    file: str = ""  # type: ignore[misc]
+    place: str = ""  # type: ignore[misc]
+
+
+def as_kept(adjustment: Adjustment) -> Adjustment:
+    """A decision without the place it was read from: what a result keeps of it."""
+    return Adjustment(**{name: getattr(adjustment, name) for name in Adjustment.__struct_fields__})
+
+
 @dataclass(frozen=True)
 class Adjusted:
     """An automatic score after the decisions of stewards.
@@ -93,8 +120,8 @@ class Adjusted:
 
     score: Decimal | None
     ledger: Ledger | None
-    adjustments: tuple[Adjustment, ...]
-    sha256: str
+    adjustments: Annotated[tuple[Adjustment, ...], Meta(min_length=1)]
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 
     @property
     def disqualified(self) -> bool:
@@ -208,10 +235,11 @@ def adjusted_ledger(
         moved = (after or Decimal(0)) - (running or Decimal(0))
         lines.append(_line(adjustment, number, moved, nothing_before=running is None))
         running = after
+    kept = tuple(as_kept(adjustment) for adjustment in ordered)
     if running is None:
-        return Adjusted(None, None, tuple(ordered), sha256)
+        return Adjusted(None, None, kept, sha256)
     ledger = Line("score", "adjusted score", "sum", running, float(running), children=tuple(lines))
-    return Adjusted(running, ledger, tuple(ordered), sha256)
+    return Adjusted(running, ledger, kept, sha256)
 
 
 def _after(

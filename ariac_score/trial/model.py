@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Literal, Protocol, runtime_checkable
 
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
+from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.signals import LARGEST_VALUE, Signal
 from ariac_score.trial.spans import Span
 
@@ -271,7 +271,7 @@ class TeamSetup:
 
     def __post_init__(self) -> None:
         if self.sensors is not None:
-            object.__setattr__(self, "sensors", MappingProxyType(dict(self.sensors)))
+            object.__setattr__(self, "sensors", FrozenMap(dict(self.sensors)))
 
 
 @dataclass(frozen=True)
@@ -294,14 +294,14 @@ class OfficialOrder:
     kind: str = ""
     submitted: bool | None = None
     priority: bool | None = None
-    score: float | None = None
-    max_score: float | None = None
-    announced_s: float | None = None
-    submitted_s: float | None = None
-    items: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    score: int | float | None = None
+    max_score: int | float | None = None
+    announced_s: int | float | None = None
+    submitted_s: int | float | None = None
+    items: Mapping[str, str] = field(default_factory=lambda: FrozenMap({}))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "items", MappingProxyType(dict(self.items)))
+        object.__setattr__(self, "items", FrozenMap(dict(self.items)))
 
 
 @dataclass(frozen=True)
@@ -320,16 +320,16 @@ class OfficialResult:
     """
 
     source: str
-    total: float | None
-    process_time_s: float | None
-    orders: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    total: int | float | None
+    process_time_s: int | float | None
+    orders: Mapping[str, int | float] = field(default_factory=lambda: FrozenMap({}))
     outcome: str = ""
     summaries: tuple[OfficialOrder, ...] = ()
-    items: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    items: Mapping[str, str] = field(default_factory=lambda: FrozenMap({}))
 
     def __post_init__(self) -> None:
         for name in ("orders", "items"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+            object.__setattr__(self, name, FrozenMap(dict(getattr(self, name))))
 
 
 @dataclass(frozen=True, order=True)
@@ -386,7 +386,7 @@ class Trial:
     submissions: tuple[Submission, ...] = ()
     events: tuple[Event, ...] = ()
     bodies: tuple[Body, ...] = ()
-    signals: Mapping[str, Signal] = field(default_factory=lambda: MappingProxyType({}))
+    signals: Mapping[str, Signal] = field(default_factory=lambda: FrozenMap({}))
     team: TeamSetup | None = None
     official: OfficialResult | None = None
     witnessed: frozenset[str] = frozenset()
@@ -394,15 +394,15 @@ class Trial:
     log_defects: tuple[LogDefect, ...] = ()
     clock: str = ""
     recorded: Span | None = None
-    facts: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    facts: Mapping[str, float] = field(default_factory=lambda: FrozenMap({}))
     kits: tuple[KitRecord, ...] = ()
     faulty_products: frozenset[str] | None = None
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) for value in self.facts.values()):
             raise ValueError(f"the facts of trial {self.id!r} must be finite: {dict(self.facts)}")
-        object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
-        object.__setattr__(self, "facts", MappingProxyType(dict(self.facts)))
+        object.__setattr__(self, "signals", FrozenMap(dict(self.signals)))
+        object.__setattr__(self, "facts", FrozenMap(dict(self.facts)))
 
     def signal(self, name: str, *, unit: str) -> Signal:
         """The signal of that name.

@@ -216,7 +216,7 @@ def test_the_index_says_what_the_lines_say(trials: Path, tmp_path: Path) -> None
     [("team", None), ("trial", ["a"]), ("run", "1"), ("run", True), ("outcome", {}), ("object", 3)],
 )
 def test_a_line_whose_fields_are_of_other_kinds_is_no_row(field: str, value: object) -> None:
-    row = Row(("", "a", 1), Summary("scored", "", 1.0, None), "objects/ab/cd/ef.json", "00")
+    row = Row.of(("", "a", 1), Summary("scored", "", 1.0, None), "objects/ab/cd/ef.json", "00")
     assert Row.from_line(row.as_line()) == row
 
     with pytest.raises(ValueError, match="no row"):

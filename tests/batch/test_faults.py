@@ -389,7 +389,7 @@ def test_a_result_that_a_newer_version_wrote_is_named_as_one_when_joining(
         if row["outcome"] == "scored"
     ]
     stored = out / line["object"]
-    newer = stored.read_bytes().replace(b'"ariac-score/result/1"', b'"ariac-score/result/2"')
+    newer = stored.read_bytes().replace(b'"ariac-score/result/2"', b'"ariac-score/result/3"')
     stored.write_bytes(newer)
     table = (out / "runs.jsonl").read_text(encoding="ascii")
     table = table.replace(line["sha256"], sha256(newer).hexdigest())
@@ -399,7 +399,7 @@ def test_a_result_that_a_newer_version_wrote_is_named_as_one_when_joining(
     assert main(["merge", str(tmp_path / "whole"), str(out)]) == 7
 
     said = capsys.readouterr().err
-    assert "a newer version wrote it, as ariac-score/result/2" in said
+    assert "a newer version wrote it, as ariac-score/result/3" in said
     assert "update ariac-score" in said
 
 

@@ -37,7 +37,7 @@ from ariac_score import (
 )
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
-from ariac_score.results.result import Measured, Provenance, canonical
+from ariac_score.results.result import Measured, Pinned, Provenance, canonical
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score_ariac.tasks import NoneFaulty, NoneMissing, NoneUnwanted, OrderTime
@@ -57,7 +57,7 @@ RULE_SETS: Mapping[str, str] = {
 
 MAX_ORDERINGS, SAMPLED_ORDERINGS, DRAWS = 5040, 200, 50
 
-NO_PROVENANCE = Provenance((), (), ("", ""), ("", ""), ())
+NO_PROVENANCE = Provenance((), (), Pinned("", ""), Pinned("", ""), ())
 
 
 # Which cases ---------------------------------------------------------------------------

@@ -56,7 +56,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.results.cohort_file import contributed, make_cohort
-from ariac_score.results.result import Measured, Provenance
+from ariac_score.results.result import Measured, Pinned, Provenance
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import Expression
 from ariac_score.trial.build import merge_trials
@@ -268,7 +268,7 @@ def result_of(case: Mapping[str, Any], rules: str) -> Result:
     if rules == case["rules"]:
         parameters = {**rule_set.sheet.parameters, **case.get("parameters", {})}
         rule_set = replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters))
-    provenance = Provenance((), (), (rule_set.id, ""), ("", ""), ())
+    provenance = Provenance((), (), Pinned(rule_set.id, ""), Pinned("", ""), ())
     return price_trial(measured_under(rule_set, case), rule_set, provenance, cohort_of(case, rules))
 
 
@@ -333,7 +333,7 @@ def amount(number: Decimal | None) -> Any:
 
 
 def compare_terms(expected: Mapping[str, Mapping[str, float]], result: Result, cohort: CohortValues) -> None:
-    sheet = rules_of(result.provenance.rule_set[0]).sheet
+    sheet = rules_of(result.provenance.rule_set.id).sheet
     scopes, findings = result.measured.scopes, result.measured.findings
     for subject, named in expected.items():
         path = "" if subject == "trial" else subject

@@ -168,7 +168,7 @@ def test_explain_refuses_a_name_that_is_not_there(stored: Path, capsys: pytest.C
 @pytest.mark.parametrize(
     ("damage", "cause"),
     [
-        (lambda d: d.update(score=20.0), "the ledger adds up to 19.761677, the score is 20.000000"),
+        (lambda d: d.update(score=20.0), "the ledger adds up to 19.761677, the score is 20"),
         (lambda d: d["ledger"]["children"][0].update(amount=29.0), "its lines add up to"),
         (lambda d: d.update(scorre=1), "unknown key 'scorre'"),
         (lambda d: d.pop("provenance"), "key 'provenance' is missing"),

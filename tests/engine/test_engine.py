@@ -39,7 +39,7 @@ from ariac_score.checks.registry import Plugin, Registry, _installed
 from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import DataFileError, LogError, PluginError
-from ariac_score.results.result import Provenance
+from ariac_score.results.result import Pinned, Provenance
 from ariac_score.review.verify import verify_result
 from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
@@ -60,7 +60,7 @@ WINDOW_S = 38.0 - 0.5  # of the competition in the example
 
 
 def provenance(rule_set: RuleSet) -> Provenance:
-    return Provenance((), (), (rule_set.id, rule_set.sha256), ("ariac2020", "0" * 64), ())
+    return Provenance((), (), Pinned(rule_set.id, rule_set.sha256), Pinned("ariac2020", "0" * 64), ())
 
 
 def measured(trial: Trial, rule_set: RuleSet = PAPER, registry: Registry = REGISTRY) -> Measured:
@@ -157,12 +157,14 @@ def test_a_stored_result_comes_back_whole(tmp_path: Path) -> None:
     assert as_json(load_result(file)) == file.read_text(encoding="utf-8")
 
 
-def test_a_result_of_a_version_that_declared_no_units_is_read_and_stays_as_it_is() -> None:
+def test_a_result_of_a_version_that_declared_no_units_is_read_with_points_as_it_took_them() -> None:
     file = DATA / "result_1_without_units.json"
     result = load_result(file)  # which prices it again and compares every line of the ledger
+    (order, *_) = result.measured.of("order_score").values()
 
-    assert (result.score, result.measured.units) == (Decimal("39.000000"), None)
-    assert as_json(result) == file.read_text(encoding="utf-8")
+    assert result.score == Decimal("39.000000")
+    assert order.units["score"] == "points"
+    assert "duration_s" not in order.units
     assert all(step.outcome != "failed" for step in verify_result(file).steps)
 
 

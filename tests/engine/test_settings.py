@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from ariac_score import (
     Finding,
@@ -177,12 +178,12 @@ def test_it_comes_back_to_the_byte_and_keeps_the_schema(result: Result, tmp_path
 def test_a_result_of_a_version_that_kept_none_stays_as_it_was(result: Result, tmp_path: Path) -> None:
     bare = replace(result, measured=replace(result.measured, settings=None))
     text = as_json(bare)
-    assert '"settings"' not in text
+    assert '"settings": null' in text
     (tmp_path / "old.json").write_text(text)
 
     old = load_result(tmp_path / "old.json")
     assert as_json(old) == text
-    assert as_json(reprice(old, load_rule_set("paper2020"))).count('"settings"') == 0
+    assert reprice(old, load_rule_set("paper2020")).measured.settings is None
     assert main(["verify", str(tmp_path / "old.json")]) == 0
     step = next(s for s in verify_result(tmp_path / "old.json", log=LOG).steps if s.name == "recomputed")
     assert step.words == "the same score, ledger and findings; the result does not keep its settings"
@@ -205,13 +206,13 @@ def test_an_edited_setting_is_found_with_the_log(result: Result, tmp_path: Path)
     kept = dict(result.measured.settings or {})
     at = next(i for i, one in enumerate(kept["separation"].parameters) if one.name == "max_gap_s")
     changed = list(kept["separation"].parameters)
-    changed[at] = replace(changed[at], value=0.5)
+    changed[at] = structs.replace(changed[at], value=0.5)
     kept["separation"] = replace(kept["separation"], parameters=tuple(changed))
     file = tmp_path / "edited.json"
     file.write_text(as_json(replace(result, measured=replace(result.measured, settings=kept))))
 
     (step,) = [s for s in verify_result(file, log=LOG).steps if s.outcome == "failed"]
-    assert (step.name, f"$.settings.separation.parameters[{at}].value: 0.5" in step.words) == (
+    assert (step.name, f"$.measured.settings.separation.parameters[{at}].value: 0.5" in step.words) == (
         "recomputed",
         True,
     )
@@ -220,9 +221,9 @@ def test_an_edited_setting_is_found_with_the_log(result: Result, tmp_path: Path)
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("delta_m", lambda one: replace(one, value=1.6)),
-        ("max_gap_s", lambda one: replace(one, origin="rule_set")),
-        ("delta_m", lambda one: replace(one, name="gamma_m")),
+        ("delta_m", lambda one: structs.replace(one, value=1.6)),
+        ("max_gap_s", lambda one: structs.replace(one, origin="rule_set")),
+        ("delta_m", lambda one: structs.replace(one, name="gamma_m")),
     ],
 )
 def test_settings_that_are_not_those_of_the_rules_are_found_without_the_log(
@@ -251,7 +252,7 @@ def test_settings_that_are_not_those_of_the_rules_are_found_without_the_log(
 )
 def test_settings_that_are_none_are_refused(damage: Any, result: Result, tmp_path: Path) -> None:
     data = json.loads(as_json(result))
-    damage(data["settings"])
+    damage(data["measured"]["settings"])
     file = tmp_path / "damaged.json"
     file.write_text(json.dumps(data))
 

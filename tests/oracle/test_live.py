@@ -98,10 +98,10 @@ def test_the_demonstration_gives_equal_results_live_and_afterwards(
     violation = result["measured"]["findings"]["separation#1"]
     first = re.search(r"snapshot at ([0-9.]+) s: currently_false: (.*)", demonstration.shown)
     assert first is not None
-    assert float(first[1]) == violation["span_s"][0]
+    assert float(first[1]) == violation["span"]["start_s"]
     for name in ("separation", "in_rml", "in_temporal_logic", "as_a_formula"):
         assert f"{name}: robot/human: " in first[2]
-        assert result["measured"]["findings"][f"{name}#1"]["span_s"] == violation["span_s"]
+        assert result["measured"]["findings"][f"{name}#1"]["span"] == violation["span"]
 
 
 def test_scoring_the_log_of_the_oracle_writes_its_result_again_to_the_byte(

@@ -32,7 +32,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.errors import RuleSetError
-from ariac_score.results.result import Provenance
+from ariac_score.results.result import Pinned, Provenance
 from ariac_score_standards import SsmSeparation
 from ariac_score_standards.ssm_formula import PROFILES
 
@@ -245,7 +245,7 @@ def test_one_episode_of_4_s_costs_0_48_demerits(tmp_path: Path) -> None:
     rule_set, registry, t = load_rule_set(str(file)), Registry(), at_100_hz(8.0)
 
     measured = measure_trial(watched(t, vee(t)), prepare(rule_set, registry=registry))
-    result = price_trial(measured, rule_set, Provenance((), (), ("", ""), ("", ""), ()))
+    result = price_trial(measured, rule_set, Provenance((), (), Pinned("", ""), Pinned("", ""), ()))
 
     assert result.score is not None
     assert float(result.score) == pytest.approx(0.675676, abs=1e-6)

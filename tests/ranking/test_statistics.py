@@ -224,7 +224,7 @@ def test_a_team_that_is_always_far_ahead_is_told_apart() -> None:
     }
     found = statistics(scores)
 
-    odds = {o.team: (o.low, o.high) for o in found.teams}
+    odds = {o.team: (o.rank_low, o.rank_high) for o in found.teams}
     assert odds["A"] == (1, 1)
     assert odds["B"] == odds["C"] == (2, 3)
     assert [set(group.teams) for group in found.groups] == [{"A"}, {"B", "C"}]
@@ -264,7 +264,7 @@ def test_one_team_is_first_for_sure() -> None:
     found = statistics({"A": [[3, 1], [2, 2]]})
 
     (odds,) = found.teams
-    assert (odds.low, odds.high, odds.chances) == (1, 1, (1.0,))
+    assert (odds.rank_low, odds.rank_high, odds.chances) == (1, 1, (1.0,))
     assert found.pairs == ()
     assert [group.teams for group in found.groups] == [("A",)]
 
@@ -272,7 +272,7 @@ def test_one_team_is_first_for_sure() -> None:
 def test_teams_that_are_all_alike_share_every_rank_and_one_group() -> None:
     found = statistics({team: [[5, 5], [5, 5], [5, 5]] for team in "ABC"})
 
-    assert [(o.low, o.high) for o in found.teams] == [(1, 3)] * 3
+    assert [(o.rank_low, o.rank_high) for o in found.teams] == [(1, 3)] * 3
     assert all(o.chances == (1.0, 0.0, 0.0) for o in found.teams)
     assert [group.teams for group in found.groups] == [("A", "B", "C")]
     assert {p.chance for p in found.pairs} == {0.5}
@@ -327,7 +327,7 @@ def test_what_holds_for_every_competition(scores: list[list[list[int]]], keep: i
     for odds in found.teams:
         own = next(s.value for s in made.standings if s.team == odds.team) or 0
         better = sum((s.value or 0) > own for s in made.standings)
-        assert odds.low <= 1 + better <= odds.high  # the published rank is among those it may have
+        assert odds.rank_low <= 1 + better <= odds.rank_high  # the published rank is among those it may have
         assert sum(odds.chances) == pytest.approx(1)
     together = {team for group in found.groups for team in group.teams}
     assert together == set(teams)

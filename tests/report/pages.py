@@ -24,7 +24,7 @@ from ariac_score import (
 from ariac_score.engine.measure import sketch_trial
 from ariac_score.engine.prepared import prepare
 from ariac_score.report.html.trial import trial_page
-from ariac_score.results.result import Setting, Settings, Source
+from ariac_score.results.result import Pinned, Setting, Settings, Source
 from ariac_score.testing import kitting_trial, write_trial_log
 
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"
@@ -79,7 +79,9 @@ def _settings() -> Settings:
 
 
 def _provenance() -> Provenance:
-    return Provenance((Source("log", SCRIPT, 1, "0" * 64),), HOSTILE, (IMAGE, "1" * 64), (LONG, "2" * 64), ())
+    return Provenance(
+        (Source("log", SCRIPT, 1, "0" * 64),), HOSTILE, Pinned(IMAGE, "1" * 64), Pinned(LONG, "2" * 64), ()
+    )
 
 
 def _renamed(trial: Trial) -> Trial:

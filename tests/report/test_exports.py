@@ -17,6 +17,7 @@ from xml.etree import ElementTree
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from ariac_score import Finding, Result, Span, Verdict, load_result, score_trial
 from ariac_score.cli import main
@@ -213,7 +214,7 @@ def test_what_is_undecided_is_open_in_sarif(undecided: Result) -> None:
 @pytest.mark.parametrize("text", HOSTILE)
 def test_sarif_keeps_its_rules_whatever_names_hold(text: str) -> None:
     result = renamed(text)
-    source = replace(result.provenance.inputs[0], name=text)
+    source = structs.replace(result.provenance.inputs[0], name=text)
     check_sarif(sarif(replace(result, provenance=replace(result.provenance, inputs=(source,)))))
 
 

@@ -81,7 +81,7 @@ def edited(file: Path, change: Callable[[dict[str, Any]], object]) -> Path:
 
 
 def page_of(file: Path, **given: Any) -> str:
-    return competition_page(Site(load_publication(file), file.read_text(encoding="utf-8"), **given))
+    return competition_page(Site(load_publication(file), **given))
 
 
 # What it holds -------------------------------------------------------------------------
@@ -173,7 +173,7 @@ def test_what_is_no_longer_part_of_it_is_removed_and_nothing_else(site: Path, tm
     (out / "CNAME").write_text("example.org\n")
     fewer = tmp_path / "fewer.json"
     shutil.copy(site / "data/ranking.json", fewer)
-    edited(fewer, lambda d: d.update(results=None) or [run.update(result=None) for run in d["runs"]])
+    edited(fewer, lambda d: d.update(folder="") or [run.update(result=None) for run in d["runs"]])
 
     assert main(["report", str(fewer), "-o", str(out)]) == 0
 
@@ -206,9 +206,7 @@ def test_what_changed_is_said(site: Path, ranking: Path) -> None:
 
     now = load_publication(site / "data/ranking.json")
     before = load_publication(edited(ranking, older))
-    page = competition_page(
-        Site(now, (site / "data/ranking.json").read_text(encoding="utf-8"), previous=before)
-    )
+    page = competition_page(Site(now, previous=before))
 
     text = seen(page)
     assert "▲ up 1" in text
@@ -432,7 +430,7 @@ def hostile_ranking(ranking: Path) -> Path:
         return {**names, **trials}.get(value, value) if isinstance(value, str) else value
 
     data = swapped(json.loads(ranking.read_text(encoding="utf-8")))
-    data.update(title=HOSTILE[6], strangers=list(HOSTILE), results=None)
+    data.update(title=HOSTILE[6], strangers=list(HOSTILE), folder="", cohort=None)
     for i, run in enumerate(data["runs"]):
         run.update(result=None, reason=HOSTILE[i % len(HOSTILE)], outcome="aborted")
     for i, standing in enumerate(data["standings"]):

@@ -17,6 +17,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from ariac_score import (
     Body,
@@ -103,7 +104,7 @@ def test_it_says_score_rules_hashes_margins_and_clauses(example: Result) -> None
     for word in (
         "19.761677",
         "paper2020",
-        example.provenance.rule_set[1],
+        example.provenance.rule_set.sha256,
         example.provenance.inputs[0].sha256,
         "derived from ISO/TS 15066:2016, 5.5.4",
         "\u22120.956 m",
@@ -323,7 +324,7 @@ def _lines() -> st.SearchStrategy[Line]:
 
 def _named(line: Line, path: str) -> Line:
     children = tuple(_named(child, f"{path}/{i}") for i, child in enumerate(line.children))
-    return replace(line, path=path, children=children)
+    return structs.replace(line, path=path, children=children)
 
 
 @settings(max_examples=60)

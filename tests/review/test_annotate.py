@@ -299,9 +299,9 @@ def test_the_least_margin_beside_the_log_is_that_of_the_finding(everything: tupl
 
     checked = set()
     for finding in result["measured"]["findings"].values():
-        if finding["verdict"] != "violated" or not finding["span_s"] or finding["robustness"] is None:
+        if finding["verdict"] != "violated" or not finding["span"] or finding["robustness"] is None:
             continue
-        start_s, end_s = finding["span_s"]
+        start_s, end_s = finding["span"]["start_s"], finding["span"]["end_s"]
         own = [
             m.message.margin
             for m in messages

@@ -29,8 +29,7 @@ from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import DataFileError, FormulaError, NothingToScoreError, RuleSetError, UsageError
 from ariac_score.report.audit_text import audit_text
 from ariac_score.results.result import Measured
-from ariac_score.review.audit import AGREE, CANNOT_BE_JUDGED, DIFFER, STATE_LOG_ROUNDING, Audit, audit
-from ariac_score.review.audit_file import audit_json
+from ariac_score.review.audit import AGREE, AUDIT, CANNOT_BE_JUDGED, DIFFER, STATE_LOG_ROUNDING, Audit, audit
 from ariac_score.review.certainty import Certain
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.scope import Scope
@@ -78,7 +77,7 @@ def listed(names: str) -> set[str]:
 def test_every_item_of_a_true_text_agrees(tmp_path: Path) -> None:
     audited = audit(bundle(tmp_path / "run"), against="ariac2020.as_coded")
 
-    assert audited.rule_set[0] == "ariac2020.as_coded"  # 2019 prints other labels
+    assert audited.rule_set.id == "ariac2020.as_coded"  # 2019 prints other labels
     assert (audited.count(AGREE), audited.count(DIFFER), audited.count(CANNOT_BE_JUDGED)) == (30, 0, 0)
     assert all(item.independent for item in audited.items)
     assert not wrong_sums(audited)
@@ -240,7 +239,7 @@ def test_the_only_public_run_agrees_as_far_as_it_can_be_judged(shared: Path) -> 
     audited = audit(shared / "ariac/data/nist_team_2022")
     items = {(item.path, item.label): item for item in audited.items}
 
-    assert audited.rule_set[0] == "ariac2022.as_coded"
+    assert audited.rule_set.id == "ariac2022.as_coded"
     assert (audited.count(AGREE), audited.count(DIFFER)) == (8, 0)
     assert not wrong_sums(audited)
     assert items["order_0", "priority"].independent
@@ -327,7 +326,7 @@ def test_a_kit_of_2022_adds_up_with_its_tray(tmp_path: Path, old: str, new: str,
     (tmp_path / "performance.log").write_text("Gazebo multi-robot simulator\n" + KIT_2022.replace(old, new))
     audited = audit(tmp_path / "performance.log")
 
-    assert audited.rule_set[0] == "ariac2022.as_coded"
+    assert audited.rule_set.id == "ariac2022.as_coded"
     assert wrong_sums(audited) == listed(sums)
 
 
@@ -568,7 +567,7 @@ def test_the_json_keeps_its_schema_and_its_bytes(tmp_path: Path) -> None:
     run, file = bundle(tmp_path / "run", changed("bonus: [2]", "bonus: [3]")), tmp_path / "audit.json"
 
     assert main(["audit", str(run), "--output-format", "json", "-o", str(file)]) == 1
-    assert file.read_text(encoding="utf-8") == audit_json(audit(run))
+    assert file.read_text(encoding="utf-8") == AUDIT.text(audit(run))
     data = json.loads(file.read_text(encoding="utf-8"))
     assert schema_errors(data, "audit") == []
     assert data["counts"] == {"agree": 29, "differ": 1, "cannot_be_judged": 0}
@@ -634,7 +633,7 @@ def test_the_documented_rules_are_compared_without_being_asked(tmp_path: Path) -
 
     assert [comparison.second for comparison in audited.comparisons] == ["ariac2020.as_documented"]
     assert "The same trial under ariac2020.as_documented" in text
-    assert schema_errors(json.loads(audit_json(audited)), "audit") == []
+    assert schema_errors(json.loads(AUDIT.text(audited)), "audit") == []
 
 
 def test_a_rule_set_that_is_its_own_comparison_changes_nothing(tmp_path: Path) -> None:

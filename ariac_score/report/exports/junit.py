@@ -35,9 +35,9 @@ def junit_text(result: Result) -> str:
     findings = final_findings(result)
     for check in checks(result):
         own = [(key, finding) for key, finding in findings.items() if finding.check == check]
-        suite = SubElement(root, "testsuite", name=f"{result.provenance.rule_set[0]}.{check}")
+        suite = SubElement(root, "testsuite", name=f"{result.provenance.rule_set.id}.{check}")
         for key, finding in own:
-            _case(suite, f"{result.provenance.rule_set[0]}.{check}", key, finding)
+            _case(suite, f"{result.provenance.rule_set.id}.{check}", key, finding)
     for suite in root:
         _count(suite, [suite])
     _count(root, list(root))
@@ -53,15 +53,15 @@ def _score(result: Result, root: Element) -> None:
     properties = SubElement(suite, "properties")
     for key, value in _properties(result):
         SubElement(properties, "property", name=key, value=value)
-    case = SubElement(suite, "testcase", classname=result.provenance.rule_set[0], name="score", time="0")
+    case = SubElement(suite, "testcase", classname=result.provenance.rule_set.id, name="score", time="0")
     if result.final is None:
         SubElement(case, "error", type=result.status, message=why_none(result))
     SubElement(case, "system-out").text = "\n".join([headline(result), *remarks(result), *unrecorded(result)])
 
 
 def _properties(result: Result) -> Iterator[tuple[str, str]]:
-    yield "rule_set", result.provenance.rule_set[0]
-    yield "rule_set_sha256", result.provenance.rule_set[1]
+    yield "rule_set", result.provenance.rule_set.id
+    yield "rule_set_sha256", result.provenance.rule_set.sha256
     yield "status", result.status
     for key, amount in (
         ("score", result.final),

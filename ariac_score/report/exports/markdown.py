@@ -27,7 +27,7 @@ def markdown_text(result: Result) -> str:
     sections = [
         [f"## {escaped(headline(result))}"],
         [
-            f"Trial {who}{escaped(measured.trial)} under {escaped(result.provenance.rule_set[0])}: "
+            f"Trial {who}{escaped(measured.trial)} under {escaped(result.provenance.rule_set.id)}: "
             f"{escaped(result.rule_set_title)}"
         ],
         list(_adjustments(result)),
@@ -128,7 +128,8 @@ def _origin(result: Result) -> Iterator[str]:
     for source in result.provenance.inputs:
         parts = "" if source.read_bytes is None else f" of the {source.read_bytes} bytes that were read"
         yield f"- {escaped(source.role)} {escaped(source.name)}, sha256 `{source.sha256}`{parts}"
-    yield f"- rule set {escaped(result.provenance.rule_set[0])}, sha256 `{result.provenance.rule_set[1]}`"
+    yield f"- rule set {escaped(result.provenance.rule_set.id)}, sha256 `{result.provenance.rule_set.sha256}`"
     yield from (f"- {escaped(text)}" for text in unrecorded(result))
-    for distribution, version, package, sha256 in result.provenance.code:
-        yield f"- {escaped(distribution)} {escaped(version)}, {escaped(package)} sha256 `{sha256[:16]}…`"
+    for code in result.provenance.code:
+        made_by = f"{escaped(code.distribution)} {escaped(code.version)}, {escaped(code.package)}"
+        yield f"- {made_by} sha256 `{code.sha256[:16]}…`"

@@ -44,7 +44,7 @@ def _run(result: Result) -> dict[str, Any]:
     ]
     return {
         "tool": {"driver": _driver(result)},
-        "automationDetails": {"id": f"{result.provenance.rule_set[0]}/{quote(name(result), safe='/')}/"},
+        "automationDetails": {"id": f"{result.provenance.rule_set.id}/{quote(name(result), safe='/')}/"},
         "columnKind": "unicodeCodePoints",
         "artifacts": [
             {
@@ -62,7 +62,7 @@ def _run(result: Result) -> dict[str, Any]:
 
 
 def _driver(result: Result) -> dict[str, Any]:
-    version = next((v for d, v, _, _ in result.provenance.code if d == "ariac-score"), "")
+    version = next((c.version for c in result.provenance.code if c.distribution == "ariac-score"), "")
     return {
         "name": "ariac-score",
         **({"version": version} if version else {}),
@@ -88,8 +88,8 @@ def _notifications(result: Result) -> list[dict[str, Any]]:
 def _properties(result: Result) -> dict[str, Any]:
     amounts = {"score": result.final, "automatic_score": result.score, "possible": result.possible}
     return {
-        "rule_set": result.provenance.rule_set[0],
-        "rule_set_sha256": result.provenance.rule_set[1],
+        "rule_set": result.provenance.rule_set.id,
+        "rule_set_sha256": result.provenance.rule_set.sha256,
         "status": result.status,
         "adjusted": result.adjusted is not None,
         **{key: None if value is None else float(value) for key, value in amounts.items()},
@@ -136,7 +136,7 @@ def _uri(file: str) -> str:
 
 def _fingerprint(key: str, finding: Finding, result: Result) -> str:
     """The same for the same finding of the same check in the next run of this trial."""
-    parts = (result.provenance.rule_set[0], name(result), key, cut(finding.subject))
+    parts = (result.provenance.rule_set.id, name(result), key, cut(finding.subject))
     return hashlib.sha256("\0".join(parts).encode("utf-8")).hexdigest()[:32]
 
 

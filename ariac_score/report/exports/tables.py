@@ -57,7 +57,7 @@ def _head(result: Result) -> dict[str, Any]:
     return {
         "team": result.measured.team,
         "trial": result.measured.trial,
-        "rule_set": result.provenance.rule_set[0],
+        "rule_set": result.provenance.rule_set.id,
         "status": result.status,
         "score": _amount(result.final),
         "automatic_score": _amount(result.score),
@@ -94,7 +94,7 @@ def _records(result: Result) -> Iterator[dict[str, Any]]:
         **_head(result),
         "adjustments": remarks(result),
         "possible": _amount(result.possible),
-        "rule_set_sha256": result.provenance.rule_set[1],
+        "rule_set_sha256": result.provenance.rule_set.sha256,
         "inputs": [{"name": s.name, "role": s.role, "sha256": s.sha256} for s in result.provenance.inputs],
     }
     ledgers = [result.ledger, result.adjusted.ledger if result.adjusted else None]

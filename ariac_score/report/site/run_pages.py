@@ -17,7 +17,7 @@ from ariac_score.ranking.violations import Clause, verdicts_of
 from ariac_score.report.html.trial import trial_page
 from ariac_score.report.html.wording import file_name
 from ariac_score.results.adjustments import apply
-from ariac_score.results.result import Result
+from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import as_json, measured_sha256
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment, with_verdicts
@@ -48,7 +48,7 @@ class _Task:
     run: RunOutcome
     stored: StoredResult
     folder: Path
-    rule_set: tuple[str, str]
+    rule_set: Pinned
     decisions: tuple[Adjustment, ...]
     decided_in: str
     out: Path

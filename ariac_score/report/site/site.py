@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+from msgspec import structs
 
 from ariac_score.errors import UsageError
 from ariac_score.ranking.changes import Changes, changes_between
-from ariac_score.ranking.publication import Publication
+from ariac_score.ranking.publication import PUBLICATION, Publication
 from ariac_score.ranking.violations import Tally, tallied
 from ariac_score.report.html.page import page
 from ariac_score.report.site.run_pages import RunPage, make_pages
@@ -33,14 +35,12 @@ class Site:
 
     Attributes:
         publication: The ranking.
-        text: Its JSON.
         folder: Where the results of its runs are; `None`: there are no pages of runs.
         previous: The publication before.
         sensitivity: What the ranks owe to each number.
     """
 
     publication: Publication
-    text: str
     folder: Path | None = None
     previous: Publication | None = None
     sensitivity: Sequence[RankSensitivity] | None = None
@@ -114,7 +114,7 @@ def write_site(
     tables = tables_of(site.publication, _tallies(site, pages), site.sensitivity, _changes(site))
     texts = {f"{DATA}/{table.name}.csv": table_csv(table) for table in tables}
     texts |= {f"{DATA}/{table.name}.json": table_json(table) for table in tables}
-    texts[RANKING] = _pointing_here(site.text, pages=bool(pages))
+    texts[RANKING] = _pointing_here(site.publication, pages=bool(pages))
     texts["index.html"] = competition_page(site, pages, tables=tables)
     written += texts
     # Before the pages are replaced, so that a broken-off site still knows all that may be its own.
@@ -160,12 +160,7 @@ def _is_ours(out: Path, name: str) -> bool:
     return known and ".." not in name.split("/") and (out / name).resolve().is_relative_to(out.resolve())
 
 
-def _pointing_here(text: str, *, pages: bool) -> str:
+def _pointing_here(publication: Publication, *, pages: bool) -> str:
     """The ranking with its results where they are in the site."""
-    data = json.loads(text)
-    data["results"] = "../results" if pages else None
-    if not pages:
-        for run in data["runs"]:
-            run["result"] = None
-    made = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
-    return made.encode("utf-8", "backslashreplace").decode("utf-8") + "\n"
+    runs = publication.runs if pages else tuple(structs.replace(r, result=None) for r in publication.runs)
+    return PUBLICATION.text(replace(publication, folder="../results" if pages else "", runs=runs))

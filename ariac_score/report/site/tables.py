@@ -96,7 +96,7 @@ def tables_of(
     tables = [_leaderboard(publication), _trials(publication), _runs(publication)]
     if publication.ranking.stewarded is not None:
         tables.append(_decisions(publication.ranking.stewarded))
-    if publication.statistics is not None:
+    if publication.final_statistics is not None:
         tables += [_chances(publication), _pairs(publication), _groups(publication)]
     if tallies is not None:
         tables.append(_violations(publication, tallies))
@@ -108,7 +108,7 @@ def tables_of(
 
 
 def _leaderboard(publication: Publication) -> Table:
-    statistics = publication.statistics
+    statistics = publication.final_statistics
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     groups = statistics.groups if statistics else ()
     ties = list(publication.final.standings[0].ties) if publication.final.standings else []
@@ -123,8 +123,8 @@ def _leaderboard(publication: Publication) -> Table:
         rows.append(
             (
                 s.rank,
-                own.low if own else None,
-                own.high if own else None,
+                own.rank_low if own else None,
+                own.rank_high if own else None,
                 " ".join(group.label for group in groups if s.team in group.teams),
                 s.team,
                 s.name,
@@ -133,8 +133,8 @@ def _leaderboard(publication: Publication) -> Table:
                 own.execution[0] if own else None,
                 own.execution[1] if own else None,
                 s.judges,
-                sum(cell.made for cell in s.cells.values()),
-                sum(len(cell.runs) for cell in s.cells.values()),
+                sum(cell.made for cell in s.trials.values()),
+                sum(len(cell.runs) for cell in s.trials.values()),
                 " ".join(map(str, s.places)),
                 *(s.ties[name] for name in ties),
                 s.separated_by,
@@ -160,7 +160,7 @@ def _trials(publication: Publication) -> Table:
             cell.made,
         )
         for s in publication.final.standings
-        for trial, cell in s.cells.items()
+        for trial, cell in s.trials.items()
     ]
     columns = ("team", "name", "trial", "score", "outcome", "reason", "runs_counted", "runs_made")
     return Table("trials", "What each trial brought each team", columns, tuple(rows))
@@ -221,29 +221,29 @@ def _decisions(stewarded: Stewarded) -> Table:
 
 
 def _chances(publication: Publication) -> Table:
-    assert publication.statistics is not None  # asked for only then
+    assert publication.final_statistics is not None  # asked for only then
     rows: list[tuple[Value, ...]] = [
         (odds.team, rank, chance)
-        for odds in publication.statistics.teams
+        for odds in publication.final_statistics.teams
         for rank, chance in enumerate(odds.chances, start=1)
     ]
     return Table("rank_chances", "Chances of each rank", ("team", "rank", "chance"), tuple(rows))
 
 
 def _pairs(publication: Publication) -> Table:
-    assert publication.statistics is not None  # asked for only then
+    assert publication.final_statistics is not None  # asked for only then
     columns = ("first", "second", "ahead", "low", "high", "joint_low", "joint_high", "chance", "told_apart")
     rows: list[tuple[Value, ...]] = [
         (p.first, p.second, p.ahead, p.low, p.high, p.joint_low, p.joint_high, p.chance, p.told_apart)
-        for p in publication.statistics.pairs
+        for p in publication.final_statistics.pairs
     ]
     return Table("pairs", "Differences between teams", columns, tuple(rows))
 
 
 def _groups(publication: Publication) -> Table:
-    assert publication.statistics is not None  # asked for only then
+    assert publication.final_statistics is not None  # asked for only then
     rows: list[tuple[Value, ...]] = [
-        (group.label, team) for group in publication.statistics.groups for team in group.teams
+        (group.label, team) for group in publication.final_statistics.groups for team in group.teams
     ]
     return Table("groups", "Teams that cannot be told apart", ("group", "team"), tuple(rows))
 

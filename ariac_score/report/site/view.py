@@ -150,7 +150,7 @@ def view_of(
         sensitivity: What the ranks owe to each number; `None` when it was not given.
         changes: Since the previous publication; `None` when none was given.
     """
-    ranking, statistics = publication.final, publication.statistics
+    ranking, statistics = publication.final, publication.final_statistics
     by_cell: dict[tuple[str, str], list[RunLink]] = {}
     for run in ranking.runs:
         by_cell.setdefault((run.team, run.trial), []).append(RunLink(run, links.get(run.key, "")))
@@ -164,12 +164,12 @@ def view_of(
         cells={
             standing.team: {
                 trial: TrialCell(cell, tuple(by_cell.get((standing.team, trial), ())))
-                for trial, cell in standing.cells.items()
+                for trial, cell in standing.trials.items()
             }
             for standing in ranking.standings
         },
         judged=any(standing.judges is not None for standing in ranking.standings),
-        valued=publication.how["value"] != "execution",
+        valued=publication.how.value != "execution",
         started=bool(ranking.runs),
         pairs=pairs,
         zero=zero,
@@ -213,7 +213,7 @@ def _decisions(
 
 
 def _row(standing: Standing, publication: Publication) -> TeamRow:
-    ranking, statistics = publication.final, publication.statistics
+    ranking, statistics = publication.final, publication.final_statistics
     same = sum(1 for other in ranking.standings if other.rank == standing.rank)
     rank = "" if standing.rank is None else f"{standing.rank}{'=' if same > 1 else ''}"
     odds = {each.team: each for each in statistics.teams} if statistics else {}
@@ -225,8 +225,8 @@ def _row(standing: Standing, publication: Publication) -> TeamRow:
         rank if ranking.runs else "",
         odds.get(standing.team),
         tuple(group.label for group in groups if standing.team in group.teams),
-        sum(cell.made for cell in standing.cells.values()),
-        sum(len(cell.runs) for cell in standing.cells.values()),
+        sum(cell.made for cell in standing.trials.values()),
+        sum(len(cell.runs) for cell in standing.trials.values()),
         automatic.get(standing.team),
     )
 

@@ -28,7 +28,7 @@ from ariac_score import (
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
-from ariac_score.results.result import Provenance, Result
+from ariac_score.results.result import Pinned, Provenance, Result
 from ariac_score_ariac.tasks import InsertedPart, InsertSeen
 
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
@@ -71,7 +71,7 @@ def rules_of(name: str) -> tuple[RuleSet, Registry]:
 def scored(of: Trial, rules: str) -> Result:
     rule_set, registry = rules_of(rules)
     measured = measure_trial(of, prepare(rule_set, registry=registry))
-    return price_trial(measured, rule_set, Provenance((), (), ("", ""), ("", ""), ()))
+    return price_trial(measured, rule_set, Provenance((), (), Pinned("", ""), Pinned("", ""), ()))
 
 
 def score(of: Trial, rules: str) -> int:

@@ -34,7 +34,7 @@ from ariac_score import (
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
-from ariac_score.results.result import Provenance, Result
+from ariac_score.results.result import Pinned, Provenance, Result
 from ariac_score.testing import kitting_trial
 from ariac_score_ariac.tasks import (
     Destination,
@@ -176,7 +176,7 @@ def test_an_empty_tray_has_everything_missing_and_nothing_unwanted_or_faulty() -
 def scored(full: Trial, rules: str = "paper2020") -> Result:
     rule_set, registry = load_rule_set(rules), Registry()
     measured = measure_trial(full, prepare(rule_set, registry=registry))
-    return price_trial(measured, rule_set, Provenance((), (), ("", ""), ("", ""), ()))
+    return price_trial(measured, rule_set, Provenance((), (), Pinned("", ""), Pinned("", ""), ()))
 
 
 def test_an_order_for_an_empty_kit_is_priced_and_earns_nothing() -> None:

@@ -1,0 +1,139 @@
+"""What the version before wrote is read, verified and taken up: files made by it, in `tests/data/before`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from ariac_score import as_json, load_result, load_rule_set
+from ariac_score.batch.index import checked_rows
+from ariac_score.cli import main
+from ariac_score.errors import ResultError
+from ariac_score.ranking.publication import PUBLICATION, load_publication
+from ariac_score.results.cohort_file import load_cohort
+from ariac_score.results.result_file import measured_sha256
+from ariac_score.review.verify import verify_result
+
+BEFORE = Path(__file__).parents[1] / "data/before"
+
+
+def outcomes(path: Path, **more: Path) -> dict[str, str]:
+    return {step.name: step.outcome for step in verify_result(path, **more).steps}
+
+
+def test_a_result_is_read_verified_and_written_as_it_is_today(tmp_path: Path) -> None:
+    stored = json.loads((BEFORE / "result.json").read_text(encoding="utf-8"))
+    result = load_result(BEFORE / "result.json")
+
+    assert (stored["schema"], stored["score"]) == ("ariac-score/result/1", 6.25)
+    assert (str(result.score), result.digits) == ("6.250000000", 9)
+    assert list(result.measured.findings) == list(stored["measured"]["findings"])
+    assert result.measured.orders == stored["measured"]["orders_announced_s"]
+    assert result.cohort.values == stored["cohort"]["values"]
+    steps = outcomes(BEFORE / "result.json")
+    assert set(steps.values()) == {"ok", "note"}
+    assert steps["bytes"] == "note"
+
+    (tmp_path / "r.json").write_text(as_json(result), encoding="utf-8")
+    assert load_result(tmp_path / "r.json") == result
+    assert outcomes(tmp_path / "r.json")["bytes"] == "ok"
+
+
+def test_its_signature_still_verifies_and_an_edited_byte_is_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("minisign")
+    for name in ("result.json", "result.json.minisig"):
+        shutil.copy(BEFORE / name, tmp_path / name)
+    command = ["verify", str(tmp_path / "result.json"), "--public-key", str(BEFORE / "key.pub")]
+    assert main(command) == 0
+
+    text = (tmp_path / "result.json").read_text(encoding="utf-8")
+    (tmp_path / "result.json").write_text(text.replace("AAAA0001", "AAAA0002"), encoding="utf-8")
+    assert main(command) == 1
+    assert "the signature is not of these bytes" in capsys.readouterr().out
+
+
+def test_decisions_of_stewards_stay_those_of_their_result() -> None:
+    adjusted = load_result(BEFORE / "adjusted.json")
+
+    assert adjusted.adjusted is not None
+    (decision,) = adjusted.adjusted.adjustments
+    assert decision.measured == measured_sha256(adjusted)
+    assert adjusted.adjusted.score == Decimal("3.677884615") + Decimal("2.5")
+    steps = outcomes(BEFORE / "adjusted.json", adjustments=BEFORE / "adjustments.yaml")
+    assert (steps["adjusted"], steps["adjustments"]) == ("ok", "ok")
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "now", "cause"),
+    [
+        ("result.json", '"score": 6.25', '"score": 6.5', "the ledger adds up to 6.250000000"),
+        ("result.json", '"witnessed"', '"witness"', "unknown key 'witness'"),
+        ("result.json", '"span_s"', '"span"', "ariac-score/result/1 at 'span_s'"),
+        ("result.json", '"clock"', '"colour": 1, "clock"', "unknown key 'colour'"),
+        ("adjusted.json", '"points": 2.5', '"points": 3.5', "does not follow from its adjustments"),
+        ("adjusted.json", '"target"', '"at"', "ariac-score/result/1 at 'target'"),
+    ],
+)
+def test_an_edited_one_is_refused(name: str, before: str, now: str, cause: str, tmp_path: Path) -> None:
+    text = (BEFORE / name).read_text(encoding="utf-8")
+    assert before in text
+    (tmp_path / name).write_text(text.replace(before, now), encoding="utf-8")
+
+    with pytest.raises(ResultError, match=cause):
+        load_result(tmp_path / name)
+
+
+def test_a_published_ranking_is_read_and_written_as_it_is_today(tmp_path: Path) -> None:
+    stored = json.loads((BEFORE / "ranking.json").read_text(encoding="utf-8"))
+    found = load_publication(BEFORE / "ranking.json")
+
+    assert stored["schema"] == "ariac-score/ranking/2"
+    assert [(s.rank, s.team, float(s.execution)) for s in found.ranking.standings] == [
+        (s["rank"], s["team"], s["execution"]) for s in stored["standings"]
+    ]
+    assert [(s.rank, s.team, float(s.execution)) for s in found.final.standings] == [
+        (s["rank"], s["team"], s["execution"]) for s in stored["adjusted"]["standings"]
+    ]
+    pair, then = found.statistics.pairs[0], stored["statistics"]["pairs"][0]  # type: ignore[union-attr]
+    assert [[pair.low, pair.high], [pair.joint_low, pair.joint_high], pair.told_apart] == [
+        then["interval"],
+        then["joint_interval"],
+        then["told_apart"],
+    ]
+    assert found.how.keep == stored["ranking"]["keep"]
+
+    (tmp_path / "ranking.json").write_text(PUBLICATION.text(found), encoding="utf-8")
+    assert load_publication(tmp_path / "ranking.json") == found
+
+
+def test_a_published_cohort_still_prices() -> None:
+    cohort = load_cohort(BEFORE / "cohort.json", load_rule_set("ariac2024.official"))
+
+    assert cohort.of_trial("kit").sha256 == load_result(BEFORE / "result.json").cohort.sha256
+
+
+def test_a_finished_batch_is_read_ranked_and_taken_up(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("cup", "batch"):
+        shutil.copytree(BEFORE / name, tmp_path / name)
+    cup, batch = str(tmp_path / "cup"), tmp_path / "batch"
+    ((row, document),) = checked_rows(batch)
+    assert (row.key, row.outcome, row.task) == (("alpha", "kit", 1), "needs_cohort", 5.0)
+    assert b"ariac-score/result/1" in document
+    assert main(["rank", cup, "--batch", str(batch), "--output-format", "json"]) == 0
+    ranked = capsys.readouterr().out
+
+    assert main(["batch", cup, "-o", str(batch), "-j", "1"]) == 0
+    ((row, document),) = checked_rows(batch)
+    assert (row.key, row.outcome, row.task) == (("alpha", "kit", 1), "needs_cohort", 5.0)
+    assert b"ariac-score/result/2" in document
+    capsys.readouterr()
+    assert main(["rank", cup, "--batch", str(batch), "--output-format", "json"]) == 0
+    assert capsys.readouterr().out == ranked
