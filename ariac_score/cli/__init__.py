@@ -104,7 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = sys.argv[1:] if argv is None else argv
     try:
-        arguments = _parser(next((w for w in words if not w.startswith("-")), "")).parse_args(words)
+        arguments = _parser(words[0] if words else "").parse_args(words)
         code: int = arguments.run(arguments)
         sys.stdout.flush()
     except KeyboardInterrupt:
