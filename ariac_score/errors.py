@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import copyreg
 from collections.abc import Iterable
+from difflib import get_close_matches
 
 __all__ = [
     "BatchError",
@@ -54,8 +55,6 @@ def did_you_mean(name: str, known: Iterable[str], *, what: str = "known") -> str
     >>> did_you_mean("wieght", ["weight", "round"])
     "did you mean 'weight'?"
     """
-    from difflib import get_close_matches  # noqa: PLC0415  # only when something failed
-
     names = sorted(known)
     near = get_close_matches(str(name), names, n=1, cutoff=0.6)  # YAML has names that are numbers
     if near:

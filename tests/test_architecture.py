@@ -198,6 +198,24 @@ def test_no_file_is_in_a_circle_of_imports() -> None:
     assert sorted(arrows) == []
 
 
+def test_the_public_names_stand_alike_where_they_are_typed_loaded_and_listed() -> None:
+    tree = ast.parse((ROOT / "ariac_score/__init__.py").read_text(encoding="utf-8"))
+    (typed,) = (node for node in tree.body if isinstance(node, ast.If))
+    (table,) = (
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_MODULE_OF"
+    )
+
+    assert table == {
+        alias.name: node.module
+        for node in typed.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert sorted(table) == sorted(ariac_score.__all__)
+
+
 def test_every_public_name_can_be_had() -> None:
     for name in ariac_score.__all__:
         assert getattr(ariac_score, name) is not None

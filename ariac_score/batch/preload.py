@@ -22,17 +22,8 @@ SETTING = "ARIAC_SCORE_BATCH_SETTING"
 """Environment variable with the file of the setting that most runs will have."""
 
 
-_LATE = (
-    "ariac_score.logs.containers.mcap",
-    "ariac_score.logs.containers.ros1",
-    "ariac_score.logs.containers.sqlite",
-    "concurrent.futures.thread",
-    "lz4.frame",
-    "numpy.ma",
-    "rosbags.serde",
-    "rosbags.typesys",
-)
-"""What readers import only when a log asks for it."""
+_LATE = ("concurrent.futures.thread", "lz4.frame", "numpy.ma")
+"""What libraries import only when a log asks for it."""
 
 
 def _load_everything() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ariac_score.errors import NothingToScoreError, UsageError
@@ -111,8 +111,6 @@ class Setting:
 
     def rule_set(self) -> RuleSet:
         """The rule set, as it was loaded where the batch began."""
-        from dataclasses import replace  # noqa: PLC0415  # one line, used on workers
-
         return replace(
             rule_set_from_text(self.rules, file=self.rules_file),
             sha256=self.rules_sha256,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from typing import IO
@@ -76,8 +77,6 @@ def _diverted(lines: list[str]) -> Iterator[None]:
 def _file_without_name() -> IO[bytes]:
     if hasattr(os, "memfd_create"):  # on Linux; tempfile takes longer to load than most plugins
         return os.fdopen(os.memfd_create("printed"), "w+b")
-    import tempfile  # noqa: PLC0415  # see above
-
     return tempfile.TemporaryFile()
 
 

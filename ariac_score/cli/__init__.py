@@ -16,16 +16,14 @@ Results go to stdout, everything else to stderr.
 from __future__ import annotations
 
 import argparse
-import atexit
-import gc
 import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
-if TYPE_CHECKING:
-    from ariac_score.errors import ScoreError
+from ariac_score.errors import ScoreError
+from ariac_score.terminal.style import plain, style_for
 
 __all__ = ["main"]
 
@@ -33,29 +31,30 @@ EXIT_INTERRUPTED = 2
 EXIT_INTERNAL = 3
 EXIT_USAGE = 4
 
-_COMMANDS = (
-    "check",
-    "score",
-    "info",
-    "explain",
-    "report",
-    "price",
-    "adjust",
-    "verify",
-    "export",
-    "annotate",
-    "audit",
-    "rank",
-    "batch",
-    "merge",
-    "sign",
-    "platform",
-    "sensitivity",
-    "rules",
-    "plugins",
-    "new",
-    "oracle",
-)
+_COMMANDS = {
+    "check": "can this log be scored, and what is missing?",
+    "score": "score a trial",
+    "info": "what a log holds, and which monitors it could decide",
+    "explain": "follow any number of a result back to its samples",
+    "report": "a result as a page to look at, print and share",
+    "price": "price a stored result under other rules, without its log",
+    "adjust": "apply decisions of stewards on top of a result",
+    "verify": "does a stored result hold, alone and against its log?",
+    "export": "a stored result as JUnit, SARIF, GitHub annotations, Markdown, CSV or JSON Lines",
+    "annotate": "what a result says about its log, as a recording to open beside it",
+    "audit": "hold the official score against the log, item by item",
+    "rank": "rank the teams of a competition",
+    "batch": "score many trials, each in a process of its own; call again to go on",
+    "merge": "join the shards of a batch",
+    "sign": "vouch for results with a key; the signature lies beside each",
+    "platform": "host a competition on Codabench or EvalAI",
+    "sensitivity": "vary every parameter and say whether score or ranks would change",
+    "rules": "list, show, validate, compare and test rule sets",
+    "plugins": "list, show, check and mend installed plugins",
+    "new": "begin a plugin: a complete distribution with code, rule set and tests",
+    "oracle": "answer running monitors of ROSMonitoring, event by event",
+}
+"""What `--help` says of each command: the module of a command is imported only to run it."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -69,33 +68,17 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Version(argparse.Action):
-    """Prints the version; looked up only then, because that takes longer than parsing."""
+    """Prints the version, which only then is looked up."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> NoReturn:
-        print(f"ariac-score {_version()}")
+        from importlib.metadata import version  # noqa: PLC0415  # takes as long to load as all of this
+
+        print(f"ariac-score {version('ariac-score')}")
         parser.exit()
 
 
-def _version() -> str:
-    """The version by the name of the installed metadata; reading them takes longer than Python to start."""
-    for folder in sys.path:
-        try:
-            names = os.listdir(folder or ".")  # noqa: PTH208  # pathlib takes longer to load than all else
-        except OSError:
-            continue
-        for name in names:
-            if name.startswith("ariac_score-") and name.endswith(".dist-info"):
-                return name.removeprefix("ariac_score-").removesuffix(".dist-info")
-    from importlib.metadata import version  # noqa: PLC0415  # see above
-
-    return version("ariac-score")
-
-
-def _parser(first: str = "") -> argparse.ArgumentParser:
-    """The parser of the command that a command line begins with; of none for the version, else of all.
-
-    Of a command that a plugin brings only the wanted one is imported, and never for the help of all.
-    """
+def _parser(name: str) -> argparse.ArgumentParser:
+    """The parser of one command, or of a line about each where the command line names none of them."""
     parser = _Parser(
         prog="ariac-score",
         description="Score robot competition trials: task points, safety monitors, one explained score.",
@@ -105,16 +88,16 @@ def _parser(first: str = "") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    if first == "--version":
-        return parser
-    for name in [first] if first in _COMMANDS else _COMMANDS:
+    if name in _COMMANDS:
         import_module(f"ariac_score.cli.{name}").register(commands)
-    if first not in _COMMANDS:
-        _add_brought(first, commands)
+    elif name != "--version":
+        for known, summary in _COMMANDS.items():
+            commands.add_parser(known, help=summary)
+        _add_brought(name, commands)
     return parser
 
 
-def _add_brought(first: str, commands: Any) -> None:
+def _add_brought(name: str, commands: Any) -> None:
     """Add the commands that plugins bring: the one that is wanted, of the others a line for the help."""
     from ariac_score.cli.brought import (  # noqa: PLC0415  # our own commands need none of it
         brought_commands,
@@ -122,11 +105,11 @@ def _add_brought(first: str, commands: Any) -> None:
         summary_of,
     )
 
-    for name, points in brought_commands(_COMMANDS).items():
-        if name == first:
-            register_brought(name, points, commands)
+    for brought, plugins in brought_commands(_COMMANDS).items():
+        if brought == name:
+            register_brought(brought, plugins, commands)
         else:
-            commands.add_parser(name, help=summary_of(points), add_help=False)
+            commands.add_parser(brought, help=summary_of(plugins), add_help=False)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -134,9 +117,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Nothing here multiplies matrices large enough to be worth the threads that numpy would start, which
     # wait for work by spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What is left at the end goes with the process; looking through it takes longer than some commands.
-    atexit.unregister(gc.freeze)
-    atexit.register(gc.freeze)
     words, author = sys.argv[1:] if argv is None else argv, ""
     try:
         arguments = _parser(words[0] if words else "").parse_args(words)
@@ -163,8 +143,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _failed(error: Exception, author: str) -> int:
     """Say what went wrong, in words and whose fault it is, and give the exit code."""
-    from ariac_score.errors import ScoreError  # noqa: PLC0415  # only when something failed
-
     if isinstance(error, ScoreError):
         _say(error)
         return error.exit_code
@@ -179,8 +157,6 @@ def _failed(error: Exception, author: str) -> int:
 
 
 def _say(error: ScoreError) -> None:
-    from ariac_score.terminal.style import plain, style_for  # noqa: PLC0415  # only when something failed
-
     style = style_for(sys.stderr)
     print(f"{style('error:', 'bold', 'red')} {plain(str(error))}", file=sys.stderr)
     if error.hint:

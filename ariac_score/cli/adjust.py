@@ -7,14 +7,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.outcome import add_output, show
+from ariac_score.results.adjustments import adjust, adjustments_template, load_adjustments
+from ariac_score.results.result_file import load_result, measured_sha256
+from ariac_score.terminal.output import refuse_inputs, write
+
 
 def register(commands: Any) -> None:
     """Add the command."""
-    from ariac_score.cli.outcome import add_output  # noqa: PLC0415  # commands are registered one by one
-
     parser = commands.add_parser(
         "adjust",
-        help="apply decisions of stewards on top of a result",
         description="Apply an adjustments.yaml to a stored result. The automatic result stays in it, "
         "untouched and shown. Without ADJUSTMENTS, print a file to begin with.",
     )
@@ -30,12 +32,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Load both, apply, show; the same output and exit codes as `score`."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.cli.outcome import show  # noqa: PLC0415
-    from ariac_score.results.adjustments import adjust, adjustments_template, load_adjustments  # noqa: PLC0415
-    from ariac_score.results.result_file import load_result, measured_sha256  # noqa: PLC0415
-    from ariac_score.terminal.output import refuse_inputs, write  # noqa: PLC0415
-
     refuse_inputs(arguments.output, arguments.result)
     stored = load_result(arguments.result)
     measured = measured_sha256(stored)

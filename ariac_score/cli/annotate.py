@@ -7,12 +7,19 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ariac_score.engine.prepared import prepare
+from ariac_score.results.result_file import load_result
+from ariac_score.review.annotate import messages_of, without_margins
+from ariac_score.review.annotation_messages import recorded
+from ariac_score.review.margins import read_again, tracks
+from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text
+from ariac_score.terminal.output import refuse_inputs, write_copy
+
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "annotate",
-        help="what a result says about its log, as a recording to open beside it",
         description="Write a ROS 2 recording (MCAP) with state and margin of every monitor, violations as "
         "markers, and a log, on the clock of the log: for Foxglove, PlotJuggler or RViz.",
     )
@@ -30,15 +37,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the log again, watch it, write."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.engine.prepared import prepare  # noqa: PLC0415
-    from ariac_score.results.result_file import load_result  # noqa: PLC0415
-    from ariac_score.review.annotate import messages_of, without_margins  # noqa: PLC0415
-    from ariac_score.review.annotation_messages import recorded  # noqa: PLC0415
-    from ariac_score.review.margins import read_again, tracks  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text  # noqa: PLC0415
-    from ariac_score.terminal.output import refuse_inputs, write_copy  # noqa: PLC0415
-
     for source in (arguments.path, arguments.result):
         refuse_inputs(arguments.output, source)
     result = load_result(arguments.result)

@@ -7,6 +7,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ariac_score.checks.registry import Registry
+from ariac_score.errors import UsageError
+from ariac_score.logs.rosmonitoring import RosMonitoringReader
+from ariac_score.oracle.judges import RulesBench
+from ariac_score.oracle.replay import replay, replay_text
+from ariac_score.report.audit_text import audit_text
+from ariac_score.review.audit import AUDIT, audit
+from ariac_score.scoring.ruleset import load_rule_set
+from ariac_score.terminal.output import progress_bar, refuse_inputs, write
+from ariac_score.terminal.style import Style, plain, style_for
+
 EXIT_DIFFERS = 1
 
 
@@ -14,7 +25,6 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "audit",
-        help="hold the official score against the log, item by item",
         description="Compute every number of the official text again from the log, and check that the text "
         "adds up. Exit code 1: something differs or does not add up.",
     )
@@ -37,13 +47,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Audit, show, and say with the exit code whether everything that can be judged agrees."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.logs.rosmonitoring import RosMonitoringReader  # noqa: PLC0415
-    from ariac_score.report.audit_text import audit_text  # noqa: PLC0415
-    from ariac_score.review.audit import AUDIT, audit  # noqa: PLC0415
-    from ariac_score.terminal.output import progress_bar, refuse_inputs, write  # noqa: PLC0415
-    from ariac_score.terminal.style import Style, style_for  # noqa: PLC0415
-
     refuse_inputs(arguments.output, arguments.path)
     if RosMonitoringReader().can_read(arguments.path):
         return _verdicts(arguments)
@@ -59,14 +62,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _verdicts(arguments: argparse.Namespace) -> int:
     """Hold the verdicts in a log of ROSMonitoring against ours."""
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415
-    from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.oracle.judges import RulesBench  # noqa: PLC0415
-    from ariac_score.oracle.replay import replay, replay_text  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.terminal.style import plain  # noqa: PLC0415
-
     if not arguments.rules or arguments.against or arguments.output_format != "text":
         raise UsageError(
             "the verdicts of monitors are compared as text, under one rule set",

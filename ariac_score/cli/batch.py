@@ -10,12 +10,20 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ariac_score.batch.supervise import Report, Told
-    from ariac_score.batch.tasks import Plan, Setting, TaskKey
-    from ariac_score.scoring.ruleset import RuleSet
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from ariac_score.batch.executors import make_executor
+from ariac_score.batch.remote import is_uri
+from ariac_score.batch.remote_plans import LIST_ENDING, plan_elsewhere, plan_list
+from ariac_score.batch.store import Store
+from ariac_score.batch.supervise import Report, Told, run_batch
+from ariac_score.batch.tasks import Limits, Plan, Setting, TaskKey, of_shard, plan_batch, shard
+from ariac_score.errors import UsageError
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+from ariac_score.terminal.style import plain
 
 EXIT_UNSETTLED = 6
 
@@ -24,7 +32,6 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "batch",
-        help="score many trials, each in a process of its own; call again to go on",
         description="Score every run of a competition, or every entry of a folder. Each run is scored in a "
         "process of its own, so that a damaged or hostile log costs that run alone. Whatever ends a batch, "
         "the same command goes on where it was.",
@@ -74,11 +81,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Plan, score what is missing, write the tables, say what came of it."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.batch.tasks import Limits, Setting, shard  # noqa: PLC0415
-    from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-
     sizes = (arguments.memory_mb, arguments.output_mb, arguments.input_gb)
     if arguments.jobs < 0 or arguments.time_limit_s <= 0 or min(sizes) < 0:
         raise UsageError("a limit is negative, or no time at all", hint="leave it out for the default")
@@ -100,10 +102,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _planned(arguments: argparse.Namespace, work: Path, part: tuple[int, int]) -> Plan:
     """The runs of a path or URI."""
-    from ariac_score.batch.remote import is_uri  # noqa: PLC0415
-    from ariac_score.batch.remote_plans import LIST_ENDING, plan_elsewhere, plan_list  # noqa: PLC0415  # as above
-    from ariac_score.batch.tasks import plan_batch  # noqa: PLC0415
-
     if is_uri(arguments.path):
         return plan_elsewhere(arguments.path, arguments.rules, work, ranges=arguments.ranges, part=part)
     path = Path(arguments.path)
@@ -118,11 +116,6 @@ def _run(
     arguments: argparse.Namespace, plan: Plan, rule_set: RuleSet, setting: Setting, part: tuple[int, int]
 ) -> int:
     """Score what is missing, write the tables, say what came of it."""
-    from ariac_score.batch.executors import make_executor  # noqa: PLC0415  # as above
-    from ariac_score.batch.store import Store  # noqa: PLC0415
-    from ariac_score.batch.supervise import run_batch  # noqa: PLC0415
-    from ariac_score.batch.tasks import of_shard  # noqa: PLC0415
-
     store = Store(arguments.output)
     tasks = list(of_shard(plan.tasks, *part))
     about: dict[str, object] = {"batch": plan.id}
@@ -151,8 +144,6 @@ def _run(
 
 def _refuse_elsewhere(output: Path) -> None:
     """Refuse to make a folder that is called like a bucket."""
-    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
-
     if ":/" in str(output):
         raise UsageError(
             "a batch is written to a folder of this machine", file=output, hint="copy it there afterwards"
@@ -161,8 +152,6 @@ def _refuse_elsewhere(output: Path) -> None:
 
 def _refuse_inside(output: Path, path: Path) -> None:
     """Refuse to write the batch among its own runs, where the next call would score it."""
-    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
-
     target, source = output.resolve(), path.resolve()
     logs = source if source.is_dir() else source.parent
     if target == logs or (logs in target.parents and target.parent == logs and not _is_competition(logs)):
@@ -178,8 +167,6 @@ def _is_competition(folder: Path) -> bool:
 @contextmanager
 def _progress(total: int) -> Iterator[Told]:
     """A bar with counts of outcomes on a terminal; one line for each run elsewhere."""
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-
     if not sys.stderr.isatty():
 
         def line(key: TaskKey, outcome: str, reason: str) -> None:
@@ -188,10 +175,6 @@ def _progress(total: int) -> Iterator[Told]:
 
         yield line
         return
-    # Imported here: rich takes longer to import than most trials to score.
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn  # noqa: PLC0415
-
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     counts: Counter[str] = Counter()
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
@@ -216,8 +199,6 @@ def counted(counts: Mapping[str, int]) -> str:
 
 
 def _show(report: Report, plan: Plan, out: Path) -> None:
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-
     runs = f"{report.runs} run{'' if report.runs == 1 else 's'}"
     print(f"{plain(plan.id)}: {runs}: {counted(report.outcomes)}")
     if report.cpu_s:

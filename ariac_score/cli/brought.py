@@ -9,7 +9,7 @@ package may load much, or be broken, and neither may keep anybody from the help 
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ __all__ = ["GROUP", "brought_commands", "register_brought", "summary_of"]
 GROUP = "ariac_score.commands"
 
 
-def brought_commands(own: Sequence[str]) -> Mapping[str, Sequence[Plugin]]:
+def brought_commands(own: Collection[str]) -> Mapping[str, Sequence[Plugin]]:
     """Who brings which command, sorted by name.
 
     Args:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ariac_score.review.readiness import Readiness
-    from ariac_score.terminal.style import Style
+from ariac_score.review.readiness import Readiness, check_log
+from ariac_score.scoring.ruleset import load_rule_set
+from ariac_score.terminal.output import progress_bar
+from ariac_score.terminal.style import Style, plain, style_for
 
 EXIT_UNDECIDED = 6
 _WORDS = {"withholds": ("missing", "red"), "costs": ("costs", "yellow"), "nothing": ("unpriced", "dim")}
@@ -22,7 +22,6 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "check",
-        help="can this log be scored, and what is missing?",
         description="What a team asks before it submits. Exit code 0: the log can be scored; 5: there is "
         "nothing to score; 6: it is damaged, or lacks what the score depends on.",
     )
@@ -39,12 +38,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check, show, and say with the exit code whether it can be scored."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.review.readiness import check_log  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-    from ariac_score.terminal.output import progress_bar  # noqa: PLC0415
-    from ariac_score.terminal.style import style_for  # noqa: PLC0415
-
     rule_set = load_rule_set(arguments.rules)
     with progress_bar(arguments.path) as progress:
         found = check_log(arguments.path, rule_set, log_map=arguments.log_map, progress=progress)
@@ -57,8 +50,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _lines(found: Readiness, name: str, style: Style) -> Iterator[str]:
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-
     under = f"under {found.result.provenance.rule_set.id}"
     if found.ready:
         yield style(plain(name), "bold") + style(f" can be scored {under}", "green")

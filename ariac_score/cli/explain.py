@@ -7,12 +7,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ariac_score.errors import UsageError, did_you_mean
+from ariac_score.report.text import explain_text, score_text
+from ariac_score.results.result_file import load_result
+from ariac_score.terminal.style import style_for
+
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "explain",
-        help="follow any number of a result back to its samples",
         description="Show the ledger of a stored result, or what a line, order, check or finding rests on.",
     )
     parser.add_argument(
@@ -30,12 +34,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Load the result, which checks its sums, and print what was asked for."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.errors import UsageError, did_you_mean  # noqa: PLC0415
-    from ariac_score.report.text import explain_text, score_text  # noqa: PLC0415
-    from ariac_score.results.result_file import load_result  # noqa: PLC0415
-    from ariac_score.terminal.style import style_for  # noqa: PLC0415
-
     result = load_result(arguments.result)
     style = style_for(sys.stdout)
     if result.ledger is None and not arguments.path:

@@ -6,14 +6,17 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ariac_score.batch.export import table_csv, write_parquet
+from ariac_score.cli.outcome import add_output, show
+from ariac_score.errors import UsageError
+from ariac_score.results.result_file import load_result
+from ariac_score.terminal.output import refuse_inputs, write
+
 
 def register(commands: Any) -> None:
     """Add the command."""
-    from ariac_score.cli.outcome import add_output  # noqa: PLC0415  # commands are registered one by one
-
     parser = commands.add_parser(
         "export",
-        help="a stored result as JUnit, SARIF, GitHub annotations, Markdown, CSV or JSON Lines",
         description="Show a stored result in another format, without its log; or write a table of a batch "
         "as CSV or Parquet.",
     )
@@ -32,11 +35,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Load and show; the same output and exit codes as `score`."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.cli.outcome import show  # noqa: PLC0415
-    from ariac_score.results.result_file import load_result  # noqa: PLC0415
-    from ariac_score.terminal.output import refuse_inputs  # noqa: PLC0415
-
     refuse_inputs(arguments.output, arguments.result)
     if arguments.result.is_dir():
         return _table(arguments)
@@ -45,10 +43,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _table(arguments: argparse.Namespace) -> int:
     """A table of a batch: Parquet when the file is named so, else CSV."""
-    from ariac_score.batch.export import table_csv, write_parquet  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.terminal.output import write  # noqa: PLC0415
-
     if arguments.output_format not in ("text", "csv"):
         raise UsageError(
             f"a batch has no {arguments.output_format}", hint="--output-format csv, or -o FILE.parquet"

@@ -7,6 +7,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.measure import decidable
+from ariac_score.engine.prepared import prepare
+from ariac_score.engine.read import find_trial, read_trial
+from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.scoring.ruleset import load_rule_set
+from ariac_score.terminal.output import progress_bar
+from ariac_score.terminal.style import plain, style_for
+from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.vocabulary import QUANTITIES
+
 EXIT_DAMAGED = 6
 
 
@@ -14,7 +25,6 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "info",
-        help="what a log holds, and which monitors it could decide",
         description="Topics, types, counts, rates, gaps, clocks, orders and entities of a log or bundle.",
     )
     parser.add_argument(
@@ -29,11 +39,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Describe every part, then what the trial as a whole shows."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415
-    from ariac_score.engine.read import find_trial  # noqa: PLC0415
-    from ariac_score.terminal.style import plain, style_for  # noqa: PLC0415
-
     style = style_for(sys.stdout)
     registry = Registry()
     bundle, readers = find_trial(arguments.path, registry)
@@ -56,8 +61,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _described(description: Any) -> list[str]:
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-
     lines = [f"  {description.duration_s:.3f} s, {plain(description.clock)}"] if description.clock else []
     lines += [f"  {name}: {plain(str(value))}" for name, value in description.facts.items()]
     if description.topics:
@@ -74,16 +77,6 @@ def _described(description: Any) -> list[str]:
 
 def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, registry: Any) -> list[str]:
     """Orders, entities, signals; with a rule set also what could be decided."""
-    from ariac_score.engine.measure import decidable  # noqa: PLC0415
-    from ariac_score.engine.prepared import prepare  # noqa: PLC0415
-    from ariac_score.engine.read import read_trial  # noqa: PLC0415
-    from ariac_score.errors import LogError, NothingToScoreError  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-    from ariac_score.terminal.output import progress_bar  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.terminal.style import plain  # noqa: PLC0415
-    from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415
-    from ariac_score.trial.vocabulary import QUANTITIES  # noqa: PLC0415
-
     rule_set = load_rule_set(arguments.rules) if arguments.rules else None
     name = arguments.log_map or (rule_set.log_map if rule_set else "")
     if not name:

@@ -6,12 +6,17 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ariac_score.batch.merge import merge_batches
+from ariac_score.batch.store import Store
+from ariac_score.cli.batch import EXIT_UNSETTLED, counted
+from ariac_score.errors import UsageError
+from ariac_score.terminal.style import plain
+
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "merge",
-        help="join the shards of a batch",
         description="Join folders that 'batch --shard' wrote: the same bytes as one batch of all runs.",
     )
     parser.add_argument("output", type=Path, metavar="OUT", help="folder of the joined batch")
@@ -22,12 +27,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Join, and say what is there now."""
-    from ariac_score.batch.merge import merge_batches  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.batch.store import Store  # noqa: PLC0415
-    from ariac_score.cli.batch import EXIT_UNSETTLED, counted  # noqa: PLC0415
-    from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.terminal.style import plain  # noqa: PLC0415
-
     if arguments.output.resolve() in [part.resolve() for part in arguments.parts]:
         raise UsageError(
             "a part cannot be joined into itself", file=arguments.output, hint="name a new folder first"

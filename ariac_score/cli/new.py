@@ -6,12 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ariac_score.testing.kit import new_distribution
+
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "new",
-        help="begin a plugin: a complete distribution with code, rule set and tests",
         description="Writes a distribution that installs with `pip install -e .` and passes its own tests.",
     )
     parser.add_argument("kind", choices=("monitor", "rule", "reader"))
@@ -24,8 +25,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the files and say what to do next."""
-    from ariac_score.testing.kit import new_distribution  # noqa: PLC0415  # keeps --help quick
-
     files = new_distribution(arguments.kind, arguments.name, arguments.into)
     for file in files:
         print(file.as_posix())

@@ -6,19 +6,21 @@ import argparse
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
-if TYPE_CHECKING:
-    from ariac_score.oracle.judges import Bench
-    from ariac_score.oracle.server import Limits, Oracle
-    from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.checks.registry import Registry
+from ariac_score.errors import UsageError
+from ariac_score.oracle.judges import Bench, RulesBench, SpecBench
+from ariac_score.oracle.results import write_results
+from ariac_score.oracle.server import Limits, Oracle
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+from ariac_score.terminal.style import plain
 
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "oracle",
-        help="answer running monitors of ROSMonitoring, event by event",
         description="A WebSocket oracle: every event is answered with the verdict of its trace so far. "
         "Interrupt it (Ctrl-C) to end it; it then writes the findings of every connection's events.",
     )
@@ -66,11 +68,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted, then write what was found."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.oracle.results import write_results  # noqa: PLC0415
-    from ariac_score.oracle.server import Oracle  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-
     rule_set = load_rule_set(arguments.rules) if arguments.rules else None
     bench = _bench(arguments, rule_set)
     oracle = Oracle(
@@ -92,9 +89,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _bench(arguments: argparse.Namespace, rule_set: RuleSet | None) -> Bench:
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415
-    from ariac_score.oracle.judges import RulesBench, SpecBench  # noqa: PLC0415  # keeps --help quick
-
     if rule_set is None:
         chosen = {name: getattr(arguments, name) for name in ("after_violation", "dialect", "exact")}
         return SpecBench(arguments.spec, Registry(), chosen)
@@ -102,9 +96,6 @@ def _bench(arguments: argparse.Namespace, rule_set: RuleSet | None) -> Bench:
 
 
 def _limits(arguments: argparse.Namespace) -> Limits:
-    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.oracle.server import Limits  # noqa: PLC0415
-
     try:
         return Limits(arguments.max_frame_bytes, arguments.max_connections, arguments.max_rate)
     except ValueError as cause:
@@ -112,8 +103,6 @@ def _limits(arguments: argparse.Namespace) -> Limits:
 
 
 def _introduce(oracle: Oracle, bench: Bench) -> None:
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-
     print(f"listening on {oracle.url}", file=sys.stderr)
     if bench.live:
         print(f"judged event by event: {plain(', '.join(bench.live))}", file=sys.stderr)

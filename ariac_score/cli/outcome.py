@@ -7,11 +7,16 @@ import re
 import sys
 from decimal import Decimal
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from ariac_score.checks.findings import Verdict
-    from ariac_score.results.result import Result
+from ariac_score.checks.findings import Verdict
+from ariac_score.errors import UsageError, did_you_mean
+from ariac_score.report.exports import exported
+from ariac_score.report.text import score_text
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import as_json
+from ariac_score.scoring.steward import with_verdicts
+from ariac_score.terminal.output import write
+from ariac_score.terminal.style import Style, plain, style_for
 
 __all__ = ["add_output", "failed_criteria", "show"]
 
@@ -50,8 +55,6 @@ def _criterion(text: str) -> str:
 
 def show(result: Result, arguments: argparse.Namespace) -> int:
     """Print or write a result as the arguments ask, say what withholds a score and which criteria fail."""
-    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-
     failed = failed_criteria(result, arguments.fail_on)
     write(_shown(result, arguments), arguments.output)
     for words in failed:
@@ -63,11 +66,6 @@ def show(result: Result, arguments: argparse.Namespace) -> int:
 
 
 def _shown(result: Result, arguments: argparse.Namespace) -> str:
-    from ariac_score.report.exports import exported  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.report.text import score_text  # noqa: PLC0415
-    from ariac_score.results.result_file import as_json  # noqa: PLC0415
-    from ariac_score.terminal.style import Style, style_for  # noqa: PLC0415
-
     if arguments.output_format == "json":
         return as_json(result)
     if arguments.output_format == "text":
@@ -76,8 +74,6 @@ def _shown(result: Result, arguments: argparse.Namespace) -> str:
 
 
 def _say_what_withholds(result: Result) -> None:
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-
     withheld = [assumption for assumption in result.assumptions if assumption.policy == "withhold"]
     for assumption in withheld:
         print(f"undecided: {assumption.finding}: {plain(assumption.message)}", file=sys.stderr)
@@ -95,9 +91,6 @@ def failed_criteria(result: Result, criteria: list[str]) -> list[str]:
     Raises:
         UsageError: A criterion names a check that the rules do not have.
     """
-    from ariac_score.checks.findings import Verdict  # noqa: PLC0415
-    from ariac_score.errors import UsageError, did_you_mean  # noqa: PLC0415  # keeps --help quick
-
     words = []
     for text in dict.fromkeys(criteria):
         match = _CRITERION.fullmatch(text)
@@ -121,8 +114,6 @@ def failed_criteria(result: Result, criteria: list[str]) -> list[str]:
 
 def _found(result: Result, verdict: Verdict, check: str) -> list[str]:
     """The findings of a verdict, as the stewards left them."""
-    from ariac_score.scoring.steward import with_verdicts  # noqa: PLC0415  # keeps --help quick
-
     findings = result.measured.findings
     if result.adjusted is not None:
         findings = with_verdicts(findings, result.adjusted.adjustments)

@@ -8,10 +8,24 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ariac_score.platforms.codabench import Problem
+from ariac_score.batch.tasks import Limits, Setting
+from ariac_score.errors import UsageError
+from ariac_score.platforms.codabench import Bundle, Problem, check_bundle, dry_run, pack, score, write_bundle
+from ariac_score.platforms.evalai import (
+    Api,
+    ApiError,
+    Challenge,
+    Worker,
+    challenge_config,
+    challenge_files,
+    check_challenge,
+)
+from ariac_score.platforms.submission import load_phase
+from ariac_score.scoring.ruleset import load_rule_set
+from ariac_score.terminal.output import write
+from ariac_score.terminal.style import plain
 
 EXIT_PROBLEMS = 1
 _IDLE_S = 60.0
@@ -21,7 +35,6 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "platform",
-        help="host a competition on Codabench or EvalAI",
         description="Write what a platform needs, check it before the upload, try it as the platform would.",
     )
     platforms = parser.add_subparsers(dest="platform", metavar="PLATFORM", required=True)
@@ -109,10 +122,6 @@ def _evalai(parser: argparse.ArgumentParser) -> None:
 
 
 def _bundle(arguments: argparse.Namespace) -> int:
-    from ariac_score.batch.tasks import Limits, Setting  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.platforms.codabench import Bundle, write_bundle  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-
     rule_set = load_rule_set(arguments.rules)
     limits = Limits(wall_s=max(1.0, arguments.time_limit_s / 2))
     trials = {
@@ -126,20 +135,14 @@ def _bundle(arguments: argparse.Namespace) -> int:
 
 
 def _check_bundle(arguments: argparse.Namespace) -> int:
-    from ariac_score.platforms.codabench import check_bundle  # noqa: PLC0415  # keeps --help quick
-
     return _told(check_bundle(arguments.bundle))
 
 
 def _check_config(arguments: argparse.Namespace) -> int:
-    from ariac_score.platforms.evalai import check_challenge  # noqa: PLC0415  # keeps --help quick
-
     return _told(check_challenge(arguments.config))
 
 
 def _told(problems: Sequence[Problem]) -> int:
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-
     for problem in problems:
         word = "problem" if problem.severe else "worth a look"
         print(plain(f"{word}: {problem.where}: {problem.what}"))
@@ -150,8 +153,6 @@ def _told(problems: Sequence[Problem]) -> int:
 
 
 def _dry_run(arguments: argparse.Namespace) -> int:
-    from ariac_score.platforms.codabench import dry_run  # noqa: PLC0415  # keeps --help quick
-
     code = dry_run(arguments.bundle, arguments.submission, arguments.output)
     words = "the platform would show" if code == 0 else "the platform would show a failure, and keep only"
     shown = "scores.json and detailed_results.html" if code == 0 else "detailed_results.html"
@@ -160,8 +161,6 @@ def _dry_run(arguments: argparse.Namespace) -> int:
 
 
 def _pack(arguments: argparse.Namespace) -> int:
-    from ariac_score.platforms.codabench import pack  # noqa: PLC0415  # keeps --help quick
-
     count = pack(arguments.trials, arguments.output)
     size = arguments.output.stat().st_size
     print(f"wrote {arguments.output}: {count} file{'' if count == 1 else 's'}, {size} bytes")
@@ -169,15 +168,10 @@ def _pack(arguments: argparse.Namespace) -> int:
 
 
 def _score(arguments: argparse.Namespace) -> int:
-    from ariac_score.platforms.codabench import score  # noqa: PLC0415  # keeps --help quick
-
     return score(arguments.input, arguments.output)
 
 
 def _config(arguments: argparse.Namespace) -> int:
-    from ariac_score.platforms.evalai import Challenge, challenge_config, challenge_files  # noqa: PLC0415
-    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-
     challenge = Challenge(arguments.title, arguments.phase)
     if arguments.folder is None:
         write(challenge_config(challenge), arguments.output)
@@ -190,10 +184,6 @@ def _config(arguments: argparse.Namespace) -> int:
 
 
 def _worker(arguments: argparse.Namespace) -> int:
-    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.platforms.evalai import Api, ApiError, Worker  # noqa: PLC0415
-    from ariac_score.platforms.submission import load_phase  # noqa: PLC0415
-
     names = ("API_SERVER", "AUTH_TOKEN", "QUEUE_NAME", "CHALLENGE_PK")
     missing = [name for name in names if not os.environ.get(name)]
     if missing or not os.environ.get("CHALLENGE_PK", "").isdecimal():
@@ -219,6 +209,4 @@ def _worker(arguments: argparse.Namespace) -> int:
 
 
 def _say(line: str) -> None:
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-
     print(plain(line), file=sys.stderr, flush=True)

@@ -8,13 +8,26 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ariac_score.checks.contracts import GROUPS
+from ariac_score.checks.registry import Registry, package_sha256
+from ariac_score.engine.read import find_trial, read_trial
+from ariac_score.errors import PluginError, PluginNotFoundError, ScoreError, UsageError, did_you_mean
+from ariac_score.terminal.style import plain, style_for
+from ariac_score.testing.contract import BUDGET_S, contract_checks
+from ariac_score.testing.doctor import ailments
+from ariac_score.testing.made import made_trial
+from ariac_score.testing.pages import example_parameters, plugin_page
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.vocabulary import QUANTITIES
+
 EXIT_BROKEN = 1
 EXIT_PLUGIN = 3
 
 
 def register(commands: Any) -> None:
     """Add the command and its actions."""
-    parser = commands.add_parser("plugins", help="list, show, check and mend installed plugins")
+    parser = commands.add_parser("plugins")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="every plugin, its distribution and version")
     listing.add_argument("--hash", action="store_true", help="with the SHA-256 of its package's code")
@@ -46,9 +59,6 @@ def register(commands: Any) -> None:
 
 def run_list(arguments: argparse.Namespace) -> int:
     """Print each plugin; one that cannot be loaded or is provided twice is said to be so."""
-    from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415
-
     registry = Registry()
     rows = [_row(registry, plugin) for group in GROUPS for plugin in registry.all(group)]
     if arguments.output_format == "json":
@@ -62,9 +72,6 @@ def run_list(arguments: argparse.Namespace) -> int:
 
 def _row(registry: Any, plugin: Any) -> dict[str, str]:
     """One plugin as `list` gives it; why it cannot be used is its `problem`."""
-    from ariac_score.checks.registry import package_sha256  # noqa: PLC0415
-    from ariac_score.errors import PluginError  # noqa: PLC0415  # keeps --help quick
-
     row = {
         "kind": plugin.group.rpartition(".")[2],
         "name": plugin.name,
@@ -92,10 +99,6 @@ def _row(registry: Any, plugin: Any) -> dict[str, str]:
 
 def run_show(arguments: argparse.Namespace) -> int:
     """Print the page of a plugin, after who brought it."""
-    from ariac_score.checks.registry import package_sha256  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.terminal.style import plain  # noqa: PLC0415
-    from ariac_score.testing.pages import plugin_page  # noqa: PLC0415
-
     for plugin in _named(arguments.name):
         kind = plugin.group.rpartition(".")[2].removesuffix("s")
         page = plugin_page(plugin)
@@ -112,10 +115,6 @@ def _named(name: str) -> list[Any]:
         PluginNotFoundError: Nobody provides it.
         PluginConflictError: Two distributions do.
     """
-    from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415
-    from ariac_score.errors import PluginNotFoundError, did_you_mean  # noqa: PLC0415
-
     registry = Registry()
     groups = [group for group in GROUPS if name in registry.names(group)]
     if not groups:
@@ -131,10 +130,6 @@ def _named(name: str) -> list[Any]:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """Try every check of a plugin's contract and say how each went."""
-    from ariac_score.errors import ScoreError, UsageError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.testing.contract import BUDGET_S, contract_checks  # noqa: PLC0415
-    from ariac_score.testing.pages import example_parameters  # noqa: PLC0415
-
     budget_s = BUDGET_S if arguments.budget is None else arguments.budget
     if not budget_s > 0:
         raise UsageError(f"a budget of {budget_s:g} s is none", hint="give a positive number of seconds")
@@ -161,16 +156,11 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 
 def _outcome(name: str, error: Any) -> None:
-    from ariac_score.terminal.style import plain, style_for  # noqa: PLC0415  # keeps --help quick
-
     print(f"  {style_for(sys.stdout)('BROKEN', 'red')}  {name:<24} {plain(str(error))}")
 
 
 def _subject(plugin: Any, arguments: argparse.Namespace) -> Any:
     """What a plugin is checked with: a log for a reader, a trial for all others."""
-    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.testing.made import made_trial  # noqa: PLC0415
-
     kind = plugin.group.rpartition(".")[2]
     if kind == "decoders":
         raise UsageError("a decoder is checked with the reader that uses it", hint="check the reader")
@@ -183,12 +173,6 @@ def _subject(plugin: Any, arguments: argparse.Namespace) -> Any:
 
 def _read(arguments: argparse.Namespace, *, orders: bool) -> Any:
     """The trial of a log, with every quantity it has."""
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415
-    from ariac_score.engine.read import find_trial, read_trial  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.trial.channels import LogMap  # noqa: PLC0415
-    from ariac_score.trial.logmap import load_log_map  # noqa: PLC0415
-    from ariac_score.trial.vocabulary import QUANTITIES  # noqa: PLC0415
-
     registry = Registry()
     mapping = load_log_map(arguments.log_map) if arguments.log_map else LogMap("none")
     bundle, readers = find_trial(arguments.trial, registry)
@@ -201,9 +185,6 @@ def _read(arguments: argparse.Namespace, *, orders: bool) -> Any:
 
 def run_doctor(_arguments: argparse.Namespace) -> int:
     """Print every problem with its remedy."""
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.testing.doctor import ailments  # noqa: PLC0415
-
     found = ailments()
     for ailment in found:
         print(f"{plain(ailment.origin)}: {plain(ailment.problem)}\n  hint: {plain(ailment.hint)}")

@@ -7,15 +7,18 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.outcome import add_output, show
+from ariac_score.cli.score import add_cohort, load_cohort_of, values_of
+from ariac_score.engine.price import reprice
+from ariac_score.results.result_file import load_result
+from ariac_score.scoring.ruleset import load_rule_set
+from ariac_score.terminal.output import refuse_inputs
+
 
 def register(commands: Any) -> None:
     """Add the command."""
-    from ariac_score.cli.outcome import add_output  # noqa: PLC0415  # commands are registered one by one
-    from ariac_score.cli.score import add_cohort  # noqa: PLC0415  # commands are registered one by one
-
     parser = commands.add_parser(
         "price",
-        help="price a stored result under other rules, without its log",
         description="Price a stored result again. Only prices may differ: every check of the rule set "
         "must have been measured with the same parameters.",
     )
@@ -30,14 +33,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Load, price, show; the same output and exit codes as `score`."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.cli.outcome import show  # noqa: PLC0415
-    from ariac_score.cli.score import load_cohort_of, values_of  # noqa: PLC0415
-    from ariac_score.engine.price import reprice  # noqa: PLC0415
-    from ariac_score.results.result_file import load_result  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-    from ariac_score.terminal.output import refuse_inputs  # noqa: PLC0415
-
     refuse_inputs(arguments.output, arguments.result)
     stored = load_result(arguments.result)
     rule_set = load_rule_set(arguments.rules)

@@ -8,16 +8,27 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ariac_score.ranking.competition import Competition, RunKey
-    from ariac_score.ranking.evaluation import Evaluation
-    from ariac_score.ranking.publication import StoredResult
-    from ariac_score.ranking.rank import Ranking
-    from ariac_score.ranking.spec import Spec
-    from ariac_score.ranking.statistics import Statistics
-    from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.batch.results import results_of_batch
+from ariac_score.engine.prepared import log_map_of
+from ariac_score.errors import ScoreError, UsageError
+from ariac_score.ranking.adjusting import adjusted_ranking
+from ariac_score.ranking.compare import differences
+from ariac_score.ranking.competition import Competition, RunKey, load_competition
+from ariac_score.ranking.evaluation import Evaluation, evaluation_program, strict_evaluation
+from ariac_score.ranking.publication import StoredResult, ranking_json
+from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.runs import score_runs
+from ariac_score.ranking.spec import Spec, ranking_spec
+from ariac_score.ranking.statistics import Statistics, rank_statistics
+from ariac_score.ranking.stored import write_results
+from ariac_score.report.ranking import ranking_csv, ranking_text, strict_text
+from ariac_score.results.adjustments import load_adjustments
+from ariac_score.results.cohort_file import cohort_text
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+from ariac_score.terminal.output import counting_bar, refuse_inputs, write
+from ariac_score.terminal.style import Style, plain, style_for
 
 EXIT_UNDECIDED = 6
 _UNSETTLED = ("undecided", "unreadable", "refused", "no_value")
@@ -27,7 +38,6 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "rank",
-        help="rank the teams of a competition",
         description="Rank a competition: a competition.yaml, or a folder with the official layout "
         "logs/<team>/<trial>_<n>. A run that cannot be scored is named and stops nobody else.",
     )
@@ -74,15 +84,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Score every run, rank, show."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.ranking.competition import load_competition  # noqa: PLC0415
-    from ariac_score.ranking.rank import rank_results  # noqa: PLC0415
-    from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
-    from ariac_score.ranking.spec import ranking_spec  # noqa: PLC0415
-    from ariac_score.ranking.statistics import rank_statistics  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-    from ariac_score.terminal.output import counting_bar, refuse_inputs  # noqa: PLC0415
-
     for output in (arguments.output, arguments.cohort_output):
         refuse_inputs(output, arguments.path)
     competition = load_competition(arguments.path, arguments.rules)
@@ -91,8 +92,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.policy == "strict":
         return _strict(arguments, competition, rule_set, spec)
     if arguments.batch is not None:
-        from ariac_score.batch.results import results_of_batch  # noqa: PLC0415
-
         results = results_of_batch(
             arguments.batch, competition, rule_set, sketches=arguments.results is not None
         )
@@ -151,9 +150,6 @@ def adjusted_by_stewards(
     file: Path | None, competition: Competition, spec: Spec, rule_set: RuleSet, ranking: Ranking
 ) -> Ranking:
     """The ranking with what the stewards made of it, where they decided something."""
-    from ariac_score.ranking.adjusting import adjusted_ranking  # noqa: PLC0415
-    from ariac_score.results.adjustments import load_adjustments  # noqa: PLC0415  # keeps --help quick
-
     file = file or competition.adjustments
     if file is None:
         return ranking
@@ -162,9 +158,6 @@ def adjusted_by_stewards(
 
 def evaluation_of(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
     """The organisers' own evaluation, where the rules name one and the runs are its texts."""
-    from ariac_score.errors import ScoreError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.terminal.style import plain  # noqa: PLC0415
-
     if not spec.strict:
         return None
     try:
@@ -175,19 +168,11 @@ def evaluation_of(competition: Competition, rule_set: RuleSet, spec: Spec) -> Ev
 
 
 def _evaluated(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation:
-    from ariac_score.engine.prepared import log_map_of  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.ranking.evaluation import strict_evaluation  # noqa: PLC0415
-
     return strict_evaluation(competition, spec.strict, log_map_of(rule_set))
 
 
 def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: RuleSet, spec: Spec) -> int:
     """Show what the organisers' own program gives: its CSV, or its leaderboard."""
-    from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.ranking.evaluation import evaluation_program  # noqa: PLC0415
-    from ariac_score.report.ranking import strict_text  # noqa: PLC0415
-    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-
     if arguments.adjustments is not None:
         raise UsageError(
             "the organisers' own program knows no stewards", hint="drop --adjustments, or --policy strict"
@@ -217,12 +202,6 @@ def _show(
     strict: Evaluation | None,
     stored: Mapping[RunKey, StoredResult],
 ) -> None:
-    from ariac_score.ranking.compare import differences  # noqa: PLC0415
-    from ariac_score.ranking.publication import ranking_json  # noqa: PLC0415
-    from ariac_score.report.ranking import ranking_csv, ranking_text  # noqa: PLC0415
-    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.terminal.style import Style, style_for  # noqa: PLC0415
-
     ranking = shown.ranking
     found = differences(strict, ranking) if strict else ()
     if arguments.output_format == "json":
@@ -255,11 +234,6 @@ def _relative(results: Path, output: Path | None) -> str:
 
 def _write_more(arguments: argparse.Namespace, ranking: Ranking) -> dict[RunKey, StoredResult]:
     """The cohort and the single results, where they were asked for."""
-    from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.ranking.stored import write_results  # noqa: PLC0415
-    from ariac_score.results.cohort_file import cohort_text  # noqa: PLC0415
-    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-
     if arguments.cohort_output is not None:
         if ranking.cohort is None:
             raise UsageError(

@@ -15,13 +15,16 @@ from ariac_score.cli.site import (
     site_of_competition,
     site_of_ranking,
 )
+from ariac_score.errors import ResultError
+from ariac_score.report.html.trial import embedded_result, trial_page
+from ariac_score.results.result_file import as_json, load_result
+from ariac_score.terminal.output import refuse_inputs, write
 
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "report",
-        help="a result as a page to look at, print and share",
         description="Make one self-contained HTML page of a trial's result, or a folder of pages of a "
         "competition: no network, no server.",
     )
@@ -41,8 +44,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Make what the kind of the file asks for."""
-    from ariac_score.terminal.output import refuse_inputs  # noqa: PLC0415  # keeps --help quick
-
     refuse_inputs(arguments.output, arguments.result)
     if arguments.extract:
         return _extract(arguments)
@@ -62,10 +63,6 @@ def _kind(file: Path) -> str:
 
 
 def _trial(arguments: argparse.Namespace) -> int:
-    from ariac_score.report.html.trial import trial_page  # noqa: PLC0415
-    from ariac_score.results.result_file import as_json, load_result  # noqa: PLC0415
-    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-
     refuse_site_arguments(arguments)
     result = load_result(arguments.result)
     write(trial_page(result, as_json(result)), arguments.output)
@@ -73,10 +70,6 @@ def _trial(arguments: argparse.Namespace) -> int:
 
 
 def _extract(arguments: argparse.Namespace) -> int:
-    from ariac_score.errors import ResultError  # noqa: PLC0415
-    from ariac_score.report.html.trial import embedded_result  # noqa: PLC0415
-    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-
     hint = "give a page that 'ariac-score report' made of a trial's result"
     try:
         stored = embedded_result(arguments.result.read_text(encoding="utf-8"))

@@ -9,10 +9,28 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
+from ariac_score.engine.price import reprice
+from ariac_score.errors import ScoreError, UsageError
+from ariac_score.ranking.competition import stored_results
+from ariac_score.ranking.rank import rank_results
+from ariac_score.ranking.runs import score_runs
+from ariac_score.ranking.spec import ranking_spec
+from ariac_score.report.ranking import changes_text
+from ariac_score.report.text import amount_text
+from ariac_score.results.result_file import load_result
+from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws
+from ariac_score.review.laws.reference import reference_rules
+from ariac_score.review.laws.words import outcome_lines
+from ariac_score.scoring.penalties import PREFIX, penalty_names
+from ariac_score.scoring.ruleset import differences, expanded_yaml, load_rule_set, rule_set_names
+from ariac_score.terminal.style import plain
+
 
 def register(commands: Any) -> None:
     """Add the command and its actions."""
-    parser = commands.add_parser("rules", help="list, show, validate, compare and test rule sets")
+    parser = commands.add_parser("rules")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="the shipped rule sets")
     listing.set_defaults(run=run_list)
@@ -60,8 +78,6 @@ def _count(text: str) -> int:
 
 def run_list(_arguments: argparse.Namespace) -> int:
     """Print name and title of each shipped rule set."""
-    from ariac_score.scoring.ruleset import load_rule_set, rule_set_names  # noqa: PLC0415  # keeps --help quick
-
     for name in rule_set_names():
         print(f"{name:<30} {load_rule_set(name).title}")
     return 0
@@ -69,8 +85,6 @@ def run_list(_arguments: argparse.Namespace) -> int:
 
 def run_show(arguments: argparse.Namespace) -> int:
     """Print the rule set as it stands, comments included; or with what it extends."""
-    from ariac_score.scoring.ruleset import expanded_yaml, load_rule_set  # noqa: PLC0415  # keeps --help quick
-
     rule_set = load_rule_set(arguments.name)
     text = expanded_yaml(rule_set) if arguments.expanded else Path(rule_set.file).read_text(encoding="utf-8")
     sys.stdout.write(text)
@@ -79,8 +93,6 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 def run_diff(arguments: argparse.Namespace) -> int:
     """Print what differs, each place with what only one of the two has; nothing when they are alike."""
-    from ariac_score.scoring.ruleset import differences, load_rule_set  # noqa: PLC0415  # keeps --help quick
-
     first, second = load_rule_set(arguments.first), load_rule_set(arguments.second)
     for place, before, after in differences(first.expanded, second.expanded):
         print(place)
@@ -110,13 +122,6 @@ def _in_yaml(value: Any) -> str:
 
 def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
     """For each stored result its score under both rule sets."""
-    from ariac_score.engine.price import reprice  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.errors import ScoreError, UsageError  # noqa: PLC0415
-    from ariac_score.ranking.competition import stored_results  # noqa: PLC0415
-    from ariac_score.report.text import amount_text  # noqa: PLC0415
-    from ariac_score.results.result_file import load_result  # noqa: PLC0415
-    from ariac_score.terminal.style import plain  # noqa: PLC0415
-
     files = sorted(folder.glob("*.json")) if folder.is_dir() else []
     competition = stored_results(folder) if folder.is_dir() else None
     if competition is not None and competition.runs:
@@ -141,11 +146,6 @@ def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
 
 def _changed_ranks(competition: Any, first: Any, second: Any) -> Iterator[str]:
     """The runs and teams of a stored competition under both rule sets."""
-    from ariac_score.ranking.rank import rank_results  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
-    from ariac_score.ranking.spec import ranking_spec  # noqa: PLC0415
-    from ariac_score.report.ranking import changes_text  # noqa: PLC0415
-
     rankings = [
         rank_results(
             competition,
@@ -160,9 +160,6 @@ def _changed_ranks(competition: Any, first: Any, second: Any) -> Iterator[str]:
 
 def run_validate(arguments: argparse.Namespace) -> int:
     """Load each rule set, build its checks and load its log map."""
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415
-    from ariac_score.engine.prepared import prepare  # noqa: PLC0415  # keeps --help quick
-
     registry = Registry()
     for name in arguments.names:
         prepared = prepare(name, registry=registry)
@@ -176,13 +173,6 @@ def run_validate(arguments: argparse.Namespace) -> int:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """Try the laws on each rule set."""
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415
-    from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.review.laws.reference import reference_rules  # noqa: PLC0415
-    from ariac_score.review.laws.words import outcome_lines  # noqa: PLC0415
-    from ariac_score.scoring.penalties import PREFIX, penalty_names  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set, rule_set_names  # noqa: PLC0415
-
     registry, broken = Registry(), False
     for name in arguments.names or [*rule_set_names(), *penalty_names()]:
         is_penalty = name.startswith(PREFIX) and not name.endswith((".yaml", ".yml"))

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ariac_score.results.cohort_file import Cohort
-    from ariac_score.results.result import Result
-    from ariac_score.scoring.cohort import CohortValues
-    from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.cli.outcome import add_output, show
+from ariac_score.engine.price import reprice
+from ariac_score.engine.score import score_trial
+from ariac_score.results.cohort_file import Cohort, load_cohort
+from ariac_score.results.result import Result
+from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+from ariac_score.terminal.output import progress_bar, refuse_inputs
 
 MOST_JOBS = 64
 
 
 def register(commands: Any) -> None:
     """Add the command."""
-    from ariac_score.cli.outcome import add_output  # noqa: PLC0415  # commands are registered one by one
-
     parser = commands.add_parser(
         "score",
-        help="score a trial",
         description="Score a trial: a log, a rosbag2 folder, a folder with all its logs, or a bundle.yaml.",
     )
     parser.add_argument(
@@ -64,13 +64,6 @@ def add_cohort(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Score, show, and say with the exit code whether there is a score."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.cli.outcome import show  # noqa: PLC0415
-    from ariac_score.engine.price import reprice  # noqa: PLC0415
-    from ariac_score.engine.score import score_trial  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-    from ariac_score.terminal.output import progress_bar, refuse_inputs  # noqa: PLC0415
-
     refuse_inputs(arguments.output, arguments.path)
     rule_set = load_rule_set(arguments.rules)
     cohort = load_cohort_of(arguments, rule_set)
@@ -85,8 +78,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def load_cohort_of(arguments: argparse.Namespace, rule_set: RuleSet) -> Cohort | None:
     """The cohort the arguments name, if any."""
-    from ariac_score.results.cohort_file import load_cohort  # noqa: PLC0415  # keeps --help quick
-
     return None if arguments.cohort is None else load_cohort(arguments.cohort, rule_set)
 
 

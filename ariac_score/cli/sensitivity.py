@@ -4,21 +4,32 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ariac_score.ranking.competition import Competition
-    from ariac_score.results.result import Result
-    from ariac_score.review.sensitivity import RankSensitivity, ScoreSensitivity
-    from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.checks.registry import Registry
+from ariac_score.errors import UsageError
+from ariac_score.ranking.competition import Competition, load_competition, stored_results
+from ariac_score.ranking.runs import score_runs
+from ariac_score.report.sensitivity import ranks_text, scores_text
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import load_result
+from ariac_score.review.sensitivity import (
+    RankSensitivity,
+    ScoreSensitivity,
+    rank_sensitivity,
+    score_sensitivity,
+    sensitivity_json,
+)
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_from_text
+from ariac_score.terminal.output import refuse_inputs, write
 
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "sensitivity",
-        help="vary every parameter and say whether score or ranks would change",
         description="Vary each parameter and weight over its range ('ranges:' in the rules; else half to "
         "double) and say what it does to the score of a result, or at which values ranks change.",
     )
@@ -39,11 +50,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Vary, compare, show."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.report.sensitivity import ranks_text, scores_text  # noqa: PLC0415
-    from ariac_score.review.sensitivity import sensitivity_json  # noqa: PLC0415
-    from ariac_score.terminal.output import refuse_inputs, write  # noqa: PLC0415
-
     refuse_inputs(arguments.output, arguments.path)
     if arguments.path.suffix == ".json":
         scores, rule_set, of = _of_result(arguments)
@@ -58,10 +64,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _of_result(arguments: argparse.Namespace) -> tuple[list[ScoreSensitivity], RuleSet, str]:
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.results.result_file import load_result  # noqa: PLC0415
-    from ariac_score.review.sensitivity import score_sensitivity  # noqa: PLC0415
-
     result = load_result(arguments.path)
     if result.adjusted is not None:
         print("what the stewards decided is not varied: this is the automatic score", file=sys.stderr)
@@ -71,12 +73,6 @@ def _of_result(arguments: argparse.Namespace) -> tuple[list[ScoreSensitivity], R
 
 
 def _of_competition(arguments: argparse.Namespace) -> tuple[list[RankSensitivity], RuleSet, str]:
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415
-    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
-    from ariac_score.review.sensitivity import rank_sensitivity  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-
     if arguments.log is not None:
         raise UsageError("--log is for a result", hint="a competition knows the logs of its runs")
     competition = _competition(arguments)
@@ -87,10 +83,6 @@ def _of_competition(arguments: argparse.Namespace) -> tuple[list[RankSensitivity
 
 
 def _competition(arguments: argparse.Namespace) -> Competition:
-    from dataclasses import replace  # noqa: PLC0415  # keeps --help quick
-
-    from ariac_score.ranking.competition import load_competition, stored_results  # noqa: PLC0415
-
     path = arguments.path
     if path.is_dir() and not (path / "competition.yaml").is_file():
         stored = stored_results(path)
@@ -100,16 +92,11 @@ def _competition(arguments: argparse.Namespace) -> Competition:
 
 
 def _rules_of_stored(competition: Competition) -> RuleSet:
-    from ariac_score.results.result_file import load_result  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.scoring.ruleset import rule_set_from_text  # noqa: PLC0415
-
     first = competition.runs[0].path
     return rule_set_from_text(load_result(first).rules, file=str(first))
 
 
 def _rules(arguments: argparse.Namespace, result: Result) -> RuleSet:
-    from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text  # noqa: PLC0415  # keeps --help quick
-
     if arguments.rules:
         return load_rule_set(arguments.rules)
     return rule_set_from_text(result.rules, file=str(arguments.path))

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import argparse
 import sys
+from getpass import getpass
 from pathlib import Path
 from typing import Any
+
+from ariac_score.errors import UsageError
+from ariac_score.results.signing import make_keys, sign_result, signature_file
+from ariac_score.terminal.output import write
+from ariac_score.terminal.style import plain
 
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "sign",
-        help="vouch for results with a key; the signature lies beside each",
         description="Sign stored results in the format of minisign: RESULT.minisig is written beside each. "
         "'verify --signature' checks it, and so does 'minisign -V'. Needs the extra 'sign'.",
     )
@@ -36,11 +41,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Make keys, or sign each result."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.results.signing import make_keys, sign_result, signature_file  # noqa: PLC0415
-    from ariac_score.terminal.style import plain  # noqa: PLC0415
-
     if arguments.new_key is not None:
         if arguments.results:
             raise UsageError("a new key signs nothing yet", hint="make the key first, then sign with --key")
@@ -63,16 +63,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _put(file: Path, signature: bytes) -> None:
-    from ariac_score.terminal.output import write  # noqa: PLC0415  # keeps --help quick
-
     write(signature.decode("ascii"), file)
 
 
 def _asked() -> str:
-    from getpass import getpass  # noqa: PLC0415  # keeps --help quick
-
-    from ariac_score.errors import UsageError  # noqa: PLC0415
-
     if not sys.stdin.isatty():
         raise UsageError(
             "the key has a password, and there is no terminal to ask for it",

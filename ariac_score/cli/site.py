@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from tempfile import TemporaryDirectory
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from ariac_score.errors import ScoreError
-    from ariac_score.ranking.competition import Competition, RunKey
-    from ariac_score.ranking.publication import Publication
-    from ariac_score.ranking.rank import Ranking
-    from ariac_score.results.result import Result
-    from ariac_score.review.sensitivity import RankSensitivity
-    from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.checks.registry import Registry
+from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code
+from ariac_score.errors import ScoreError, UsageError
+from ariac_score.ranking.compare import differences
+from ariac_score.ranking.competition import Competition, RunKey, load_competition
+from ariac_score.ranking.publication import Publication, load_publication, ranking_json
+from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.runs import score_runs
+from ariac_score.ranking.spec import ranking_spec
+from ariac_score.ranking.statistics import rank_statistics
+from ariac_score.ranking.stored import results_folder, write_results
+from ariac_score.report.site.site import Site, write_site
+from ariac_score.results.result import Result
+from ariac_score.review.sensitivity import RankSensitivity, load_rank_sensitivity, rank_sensitivity
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+from ariac_score.terminal.output import counting_bar, write
 
 __all__ = ["is_competition", "refuse_site_arguments", "site_of_competition", "site_of_ranking"]
 
@@ -59,8 +66,6 @@ def refuse_site_arguments(arguments: argparse.Namespace) -> None:
     Raises:
         UsageError: One of these options is given.
     """
-    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
-
     for name in ("rules", "adjustments", "results", "previous", "sensitivity"):
         if getattr(arguments, name):
             raise UsageError(
@@ -77,20 +82,6 @@ def is_competition(path: Path) -> bool:
 
 def site_of_competition(arguments: argparse.Namespace) -> int:
     """Score every run, rank, and make the site."""
-    from tempfile import TemporaryDirectory  # noqa: PLC0415  # keeps --help quick
-
-    from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code  # noqa: PLC0415
-    from ariac_score.ranking.compare import differences  # noqa: PLC0415
-    from ariac_score.ranking.competition import load_competition  # noqa: PLC0415
-    from ariac_score.ranking.publication import ranking_json  # noqa: PLC0415
-    from ariac_score.ranking.rank import rank_results  # noqa: PLC0415
-    from ariac_score.ranking.runs import score_runs  # noqa: PLC0415
-    from ariac_score.ranking.spec import ranking_spec  # noqa: PLC0415
-    from ariac_score.ranking.statistics import rank_statistics  # noqa: PLC0415
-    from ariac_score.ranking.stored import write_results  # noqa: PLC0415
-    from ariac_score.scoring.ruleset import load_rule_set  # noqa: PLC0415
-    from ariac_score.terminal.output import counting_bar, write  # noqa: PLC0415
-
     out = _out(arguments)
     competition = load_competition(arguments.result, arguments.rules, may_be_empty=True)
     rule_set = load_rule_set(competition.rules)
@@ -130,11 +121,6 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
 
 def site_of_ranking(arguments: argparse.Namespace) -> int:
     """Make the site of a stored ranking, without any log."""
-    from ariac_score.cli.rank import exit_code  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.ranking.publication import load_publication  # noqa: PLC0415
-    from ariac_score.ranking.stored import results_folder  # noqa: PLC0415
-
     out = _out(arguments)
     publication = load_publication(arguments.result)
     if arguments.sensitivity == NOW:
@@ -161,8 +147,6 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
 
 
 def _out(arguments: argparse.Namespace) -> Path:
-    from ariac_score.errors import UsageError  # noqa: PLC0415  # keeps --help quick
-
     out: Path | None = arguments.output
     if out is None:
         raise UsageError("a competition is a folder of pages", hint="say where with -o FOLDER")
@@ -175,8 +159,6 @@ def _out(arguments: argparse.Namespace) -> Path:
 
 
 def _previous(arguments: argparse.Namespace) -> Publication | None:
-    from ariac_score.ranking.publication import load_publication  # noqa: PLC0415  # keeps --help quick
-
     path: Path | None = arguments.previous
     if path is None:
         return None
@@ -190,9 +172,6 @@ def _sensitivity(
     rule_set: RuleSet | None = None,
     results: dict[RunKey, Result | ScoreError] | None = None,
 ) -> Sequence[RankSensitivity] | None:
-    from ariac_score.checks.registry import Registry  # noqa: PLC0415  # keeps --help quick
-    from ariac_score.review.sensitivity import load_rank_sensitivity, rank_sensitivity  # noqa: PLC0415
-
     if arguments.sensitivity is None:
         return None
     if arguments.sensitivity == NOW and competition is not None:
@@ -209,10 +188,6 @@ def _make(
     previous: Publication | None,
     sensitivity: Sequence[RankSensitivity] | None,
 ) -> None:
-    from ariac_score.ranking.publication import load_publication  # noqa: PLC0415
-    from ariac_score.report.site.site import Site, write_site  # noqa: PLC0415
-    from ariac_score.terminal.output import counting_bar, write  # noqa: PLC0415  # keeps --help quick
-
     publication = load_publication(file)
     site = Site(publication, folder, previous, sensitivity)
     with counting_bar("drawing", len(publication.results)) as step:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ariac_score.review.verify import Verification
-    from ariac_score.terminal.style import Style
+from ariac_score.errors import UsageError
+from ariac_score.results.signing import check_signature
+from ariac_score.review.verify import FAILED, OK, Step, Verification, verify_result
+from ariac_score.terminal.style import Style, plain, style_for
 
 EXIT_DIFFERS = 1
 _LOOKS = {"ok": "green", "failed": "red", "note": "yellow"}
@@ -22,7 +23,6 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "verify",
-        help="does a stored result hold, alone and against its log?",
         description="Check schema, sums, hashes and versions of a stored result; with its log compute "
         "everything again and compare to the byte. Exit code 0: it holds; 1: something does not.",
     )
@@ -60,10 +60,6 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Verify, show every step, and say with the exit code whether all of them hold."""
-    # Imported here, so that --help and --version stay quick.
-    from ariac_score.review.verify import verify_result  # noqa: PLC0415
-    from ariac_score.terminal.style import style_for  # noqa: PLC0415
-
     found = verify_result(
         arguments.result,
         log=arguments.log,
@@ -83,12 +79,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _with_signature(found: Verification, arguments: argparse.Namespace) -> Verification:
     """The same with one step more: whether the owner of the key vouches for these bytes."""
-    from dataclasses import replace  # noqa: PLC0415  # keeps --help quick
-
-    from ariac_score.errors import UsageError  # noqa: PLC0415
-    from ariac_score.results.signing import check_signature  # noqa: PLC0415
-    from ariac_score.review.verify import FAILED, OK, Step  # noqa: PLC0415
-
     if not arguments.public_key:
         raise UsageError("nothing says whose signature it should be", hint="name the key with --public-key")
     file = arguments.signature if isinstance(arguments.signature, Path) else None
@@ -97,8 +87,6 @@ def _with_signature(found: Verification, arguments: argparse.Namespace) -> Verif
 
 
 def _lines(found: Verification, name: str, style: Style) -> Iterator[str]:
-    from ariac_score.terminal.style import plain  # noqa: PLC0415  # keeps --help quick
-
     yield f"{style(plain(name), 'bold')}: {plain(_kind(found))}"
     for step in found.steps:
         first, *more = step.words.split("\n")

@@ -9,7 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ariac_score.documents.plain_schema import surely_keeps
+from jsonschema import Draft202012Validator
+
 from ariac_score.documents.yaml import Place, YamlDocument
 from ariac_score.errors import DataFileError, did_you_mean
 
@@ -61,10 +62,7 @@ def _folder(package: str) -> Path:
 
 
 @cache
-def _validator(name: str, definition: str) -> Any:
-    # Imported here: jsonschema takes longer to import than most commands to run.
-    from jsonschema import Draft202012Validator  # noqa: PLC0415
-
+def _validator(name: str, definition: str) -> Draft202012Validator:
     whole = schema(name)
     part = {"$ref": f"#/$defs/{definition}", "$defs": whole["$defs"]} if definition else whole
     return Draft202012Validator(part)
@@ -72,10 +70,6 @@ def _validator(name: str, definition: str) -> Any:
 
 def schema_errors(data: Any, name: str, definition: str = "") -> list[tuple[Place, str, str]]:
     """What breaks a schema: for each fault its path, the cause and the remedy, misspelt keys first."""
-    whole = schema(name)
-    definitions = whole.get("$defs", {})
-    if surely_keeps(data, definitions[definition] if definition else whole, definitions):
-        return []
     faults = [_deepest(fault) for fault in _validator(name, definition).iter_errors(data)]
     worded = [(fault.validator == "required", _worded(fault)) for fault in faults]
     # A key that is missing is most often there, misspelt.

@@ -26,7 +26,7 @@ from ariac_score.ranking.competition import Competition, Team, TrialPlan
 from ariac_score.ranking.rank import Ranking, RunOutcome, rank_results
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.result import Result
-from ariac_score.results.result_file import load_result
+from ariac_score.results.result_file import as_json, load_result
 
 __all__ = [
     "EMPTY",
@@ -370,8 +370,6 @@ def _message(ranking: Ranking, missing: list[str]) -> str:
 
 def _hash(results: Mapping[tuple[str, int], Result]) -> str:
     """One hash over all results, in order of trial and number."""
-    from ariac_score.results.result_file import as_json  # noqa: PLC0415  # only when something was scored
-
     digest = hashlib.sha256()
     for _, result in sorted(results.items()):
         digest.update(hashlib.sha256(as_json(result).encode("utf-8")).digest())

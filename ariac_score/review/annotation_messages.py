@@ -7,16 +7,16 @@ from contextlib import contextmanager
 from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.trial.spans import FloatArray
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 __all__ = ["MONITOR_STATE", "Annotation", "States", "mcap_bytes", "recorded", "serialized", "stamp"]
 
@@ -125,9 +125,6 @@ def recorded(messages: Iterable[Annotation]) -> Iterator[Path]:
     Args:
         messages: In order of time.
     """
-    # Imported here, as everywhere: rosbags is slow to load.
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer  # noqa: PLC0415
-
     store = bundled_typestore(2)
     with TemporaryDirectory() as parent:
         folder = Path(parent, "annotations")
@@ -167,8 +164,6 @@ def _built(store: Any, type_: str, given: Mapping[str, Any]) -> Any:
 
 
 def _value(store: Any, description: Any, given: Any) -> Any:
-    from rosbags.interfaces import Nodetype  # noqa: PLC0415  # see recorded
-
     kind, detail = description
     if kind == Nodetype.NAME:
         return _built(store, detail, given or {})

@@ -7,17 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 from zlib import crc32
 
 import numpy as np
+from rosbags import rosbag1, rosbag2
+from rosbags.interfaces import Connection, Nodetype
+from rosbags.typesys.store import Typestore
 
 from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.logs.containers.inflating import inflate
-
-if TYPE_CHECKING:
-    from rosbags.interfaces import Connection
-    from rosbags.typesys.store import Typestore
 
 __all__ = ["Recorded", "Storage", "write_bag"]
 
@@ -82,14 +81,11 @@ def write_bag(
 
 
 def _write_ros1(path: Path, messages: Sequence[Recorded], compression: str, chunk_bytes: int) -> None:
-    # Imported here, as everywhere: rosbags is slow to load.
-    from rosbags.rosbag1 import Writer  # noqa: PLC0415
-
     store = bundled_typestore(1)
-    writer = Writer(path)
+    writer = rosbag1.Writer(path)
     writer.chunk_threshold = chunk_bytes
     if compression:
-        writer.set_compression(Writer.CompressionFormat[compression.upper()])
+        writer.set_compression(rosbag1.Writer.CompressionFormat[compression.upper()])
     with writer:
         connections: dict[tuple[str, str], Connection] = {}
         for message in messages:
@@ -103,12 +99,10 @@ def _write_ros1(path: Path, messages: Sequence[Recorded], compression: str, chun
 def _write_ros2(
     path: Path, messages: Sequence[Recorded], storage: Literal["sqlite3", "mcap"], compression: str
 ) -> None:
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer  # noqa: PLC0415
-
     store = bundled_typestore(2)
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+    writer = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin[storage.upper()])
     if compression:
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
     with writer:
         connections: dict[tuple[str, str], Connection] = {}
         for message in messages:
@@ -150,8 +144,6 @@ def _built(store: Typestore, type_: str, given: Mapping[str, Any]) -> Any:
 
 
 def _value(store: Typestore, description: Any, given: Any) -> Any:
-    from rosbags.interfaces import Nodetype  # noqa: PLC0415
-
     kind, detail = description
     if kind == Nodetype.NAME:
         return _built(store, detail, given or {})

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from zlib import crc32
 
+import cramjam
+
 from ariac_score.logs.containers.inflating import inflate
 from ariac_score.logs.containers.mcap import MAGIC
 
@@ -162,8 +164,6 @@ def _text(text: str) -> bytes:
 def _packed(records: bytes, compression: str) -> bytes:
     if not compression:
         return records
-    import cramjam  # noqa: PLC0415  # only who packs needs it
-
     if compression not in ("lz4", "zstd"):
         raise ValueError(f"no compression {compression!r} is known")
     return bytes(getattr(cramjam, compression).compress(records))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -91,6 +92,19 @@ def test_version_and_help_need_neither_numpy_nor_rosbags_nor_plugins() -> None:
             [sys.executable, "-c", code, argument], capture_output=True, text=True, check=True
         )
         assert done.stdout.splitlines()[-1] == "set()"
+
+
+def test_every_command_that_help_lists_says_how_it_is_used(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    listed = re.findall(r"^    (\w+)", capsys.readouterr().out, re.MULTILINE)
+
+    assert "score" in listed
+    for name in listed:
+        with pytest.raises(SystemExit) as left:
+            main([name, "--help"])
+        assert left.value.code == 0
+        assert capsys.readouterr().out.startswith(f"usage: ariac-score {name} ")
 
 
 def test_the_module_can_be_run_and_says_its_version() -> None:

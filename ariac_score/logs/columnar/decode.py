@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.serde import SerdeError
 
-from ariac_score.logs.columnar.columns import Column, Columns, Defect, ranges
+from ariac_score.logs.columnar.columns import UNDECODABLE, Column, Columns, Defect, ranges
 from ariac_score.logs.columnar.plan import Definitions, Field, Plan, Stream, compile_plan
 from ariac_score.logs.columnar.walk_many import Interned, walk
 from ariac_score.logs.columnar.walk_one import Layout, MisfitError, lay_out
@@ -428,10 +429,6 @@ class ColumnDecoder:
 
 
 def _failures() -> tuple[type[BaseException], ...]:
-    from rosbags.serde import SerdeError  # noqa: PLC0415  # rosbags is slow to load
-
-    from ariac_score.logs.columnar.columns import UNDECODABLE  # noqa: PLC0415  # which may itself decode columns
-
     return (SerdeError, *UNDECODABLE)
 
 

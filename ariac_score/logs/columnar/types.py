@@ -9,18 +9,21 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Literal
+from importlib.resources import files
+from typing import Literal
+
+from rosbags.interfaces.typing import Typesdict
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from ariac_score.checks.registry import Registry
+from ariac_score.logs.columnar import ColumnDecoder
 from ariac_score.logs.columnar.columns import UNDECODABLE
 from ariac_score.logs.columnar.definitions import FieldDefinitions, parsed_definitions
+from ariac_score.logs.columnar.plan import PlanError
+from ariac_score.logs.columnar.wide_text import UNITS, WideDecoder, plain_definition, widened
 from ariac_score.logs.containers.items import Connection
-
-if TYPE_CHECKING:
-    from rosbags.interfaces.typing import Typesdict
-    from rosbags.typesys.store import Typestore
-
-    from ariac_score.logs.columnar import ColumnDecoder
 
 __all__ = ["Decode", "UnknownTypeError", "bundled_typestore", "column_decoder_for", "decoder_for"]
 
@@ -58,9 +61,6 @@ def bundled_typestore(ros: Literal[1, 2]) -> Typestore:
     Args:
         ros: The ROS generation; the two differ in `Header`.
     """
-    # Imported here: rosbags is slow to load, and pricing stored results never needs it.
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
-
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     types: Typesdict = {}
     for name, text in _bundled_definitions():
@@ -70,8 +70,6 @@ def bundled_typestore(ros: Literal[1, 2]) -> Typestore:
 
 
 def _bundled_definitions() -> Iterator[tuple[str, str]]:
-    from importlib.resources import files  # noqa: PLC0415  # slow to load
-
     registry = Registry()
     packages = [*files("ariac_score.logs").joinpath("msg").iterdir()]
     for name in registry.names(GROUP):
@@ -92,8 +90,6 @@ def decoder_for(connection: Connection) -> Decode:
         UnknownTypeError: The encoding is not one of ROS, no definition of the type is
             known, or the recording's own definition cannot be understood.
     """
-    from rosbags.serde import SerdeError  # noqa: PLC0415  # see bundled_typestore
-
     store, name = _store_of(connection), connection.type
     deserialise = store.deserialize_ros1 if connection.encoding == "ros1" else store.deserialize_cdr
 
@@ -117,9 +113,6 @@ def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = No
         UnknownTypeError: As of `decoder_for`.
         PlanError: Its messages can be decoded one by one only.
     """
-    from ariac_score.logs.columnar import ColumnDecoder  # noqa: PLC0415  # describing needs none
-    from ariac_score.logs.columnar.plan import PlanError  # noqa: PLC0415
-
     paths = None if wanted is None else tuple(wanted)
     cdr = connection.encoding == "cdr"
     if cdr and _WIDE.search(connection.definition):
@@ -134,8 +127,6 @@ def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = No
 
 
 def _wide_decoder_for(connection: Connection, wanted: Iterable[str] | None) -> ColumnDecoder:
-    from ariac_score.logs.columnar.wide_text import UNITS, WideDecoder  # noqa: PLC0415  # most recordings have none
-
     stores = {unit: _store_of(connection, unit) for unit in UNITS}
     return WideDecoder(stores, connection.type, wanted=wanted)
 
@@ -186,9 +177,6 @@ def _store_of(connection: Connection, unit: str = "") -> Typestore:
 def _typestore_for(
     encoding: str, name: str, definition_format: str, definition: str, unit: str = ""
 ) -> Typestore:
-    from rosbags.serde import SerdeError  # noqa: PLC0415  # see bundled_typestore
-    from rosbags.typesys import Stores, TypesysError, get_typestore  # noqa: PLC0415
-
     if not _TYPE_NAME.fullmatch(name):
         raise UnknownTypeError(f"{name!r} is not the name of a message type")
     if not definition:
@@ -215,14 +203,10 @@ def _types_of(name: str, definition_format: str, definition: str, unit: str) -> 
         if _WIDE.search(definition):
             raise UnknownTypeError("a wide text (wstring) in it needs all messages to be told how to read it")
         return _parsed(name, definition_format, definition)
-    from ariac_score.logs.columnar.wide_text import plain_definition, widened  # noqa: PLC0415  # see above
-
     return widened(_parsed(name, definition_format, plain_definition(definition)), unit)
 
 
 def _parsed(name: str, definition_format: str, definition: str) -> Typesdict:
-    from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415  # see bundled_typestore
-
     if definition_format != "ros2idl":
         return get_types_from_msg(definition, name)
     types: Typesdict = {}

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
 
 from ariac_score.logs.columnar import Column, ColumnDecoder, Columns, Defect, Payloads
 from ariac_score.logs.columnar.decode import Room
@@ -61,8 +62,6 @@ def widened(types: Mapping[str, Any], unit: str) -> dict[str, Any]:
 
 
 def _node(kind: int) -> Any:
-    from rosbags.interfaces import Nodetype  # noqa: PLC0415  # rosbags is slow to load
-
     return Nodetype(kind)
 
 

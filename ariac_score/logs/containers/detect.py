@@ -9,7 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.containers.folder import FolderScan
 from ariac_score.logs.containers.items import METADATA, METADATA_KEY, Scan
+from ariac_score.logs.containers.mcap import McapScan
+from ariac_score.logs.containers.ros1 import Ros1Scan
+from ariac_score.logs.containers.sqlite import SqliteScan
 
 __all__ = ["SUFFIXES", "cannot_be_read", "looks_like_recording", "open_scan"]
 
@@ -64,8 +68,6 @@ def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None
     _let_freed_memory_stay()
     try:
         if path.is_dir():
-            from ariac_score.logs.containers.folder import FolderScan  # noqa: PLC0415  # as all of them
-
             return FolderScan(path, jobs=jobs, topics=topics)
         with path.open("rb") as file:
             start = file.read(16)
@@ -76,16 +78,10 @@ def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None
             "the file is empty", file=path, hint="the recorder wrote nothing; record again"
         )
     if start.startswith(_MCAP) or (path.suffix == ".mcap"):
-        from ariac_score.logs.containers.mcap import McapScan  # noqa: PLC0415
-
         return McapScan(path, jobs=jobs, topics=topics)
     if start.startswith(_SQLITE) or (path.suffix == ".db3"):
-        from ariac_score.logs.containers.sqlite import SqliteScan  # noqa: PLC0415
-
         return SqliteScan(path, topics=topics)
     if start.startswith(_ROS1) or (path.suffix == ".bag"):
-        from ariac_score.logs.containers.ros1 import Ros1Scan  # noqa: PLC0415
-
         return Ros1Scan(path, jobs=jobs, topics=topics)
     raise NothingToScoreError(
         "it is not a ROS recording",

@@ -6,6 +6,7 @@ a scanner that passes over what nobody wants has it never fetched.
 
 from __future__ import annotations
 
+import hashlib
 import io
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -144,8 +145,6 @@ class RangedFile:
 
     def sha256(self) -> str:
         """Hash of what is here: of the whole content, or of each stretch after its place and length."""
-        import hashlib  # noqa: PLC0415  # only of files that are here in parts
-
         digest = hashlib.sha256()
         with self.path.open("rb") as file:
             for start, end in self._there:

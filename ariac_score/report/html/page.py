@@ -7,13 +7,12 @@ import hashlib
 import json
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from ariac_score.report.html import wording
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
-    from markupsafe import Markup
 
 __all__ = ["embedded_json", "page", "policy_of", "shipped"]
 
@@ -33,9 +32,6 @@ def page(template: str, **values: Any) -> str:
 
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
-    # Imported here: only pages need it.
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined  # noqa: PLC0415
-
     environment = Environment(
         autoescape=True,
         undefined=StrictUndefined,
@@ -60,8 +56,6 @@ def _environment() -> Environment:
 @lru_cache(maxsize=8)
 def shipped(name: str) -> Markup:
     """The text of one of our own style sheets or scripts, to stand in a page as it is."""
-    from markupsafe import Markup  # noqa: PLC0415  # only pages need it
-
     for folder in _TEMPLATES:
         if (folder / name).is_file():
             return Markup((folder / name).read_text(encoding="utf-8"))  # noqa: S704  # ours
@@ -91,8 +85,6 @@ def embedded_json(text: str) -> Markup:
     Raises:
         ValueError: It is not JSON.
     """
-    from markupsafe import Markup  # noqa: PLC0415  # only pages need it
-
     json.loads(text)
     # Outside of strings JSON has no such sign, so that an escape is right wherever one stands.
     return Markup(text.replace("<", "\\u003c"))  # noqa: S704  # no tag left

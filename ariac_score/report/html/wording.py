@@ -6,13 +6,11 @@ import hashlib
 import math
 import re
 from decimal import Decimal
-from typing import TYPE_CHECKING
+
+from markupsafe import Markup
 
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import plain
-
-if TYPE_CHECKING:
-    from markupsafe import Markup
 
 __all__ = ["amount", "brief", "file_name", "number", "seconds", "told"]
 
@@ -37,8 +35,6 @@ def told(text: object) -> Markup:
     >>> print(told("<b>"))
     <bdi>&lt;b&gt;</bdi>
     """
-    from markupsafe import Markup  # noqa: PLC0415  # only pages need it
-
     shown = plain(str(text))
     if len(shown) <= SHOWN_AT_ONCE:
         return Markup("<bdi>{}</bdi>").format(shown)
