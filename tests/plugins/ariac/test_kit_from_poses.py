@@ -516,3 +516,12 @@ def test_the_real_log_of_2022_shows_that_no_movable_tray_was_brought(shared: Pat
         kit = record.seen(f"agv{number}", 20.0, max_age_s=1.0)
         assert kit is not None
         assert (kit.contents, kit.tray) == ((), Tray(""))
+
+
+def test_a_part_that_a_frame_both_deletes_and_lists_is_on_the_tray(tmp_path: Path) -> None:
+    deleted = "<deletions><name>gear_part_red_1</name></deletions>"
+    here = part("gear_part_red_1", 2.0, -3.0)
+    log = state_log(tmp_path, frame("5 0", TRAY_2, here), frame("6 0", TRAY_2, deleted, here))
+
+    assert len(contents(log, "agv2", 6.0)) == 1
+    assert len(contents(log, "agv2", 99.0)) == 1
