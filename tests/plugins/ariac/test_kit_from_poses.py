@@ -250,7 +250,7 @@ def test_of_frames_at_one_time_the_last_counts(tmp_path: Path) -> None:
 def test_a_log_map_without_trays_asks_for_no_kits(tmp_path: Path) -> None:
     log = state_log(tmp_path, frame("5 0", TRAY_2))
 
-    assert GazeboStateReader().read(log, Wanted(LogMap("test"), kits=KitsOfModels())).kits == ()
+    assert GazeboStateReader().read(log, Wanted(LogMap("test"))).kits == ()
 
 
 # Loose trays
