@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 
@@ -483,3 +484,34 @@ def test_the_joint_interval_of_a_single_pair_reaches_as_far_as_that_share_of_the
 
     assert ahead.joint_high - ahead.ahead == pytest.approx(reach, abs=2 * LAST_DIGITS)
     assert ahead.ahead - ahead.joint_low == pytest.approx(reach, abs=2 * LAST_DIGITS)
+
+
+# What separates equal teams, drawn with them -------------------------------------------------
+
+SECONDS = {"A": ((10.0, 30.0), (100.0, 300.0)), "B": ((50.0, 50.0), (70.0, 70.0))}
+"""How long the runs of each trial took; every run earns the same."""
+
+
+def chance_of_the_quicker(resample: str, *, runs_of_b: int = 2, highest: bool = False) -> float:
+    """In which part of the draws A comes before B, whom nothing but the time separates."""
+    declared = spec(ties=(Key("duration_s", highest=highest),), intervals=Intervals(resample=resample))
+    scores = {team: [[5.0] * (runs_of_b if team == "B" else 2)] * 2 for team in SECONDS}
+    made = ranking(scores, declared)
+    timed = tuple(
+        replace(run, terms={"duration_s": SECONDS[run.team][int(run.trial[1:])][run.number - 1]})
+        for run in made.runs
+    )
+    return chances(rank_statistics(replace(made, runs=timed), declared, DIGITS))["A"][0]
+
+
+@pytest.mark.parametrize("runs_of_b", [1, 2])
+def test_a_term_that_separates_equal_teams_is_that_of_the_runs_drawn(runs_of_b: int) -> None:
+    # The better of two runs drawn is the first in 3 of 4 ways: A takes 10 + 100 s in 9 of 16, else 130 s or
+    # more, and B always 120 s.
+    assert chance_of_the_quicker("runs", runs_of_b=runs_of_b) == pytest.approx(9 / 16, abs=0.02)
+
+
+def test_a_term_that_separates_equal_teams_is_that_of_the_trials_drawn() -> None:
+    # Drawn (1,1): 20 s to 100 s; (1,2) and (2,1): 110 s to 120 s; (2,2): 200 s to 140 s.
+    assert chance_of_the_quicker("trials") == pytest.approx(3 / 4, abs=0.02)
+    assert chance_of_the_quicker("trials", highest=True) == pytest.approx(1 / 4, abs=0.02)
