@@ -256,3 +256,18 @@ def test_signals_that_keep_windows_in_one_place_do_not_meet() -> None:
     kept.put((one, 0), (np.zeros(1), np.ones(1)))
 
     assert kept.get((other, 0), 1) is None
+
+
+@pytest.mark.parametrize("name", ["centre_distance/r/h", "speed/h"])
+def test_a_derived_signal_spans_its_first_to_its_last_sample(name: str) -> None:
+    t = np.array([0.5, 0.75, 1.0, 1.25])
+    still = np.zeros((4, 3))
+    trial = Trial(
+        "t",
+        bodies=(Body("r", "robot"), Body("h", "human")),
+        signals={f"position/{body}": Signal(f"position/{body}", "m", t, still) for body in "rh"},
+    )
+    derived = derive_signals(trial, [Derivation(name.partition("/")[0], 1.0)]).signals[name]
+
+    assert isinstance(derived, Computed)
+    assert derived.span == Span(0.5, 1.25)
