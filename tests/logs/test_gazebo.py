@@ -606,3 +606,19 @@ def test_of_a_model_that_a_frame_lists_twice_the_last_text_counts(tmp_path: Path
 
     assert "position/arm_1" not in trial.signals
     assert len(trial.signals["position/person_1"]) == 1
+
+
+def test_a_body_that_a_frame_both_deletes_and_lists_is_there(tmp_path: Path) -> None:
+    # A name that is deleted and inserted again between two frames stands in both parts of the next one.
+    trial = read(
+        tmp_path,
+        frame("1 0", model("arm", "1 0 0 0 0 0")),
+        frame("2 0", "<deletions><name>arm</name></deletions>", model("arm", "2 0 0 0 0 0")),
+        frame("3 0"),
+        frame("4 0", "<deletions><name>arm</name></deletions>"),
+        frame("5 0"),
+    )
+
+    signal = trial.signal("position/arm", unit="m")
+    assert signal.t.tolist() == [1, 2, 3]
+    assert signal.values[:, 0].tolist() == [1, 2, 2]

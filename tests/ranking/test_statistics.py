@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 
@@ -13,7 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing
-from ariac_score.ranking.resampling import RandomBits, kept_weights, student_quantile, widening
+from ariac_score.ranking.resampling import (
+    RandomBits,
+    draw,
+    kept_weights,
+    sampled,
+    student_quantile,
+    widening,
+)
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec, places
 from ariac_score.ranking.statistics import Pair, Statistics, rank_statistics
 from ariac_score.scoring.expression import Expression
@@ -421,3 +429,89 @@ def test_drawing_trials_alone_is_as_wide_as_it_must_be_and_no_wider() -> None:
 
     assert 0.92 < alone < 0.98
     assert wrong < 0.07
+
+
+# Which draw an interval ends at -----------------------------------------------------------
+
+LOPSIDED = {"A": [[3.0**k] for k in range(8)], "B": [[0.0]] * 8}
+"""Nearly every draw of A is another sum, and most lie on one side of what was published."""
+
+
+def drawn_totals(declared: Spec) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """What A is worth in each draw, deviations widened."""
+    runs = sampled(ranking(LOPSIDED, declared), declared, DIGITS)
+    assert runs.teams[0] == "A"
+    published = sum(3.0**k for k in range(8))
+    totals = runs.amount(draw(runs, declared, "trials").execution[0])
+    return np.asarray(published + widening(8, 7, declared.intervals.level) * (totals - published))
+
+
+# Levels whose halves are binary fractions, so that no draw is a matter of rounding.
+@pytest.mark.parametrize(("draws", "level"), [(100, 0.5), (64, 0.75), (101, 0.5), (40, 0.75)])
+def test_intervals_end_at_the_draw_that_is_the_quantile_and_not_at_its_neighbour(
+    draws: int, level: float
+) -> None:
+    intervals = Intervals(resample="trials", draws=draws, level=level)
+    totals = drawn_totals(spec(intervals=intervals))
+    ends = np.quantile(totals, [(1 - level) / 2, (1 + level) / 2], method="inverted_cdf")
+    around = np.sort(totals)[np.searchsorted(np.sort(totals), ends)[:, None] + [-1, 0, 1]]
+    assert (np.diff(around) > 2 * LAST_DIGITS).all()  # the neighbours differ, or nothing would be tried
+
+    found = statistics(LOPSIDED, intervals=intervals)
+
+    ahead = pair(found, "A", "B")
+    assert (ahead.low, ahead.high) == (
+        pytest.approx(ends[0], abs=LAST_DIGITS),
+        pytest.approx(ends[1], abs=LAST_DIGITS),
+    )
+    assert found.teams[0].execution == pytest.approx(tuple(ends), abs=LAST_DIGITS)
+
+
+@pytest.mark.parametrize("draws", [100, 200])
+def test_the_joint_interval_of_a_single_pair_reaches_as_far_as_that_share_of_the_deviations(
+    draws: int,
+) -> None:
+    # Of these lopsided sums three quarters deviate by less than of a normal distribution, 1.150 standard
+    # deviations, so that Student's distribution widens nothing.
+    intervals = Intervals(resample="trials", draws=draws, level=0.75)
+    deviations = np.sort(np.abs(drawn_totals(spec(intervals=intervals)) - sum(3.0**k for k in range(8))))
+    reach = np.quantile(deviations, 0.75, method="inverted_cdf")
+    place = int(np.searchsorted(deviations, reach))
+    assert (np.diff(deviations[place - 1 : place + 2]) > 2 * LAST_DIGITS).all()
+    assert reach < 1.150 * np.sqrt((deviations**2).mean())
+
+    ahead = pair(statistics(LOPSIDED, intervals=intervals), "A", "B")
+
+    assert ahead.joint_high - ahead.ahead == pytest.approx(reach, abs=2 * LAST_DIGITS)
+    assert ahead.ahead - ahead.joint_low == pytest.approx(reach, abs=2 * LAST_DIGITS)
+
+
+# What separates equal teams, drawn with them -------------------------------------------------
+
+SECONDS = {"A": ((10.0, 30.0), (100.0, 300.0)), "B": ((50.0, 50.0), (70.0, 70.0))}
+"""How long the runs of each trial took; every run earns the same."""
+
+
+def chance_of_the_quicker(resample: str, *, runs_of_b: int = 2, highest: bool = False) -> float:
+    """In which part of the draws A comes before B, whom nothing but the time separates."""
+    declared = spec(ties=(Key("duration_s", highest=highest),), intervals=Intervals(resample=resample))
+    scores = {team: [[5.0] * (runs_of_b if team == "B" else 2)] * 2 for team in SECONDS}
+    made = ranking(scores, declared)
+    timed = tuple(
+        replace(run, terms={"duration_s": SECONDS[run.team][int(run.trial[1:])][run.number - 1]})
+        for run in made.runs
+    )
+    return chances(rank_statistics(replace(made, runs=timed), declared, DIGITS))["A"][0]
+
+
+@pytest.mark.parametrize("runs_of_b", [1, 2])
+def test_a_term_that_separates_equal_teams_is_that_of_the_runs_drawn(runs_of_b: int) -> None:
+    # The better of two runs drawn is the first in 3 of 4 ways: A takes 10 + 100 s in 9 of 16, else 130 s or
+    # more, and B always 120 s.
+    assert chance_of_the_quicker("runs", runs_of_b=runs_of_b) == pytest.approx(9 / 16, abs=0.02)
+
+
+def test_a_term_that_separates_equal_teams_is_that_of_the_trials_drawn() -> None:
+    # Drawn (1,1): 20 s to 100 s; (1,2) and (2,1): 110 s to 120 s; (2,2): 200 s to 140 s.
+    assert chance_of_the_quicker("trials") == pytest.approx(3 / 4, abs=0.02)
+    assert chance_of_the_quicker("trials", highest=True) == pytest.approx(1 / 4, abs=0.02)

@@ -412,3 +412,30 @@ def test_other_files_are_not_claimed(tmp_path: Path, name: str, text: str) -> No
     assert not READER.can_read(path)
     assert not READER.can_read(tmp_path)
     assert not READER.can_read(tmp_path / "missing.log")
+
+
+# rulebook 2019, code: "the last update naming an order wins: its shipments and its time become the order's".
+# 2 s of wall time are one of simulated time here, and 100 s are 0 s.
+@pytest.mark.parametrize(("updates", "announced_s"), [(0, 4.0), (1, 5.0), (2, 6.0)])
+def test_the_time_of_an_order_runs_from_the_last_update_of_it(
+    tmp_path: Path, updates: int, announced_s: float
+) -> None:
+    printed = "".join(
+        f"({110 + 2 * n} 0) [Dbg] [A.cc:3] Order to update: order_0_update_{n}\n" for n in range(updates)
+    )
+
+    trial = read(tmp_path, kitting("true", taken="3.5").replace(ORDER, ORDER + printed))
+
+    assert trial.official is not None
+    (order,) = trial.official.summaries
+    assert order.announced_s == pytest.approx(announced_s)
+    assert order.submitted_s == pytest.approx(announced_s + 3.5)
+    assert [s.submitted_s for s in trial.submissions] == pytest.approx([announced_s + 3.5])
+
+
+def test_an_update_of_another_order_does_not_restart_an_order(tmp_path: Path) -> None:
+    other = "(112 0) [Dbg] [A.cc:3] Order to update: order_1_update_0\n"
+
+    (submission,) = read(tmp_path, kitting("true", taken="3.5").replace(ORDER, ORDER + other)).submissions
+
+    assert submission.submitted_s == pytest.approx(4.0 + 3.5)

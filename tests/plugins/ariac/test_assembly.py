@@ -355,3 +355,24 @@ def test_a_briefcase_never_earns_more_than_one_record_for_each_name(
     for contents in permutations(delivered):
         found = verdicts(AssemblyPart(), trial(handed_in(*contents)), asked)
         assert found.count(SATISFIED) == len(set(names))  # all lie right, so each name is noted once
+
+
+# A briefcase holds five products; beyond nine of a type not all orders of them are tried, 10! of them.
+@pytest.mark.parametrize("matching", ["by_type_then_permutations", "best_assignment"])
+@pytest.mark.parametrize(("delivered", "verdict"), [(9, SATISFIED), (10, INCONCLUSIVE)])
+def test_more_products_than_a_briefcase_can_hold_are_undecided(
+    matching: Any, delivered: int, verdict: Verdict
+) -> None:
+    briefcase = trial(handed_in(*(Product(PUMP, at(0.1 * k)) for k in range(delivered))))
+
+    finding = only(AssemblyPart(matching=matching), briefcase, order("assembly", (PUMP, at(0))))
+
+    assert finding.verdict is verdict
+    assert ("more than 9 products" in finding.message) == (verdict is INCONCLUSIVE)
+
+
+def test_products_of_other_types_are_not_permuted_and_do_not_count() -> None:
+    others = [Product(BLUE, at(0.1 * k)) for k in range(1, 11)]
+    briefcase = trial(handed_in(Product(PUMP, at(0)), *others))
+
+    assert only(AssemblyPart(), briefcase, order("assembly", (PUMP, at(0)))).verdict is SATISFIED

@@ -20,11 +20,12 @@ from hypothesis import strategies as st
 
 from ariac_score import score_trial
 from ariac_score.checks.contracts import Wanted
+from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gazebo import GazeboStateReader
 from ariac_score.trial.channels import Footprint, KitMap, LogMap, TrayMatch
 from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Kit, Pose, Product, Tray
-from ariac_score_ariac.kit_from_poses import ModelFrames, part_type, product_type, relative_pose
+from ariac_score_ariac.kit_from_poses import KitsOfModels, part_type, product_type, relative_pose
 
 QUARTER = "1.5707963267948966"
 BOX = Footprint(half_length_m=0.25, half_width_m=0.35, height_m=0.15)
@@ -97,7 +98,7 @@ def state_log(folder: Path, *frames: str, end: str = "</gazebo_log>") -> Path:
 
 
 def seen(path: Path, place: str, t_s: float, kits: KitMap = FIXED) -> Kit | None:
-    (record,) = GazeboStateReader().read(path, Wanted(LogMap("test", kits=kits))).kits
+    (record,) = GazeboStateReader().read(path, Wanted(LogMap("test", kits=kits), kits=KitsOfModels())).kits
     return record.seen(place, t_s, max_age_s=1.0)
 
 
@@ -393,7 +394,7 @@ BAG_PART = ("gear_part_red_1::link", 2.1, -3.0, 0.8)
 
 
 def test_link_states_of_a_bag_show_kits() -> None:
-    frames = ModelFrames(FIXED)
+    frames = ModelFrames(FIXED, KitsOfModels())
     frames.add(states(BAG_TRAY, BAG_PART), 1_000_000_000)
     frames.add(states(BAG_TRAY), 2_000_000_000)
     record = frames.record(0)
@@ -409,7 +410,7 @@ def test_link_states_of_a_bag_show_kits() -> None:
 
 
 def test_model_states_grow_old_for_a_bag_does_not_pause() -> None:
-    frames = ModelFrames(FIXED)
+    frames = ModelFrames(FIXED, KitsOfModels())
     frames.add(states(BAG_TRAY), 1_000_000_000)
     record = frames.record(0)
 
@@ -419,7 +420,7 @@ def test_model_states_grow_old_for_a_bag_does_not_pause() -> None:
 
 
 def test_a_bag_without_model_states_shows_no_kits() -> None:
-    assert ModelFrames(FIXED).record(0) is None
+    assert ModelFrames(FIXED, KitsOfModels()).record(0) is None
 
 
 # From end to end: submissions of one log, contents of another
@@ -510,9 +511,18 @@ def test_shipped_log_maps_find_the_trays_of_their_edition() -> None:
 def test_the_real_log_of_2022_shows_that_no_movable_tray_was_brought(shared: Path) -> None:
     log = shared / "ariac/data/nist_team_2022/gazebo/state.log"
     kits = load_log_map("ariac2022").kits
-    (record,) = GazeboStateReader().read(log, Wanted(LogMap("test", kits=kits))).kits
+    (record,) = GazeboStateReader().read(log, Wanted(LogMap("test", kits=kits), kits=KitsOfModels())).kits
 
     for number in (1, 2, 3, 4):
         kit = record.seen(f"agv{number}", 20.0, max_age_s=1.0)
         assert kit is not None
         assert (kit.contents, kit.tray) == ((), Tray(""))
+
+
+def test_a_part_that_a_frame_both_deletes_and_lists_is_on_the_tray(tmp_path: Path) -> None:
+    deleted = "<deletions><name>gear_part_red_1</name></deletions>"
+    here = part("gear_part_red_1", 2.0, -3.0)
+    log = state_log(tmp_path, frame("5 0", TRAY_2, here), frame("6 0", TRAY_2, deleted, here))
+
+    assert len(contents(log, "agv2", 6.0)) == 1
+    assert len(contents(log, "agv2", 99.0)) == 1

@@ -665,3 +665,62 @@ def test_a_task_of_another_kind_withholds_the_score_of_a_rule_set_without_rules_
 
     assert (result.status, result.score) == ("incomplete", None)
     assert [assumption.check for assumption in result.assumptions] == ["only_kitting"]
+
+
+# Names without a colour ------------------------------------------------------------------
+
+# ARIAC 2020 to 2022, code: the simulator cuts the colour off each name it compares, and aborts at one
+# without `_`. It takes each ordered product in turn, compares it with the delivered ones that are left up
+# to the first that matches, and takes that one away. By hand: which comparison meets the name first?
+RED, BLUE, NAMELESS = "pump_red", "pump_blue", "gear"
+
+
+@pytest.mark.parametrize("without_color", ["aborts", "aborts_unless_exact"])
+@pytest.mark.parametrize(
+    ("ordered", "delivered", "aborting"),
+    [
+        ((RED,), (RED, NAMELESS), ""),  # found before the name is met
+        ((RED,), (), ""),
+        ((RED, RED), (RED, RED, NAMELESS), ""),
+        (
+            (RED, RED),
+            (RED, NAMELESS),
+            NAMELESS,
+        ),  # the one pump is taken away: the second order meets the name
+        ((RED, RED), (RED, RED), ""),
+        ((RED, "disk_red"), (RED, NAMELESS), NAMELESS),
+        ((NAMELESS,), (RED,), NAMELESS),  # of what was ordered, too
+        ((RED,), (NAMELESS,), NAMELESS),
+    ],
+)
+def test_the_simulator_aborts_at_the_first_name_without_a_colour_that_it_compares(
+    without_color: Any, ordered: tuple[str, ...], delivered: tuple[str, ...], aborting: str
+) -> None:
+    rule = Presence(compare="type", without_color=without_color)
+    order, tray = kit(*((kind, ORIGIN) for kind in ordered)), trial(handed_in(*map(part, delivered)))
+
+    found = list(rule.judge(tray, order))
+
+    assert [f.verdict is INCONCLUSIVE for f in found] == [bool(aborting)] * len(ordered)
+    assert all(repr(aborting) in f.message for f in found if aborting)
+
+
+@pytest.mark.parametrize(
+    ("ordered", "delivered", "aborts", "aborts_unless_exact"),
+    [
+        ((RED,), (NAMELESS, RED), True, False),
+        ((BLUE,), (NAMELESS, RED), True, True),
+        ((BLUE, BLUE), (RED, NAMELESS, BLUE), True, False),  # exact: blue, then red is the first left
+        ((RED, RED), (NAMELESS, RED), True, True),  # only one is exact
+    ],
+)
+def test_in_2020_the_exact_name_is_looked_for_before_types_are_compared(
+    ordered: tuple[str, ...], delivered: tuple[str, ...], aborts: bool, aborts_unless_exact: bool
+) -> None:
+    order, tray = kit(*((kind, ORIGIN) for kind in ordered)), trial(handed_in(*map(part, delivered)))
+
+    def aborted(without_color: Any) -> bool:
+        rule = Presence(compare="type", without_color=without_color)
+        return INCONCLUSIVE in verdicts(rule, tray, order)
+
+    assert (aborted("aborts"), aborted("aborts_unless_exact")) == (aborts, aborts_unless_exact)
