@@ -316,6 +316,8 @@ def test_a_file_that_may_not_be_read_costs_its_run_alone_and_is_not_passed_over(
     for name in opened:
         monkeypatch.setattr(name, refusing(name))
     monkeypatch.setattr("builtins.open", refusing("io.open"))
+    # Python 3.10 bound `io.open` where it defined `Path.open`; later versions look it up again.
+    monkeypatch.setattr(Path, "open", refusing("io.open"))
     told = {}
     for name in ("a.jsonl", "secret.jsonl", "run"):
         done = hands.worker.perform(Task("", name, 1, str(trials / name)), setting)
