@@ -89,6 +89,7 @@ def recorded(path: Path) -> dict[str, list[Message]]:
     return found
 
 
+@pytest.mark.slow
 def test_every_file_of_the_conformance_suite(pytestconfig: pytest.Config, subtests: pytest.Subtests) -> None:
     suites = sorted(p for p in folder_of(pytestconfig).rglob("expected.json") if _is_conformance(p))
     if not suites:
@@ -179,6 +180,7 @@ def digests_of(texts: dict[int, list[str]], stamps_ns: list[int]) -> list[str]:
     return digests
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("large", [False, True])
 def test_each_topic_alone_is_what_it_is_among_all(
     expected: Path | None, large: bool, monkeypatch: pytest.MonkeyPatch
