@@ -36,6 +36,8 @@ from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 sys.path.insert(0, str(Path(__file__).parent))
 import batch_hands as hands
 
+pytestmark = pytest.mark.slow  # processes and clusters that die
+
 RULES = "paper2020"
 SEASON = Path(__file__).parents[2] / "benchmarks/season.py"
 
