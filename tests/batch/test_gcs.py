@@ -28,13 +28,14 @@ sys.path.insert(0, str(Path(__file__).parent))
 from batch_gcs import Bucket, emulating
 
 os.environ.setdefault("GCSFS_EXPERIMENTAL_ZB_HNS_SUPPORT", "false")
+
 RULES = "paper2020"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kitting_near_miss.mcap"
 # Libraries of the storage's owner tell of Python versions that they will leave behind.
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.slow,  # a server on this machine
     pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning"),
-]  # a server on this machine
+]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -313,6 +313,7 @@ KIT_2022 = """\
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "sums"),
     [
