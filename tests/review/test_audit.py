@@ -313,7 +313,6 @@ KIT_2022 = """\
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "sums"),
     [
