@@ -298,6 +298,7 @@ def test_without_the_cache_files_are_hashed_again_and_nothing_else(
     assert same(tmp_path / "before", tmp_path / "out")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lines", [1, 3, 5])
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGINT])
 def test_whatever_ends_a_batch_the_next_call_goes_on(
@@ -543,6 +544,7 @@ def _same_results(first: Path, second: Path) -> bool:
     return True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", [1, 2, 10])
 def test_prices_are_put_on_results_by_others_when_processes_for_that_die(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: int
@@ -569,6 +571,7 @@ def test_prices_are_put_on_results_by_others_when_processes_for_that_die(
     assert _same_results(tmp_path / "fresh", tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_results_are_looked_at_again_when_the_processes_for_prices_never_answer(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -906,6 +909,7 @@ def test_a_file_nobody_may_read_is_an_outcome(trials: Path, tmp_path: Path) -> N
 # Elsewhere -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_bytes_of_one_machine(trials: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     from ariac_score.batch.dask import dask_executor  # noqa: PLC0415  # of that extra
@@ -961,6 +965,7 @@ def test_what_is_stored_already_is_not_made_by_a_worker_that_is_sent_it(trials: 
     assert earlier_document(task, tmp_path / "elsewhere") == b""
 
 
+@pytest.mark.slow
 def test_a_cluster_measures_again_to_the_bytes_of_one_machine(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -986,6 +991,7 @@ def test_a_cluster_measures_again_to_the_bytes_of_one_machine(
     assert same(tmp_path / "here", tmp_path / "there")
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_named(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -1000,6 +1006,7 @@ def test_a_scheduler_that_is_not_there_is_named(
         dask.dask_executor(jobs=2, scheduler="tcp://127.0.0.1:9", out=tmp_path, work=tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "outcome"), [("a.jsonl", "scored"), ("gone.jsonl", "unreachable")])
 def test_a_run_named_by_a_uri_is_fetched_where_it_is_scored(
     trials: Path, tmp_path: Path, name: str, outcome: str

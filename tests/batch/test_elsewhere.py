@@ -45,6 +45,8 @@ from batch_web import Web, serving
 
 pytest.importorskip("aiohttp", reason="the extra 'remote' is not installed")
 
+pytestmark = pytest.mark.slow  # servers on this machine
+
 RULES = "paper2020"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kitting_near_miss.mcap"
 COMPETITION = EXAMPLE.parent / "competition" / "2024"

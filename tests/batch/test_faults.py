@@ -36,6 +36,8 @@ from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 sys.path.insert(0, str(Path(__file__).parent))
 import batch_hands as hands
 
+pytestmark = pytest.mark.slow  # processes and clusters that die
+
 RULES = "paper2020"
 SEASON = Path(__file__).parents[2] / "benchmarks/season.py"
 
@@ -316,6 +318,8 @@ def test_a_file_that_may_not_be_read_costs_its_run_alone_and_is_not_passed_over(
     for name in opened:
         monkeypatch.setattr(name, refusing(name))
     monkeypatch.setattr("builtins.open", refusing("io.open"))
+    # Python 3.10 bound `io.open` where it defined `Path.open`; later versions look it up again.
+    monkeypatch.setattr(Path, "open", refusing("io.open"))
     told = {}
     for name in ("a.jsonl", "secret.jsonl", "run"):
         done = hands.worker.perform(Task("", name, 1, str(trials / name)), setting)

@@ -28,12 +28,20 @@ sys.path.insert(0, str(Path(__file__).parent))
 from batch_gcs import Bucket, emulating
 
 os.environ.setdefault("GCSFS_EXPERIMENTAL_ZB_HNS_SUPPORT", "false")
-pytest.importorskip("gcsfs", reason="gcsfs, which the extra 'remote' brings, is not installed")
 
 RULES = "paper2020"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kitting_near_miss.mcap"
 # Libraries of the storage's owner tell of Python versions that they will leave behind.
-pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning")
+pytestmark = [
+    pytest.mark.slow,  # a server on this machine
+    pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning"),
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _library_of_the_storage() -> None:
+    # Not at the top: it takes seconds to import, also where these tests are not run.
+    pytest.importorskip("gcsfs", reason="gcsfs, which the extra 'remote' brings, is not installed")
 
 
 @pytest.fixture(autouse=True)

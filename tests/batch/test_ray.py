@@ -28,6 +28,8 @@ from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 ray = pytest.importorskip("ray", reason="the extra 'ray' is not installed")
 executors = pytest.importorskip("ariac_score.batch.ray")
 
+pytestmark = pytest.mark.slow  # a cluster on this machine
+
 ray_remote = ray.remote
 RULES = "ariac2020.as_coded"
 NAMES = ("a", "b", "c", "d_bad", "e", "f")

@@ -35,20 +35,19 @@ SCANS = {".bag": Ros1Scan, ".db3": SqliteScan, ".mcap": McapScan}
 ROOT = Path(__file__).parents[2]
 
 
+def folder_of(config: pytest.Config) -> Path:
+    given = config.getoption("--bag-cases")
+    return Path(given) if given else ROOT.parent / "shared" / "bags"
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    given = metafunc.config.getoption("--bag-cases")
-    folder = Path(given) if given else ROOT.parent / "shared" / "bags"
+    given, folder = metafunc.config.getoption("--bag-cases"), folder_of(metafunc.config)
     cases = sorted(p for suffix in SCANS for p in folder.rglob(f"*{suffix}.expected.json"))
     if given and not cases and not list(folder.rglob("expected.json")):
         raise pytest.UsageError(f"--bag-cases {folder}: it holds no recording with an .expected.json")
     if "expected" in metafunc.fixturenames:
         ids = [str(p.relative_to(folder)).removesuffix(".expected.json") for p in cases]
         metafunc.parametrize("expected", cases or [None], ids=ids or ["none"])
-    if "conformance" in metafunc.fixturenames:
-        suites = sorted(p for p in folder.rglob("expected.json") if _is_conformance(p))
-        files = [(p.parent / name, facts) for p in suites for name, facts in _read(p).items()]
-        ids = [file.name for file, _ in files]
-        metafunc.parametrize("conformance", files or [None], ids=ids or ["none"])
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -90,14 +89,20 @@ def recorded(path: Path) -> dict[str, list[Message]]:
     return found
 
 
-def test_every_file_of_the_conformance_suite(conformance: tuple[Path, dict[str, Any]] | None) -> None:
-    if conformance is None:
+@pytest.mark.slow
+def test_every_file_of_the_conformance_suite(pytestconfig: pytest.Config, subtests: pytest.Subtests) -> None:
+    suites = sorted(p for p in folder_of(pytestconfig).rglob("expected.json") if _is_conformance(p))
+    if not suites:
         pytest.skip("the MCAP conformance suite is not in the folder of recordings")
-    path, facts = conformance
-    found = sorted((m.connection.topic, m.stamp_ns, bytes(m.payload).hex()) for m in each_message(path))
-
-    expected = facts["messages_topic_log_publish_seq_hex"]
-    assert found == sorted((topic, log_ns, payload) for topic, log_ns, _, _, payload in expected)
+    for suite in suites:
+        for name, facts in _read(suite).items():
+            with subtests.test(name):
+                found = sorted(
+                    (m.connection.topic, m.stamp_ns, bytes(m.payload).hex())
+                    for m in each_message(suite.parent / name)
+                )
+                expected = facts["messages_topic_log_publish_seq_hex"]
+                assert found == sorted((topic, log_ns, payload) for topic, log_ns, _, _, payload in expected)
 
 
 def each_message(path: Path) -> Iterator[Message]:
@@ -175,6 +180,7 @@ def digests_of(texts: dict[int, list[str]], stamps_ns: list[int]) -> list[str]:
     return digests
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("large", [False, True])
 def test_each_topic_alone_is_what_it_is_among_all(
     expected: Path | None, large: bool, monkeypatch: pytest.MonkeyPatch

@@ -77,6 +77,7 @@ def by_ours(text: str, type_: str = TYPE) -> dict[str, Any] | None:
     return None if found is None else {name: fields for name, (_, fields) in found.items()}
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.one_of(FIELDS, ODD), max_size=6),
     st.lists(st.tuples(SECTIONS, st.lists(st.one_of(FIELDS, ODD), max_size=4)), max_size=3),
@@ -90,6 +91,7 @@ def test_what_is_understood_is_what_rosbags_understands(top: list[str], others: 
         assert found == by_rosbags(text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [1, 2])
 def test_stock_definitions_are_understood(version: Any) -> None:
     store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)

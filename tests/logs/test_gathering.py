@@ -175,6 +175,7 @@ def gathered(items: list[Any], flush_every: int | None, *, together: bool) -> An
     return signals, builder.bodies, builder.unrecorded, builder.witnessed, defects, kits
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(st.integers(0, 2**32), st.sampled_from(["cdr", "ros1"]), st.sampled_from([None, 1, 7, 60]))
 def test_the_same_as_one_by_one(seed: int, encoding: str, flush_every: int | None) -> None:
@@ -183,6 +184,7 @@ def test_the_same_as_one_by_one(seed: int, encoding: str, flush_every: int | Non
     assert gathered(items, flush_every, together=True) == gathered(items, None, together=False)
 
 
+@pytest.mark.slow
 def test_the_situations_above_do_occur() -> None:
     """Without damage to clocks there are signals of every kind, and with it there are refusals."""
     found: set[str] = set()

@@ -22,6 +22,8 @@ from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import Channel, FieldMap, LogMap
 from ariac_score.trial.model import Trial
 
+pytestmark = pytest.mark.slow  # files cut and changed at every place
+
 STRING, VECTOR = "std_msgs/msg/String", "geometry_msgs/msg/Vector3"
 CHANNEL = Channel("/speed", VECTOR, signals=(FieldMap("speed/human", "m/s", ("x",)),))
 WANTED = Wanted(LogMap("test", (CHANNEL,)), frozenset({"speed"}))

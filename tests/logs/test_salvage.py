@@ -38,6 +38,8 @@ from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import Channel, FieldMap, LogMap
 
+pytestmark = pytest.mark.slow  # files cut and changed at every place
+
 READER = RosbagReader()
 SNAPSHOT = "nist_gear/msg/Snapshot"
 SPEED = FieldMap("speed/human", "m/s", ("human_operator_speed",))

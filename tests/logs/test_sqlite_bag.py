@@ -51,6 +51,7 @@ def values(path: Path) -> list[float]:
     return found
 
 
+@pytest.mark.slow
 def test_cut_anywhere_it_is_refused_and_never_half_read(tmp_path: Path) -> None:
     path = bag(tmp_path / "t.db3", [1.5, 2.5, -4.0])
     whole = path.read_bytes()

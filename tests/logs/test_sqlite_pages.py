@@ -226,6 +226,7 @@ def selected(path: Path) -> Told | None:
         return None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flip", [0x01, 0x80, 0xFF])
 def test_whatever_byte_is_changed_nothing_is_made_up(flip: int, tmp_path: Path) -> None:
     """A byte of a payload may be another one, in both; no row may be lost, moved or made up in silence."""

@@ -216,6 +216,7 @@ def test_what_is_only_called_so_is_read_as_ever() -> None:
 TEXTS = st.text(st.characters(codec="utf-16", exclude_characters="\0"), max_size=6)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     st.lists(st.tuples(TEXTS, st.lists(TEXTS, max_size=2)), min_size=1, max_size=5),

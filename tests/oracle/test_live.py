@@ -28,6 +28,8 @@ from ariac_score.oracle.judges import SpecBench  # noqa: E402
 from ariac_score.oracle.replay import replay  # noqa: E402
 from ariac_score.testing import kitting_trial, recorded_messages, write_event_log  # noqa: E402
 
+pytestmark = pytest.mark.slow  # servers on this machine
+
 ROOT = Path(__file__).parents[2]
 FOUR_WAYS = ROOT / "examples/live/four_ways.yaml"
 SEPARATION = ROOT / "examples/rml/separation.rml"

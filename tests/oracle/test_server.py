@@ -31,6 +31,8 @@ from ariac_score.oracle.server import Limits, Oracle, Pace  # noqa: E402
 from ariac_score.results.result_file import findings_json  # noqa: E402
 from ariac_score.testing import kitting_trial, monitored_events, recorded_messages, write_event_log  # noqa: E402
 
+pytestmark = pytest.mark.slow  # servers on this machine
+
 PAPER = load_rule_set("paper2020")
 BENCH = RulesBench(PAPER, Registry())
 TIMEOUT_S = 20.0

@@ -191,6 +191,7 @@ def _probe(places: Iterable[str]) -> list[str]:
     return ["sh", "-c", f"echo user $(id -u) $(id -g) in $(pwd); {tried} {networks}"]
 
 
+@pytest.mark.slow
 def test_what_the_steps_make_scores_without_rights_to_the_bytes_of_here(tmp_path: Path) -> None:
     if not REQUIRED:
         pytest.skip("packages are installed from their registry only with ARIAC_SCORE_REQUIRE_CONTAINER=1")
@@ -229,6 +230,7 @@ def test_what_the_steps_make_scores_without_rights_to_the_bytes_of_here(tmp_path
     assert _tree(folder / "output_2") == here
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lines", "command", "fails"),
     [

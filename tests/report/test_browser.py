@@ -14,6 +14,8 @@ import pytest
 
 from ariac_score import Result, as_json
 
+pytestmark = pytest.mark.slow  # a browser
+
 PAGES = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "pages.py")))
 
 

@@ -14,6 +14,8 @@ import pytest
 
 from ariac_score.cli import main
 
+pytestmark = pytest.mark.slow  # a browser
+
 EXAMPLE = Path(__file__).parents[2] / "examples/competition/2024"
 HERE = Path(__file__).parent
 SITES = SimpleNamespace(**runpy.run_path(str(HERE / "test_site.py")))

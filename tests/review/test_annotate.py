@@ -260,6 +260,7 @@ def everything(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return log, file
 
 
+@pytest.mark.slow
 def test_every_monitor_has_a_margin_at_every_sample_or_is_named(
     everything: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

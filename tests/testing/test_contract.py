@@ -73,6 +73,7 @@ MUST_BE_TOLD = {"stl.formula"}
 """Without parameters it has nothing to judge, and refuses."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first_party(MONITORS))
 def test_every_monitor_of_ours_keeps_the_contract(name: str) -> None:
     found = REGISTRY.find(MONITORS, name)
@@ -169,6 +170,7 @@ LOGS: dict[str, tuple[Callable[[Path], Path], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first_party(READERS))
 def test_every_reader_of_ours_keeps_the_contract(name: str, tmp_path: Path) -> None:
     make, log_map = LOGS[name]

@@ -167,3 +167,18 @@ def test_a_common_base_has_the_samples_that_every_signal_covers() -> None:
     assert common_times([early, late], max_gap_s=0.05).tolist() == []
     assert common_times([early, between], max_gap_s=0.05).tolist() == [0.005]  # 0.01 lies in a gap of one
     assert common_times([early, between], max_gap_s=1.0).tolist() == [0.005, 0.01]
+
+
+@pytest.mark.parametrize("name", ["centre_distance/r/h", "speed/h"])
+def test_a_derived_signal_spans_its_first_to_its_last_sample(name: str) -> None:
+    t = np.array([0.5, 0.75, 1.0, 1.25])
+    still = np.zeros((4, 3))
+    trial = Trial(
+        "t",
+        bodies=(Body("r", "robot"), Body("h", "human")),
+        signals={f"position/{body}": Signal(f"position/{body}", "m", t, still) for body in "rh"},
+    )
+    derived = derive_signals(trial, [Derivation(name.partition("/")[0], 1.0)]).signals[name]
+
+    assert isinstance(derived, Computed)
+    assert derived.span == Span(0.5, 1.25)

@@ -17,6 +17,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ariac_score.logs.columnar import ColumnDecoder, Columns, Payloads
 from ariac_score.logs.columnar.columns import UNDECODABLE
 
+pytestmark = pytest.mark.slow  # thousands of random messages
+
 Make = Callable[[], Any]
 TYPE = "test_msgs/msg/T0"
 NUMBERS = ["bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"]

@@ -5,6 +5,7 @@ What must be in a file is counted here from the plain YAML, without the readers.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -82,11 +83,13 @@ def kind_of(name: str) -> str:
     return "entry" if "team_name" in root else "team"
 
 
-KINDS = {name: kind_of(name) for name in official_files()} if CONFIG.is_dir() else {}
+@cache
+def kinds() -> dict[str, str]:
+    return {name: kind_of(name) for name in official_files()}
 
 
 def of_kind(kind: str) -> list[str]:
-    return [name for name in KINDS if KINDS[name] == kind]
+    return [name for name, found in kinds().items() if found == kind]
 
 
 def shipments(order: Any) -> list[tuple[int, int]]:
@@ -101,92 +104,107 @@ def shipments(order: Any) -> list[tuple[int, int]]:
 
 
 def test_every_official_file_is_accounted_for() -> None:
-    assert {kind: len(of_kind(kind)) for kind in sorted(set(KINDS.values()))} == {
+    assert {kind: len(of_kind(kind)) for kind in sorted(set(kinds().values()))} == {
         "empty": 1,
         "entry": 2,
         "other": 27,
         "team": 28,
         "trial": 145,
     }
-    assert sorted({name[:4] for name in KINDS}) == [str(year) for year in range(2017, 2026)]
+    assert sorted({name[:4] for name in kinds()}) == [str(year) for year in range(2017, 2026)]
 
 
-@pytest.mark.parametrize("name", of_kind("trial"))
-def test_every_official_trial_loads_whole(name: str) -> None:
-    assert TRIALS.can_read(CONFIG / name)
-    assert not TEAMS.can_read(CONFIG / name)
-    assert looks_like(CONFIG / name).startswith("a trial configuration of 20")
-    trial, root = TRIALS.read(CONFIG / name, WANTED), plain(name)
+def test_every_official_trial_loads_whole(subtests: pytest.Subtests) -> None:
+    for name in of_kind("trial"):
+        with subtests.test(name):
+            assert TRIALS.can_read(CONFIG / name)
+            assert not TEAMS.can_read(CONFIG / name)
+            assert looks_like(CONFIG / name).startswith("a trial configuration of 20")
+            trial, root = TRIALS.read(CONFIG / name, WANTED), plain(name)
 
-    orders = root.get("orders", [])
-    asked = [
-        pair
-        for order in (orders.values() if isinstance(orders, dict) else orders)
-        for pair in shipments(order)
-    ]
-    tasks = [task for order in trial.orders for task in order.tasks]
-    assert len(trial.orders) == len(orders)
-    assert len(tasks) == sum(count for count, _ in asked)
-    assert sum(len(task.products) for task in tasks) == sum(count * products for count, products in asked)
-    limit_s = root.get("time_limit", root.get("TIME_LIMIT", -1))
-    assert trial.facts.get("time_limit_s", -1) == limit_s
-
-
-@pytest.mark.parametrize("name", of_kind("trial"))
-def test_the_mistakes_of_official_trials_are_named_and_no_others(name: str) -> None:
-    found = [defect.message for defect in TRIALS.read(CONFIG / name, WANTED).log_defects]
-
-    assert len(found) == (name in MISTAKES)
-    assert all(message.startswith(MISTAKES[name]) for message in found)
+            orders = root.get("orders", [])
+            asked = [
+                pair
+                for order in (orders.values() if isinstance(orders, dict) else orders)
+                for pair in shipments(order)
+            ]
+            tasks = [task for order in trial.orders for task in order.tasks]
+            assert len(trial.orders) == len(orders)
+            assert len(tasks) == sum(count for count, _ in asked)
+            assert sum(len(task.products) for task in tasks) == sum(
+                count * products for count, products in asked
+            )
+            limit_s = root.get("time_limit", root.get("TIME_LIMIT", -1))
+            assert trial.facts.get("time_limit_s", -1) == limit_s
 
 
-@pytest.mark.parametrize("name", of_kind("team"))
-def test_every_official_team_loads_whole(name: str) -> None:
-    assert TEAMS.can_read(CONFIG / name)
-    assert not TRIALS.can_read(CONFIG / name)
-    assert not ENTRIES.can_read(CONFIG / name)
-    trial, root = TEAMS.read(CONFIG / name, WANTED), plain(name)
+def test_the_mistakes_of_official_trials_are_named_and_no_others(subtests: pytest.Subtests) -> None:
+    for name in of_kind("trial"):
+        with subtests.test(name):
+            found = [defect.message for defect in TRIALS.read(CONFIG / name, WANTED).log_defects]
 
-    switched = [root.get(f"{on}_camera", {}).get("enable") for on in ("robot", "gantry_bin", "gantry_tray")]
-    active = [camera["active"] for camera in root.get("robot_cameras", {}).values()]
-    placed = [root.get(key, {}) for key in ("sensors", "static_sensors", "SENSORS")]
-    assert trial.team is not None
-    assert trial.team.sensors is not None
-    assert len(trial.team.sensors) == sum(map(len, placed)) + switched.count(True) + active.count(True)
-    assert trial.team.name == root.get("COMPETITOR_NAME", "")
-    assert trial.log_defects == ()
+            assert len(found) == (name in MISTAKES)
+            assert all(message.startswith(MISTAKES[name]) for message in found)
 
 
-@pytest.mark.parametrize("name", of_kind("entry"))
-def test_of_an_entry_for_the_evaluation_only_the_name_is_read(name: str) -> None:
-    path = CONFIG / name
-    trial = ENTRIES.read(path, WANTED)
-    refusals = []
-    for reader in (TRIALS, TEAMS):
-        assert not reader.can_read(path)
-        with pytest.raises(
-            DataFileError, match="a team's entry for the evaluation of 2023 or 2024"
-        ) as caught:
-            reader.read(path, WANTED)
-        refusals.append(str(caught.value) + caught.value.hint)
+def test_every_official_team_loads_whole(subtests: pytest.Subtests) -> None:
+    for name in of_kind("team"):
+        with subtests.test(name):
+            assert TEAMS.can_read(CONFIG / name)
+            assert not TRIALS.can_read(CONFIG / name)
+            assert not ENTRIES.can_read(CONFIG / name)
+            trial, root = TEAMS.read(CONFIG / name, WANTED), plain(name)
 
-    assert trial.team is not None
-    assert (trial.team.name, trial.team.sensors, trial.team.sensor_cost) == ("nist_competitor", None, None)
-    told = (*refusals, repr(trial), repr(ENTRIES.describe(path)))
-    secrets = [value for key, value in plain(name)["github"].items() if value]
-    assert secrets
-    assert not any(secret in words for secret in secrets for words in told)
+            switched = [
+                root.get(f"{on}_camera", {}).get("enable") for on in ("robot", "gantry_bin", "gantry_tray")
+            ]
+            active = [camera["active"] for camera in root.get("robot_cameras", {}).values()]
+            placed = [root.get(key, {}) for key in ("sensors", "static_sensors", "SENSORS")]
+            assert trial.team is not None
+            assert trial.team.sensors is not None
+            assert len(trial.team.sensors) == sum(map(len, placed)) + switched.count(True) + active.count(
+                True
+            )
+            assert trial.team.name == root.get("COMPETITOR_NAME", "")
+            assert trial.log_defects == ()
 
 
-@pytest.mark.parametrize("name", of_kind("other"))
-def test_every_other_official_file_is_called_by_its_name(name: str) -> None:
-    path, words = CONFIG / name, OTHERS.get(name, TEST_WORLD)
+def test_of_an_entry_for_the_evaluation_only_the_name_is_read(subtests: pytest.Subtests) -> None:
+    for name in of_kind("entry"):
+        with subtests.test(name):
+            path = CONFIG / name
+            trial = ENTRIES.read(path, WANTED)
+            refusals = []
+            for reader in (TRIALS, TEAMS):
+                assert not reader.can_read(path)
+                with pytest.raises(
+                    DataFileError, match="a team's entry for the evaluation of 2023 or 2024"
+                ) as caught:
+                    reader.read(path, WANTED)
+                refusals.append(str(caught.value) + caught.value.hint)
 
-    assert words in looks_like(path)
-    for reader in (TRIALS, TEAMS):
-        assert not reader.can_read(path)
-        with pytest.raises(DataFileError, match=f"it looks like {words}"):
-            reader.read(path, WANTED)
+            assert trial.team is not None
+            assert (trial.team.name, trial.team.sensors, trial.team.sensor_cost) == (
+                "nist_competitor",
+                None,
+                None,
+            )
+            told = (*refusals, repr(trial), repr(ENTRIES.describe(path)))
+            secrets = [value for key, value in plain(name)["github"].items() if value]
+            assert secrets
+            assert not any(secret in words for secret in secrets for words in told)
+
+
+def test_every_other_official_file_is_called_by_its_name(subtests: pytest.Subtests) -> None:
+    for name in of_kind("other"):
+        with subtests.test(name):
+            path, words = CONFIG / name, OTHERS.get(name, TEST_WORLD)
+
+            assert words in looks_like(path)
+            for reader in (TRIALS, TEAMS):
+                assert not reader.can_read(path)
+                with pytest.raises(DataFileError, match=f"it looks like {words}"):
+                    reader.read(path, WANTED)
 
 
 def test_the_official_trial_that_is_empty_is_called_empty() -> None:
@@ -230,9 +248,10 @@ def test_a_team_tells_its_years(name: str, years: str) -> None:
     assert looks_like(CONFIG / name) == f"a team configuration of {years}"
 
 
-@pytest.mark.parametrize("name", [name for name in of_kind("trial") if not name.startswith("2025")])
-def test_no_trial_tells_years_that_are_not_its_own(name: str) -> None:
-    assert int(name[:4]) in form_in(CONFIG / name).years
+def test_no_trial_tells_years_that_are_not_its_own(subtests: pytest.Subtests) -> None:
+    for name in (name for name in of_kind("trial") if not name.startswith("2025")):
+        with subtests.test(name):
+            assert int(name[:4]) in form_in(CONFIG / name).years
 
 
 def test_the_official_trial_of_2025_states_its_numbers() -> None:

@@ -538,6 +538,7 @@ def test_our_own_trial_log_carries_quadrants_and_challenges(tmp_path: Path) -> N
 # A penalty never helps -----------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rules", [AS_2023, RELEASE_3, RELEASE_5])
 def test_one_more_flaw_never_raises_the_score(rules: str) -> None:
     draw = random.Random(23)  # noqa: S311  # the same draws each time

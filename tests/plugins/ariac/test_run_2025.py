@@ -291,6 +291,7 @@ def unrounded(folder: Path, run: Run, rules: str) -> float:
     return rule_set.sheet.evaluate(measured.scopes, measured.findings).value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rules", [LATER, FIRST])
 @given(run=RUNS)
 def test_the_score_before_rounding_is_the_official_one_to_the_last_bit(
@@ -299,6 +300,7 @@ def test_the_score_before_rounding_is_the_official_one_to_the_last_bit(
     assert unrounded(tmp_path_factory.mktemp("run"), run, rules) == transcribed(run, rules)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rules", [LATER, FIRST, DOCUMENTED])
 @settings(max_examples=25)
 @given(run=RUNS.filter(lambda run: run.completed or run.aborted), kind=st.integers(0, 4))
