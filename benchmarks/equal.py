@@ -145,6 +145,7 @@ def of_recordings(shared: Path) -> Iterator[Job]:
         recording = log.name == named and log.suffix not in {".md", ".yaml"}
         if (log / "metadata.yaml").exists() or (log.is_file() and recording):
             yield score("bags", log, "paper2020")
+            yield job("bags", f"info {log.name}", ["info", log])
 
 
 def of_official_texts(shared: Path, base: Path) -> Iterator[Job]:
