@@ -204,8 +204,8 @@ def decode_both_ways(raw: bytes) -> None:
 
 
 @contextmanager
-def lowered(limits: Iterable[tuple[ModuleType, Mapping[str, int]]]) -> Iterator[None]:
-    """Constants of modules with other values."""
+def lowered(limits: Iterable[tuple[ModuleType | type, Mapping[str, int]]]) -> Iterator[None]:
+    """Constants of modules or classes with other values."""
     usual = [(module, name, getattr(module, name)) for module, values in limits for name in values]
     for module, values in limits:
         for name, value in values.items():

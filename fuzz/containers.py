@@ -16,8 +16,7 @@ from zlib import crc32
 
 from ariac_score.errors import LogError
 from ariac_score.logs.containers import chunk_buffers as slabs
-from ariac_score.logs.containers import mcap
-from ariac_score.logs.containers import ros1 as ros1bag
+from ariac_score.logs.containers import chunked
 from ariac_score.logs.containers.inflating import inflate
 from ariac_score.logs.containers.items import Batch, Message
 from ariac_score.logs.containers.mcap import McapScan
@@ -27,9 +26,9 @@ from fuzz.columns import lowered
 
 __all__ = ["mcap_three_ways", "ros1_three_ways"]
 
-_LOW: list[tuple[ModuleType, dict[str, int]]] = [
-    (mcap, {"_WORTH_LEAVING_OUT_BYTES": 1, "_LARGE_MESSAGE_BYTES": 64, "_USUAL_INDEX_BYTES": 64}),
-    (ros1bag, {"_LARGE_MESSAGE_BYTES": 64, "_USUAL_INDEX_BYTES": 128}),
+_LOW: list[tuple[ModuleType | type, dict[str, int]]] = [
+    (McapScan, {"smallest_left_out_bytes": 1}),
+    (chunked, {"LARGE_MESSAGE_BYTES": 64, "USUAL_INDEX_BYTES": 64}),
     (slabs, {"SLAB_BYTES": 1 << 11}),
 ]
 _SOME = ({"/small"}, {"/large"}, set[str]())
@@ -62,8 +61,8 @@ def _compared(scan: _Scan, path: Path, number: int) -> _Told | None:
     The number decides for which, and on how many threads.
     """
     topics, jobs = _SOME[number % 3], 1 + (number % 11 == 0)
-    everything, chosen = scan(path, jobs=jobs), scan(path, jobs=jobs, topics=topics)
     with lowered(_LOW):
+        everything, chosen = scan(path, jobs=jobs), scan(path, jobs=jobs, topics=topics)
         (whole, is_sound), (some, some_is_sound) = _told(everything), _told(chosen)
     if chosen.index_contradictions < everything.index_contradictions:
         return whole if is_sound else None  # an index that lies about what is not read is believed

@@ -22,8 +22,7 @@ import pytest
 
 from ariac_score.logs.columnar import Payloads
 from ariac_score.logs.columnar.types import column_decoder_for
-from ariac_score.logs.containers import mcap
-from ariac_score.logs.containers import ros1 as ros1bag
+from ariac_score.logs.containers import chunked
 from ariac_score.logs.containers.detect import open_scan
 from ariac_score.logs.containers.items import Batch, Connection, Message
 from ariac_score.logs.containers.mcap import McapScan
@@ -189,9 +188,8 @@ def test_each_topic_alone_is_what_it_is_among_all(
     path, _ = described(expected)
     everything, contradictions = told(path, None, jobs=1)
     if not large:
-        monkeypatch.setattr(mcap, "_WORTH_LEAVING_OUT_BYTES", 0)
-        monkeypatch.setattr(mcap, "_LARGE_MESSAGE_BYTES", 1)
-        monkeypatch.setattr(ros1bag, "_LARGE_MESSAGE_BYTES", 1)
+        monkeypatch.setattr(McapScan, "smallest_left_out_bytes", 0)
+        monkeypatch.setattr(chunked, "LARGE_MESSAGE_BYTES", 1)
     for topic in {topic for topic, _, _ in everything}:
         alone = [(t, stamp_ns, data if t == topic else b"") for t, stamp_ns, data in everything]
         for jobs in (1, 2):

@@ -340,3 +340,51 @@ def test_the_number_of_threads_changes_nothing(
 
     assert len(found[0]) == 30
     assert found[0] == found[1] == found[2]
+
+
+def record(op: int, body: bytes) -> bytes:
+    return struct.pack("<BQ", op, len(body)) + body
+
+
+def text(words: str) -> bytes:
+    return struct.pack("<I", len(words)) + words.encode()
+
+
+def channel(number: int, topic: str) -> bytes:
+    return record(4, struct.pack("<HH", number, 0) + text(topic) + text("cdr") + text(""))
+
+
+def indexed_chunk(declared: bytes, messages: list[tuple[int, int]]) -> bytes:
+    """A chunk of empty messages, by channel and time, with its indexes."""
+    records, index = declared, dict[int, bytes]()
+    for number, stamp_ns in messages:
+        index[number] = index.get(number, b"") + struct.pack("<QQ", stamp_ns, len(records))
+        records += record(5, struct.pack("<HIQQ", number, 0, stamp_ns, stamp_ns))
+    times = [stamp_ns for _, stamp_ns in messages]
+    head = struct.pack("<QQQI", min(times), max(times), len(records), 0) + text("")
+    entries = [struct.pack("<HI", number, len(body)) + body for number, body in index.items()]
+    packed = struct.pack("<Q", len(records)) + records
+    return record(6, head + packed) + b"".join(record(7, body) for body in entries)
+
+
+def test_a_channel_may_be_declared_long_before_its_first_message(tmp_path: Path) -> None:
+    """At the start of a chunk of others' messages, which are then no batch for themselves."""
+    metadata = record(12, text("") + text(""))  # what does not lie in a chunk ends a batch
+    chunks = [
+        indexed_chunk(channel(1, "/a"), [(1, 1)]),
+        indexed_chunk(channel(2, "/b"), [(1, 2), (1, 3)]),
+        indexed_chunk(b"", [(2, 4), (1, 5)]),
+    ]
+    start, end = record(1, text("") + text("")), record(15, bytes(4)) + record(2, bytes(20))
+    magic = b"\x89MCAP0\r\n"
+    path = tmp_path / "t.mcap"
+    path.write_bytes(magic + start + metadata.join(chunks) + end + magic)
+    found = [m for item in McapScan(path) if isinstance(item, Batch) for m in item.messages()]
+
+    assert [(m.connection.topic, m.stamp_ns) for m in found] == [
+        ("/a", 1),
+        ("/a", 2),
+        ("/a", 3),
+        ("/b", 4),
+        ("/a", 5),
+    ]

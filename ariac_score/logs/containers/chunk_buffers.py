@@ -13,9 +13,9 @@ from types import TracebackType
 
 import numpy as np
 
-from ariac_score.logs.containers.items import Bytes, IntArray
+from ariac_score.logs.containers.items import Bytes
 
-__all__ = ["SLAB_BYTES", "Chunk", "Slab", "Slabs", "entries_of", "nothing_to_do", "scratch"]
+__all__ = ["SLAB_BYTES", "Chunk", "Slab", "Slabs", "nothing_to_do", "scratch"]
 
 SLAB_BYTES = 16 << 20
 """So many bytes of records lie side by side, in two buffers; a larger chunk has one of its own."""
@@ -247,31 +247,3 @@ _OWN = threading.local()
 
 def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def entries_of(
-    chunks: Sequence[Chunk], head: int, words: int
-) -> tuple[list[bytes], IntArray, IntArray, IntArray]:
-    """The entries of all indexes of some chunks.
-
-    Args:
-        chunks: Each with an index.
-        head: Bytes before the entries of an index record.
-        words: 32-bit words of an entry.
-
-    Returns:
-        The head of each index record and how many entries it has, shape (k,); the entries,
-        shape (n, words); of each entry the number of its chunk, shape (n,).
-
-    Raises:
-        ValueError: An index record holds something else.
-    """
-    heads = [body[:head] for chunk in chunks for body in chunk.index]
-    sizes = np.array([len(body) - head for chunk in chunks for body in chunk.index], dtype=np.int64)
-    if (sizes < 0).any() or (sizes % (4 * words)).any():
-        raise ValueError("the index is no list of entries")
-    counts = sizes // (4 * words)
-    packed = b"".join(body[head:] for chunk in chunks for body in chunk.index)
-    entries = np.frombuffer(packed, dtype="<u4").reshape(-1, words)
-    owners = np.repeat(np.arange(len(chunks)), [len(chunk.index) for chunk in chunks])
-    return heads, counts, entries, np.repeat(owners, counts)

@@ -21,6 +21,7 @@ __all__ = [
     "Bytes",
     "Connection",
     "IntArray",
+    "Item",
     "Message",
     "Payloads",
     "Scan",
@@ -130,6 +131,9 @@ class Batch:
             yield Message(self.connections[source], stamp_ns, raw[start:end])
 
 
+Item = Connection | Message | Batch
+
+
 class Scan(Protocol):
     """One recording, read once from start to end.
 
@@ -159,7 +163,7 @@ class Scan(Protocol):
         """How often its index said something else than its records, which then counted."""
         ...
 
-    def __iter__(self) -> Iterator[Connection | Message | Batch]:
+    def __iter__(self) -> Iterator[Item]:
         """Every declared connection and message."""
         ...
 

@@ -6,29 +6,27 @@ Source: MCAP format specification, version 0 (mcap.dev/spec).
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 import numpy as np
 
-from ariac_score.errors import LogError
-from ariac_score.logs.containers.chunk_buffers import Chunk, Slab, Slabs, entries_of, nothing_to_do, scratch
+from ariac_score.logs.containers.chunk_buffers import Slabs, scratch
+from ariac_score.logs.containers.chunked import ChunkedScan, ChunkHead, Lookahead, MessageHeads
 from ariac_score.logs.containers.inflating import check_announced, inflate_into
 from ariac_score.logs.containers.items import (
-    Batch,
     Bytes,
     Connection,
     IntArray,
-    Message,
-    Payloads,
-    checked_stamp,
+    Item,
     normalised_type,
 )
-from ariac_score.logs.containers.record_index import check_not_crossed, gaps_between, records_at
-from ariac_score.logs.containers.source import MAX_PEEK_BYTES, FileScan, Source
+from ariac_score.logs.containers.record_index import IndexEntries, entries_of, records_at
+from ariac_score.logs.containers.source import MAX_PEEK_BYTES, Source
 
 __all__ = ["MAGIC", "McapScan"]
 
@@ -43,7 +41,6 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _FOOTER_BODY = struct.Struct("<QQI")
 
-_Item = Connection | Message | Batch
 _Body = bytes | memoryview
 
 _MESSAGE_WORDS = np.dtype(
@@ -55,103 +52,51 @@ _MESSAGE_WORDS = np.dtype(
     }
 )
 _LONGEST_COMPRESSION = 64
-_WORTH_LEAVING_OUT_BYTES = 1 << 17
-_LARGE_MESSAGE_BYTES = 1 << 16
-_USUAL_INDEX_BYTES = 1 << 12
 _LATEST_NS = 1 << 63
 
 
-@dataclass(frozen=True, eq=False)
-class _Places:
-    """The messages of a chunk, and in `runs` what lies between them (see `gaps_between`)."""
-
-    buffer: Bytes
-    channels: IntArray
-    stamps_ns: IntArray
-    starts: IntArray
-    ends: IntArray
-    runs: Sequence[tuple[int, int, int, int]]
-
-    @classmethod
-    def of(cls, buffer: Bytes, offsets: IntArray) -> _Places:
-        """Read where the messages at some offsets lie.
-
-        Raises:
-            ValueError: There are other things than whole messages, or messages besides them.
-        """
-        words = records_at(buffer, offsets, _MESSAGE_WORDS)
-        if (words["op"] != _MESSAGE).any() or (words["stamp_ns"] >= _LATEST_NS).any():
-            raise ValueError("there is no message where one should be")
-        sizes = words["size"]
-        if (sizes < _MESSAGE_HEAD.size).any() or (sizes > len(buffer)).any():
-            raise ValueError("a message has a length that it cannot have")
-        starts = offsets + (_RECORD.size + _MESSAGE_HEAD.size)
-        ends = starts + (sizes.astype(np.int64) - _MESSAGE_HEAD.size)
-        runs = tuple(gaps_between(offsets, ends, len(buffer)))
-        if any(op == _MESSAGE for gap, behind, _, _ in runs for op, _ in _ops(buffer.data[gap:behind])):
-            raise ValueError("there are other messages")
-        channels, stamps_ns = words["channel"].astype(np.int64), words["stamp_ns"].astype(np.int64)
-        return cls(buffer, channels, stamps_ns, starts, ends, runs)
-
-
-class McapScan(FileScan):
+class McapScan(ChunkedScan):
     """One MCAP file; see `ariac_score.logs.containers.items.Scan`."""
 
     format = "ROS 2 bag (MCAP)"
+    sender_kind, sender_bytes = "channel", 2
+    message_head_bytes = _MESSAGE_WORDS.itemsize
+    # To look at a small chunk alone takes longer than to inflate it with its neighbours.
+    smallest_left_out_bytes = 1 << 17
 
-    def __init__(self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> None:
-        super().__init__(path)
-        self._jobs, self._topics = jobs, topics
+    def __init__(self, path: Path, **options: Any) -> None:
+        super().__init__(path, **options)
         self._summary: _Summary | None = None
         self._all_declared = False
-        self._deaf: set[int] = set()
-        self._usual_index_bytes = _USUAL_INDEX_BYTES
         self._schemas: dict[int, tuple[str, str, str]] = {}
-        self._channels: dict[int, tuple[tuple[int, str], Connection]] = {}
-        self._messages = 0
+        self._schema_of: dict[int, int] = {}
         self._announced: int | None = None
         # The specification leaves open whether the data section starts at the magic or behind the header.
         self._crc_of_file = self._crc_behind_header = self._crc_of_summary = 0
         self._data_crc_wanted, self._in_summary = True, False
 
-    def __iter__(self) -> Iterator[_Item]:
-        """Every declared connection and message, in recorded order.
+    def _open(self, source: Source) -> None:
+        magic = source.take(min(len(MAGIC), source.size), "magic")
+        if magic != MAGIC:
+            raise source.damaged("the file does not start as an MCAP file does (wrong magic)", at=0)
+        self._data_crc_wanted = _announces_data_crc(source)
+        if self._topics is not None:
+            self._summary = _summary_of(source)
+        self._crc_of_file = crc32(magic)
 
-        Raises:
-            LogError: The file is not whole; see `readable`.
-        """
-        with Source(self.path) as source:
-            self._source = source
-            magic = source.take(min(len(MAGIC), source.size), "magic")
-            if magic != MAGIC:
-                raise source.damaged("the file does not start as an MCAP file does (wrong magic)", at=0)
-            self._data_crc_wanted = _announces_data_crc(source)
-            if self._topics is not None:
-                self._summary = _summary_of(source)
-            self._crc_of_file = crc32(magic)
-            yield from self._records(source)
-            if source.take(len(MAGIC), "closing magic") != MAGIC:
-                raise source.damaged("the file does not end as an MCAP file does (wrong magic)")
-            if source.left:
-                raise source.damaged(f"{source.left} bytes follow the end of the MCAP file")
-            if self._announced is not None and self._announced != self._messages:
-                raise source.damaged(
-                    f"the statistics announce {self._announced} messages, the file holds {self._messages}"
-                )
-            self._reached(source.offset)
+    def _close(self, source: Source) -> None:
+        if source.take(len(MAGIC), "closing magic") != MAGIC:
+            raise source.damaged("the file does not end as an MCAP file does (wrong magic)")
+        if source.left:
+            raise source.damaged(f"{source.left} bytes follow the end of the MCAP file")
+        found = self._found.total()
+        if self._announced is not None and self._announced != found:
+            raise source.damaged(
+                f"the statistics announce {self._announced} messages, the file holds {found}"
+            )
+        self._reached(source.offset)
 
-    def _records(self, source: Source) -> Iterator[_Item]:
-        with Slabs(self._jobs) as slabs:
-            try:
-                yield from self._passed(source, slabs)
-            except LogError:
-                if not self._is_settling:
-                    # What is before the damage counts, and damage in it is told instead.
-                    yield from self._settled(source, slabs.rest())
-                raise
-
-    def _passed(self, source: Source, slabs: Slabs) -> Iterator[_Item]:
-        """Read record by record; chunks are held until their index was read, and inflated meanwhile."""
+    def _records(self, source: Source, slabs: Slabs) -> Iterator[Item]:
         expected: int | None = _HEADER
         while True:
             start = source.offset
@@ -163,7 +108,8 @@ class McapScan(FileScan):
             held = slabs.last
             if op == _CHUNK and length <= source.left:
                 self._add_to_crcs(op, head)
-                yield from self._hold(source, slabs, length, start)
+                read_head = partial(self._chunk_head, source, length)
+                yield from self._enqueue_chunk(source, slabs, read_head, length, start)
                 continue
             what = f"record 0x{op:02x}"
             if op == _MESSAGE_INDEX and held is not None and held.has_room_for(length):
@@ -172,7 +118,7 @@ class McapScan(FileScan):
                 held.add_index(body)
                 held.end = source.offset
                 continue
-            yield from self._settled(source, slabs.rest())
+            yield from self._drained(source, slabs.rest())
             if op == _CHUNK:
                 yield from self._cut_chunk(source, start)
             body = source.take(length, what) if op in _READ else b""
@@ -187,210 +133,109 @@ class McapScan(FileScan):
                 return
             yield from self._outside_chunks(source, op, body, start)
 
-    def _hold(self, source: Source, slabs: Slabs, length: int, start: int) -> Iterator[_Item]:
-        """Read a chunk; its records are inflated and verified on the way."""
-        end = source.offset + length
-        try:
-            head = _ChunkHead.read(source, length)
-            self._add_to_crcs(_CHUNK, head.raw)
-            check_announced(head.size, head.packed)
-            index, behind = self._index_behind(source, end)
-            named = {int.from_bytes(body[:2], "little") for body in index}
-            if self._topics is not None and not named <= self._channels.keys():
-                # They are declared in what was read and not looked at yet.
-                yield from self._settled(source, slabs.rest())
-            large = head.size >= _WORTH_LEAVING_OUT_BYTES
-            unread = self._unread(index, head) if large and self._is_unwanted(index, start) else None
-            if unread is not None:
-                yield from self._settled(source, slabs.rest())
-                yield from self._declare_all(start)
-                self._messages += len(unread)
-                yield unread
-                source.skip(behind - source.offset)
-                self._reached(source.offset)
-                return
-            # What is read later is read piece by piece, of which each is bounded by what it inflates to.
-            held = self._data_crc_wanted or head.packed > head.size
-            packed = head.packed if held and not head.plain else 0
-            yield from self._settled(source, slabs.turn(head.size, packed))
-            left_out = self._left_out(index, head) if large and head.plain else []
-            if left_out:
-                chunk = self._hold_parts(source, slabs, head, left_out, start)
-            else:
-                chunk = slabs.add(head.size, packed, start, lambda room: self._filled(source, head, room))
-            chunk.index, chunk.end = index, behind
-            source.skip(behind - source.offset)
-        except (struct.error, ValueError) as error:
-            yield from self._settled(source, slabs.rest())
-            raise source.damaged(str(error), what="chunk", at=start) from error
+    def _chunk_head(self, source: Source, length: int) -> ChunkHead:
+        """Read the head of a chunk of this length.
 
-    def _filled(self, source: Source, head: _ChunkHead, room: memoryview) -> Callable[[], None]:
-        """Read the records of a chunk; returns the job that completes and verifies them."""
+        Raises:
+            ValueError: It contradicts itself.
+        """
+        what = f"record 0x{_CHUNK:02x}"
+        raw = source.take(min(_CHUNK_HEAD.size + 4, length), what)
+        if len(raw) < _CHUNK_HEAD.size + 4:
+            raise ValueError(f"its head has {len(raw)} bytes")
+        earliest_ns, latest_ns, size, crc = _CHUNK_HEAD.unpack_from(raw)
+        named = int.from_bytes(raw[_CHUNK_HEAD.size :], "little")
+        if named > min(_LONGEST_COMPRESSION, length - len(raw)):
+            raise ValueError(f"a text of {named} bytes is longer than its record")
+        raw += source.take(min(named + 8, length - len(raw)), what)
+        compression, at = _text(raw, _CHUNK_HEAD.size)
+        (packed,) = struct.unpack_from("<Q", raw, at)
+        if packed != length - len(raw):
+            raise ValueError(f"it announces {packed} bytes of records and has {length - len(raw)}")
+        head = ChunkHead(size, packed, compression, (earliest_ns, latest_ns), crc)
+        if head.plain and packed != size:
+            raise ValueError(
+                f"CRC cannot be checked: it holds {packed} bytes instead of the announced {size}"
+            )
+        check_announced(size, packed)
+        self._add_to_crcs(_CHUNK, raw)
+        return head
+
+    def _fill(self, source: Source, head: ChunkHead, room: memoryview) -> Callable[[], None]:
         if not self._data_crc_wanted:
-            return partial(head.fill, room, source.later(head.packed, "chunk"))
+            return partial(_read_and_inflate, head, room, source.later(head.packed, "chunk"))
+        # The checksum of the whole file needs the bytes in their order, so they are read here.
         if head.plain:
             source.take_into(room, "chunk")
             self._add_to_crcs(_CHUNK, room)
             return partial(head.verify, room)
         packed = source.take(head.packed, "chunk")
         self._add_to_crcs(_CHUNK, packed)
-        return partial(head.inflate, room, packed)
+        return partial(_inflate, head, room, packed)
 
-    def _hold_parts(
-        self, source: Source, slabs: Slabs, head: _ChunkHead, left_out: Sequence[tuple[int, int]], start: int
-    ) -> Chunk:
-        """Read a chunk but for large messages that nobody wants."""
-        records = source.offset
-
-        def filled(room: memoryview) -> Callable[[], None]:
-            at = 0
-            for first, last in [*left_out, (head.size, head.size)]:
-                source.take_into(room[at:first], "chunk")
-                source.skip(last - first)
-                at = last
-            return nothing_to_do
-
-        chunk = slabs.add(head.size, 0, start, filled)
-        room = slabs.room_of(chunk)
-
-        def complete() -> None:
-            source.read_at(records, room, "chunk")
-            head.verify(room)
-
-        chunk.complete = complete
-        return chunk
-
-    def _index_behind(self, source: Source, end: int) -> tuple[list[bytes], int]:
-        """The index records behind a chunk, and where they end; none where they are to be read one by one."""
-        found: list[bytes] = []
+    def _index_records(self, ahead: Lookahead) -> Iterator[tuple[bytes, int]]:
         if self._data_crc_wanted:
-            return found, end
-        at, window = 0, source.at(end, self._usual_index_bytes)
+            raise ValueError("the checksum of the whole file needs every record in its order")
+        at = 0
         while True:
-            if at + _RECORD.size > len(window):
-                # It ends here, or more must be looked at.
-                more = source.at(end + len(window), max(len(window), 16 * _USUAL_INDEX_BYTES))
-                if not more or len(window) > MAX_PEEK_BYTES:
-                    return [], end
-                window += more
-                continue
-            op, length = _RECORD.unpack_from(window, at)
+            first = at + _RECORD.size
+            if not ahead.reaches(first):
+                raise ValueError("the file is cut off, or the index is too long")
+            op, length = _RECORD.unpack_from(ahead.bytes, at)
             if op != _MESSAGE_INDEX:
-                # The next one may well be as long; what follows it must be seen to know that it ends.
-                self._usual_index_bytes = at + at // 8 + _USUAL_INDEX_BYTES
-                return found, end + at
-            if length > MAX_PEEK_BYTES:
-                return [], end
-            behind = at + _RECORD.size + length
-            if behind > len(window):
-                window += source.at(end + len(window), behind - len(window) + _USUAL_INDEX_BYTES)
-                if behind > len(window):
-                    return [], end
-            found.append(window[at + _RECORD.size : behind])
-            at = behind
+                return
+            at = first + length
+            if not ahead.reaches(at):
+                raise ValueError("the file is cut off, or the index is too long")
+            yield ahead.bytes[first:at], at
 
-    def _is_unwanted(self, index: Sequence[bytes], start: int) -> bool:
-        """Whether a chunk holds no wanted message, by its index and by the summary.
+    def _is_announced(self, start: int, entries: IndexEntries) -> bool:
+        # What the chunk may declare besides, the summary repeats.
+        channels = frozenset(entries.senders.tolist())
+        return self._summary is not None and self._summary.chunks.get(start) == channels
 
-        What it may declare besides, the summary repeats.
-        """
-        if not index or self._summary is None:
-            return False
-        named = frozenset(int.from_bytes(body[:2], "little") for body in index)
-        return named <= self._deaf and named == self._summary.chunks.get(start)
-
-    def _declare_all(self, start: int) -> Iterator[_Item]:
+    def _declare_all(self) -> Iterator[Connection]:
         """Declare what the summary repeats: a chunk that is left out may be the one that declares it."""
         if self._summary is not None and not self._all_declared:
             self._all_declared = True
             for op, body in self._summary.declarations:
-                yield from self._items(op, body, start)
+                if op == _SCHEMA:
+                    self._declare_schema(body)
+                else:
+                    yield from self._declare_channel(body)
 
-    def _unread(self, index: Sequence[bytes], head: _ChunkHead) -> Batch | None:
-        """What the index says of a chunk that is not read: senders and times, in recorded order.
+    @staticmethod
+    def _entries(indexes: Sequence[Sequence[bytes]]) -> IndexEntries:
+        heads, counts, entries, owners = entries_of(indexes, head=6, words=4)
+        named = [struct.unpack("<HI", head) for head in heads]
+        if any(length != 16 * count for (_, length), count in zip(named, counts.tolist(), strict=True)):
+            raise ValueError("the index is no list of times and offsets")
+        pairs = entries.reshape(-1).view("<u8").reshape(-1, 2)
+        if pairs.max(initial=0) >= _LATEST_NS:
+            raise ValueError("a number is beyond 63 bits")
+        stamps_ns, offsets = pairs.astype(np.int64).T
+        channels = np.array([channel for channel, _ in named], dtype=np.int64)
+        return IndexEntries(np.repeat(channels, counts), stamps_ns, offsets, owners)
 
-        `None` where it cannot be right: then the records are to tell.
-        """
-        try:
-            heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, 0, nothing_to_do, list(index))])
-        except (struct.error, ValueError):
-            return None
-        times, offsets = pairs.T
-        if not len(pairs) or (int(times.min()), int(times.max())) != head.span_ns:
-            return None
-        if int(offsets.max()) >= head.size or len(np.unique(offsets)) != len(offsets):
-            return None
-        channels = np.repeat(np.array(heads, dtype=np.int64), counts)
-        order = np.argsort(pairs[:, 1], kind="stable")
-        nowhere = np.zeros(len(order), dtype=np.int64)
-        nothing = np.zeros(0, dtype=np.uint8)
-        places = _Places(nothing, channels[order], pairs[order, 0], nowhere, nowhere, ())
-        return self._batch_of(places, slice(0, len(order)), np.flatnonzero(np.bincount(channels)))
+    @staticmethod
+    def _message_offsets(records: memoryview) -> IntArray:
+        return np.array([at for op, at in _ops(records) if op == _MESSAGE], dtype=np.int64)
 
-    def _left_out(self, index: Sequence[bytes], head: _ChunkHead) -> list[tuple[int, int]]:
-        """The payloads of large messages that nobody wants, if the index is right: their heads will tell."""
-        if not index or not self._deaf:
-            return []
-        try:
-            heads, counts, pairs, _ = _entries([Chunk(0, 0, 0, head.size, nothing_to_do, list(index))])
-        except (struct.error, ValueError):
-            return []
-        bounds = np.sort(np.append(pairs[:, 1], head.size))
-        if np.diff(bounds).max() < _LARGE_MESSAGE_BYTES:
-            return []
-        deaf = np.repeat(np.isin(np.array(heads, dtype=np.int64), list(self._deaf)), counts)
-        order = np.argsort(pairs[:, 1], kind="stable")
-        offsets = pairs[order, 1]
-        ends = np.append(offsets[1:], head.size)
-        first = offsets + _MESSAGE_WORDS.itemsize
-        chosen = deaf[order] & (ends - first >= _LARGE_MESSAGE_BYTES) & (ends <= head.size)
-        return list(zip(first[chosen].tolist(), ends[chosen].tolist(), strict=True))
+    @staticmethod
+    def _message_heads(buffer: Bytes, offsets: IntArray) -> MessageHeads:
+        words = records_at(buffer, offsets, _MESSAGE_WORDS)
+        if (words["op"] != _MESSAGE).any() or (words["stamp_ns"] >= _LATEST_NS).any():
+            raise ValueError("there is no message where one should be")
+        sizes = words["size"]
+        if (sizes < _MESSAGE_HEAD.size).any() or (sizes > len(buffer)).any():
+            raise ValueError("a message has a length that it cannot have")
+        starts = offsets + _MESSAGE_WORDS.itemsize
+        ends = starts + (sizes.astype(np.int64) - _MESSAGE_HEAD.size)
+        return MessageHeads(
+            words["channel"].astype(np.int64), words["stamp_ns"].astype(np.int64), starts, ends
+        )
 
-    def _settled(self, source: Source, slabs: Iterable[Slab]) -> Iterator[_Item]:
-        """The records of the chunks that are held."""
-        self._is_settling = True  # and stays so where one is damaged: what is behind it does not count
-        for slab in slabs:
-            chunks, failure = slab.finished()
-            batch = self._together(slab, chunks)
-            if batch is not None:
-                self._hands_over(chunks[-1].end)
-                self._messages += len(batch)
-                yield batch
-            else:
-                yield from self._one_by_one(source, slab, chunks)
-            if chunks:
-                self._reached(chunks[-1].end)
-            if failure is not None:
-                at = slab.chunks[len(chunks)].start
-                slab.empty()
-                raise source.damaged(str(failure), what="chunk", at=at) from failure
-        self._is_settling = False
-
-    def _together(self, slab: Slab, chunks: Sequence[Chunk]) -> Batch | None:
-        """All messages of some chunks; `None` where they hold more, or their index is not as it should be."""
-        if not chunks or not all(chunk.index for chunk in chunks):
-            return None
-        try:
-            places = _indexed(slab.buffer, chunks)
-        except (struct.error, ValueError):
-            return None
-        known = np.flatnonzero(np.bincount(places.channels))
-        if len(places.runs) != 1 or not all(key in self._channels for key in known.tolist()):
-            return None
-        return self._batch_of(places, slice(0, len(places.channels)), known)
-
-    def _one_by_one(self, source: Source, slab: Slab, chunks: Sequence[Chunk]) -> Iterator[_Item]:
-        for chunk in chunks:
-            try:
-                if chunk.complete:
-                    chunk.complete()
-                yield from self._chunk(slab, chunk)
-            except (struct.error, ValueError) as error:
-                slab.empty()
-                raise source.damaged(str(error), what="chunk", at=chunk.start) from error
-            self._reached(chunk.end)
-
-    def _outside_chunks(self, source: Source, op: int, body: _Body, start: int) -> Iterator[_Item]:
+    def _outside_chunks(self, source: Source, op: int, body: _Body, start: int) -> Iterator[Item]:
         try:
             yield from self._items(op, body, start)
         except (struct.error, ValueError) as error:
@@ -438,23 +283,16 @@ class McapScan(FileScan):
                 at=start,
             )
 
-    def _items(self, op: int, body: _Body, start: int) -> Iterator[_Item]:
+    def _items(self, op: int, body: _Body, start: int) -> Iterator[Item]:
         if op == _MESSAGE:
-            yield self._message(body, start)
+            channel, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(body)
+            yield self._message(channel, stamp_ns, memoryview(body)[_MESSAGE_HEAD.size :], start)
         elif op == _SCHEMA:
             self._declare_schema(body)
         elif op == _CHANNEL:
             yield from self._declare_channel(body)
         elif op == _STATISTICS:
             (self._announced,) = struct.unpack_from("<Q", body)
-
-    def _message(self, body: _Body, start: int) -> Message:
-        channel, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(body)
-        if channel not in self._channels:
-            raise ValueError(f"a message belongs to channel {channel}, which is not declared before it")
-        checked_stamp(stamp_ns, file=self.path, place=f"message at byte {start}")
-        self._messages += 1
-        return Message(self._channels[channel][1], stamp_ns, memoryview(body)[_MESSAGE_HEAD.size :])
 
     def _declare_schema(self, body: _Body) -> None:
         (key,) = struct.unpack_from("<H", body)
@@ -467,78 +305,29 @@ class McapScan(FileScan):
         key, schema = struct.unpack_from("<HH", body)
         topic, at = _text(body, 4)
         encoding, _ = _text(body, at)
-        if key in self._channels:
-            if self._channels[key][0] != (schema, topic):
+        if key in self._connections:
+            if (self._schema_of[key], self._connections[key].topic) != (schema, topic):
                 raise ValueError(f"channel {key} is declared twice, differently")
             return
         if schema and schema not in self._schemas:
             raise ValueError(f"channel {key} needs schema {schema}, which is not declared before it")
         type_, format_, definition = self._schemas.get(schema, ("", "", ""))
-        connection = Connection(topic, type_, encoding, definition, format_)
-        self._channels[key] = (schema, topic), connection
-        if self._topics is not None and topic not in self._topics:
-            self._deaf.add(key)
-        yield connection
+        self._schema_of[key] = schema
+        yield self._declared(key, Connection(topic, type_, encoding, definition, format_))
 
-    def _chunk(self, slab: Slab, chunk: Chunk) -> Iterator[_Item]:
-        """The records of a chunk: by its index, else by walking them, else one by one."""
-        records = slab.buffer[chunk.first : chunk.last]
-        places = None
-        if chunk.index:
-            try:
-                places = _indexed(records, [replace(chunk, first=0, last=len(records))])
-            except (struct.error, ValueError):
-                self._contradictions += 1
-        if places is None:
-            try:
-                places = _Places.of(records, _walked(records.data))
-            except (struct.error, ValueError):
-                yield from self._records_in_chunk(records.data, chunk.start)
-                return
-        for gap, behind, first, last in places.runs:
-            yield from self._records_in_chunk(records.data[gap:behind], chunk.start)
-            yield from self._batch(places, first, last)
-
-    def _batch(self, places: _Places, first: int, last: int) -> Iterator[_Item]:
-        """Messages that follow each other, up to the first whose channel is not declared."""
-        known = np.flatnonzero(np.bincount(places.channels[first:last]))
-        missing = [key for key in known.tolist() if key not in self._channels]
-        if missing:
-            last = first + int(np.argmax(np.isin(places.channels[first:last], missing)))
-            known = np.flatnonzero(np.bincount(places.channels[first:last]))
-        if last > first:
-            self._messages += last - first
-            yield self._batch_of(places, slice(first, last), known)
-        if missing:
-            raise ValueError(
-                f"a message belongs to channel {int(places.channels[last])}, which is not declared before it"
-            )
-
-    def _batch_of(self, places: _Places, rows: slice, known: IntArray) -> Batch:
-        starts, ends = places.starts[rows], places.ends[rows]
-        if self._deaf:
-            # They may not have been read.
-            deaf = np.zeros(1 << 16, dtype=bool)
-            deaf[list(self._deaf)] = True
-            ends = np.where(deaf[places.channels[rows]], starts, ends)
-        payloads = Payloads(places.buffer, starts, ends)
-        senders = tuple(self._channels[key][1] for key in known.tolist())
-        sources = np.searchsorted(known, places.channels[rows])
-        return Batch(senders, sources, places.stamps_ns[rows], payloads)
-
-    def _cut_chunk(self, source: Source, start: int) -> Iterator[_Item]:
+    def _cut_chunk(self, source: Source, start: int) -> Iterator[Item]:
         """The whole records of a chunk that the file ends in, where it is not compressed."""
         head = source.peek(source.left)
         try:
             compression, at = _text(head, _CHUNK_HEAD.size)
             if not compression:
-                yield from self._records_in_chunk(memoryview(head)[at + 8 :], start)
+                yield from self._items_in_chunk(memoryview(head)[at + 8 :], start)
         except (struct.error, ValueError):
             return  # it ends in the middle of a record: `take` says so
         finally:
             self._readable = f"byte {source.size}"
 
-    def _records_in_chunk(self, records: memoryview, start: int) -> Iterator[_Item]:
+    def _items_in_chunk(self, records: memoryview, start: int) -> Iterator[Item]:
         at = 0
         while at < len(records):
             op, length = _RECORD.unpack_from(records, at)
@@ -623,92 +412,32 @@ def _indexed_chunk(body: bytes) -> tuple[int, frozenset[int]]:
 _CHUNK_INDEX_HEAD_BYTES = 36
 
 
-@dataclass(frozen=True)
-class _ChunkHead:
-    """What stands before the records of a chunk.
+def _read_and_inflate(head: ChunkHead, room: memoryview, read: Callable[[memoryview], None]) -> None:
+    """Read the records of a chunk to where there is room for them, inflated, and verify them.
 
-    Attributes:
-        raw: Its bytes.
-        span_ns: The earliest and the latest log time in it, as it announces them, ns.
-        size: Bytes of its records.
-        announced: Their checksum; 0 without one.
-        compression: By name; empty without one.
-        packed: Bytes of the records as they are in the file.
+    Raises:
+        ValueError: They are damaged.
     """
+    if head.plain:
+        read(room)
+        head.verify(room)
+        return
+    with scratch(head.packed) as packed:
+        read(packed)
+        _inflate(head, room, packed)
 
-    raw: bytes
-    span_ns: tuple[int, int]
-    size: int
-    announced: int
-    compression: str
-    packed: int
 
-    @classmethod
-    def read(cls, source: Source, length: int) -> _ChunkHead:
-        """Read it from the start of a chunk of this length.
+def _inflate(head: ChunkHead, room: memoryview, packed: bytes | memoryview) -> None:
+    """Inflate the records of a chunk to where there is room for them, and verify them.
 
-        Raises:
-            ValueError: It contradicts itself.
-        """
-        what = f"record 0x{_CHUNK:02x}"
-        head = source.take(min(_CHUNK_HEAD.size + 4, length), what)
-        if len(head) < _CHUNK_HEAD.size + 4:
-            raise ValueError(f"its head has {len(head)} bytes")
-        earliest_ns, latest_ns, size, announced = _CHUNK_HEAD.unpack_from(head)
-        named = int.from_bytes(head[_CHUNK_HEAD.size :], "little")
-        if named > min(_LONGEST_COMPRESSION, length - len(head)):
-            raise ValueError(f"a text of {named} bytes is longer than its record")
-        head += source.take(min(named + 8, length - len(head)), what)
-        compression, at = _text(head, _CHUNK_HEAD.size)
-        (packed,) = struct.unpack_from("<Q", head, at)
-        if packed != length - len(head):
-            raise ValueError(f"it announces {packed} bytes of records and has {length - len(head)}")
-        chunk = cls(head, (earliest_ns, latest_ns), size, announced, compression, packed)
-        if chunk.plain and packed != size:
-            raise ValueError(
-                f"CRC cannot be checked: it holds {packed} bytes instead of the announced {size}"
-            )
-        return chunk
-
-    @property
-    def plain(self) -> bool:
-        """Whether its records are not compressed."""
-        return not self.compression
-
-    def fill(self, room: memoryview, read: Callable[[memoryview], None]) -> None:
-        """Read its records to where there is room for them, inflated, and verify them.
-
-        Raises:
-            ValueError: They are damaged.
-        """
-        if self.plain:
-            read(room)
-            self.verify(room)
-            return
-        with scratch(self.packed) as packed:
-            read(packed)
-            self.inflate(room, packed)
-
-    def inflate(self, room: memoryview, packed: bytes | memoryview) -> None:
-        """Inflate its records to where there is room for them, and verify them.
-
-        Raises:
-            ValueError: They are damaged.
-        """
-        try:
-            inflate_into(room, packed, self.compression)
-        except ValueError as error:
-            raise ValueError(f"CRC cannot be checked: {error}") from error
-        self.verify(room)
-
-    def verify(self, records: memoryview) -> None:
-        """Hold the records against the checksum.
-
-        Raises:
-            ValueError: They have another one.
-        """
-        if self.announced and (found := crc32(records)) != self.announced:
-            raise ValueError(f"its CRC is {found:08x}, the file says {self.announced:08x}")
+    Raises:
+        ValueError: They are damaged.
+    """
+    try:
+        inflate_into(room, packed, head.compression)
+    except ValueError as error:
+        raise ValueError(f"CRC cannot be checked: {error}") from error
+    head.verify(room)
 
 
 def _ops(records: memoryview) -> Iterator[tuple[int, int]]:
@@ -718,49 +447,6 @@ def _ops(records: memoryview) -> Iterator[tuple[int, int]]:
         op, length = unpack(records, at)
         yield op, at
         at += _RECORD.size + length
-
-
-def _walked(records: memoryview) -> IntArray:
-    """Where the messages of a chunk are, by walking it."""
-    return np.array([at for op, at in _ops(records) if op == _MESSAGE], dtype=np.int64)
-
-
-def _entries(chunks: Sequence[Chunk]) -> tuple[list[int], IntArray, IntArray, IntArray]:
-    """The channel of each index record and its number of entries; times and offsets, and whose they are.
-
-    Raises:
-        ValueError: An index record holds something else.
-    """
-    heads, counts, entries, owners = entries_of(chunks, head=6, words=4)
-    named = [struct.unpack("<HI", head) for head in heads]
-    if any(length != 16 * count for (_, length), count in zip(named, counts.tolist(), strict=True)):
-        raise ValueError("the index is no list of times and offsets")
-    pairs = entries.reshape(-1).view("<u8").reshape(-1, 2)
-    if pairs.max(initial=0) >= _LATEST_NS:
-        raise ValueError("a number is beyond 63 bits")
-    return [channel for channel, _ in named], counts, pairs.astype(np.int64), owners
-
-
-def _indexed(buffer: Bytes, chunks: Sequence[Chunk]) -> _Places:
-    """Where the messages of chunks that lie side by side are, by their indexes.
-
-    Raises:
-        ValueError: An index contradicts its chunk.
-    """
-    named, counts, pairs, owners = _entries(chunks)
-    times, offsets = pairs.T
-    firsts = np.array([chunk.first for chunk in chunks], dtype=np.int64)
-    lasts = np.array([chunk.last for chunk in chunks], dtype=np.int64)
-    if (offsets >= (lasts - firsts)[owners]).any():
-        raise ValueError("the index leads out of its chunk")
-    offsets = offsets + firsts[owners]
-    channels = np.repeat(np.array(named, dtype=np.int64), counts)
-    order = np.argsort(offsets, kind="stable")
-    places = _Places.of(buffer[: chunks[-1].last], offsets[order])
-    if (places.channels != channels[order]).any() or (places.stamps_ns != times[order]).any():
-        raise ValueError("the index tells other channels or times")
-    check_not_crossed(offsets[order], places.ends, lasts)
-    return places
 
 
 def _text(body: _Body, at: int) -> tuple[str, int]:

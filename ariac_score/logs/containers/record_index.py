@@ -2,15 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.logs.containers.items import Bytes, IntArray
 
-__all__ = ["check_not_crossed", "gaps_between", "records_at"]
+__all__ = ["IndexEntries", "check_not_crossed", "entries_of", "gaps_between", "records_at"]
+
+
+class IndexEntries(NamedTuple):
+    """What the indexes of some chunks say of each message.
+
+    Attributes:
+        senders: Number of its channel or connection, shape (n,).
+        stamps_ns: Its log time, ns, shape (n,).
+        offsets: Where its record starts among the records of its chunk, shape (n,).
+        owners: Which of the chunks it is in, shape (n,).
+    """
+
+    senders: IntArray
+    stamps_ns: IntArray
+    offsets: IntArray
+    owners: IntArray
+
+
+def entries_of(
+    indexes: Sequence[Sequence[bytes]], head: int, words: int
+) -> tuple[list[bytes], IntArray, IntArray, IntArray]:
+    """The entries of all index records of some chunks.
+
+    Args:
+        indexes: What the index records of each chunk hold.
+        head: Bytes before the entries of an index record.
+        words: 32-bit words of an entry.
+
+    Returns:
+        The head of each index record and how many entries it has, shape (k,); the entries,
+        shape (n, words); of each entry the number of its chunk, shape (n,).
+
+    Raises:
+        ValueError: An index record holds something else.
+    """
+    bodies = [body for index in indexes for body in index]
+    sizes = np.array([len(body) - head for body in bodies], dtype=np.int64)
+    if (sizes < 0).any() or (sizes % (4 * words)).any():
+        raise ValueError("the index is no list of entries")
+    counts = sizes // (4 * words)
+    entries = np.frombuffer(b"".join(body[head:] for body in bodies), dtype="<u4").reshape(-1, words)
+    owners = np.repeat(np.arange(len(indexes)), [len(index) for index in indexes])
+    return [body[:head] for body in bodies], counts, entries, np.repeat(owners, counts)
 
 
 def records_at(buffer: Bytes, places: IntArray, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -17,7 +17,7 @@ from ariac_score.errors import LogError
 from ariac_score.logs.containers.items import RE_RECORD
 from ariac_score.logs.containers.ranged import open_log, ranged
 
-__all__ = ["BLOCK_BYTES", "MAX_PEEK_BYTES", "FileScan", "Source"]
+__all__ = ["BLOCK_BYTES", "MAX_PEEK_BYTES", "Source"]
 
 
 BLOCK_BYTES = 1 << 20
@@ -202,42 +202,3 @@ class Source:
             raise self.damaged(
                 f"the file is cut off: {what} needs {count} bytes, {max(self.left, 0)} are there", what=what
             )
-
-
-class FileScan:
-    """What scans of one file share: where they are in it, and how far it was readable.
-
-    Attributes:
-        path: The file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._readable = "byte 0"
-        self._source: Source | None = None
-        self._contradictions = self._done = self._handed_over = 0
-        self._is_settling = False
-
-    def _reached(self, offset: int) -> None:
-        """Take note that everything before this byte was readable."""
-        self._done, self._readable = offset, f"byte {offset}"
-
-    def _hands_over(self, offset: int) -> None:
-        """Take note that what comes now is everything up to this byte."""
-        self._handed_over = offset
-
-    @property
-    def index_contradictions(self) -> int:
-        """How often the index said something else than the records."""
-        return self._contradictions
-
-    @property
-    def readable(self) -> str:
-        """How far reading got."""
-        return self._readable
-
-    @property
-    def share(self) -> float:
-        """The share read, 0 to 1, what was handed over last included."""
-        source = self._source
-        return max(self._done, self._handed_over) / source.size if source and source.size else 0.0
