@@ -123,7 +123,7 @@ def _sqlite(work: Path) -> Seeds:
     yield "moves", write_bag(work / "s.db3", _messages(all_kinds=False), storage="sqlite3").read_bytes()
 
 
-def _sqlite_pages(work: Path) -> Seeds:
+def _sqlite_scan(work: Path) -> Seeds:
     rows = [(i, 1 + i % 2, 10**18 + i, b"%03d" % i * (i % 6)) for i in range(1, 31)]
     for name, more in (("leaves", []), ("chains", [(40, 1, 5, b"z" * 900), (900, 2, 0, b"y" * 1500)])):
         with closing(sqlite3.connect(work / name)) as bag:
@@ -468,7 +468,7 @@ _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "sensor_cost": _sensor_cost,
     "signature": _signatures,
     "sqlite_bag": _sqlite,
-    "sqlite_pages": _sqlite_pages,
+    "sqlite_scan": _sqlite_scan,
     "state_log": _states,
     "stl": _stl,
     "team_config": _teams,

@@ -27,9 +27,8 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.read import find_trial
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.logs.columnar.definitions import parsed_definitions
-from ariac_score.logs.containers import sqlite as sqlite_bag
 from ariac_score.logs.containers.items import Batch, Connection
-from ariac_score.logs.containers.sqlite_pages import Pages, UnusualError
+from ariac_score.logs.containers.sqlite import SqliteScan
 from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import RulesBench
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
@@ -318,27 +317,17 @@ class _Everything:
         return True
 
 
-class _NoPages:
-    """In place of the pages of a file, so that SQLite reads its rows."""
-
-    def __init__(self, _: Path) -> None:
-        raise UnusualError("to compare")
-
-
-def _rows(path: Path, pages: type) -> list[tuple[str, int, bytes]] | None:
+def _rows(path: Path) -> list[tuple[str, int, bytes]] | None:
     """Topic, time and payload of each message of a SQLite file; nothing where it is refused."""
     found: list[tuple[str, int, bytes]] = []
-    usual, sqlite_bag.Pages = sqlite_bag.Pages, pages  # type: ignore[misc, assignment]
     try:
-        for item in sqlite_bag.SqliteScan(path, topics=_Everything()):
+        for item in SqliteScan(path, topics=_Everything()):
             if isinstance(item, Connection):
                 continue
             messages = item.messages() if isinstance(item, Batch) else (item,)
             found += [(m.connection.topic, m.stamp_ns, bytes(m.payload)) for m in messages]
     except (ScoreError, MemoryError):  # SQLite says the latter of some damage, and readers say it on
         return None
-    finally:
-        sqlite_bag.Pages = usual  # type: ignore[misc]
     return found
 
 
@@ -354,13 +343,12 @@ def _selected(path: Path) -> list[tuple[str, int, bytes]] | None:
         return None
 
 
-def _sqlite_pages(folder: Path, raw: bytes) -> None:
-    """Rows taken from the pages of a file, held against the rows that SQLite reads."""
+def _sqlite_scan(folder: Path, raw: bytes) -> None:
+    """Rows in portions, compared with a plain `SELECT`."""
     path = folder / "log.db3"
     path.write_bytes(raw)
-    ours, theirs = _rows(path, Pages), _rows(path, _NoPages)
-    assert theirs is None or ours == theirs
-    assert ours is None or ours == _selected(path)
+    found = _rows(path)
+    assert found is None or found == _selected(path)
 
 
 def _definition(_: Path, raw: bytes) -> None:
@@ -443,7 +431,7 @@ TARGETS: Mapping[str, Target] = {
     "sensor_cost": Target(_reader("sensor_cost", "sensor_cost.txt", "ariac2024"), _TEXT),
     "signature": Target(_signature, (b"untrusted comment: ", b"trusted comment: ", b"RWQ", b"\n", b"=")),
     "sqlite_bag": Target(_reader("rosbag", "log.db3"), _SQL),
-    "sqlite_pages": Target(_sqlite_pages, (b"\x0d\0\0\0", b"\x05\0\0\0", b"\0\0\0\3", b"\x81\1")),
+    "sqlite_scan": Target(_sqlite_scan, (b"\x0d\0\0\0", b"\x05\0\0\0", b"\0\0\0\3", b"\x81\1")),
     "state_log": Target(
         _reader("gazebo", "state.log", "ariac2022"),
         (b"<chunk encoding='txt'>", b"<![CDATA[", b"]]>", b"<sim_time>", b"<pose>", b"<model name='"),

@@ -11,7 +11,7 @@ import pytest
 
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.types import bundled_typestore
-from ariac_score.logs.containers import sqlite_pages
+from ariac_score.logs.containers import sqlite as module
 from ariac_score.logs.containers.items import Batch
 from ariac_score.logs.containers.sqlite import SqliteScan
 from ariac_score.logs.gather.wanted_fields import read_tables
@@ -97,19 +97,18 @@ def test_pictures_that_nobody_wants_are_empty_and_counted(tmp_path: Path) -> Non
     assert values(path) == [1.0, 2.0]
 
 
-@pytest.mark.parametrize("by_pages", [True, False])
-def test_many_rows_come_in_portions_and_in_order(
-    by_pages: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_rows_come_in_portions_and_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     numbers = np.arange(9000) / 4
     path = bag(tmp_path / "t.db3", numbers.tolist(), page=4096)
-    monkeypatch.setattr(sqlite_pages, "_BATCH_BYTES", 200_000)
-    if not by_pages:
-        with closing(sqlite3.connect(path)) as db:
-            db.execute("ALTER TABLE messages ADD COLUMN more TEXT")
 
     assert values(path) == numbers.tolist()
-    assert len([item for item in SqliteScan(path) if isinstance(item, Batch)]) == 2
+    assert portions(path) == [8192, 808]
+    monkeypatch.setattr(module, "_BATCH_BYTES", 120)  # ten messages of 12 bytes reach it, and one exceeds it
+    assert portions(path) == [11] * 818 + [2]
+
+
+def portions(path: Path) -> list[int]:
+    return [len(item) for item in SqliteScan(path) if isinstance(item, Batch)]
 
 
 def test_few_messages_among_pictures_are_copied_whatever_their_order_in_the_file(tmp_path: Path) -> None:

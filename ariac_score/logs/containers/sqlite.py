@@ -1,5 +1,8 @@
 """Scanning the SQLite files of ROS 2 bags, in the order of their rows.
 
+Why not simply `SELECT` the wanted topics? No recorder makes an index by topic, so SQLite would read
+all rows anyway; and a file that is damaged behind the wanted rows would pass for a whole one.
+
 Source: rosbag2_storage_sqlite3, schema versions 1 to 4.
 """
 
@@ -8,8 +11,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
-from itertools import count, islice
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +21,12 @@ from ariac_score.errors import LogError
 from ariac_score.logs.containers.items import (
     Batch,
     Connection,
+    Item,
     Message,
     Payloads,
     checked_stamp,
     normalised_type,
 )
-from ariac_score.logs.containers.sqlite_pages import Pages, UnusualError
 
 __all__ = ["MAGIC", "SqliteScan"]
 
@@ -32,9 +34,8 @@ MAGIC = b"SQLite format 3\0"
 
 _HINT = "take another copy of the file, or record the trial again; a score may not rest on part of a log"
 _TABLES = {"topics": {"id", "name", "type"}, "messages": {"id", "topic_id", "timestamp", "data"}}
-_PLAIN_COLUMNS = [("id", 1, 0), ("topic_id", 0, 0), ("timestamp", 0, 0), ("data", 0, 0)]
-"""Of the table of messages: name, place in the primary key, whether it is hidden."""
-_Item = Connection | Message | Batch
+_Row = tuple[int, Any, Any, Any]
+"""Number, topic, time and payload of a message, as they stand in the file."""
 
 MAX_STEPS = 20_000_000
 STEPS_PER_BYTE = 20
@@ -45,8 +46,6 @@ _SMALLEST_LENGTH = 1_000_000
 
 _BATCH_BYTES = 4 << 20
 _BATCH_ROWS = 8192
-_FEW_ROWS = 64
-"""Rows that are fetched before it is looked at how large they are."""
 
 
 class SqliteScan:
@@ -59,9 +58,7 @@ class SqliteScan:
         self._topics_wanted = topics
         self._readable = "row 0"
         self._rows = self._row = 0
-        self._last: int | None = None
-        self._accounted = False
-        self._topics: dict[int, Connection] = {}
+        self._topics: dict[Any, Connection] = {}
 
     @property
     def readable(self) -> str:
@@ -78,7 +75,7 @@ class SqliteScan:
         """The share read, 0 to 1."""
         return min(max(self._row / self._rows, 0.0), 1.0) if self._rows else 0.0
 
-    def __iter__(self) -> Iterator[_Item]:
+    def __iter__(self) -> Iterator[Item]:
         """Every declared connection and message, in recorded order.
 
         Raises:
@@ -99,10 +96,10 @@ class SqliteScan:
                     bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(self.path.stat().st_size, _SMALLEST_LENGTH))
                 self._check_tables(bag)
                 yield from self._declared(bag)
-                yield from self._messages(bag, intact=not damage)
-                if not damage and (self._topics_wanted is None or not self._accounted):
-                    # Rows are read in their own order, so whether the index agrees does not matter. Where
-                    # each page is accounted for, nothing more is found; but who wants all is told all.
+                yield from self._messages(bag)
+                if not damage:
+                    # Whether the indexes agree with the rows does not matter, so the quick check is enough:
+                    # it finds pages that are lost, used twice, out of order, or not what their lengths say.
                     ((verdict,),) = bag.execute("PRAGMA quick_check(1)")
                     damage = "" if verdict == "ok" else f"SQLite finds it damaged: {verdict}"
         except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError) as error:
@@ -124,6 +121,8 @@ class SqliteScan:
             found = {row[1] for row in bag.execute(f"PRAGMA table_xinfo({table})") if not row[6]}
             if not columns <= found:
                 raise self._error(f"table {table!r} lacks {', '.join(sorted(columns - found))}")
+            if "rowid" in {str(name).lower() for name in found}:
+                raise self._error(f"table {table!r} has a column 'rowid', which hides the order of its rows")
         for (sql,) in bag.execute("SELECT sql FROM sqlite_master WHERE type = 'index' LIMIT 1000"):
             if str(sql or "").count("(") > 1:  # the check of the file would compute it for each row
                 raise self._error("it has an index of computed values, so it is not read")
@@ -140,82 +139,40 @@ class SqliteScan:
             self._topics[key] = connection
             yield connection
 
-    def _messages(self, bag: sqlite3.Connection, *, intact: bool) -> Iterator[_Item]:
-        """All rows: from the pages of the file as long as these are as usual, the others by SQLite."""
-        ((self._rows,),) = bag.execute("SELECT max(rowid) FROM messages").fetchall() or ((0,),)
-        if intact:
-            try:
-                with closing(Pages(self.path)) as pages:
-                    yield from self._from_pages(bag, pages)
-                return
-            except UnusualError:
-                pass
-        yield from self._by_sql(bag)
-
-    def _from_pages(self, bag: sqlite3.Connection, pages: Pages) -> Iterator[Batch]:
-        """The rows that are as recorders write them.
-
-        Raises:
-            UnusualError: Those that come next are not.
-        """
-        columns = [(row[1], row[5], row[6]) for row in bag.execute("PRAGMA table_xinfo(messages)")]
-        # Names are not fetched: one that is damaged does no harm.
-        where = "SELECT rootpage FROM sqlite_master WHERE rootpage > 0 AND name"
-        ((root,),) = bag.execute(f"{where} = 'messages'").fetchall() or ((None,),)
-        others = [page for (page,) in bag.execute(f"{where} <> 'messages'")]
-        numbers = all(isinstance(number, int) for number in (*others, *self._topics))
-        if columns != _PLAIN_COLUMNS or not numbers or not isinstance(root, int):
-            raise UnusualError("its tables have another form")
-        unwanted = [key for key, connection in self._topics.items() if not self._is_wanted(connection)]
-        for rows in pages.rows(root, unwanted):
-            known = np.unique(rows.topics)
-            if int(rows.stamps_ns.min()) < 0 or not self._topics.keys() >= set(known.tolist()):
-                raise UnusualError("a row is no message")
-            senders = tuple(self._topics[key] for key in known.tolist())
-            yield Batch(senders, np.searchsorted(known, rows.topics), rows.stamps_ns, rows.payloads)
-            self._reached(int(rows.numbers[-1]))
-        self._accounted = pages.all_accounted([1, *others])
-
-    def _reached(self, row: int) -> None:
-        self._row, self._readable, self._last = row, f"row {row}", row
-
-    def _by_sql(self, bag: sqlite3.Connection) -> Iterator[_Item]:
-        """The rows behind those that were given already."""
-        wanted = ", ".join(str(key) for key, c in self._topics.items() if self._is_wanted(c))
-        payload = (
-            "data"
-            if self._topics_wanted is None
-            else f"CASE WHEN topic_id IN ({wanted}) THEN data ELSE x'' END"
-        )
-        behind = "" if self._last is None else f"WHERE rowid > {self._last}"
-        cursor = bag.execute(
-            f"SELECT rowid, topic_id, timestamp, {payload} FROM messages {behind} ORDER BY rowid"  # noqa: S608  # numbers
-        )
-        for rows in _fetched(cursor):
+    def _messages(self, bag: sqlite3.Connection) -> Iterator[Item]:
+        ((last,),) = bag.execute("SELECT max(rowid) FROM messages").fetchall() or ((0,),)
+        self._rows = last or 0
+        payload, wanted = "data", list[Any]()
+        if self._topics_wanted is not None:
+            # Payloads that nobody wants are not fetched; the long ones lie on pages of their own.
+            wanted = [key for key, c in self._topics.items() if c.topic in self._topics_wanted]
+            payload = f"CASE WHEN topic_id IN ({', '.join('?' * len(wanted))}) THEN data ELSE x'' END"
+        query = f"SELECT rowid, topic_id, timestamp, {payload} FROM messages ORDER BY rowid"  # noqa: S608  # constants
+        for rows in _portions(bag.execute(query, wanted)):
             batch = self._batch(rows)
             if batch is None:
                 yield from self._one_by_one(rows)
             else:
                 yield batch
-            self._reached(rows.numbers[-1])
+            self._reached(rows[-1][0])
 
-    def _is_wanted(self, connection: Connection) -> bool:
-        return self._topics_wanted is None or connection.topic in self._topics_wanted
+    def _reached(self, row: int) -> None:
+        self._row, self._readable = row, f"row {row}"
 
-    def _batch(self, rows: _Rows) -> Batch | None:
+    def _batch(self, rows: Sequence[_Row]) -> Batch | None:
         """Rows as a batch; `None` when something is wrong with one of them."""
-        stamps_ns = rows.stamps_ns
-        if set(map(type, rows.payloads)) != {bytes} or set(map(type, stamps_ns)) != {int}:
+        _, topics, stamps_ns, payloads = zip(*rows, strict=True)
+        if set(map(type, payloads)) != {bytes} or set(map(type, stamps_ns)) != {int}:
             return None
-        known = {topic: place for place, topic in enumerate(dict.fromkeys(rows.topics))}
+        known = {topic: place for place, topic in enumerate(dict.fromkeys(topics))}
         if min(stamps_ns) < 0 or any(topic not in self._topics for topic in known):
             return None
-        sources = np.fromiter(map(known.__getitem__, rows.topics), np.int64, len(rows.topics))
+        sources = np.fromiter(map(known.__getitem__, topics), np.int64, len(topics))
         senders = tuple(self._topics[topic] for topic in known)
-        return Batch(senders, sources, np.array(stamps_ns, dtype=np.int64), Payloads.joined(rows.payloads))
+        return Batch(senders, sources, np.array(stamps_ns, dtype=np.int64), Payloads.joined(payloads))
 
-    def _one_by_one(self, rows: _Rows) -> Iterator[Message]:
-        for row, topic, stamp_ns, payload in rows.each():
+    def _one_by_one(self, rows: Sequence[_Row]) -> Iterator[Message]:
+        for row, topic, stamp_ns, payload in rows:
             if topic not in self._topics:
                 raise self._error(
                     f"a message belongs to topic {topic!r}, which is not declared", f"row {row}"
@@ -233,54 +190,25 @@ def _patience(size: int) -> Callable[[], bool]:
     return lambda: next(left) <= 0
 
 
-@dataclass
-class _Rows:
-    """Some rows of the table of messages, by column; what is in them has not been looked at."""
+def _portions(cursor: sqlite3.Cursor) -> Iterator[list[_Row]]:
+    """The rows in portions of some MB; those before a damaged one come before the error.
 
-    numbers: list[int] = field(default_factory=list)
-    topics: list[Any] = field(default_factory=list)
-    stamps_ns: list[Any] = field(default_factory=list)
-    payloads: list[Any] = field(default_factory=list)
-
-    def add(self, rows: Sequence[tuple[int, Any, Any, Any]]) -> int:
-        """Take some more; returns how large their payloads are."""
-        numbers, topics, stamps_ns, payloads = zip(*rows, strict=True)
-        self.numbers += numbers
-        self.topics += topics
-        self.stamps_ns += stamps_ns
-        self.payloads += payloads
-        try:
-            return sum(map(len, payloads))
-        except TypeError:
-            return 0  # something that is no bytes, which is told later
-
-    def each(self) -> Iterator[tuple[int, Any, Any, Any]]:
-        """Row by row."""
-        return zip(self.numbers, self.topics, self.stamps_ns, self.payloads, strict=True)
-
-
-def _fetched(cursor: sqlite3.Cursor) -> Iterator[_Rows]:
-    """The rows in portions of some MB; those before a damaged one come before the error."""
-    rows, size, failure = _Rows(), 0, None
-    some: list[tuple[int, Any, Any, Any]] = []
+    Not by `fetchmany`, which loses the rows that it fetched before it failed.
+    """
+    rows, size = list[_Row](), 0
     try:
-        while True:
-            some = []
-            some.extend(islice(cursor, _FEW_ROWS))
-            if not some:
-                break
-            size += rows.add(some)
-            if size > _BATCH_BYTES or len(rows.numbers) >= _BATCH_ROWS:
+        for row in cursor:
+            rows.append(row)
+            size += len(row[3]) if isinstance(row[3], bytes) else 0
+            if size > _BATCH_BYTES or len(rows) >= _BATCH_ROWS:
                 yield rows
-                rows, size = _Rows(), 0
-    except (sqlite3.Error, OverflowError) as error:
-        failure = error
-        if some:
-            rows.add(some)
-    if rows.numbers:
+                rows, size = [], 0
+    except (sqlite3.Error, OverflowError):
+        if rows:
+            yield rows
+        raise
+    if rows:
         yield rows
-    if failure is not None:
-        raise failure
 
 
 def _definitions(bag: sqlite3.Connection) -> dict[str, tuple[str, str]]:
