@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol, runtime_checkable
 
 from ariac_score.errors import LogError, MissingSignalError
+from ariac_score.trial import quaternions
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.signals import LARGEST_VALUE, Signal
@@ -51,8 +52,7 @@ class Pose:
     def __post_init__(self) -> None:
         if not all(abs(v) <= LARGEST_VALUE for v in (*self.position_m, *self.orientation_wxyz)):
             raise ValueError("a pose must be finite, and near enough to compute with")
-        w, x, y, z = self.orientation_wxyz
-        if not 0 < w * w + x * x + y * y + z * z < math.inf:
+        if not 0 < quaternions.dot(self.orientation_wxyz, self.orientation_wxyz) < math.inf:
             raise ValueError("a quaternion of norm 0, or of one beyond all numbers, is no orientation")
 
     @classmethod
@@ -61,25 +61,43 @@ class Pose:
 
         Source: rulebooks 2017-2022, order poses.
         """
-        (sr, cr), (sp, cp), (sy, cy) = ((math.sin(a / 2), math.cos(a / 2)) for a in rpy_rad)
-        return cls(
-            position_m,
-            (
-                cr * cp * cy + sr * sp * sy,
-                sr * cp * cy - cr * sp * sy,
-                cr * sp * cy + sr * cp * sy,
-                cr * cp * sy - sr * sp * cy,
-            ),
-        )
+        return cls(position_m, quaternions.from_rpy(rpy_rad))
 
     @property
     def yaw_rad(self) -> float:
         """Rotation about z as Gazebo's maths library extracts it, in rad."""
-        w, x, y, z = self.orientation_wxyz
-        # Added up by hand: `sum` rounds differently from Python 3.12 on.
-        norm = math.sqrt(w * w + x * x + y * y + z * z)
-        w, x, y, z = w / norm, x / norm, y / norm, z / norm
-        return math.atan2(2 * (x * y + w * z), w * w + x * x - y * y - z * z)
+        return quaternions.yaw(self.orientation_wxyz)
+
+    @property
+    def up_axis(self) -> tuple[float, float, float]:
+        """The thing's own vertical axis in the frame of its tray, of length 1."""
+        return quaternions.up_axis(self.orientation_wxyz)
+
+    def normalised(self) -> Pose:
+        """The same pose with a quaternion of norm 1."""
+        return Pose(self.position_m, quaternions.unit(self.orientation_wxyz))
+
+    def quaternion_dot(self, other: Pose) -> float:
+        """Absolute dot product of the two quaternions as recorded."""
+        return abs(quaternions.dot(self.orientation_wxyz, other.orientation_wxyz))
+
+    def rotation_to(self, other: Pose) -> float:
+        """The angle of the whole rotation that takes this orientation to the other, in rad, 0 to pi."""
+        return quaternions.angle(self.orientation_wxyz, other.orientation_wxyz)
+
+    def seen_from(self, frame: Pose) -> Pose:
+        """This pose in the frame of another, both given in one frame.
+
+        >>> turned = Pose.from_rpy((1.0, 1.0, 0.0), (0.0, 0.0, math.pi / 2))
+        >>> [round(v, 9) + 0.0 for v in Pose((1.0, 3.0, 0.5)).seen_from(turned).position_m]
+        [2.0, 0.0, 0.5]
+        """
+        back = quaternions.conjugate(quaternions.unit(frame.orientation_wxyz))
+        (x, y, z), (fx, fy, fz) = self.position_m, frame.position_m
+        return Pose(
+            quaternions.turned((x - fx, y - fy, z - fz), back),
+            quaternions.product(back, quaternions.unit(self.orientation_wxyz)),
+        )
 
 
 @dataclass(frozen=True)

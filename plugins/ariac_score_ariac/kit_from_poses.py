@@ -29,7 +29,7 @@ from ariac_score import (
     TrayMatch,
 )
 
-__all__ = ["KitPoses", "KitsOfModels", "is_followed", "part_type", "product_type", "relative_pose"]
+__all__ = ["KitPoses", "KitsOfModels", "is_followed", "part_type", "product_type"]
 
 _TYPES = ("battery", "pump", "sensor", "regulator")
 _COLORS = ("red", "green", "blue", "orange", "purple")
@@ -65,41 +65,6 @@ def part_type(name: str) -> str:
     kind = next((kind for kind in _TYPES if kind in name), "")
     color = next((color for color in _COLORS if color in name), "")
     return f"{kind}_{color}" if kind and color else ""
-
-
-def relative_pose(frame: Pose, thing: Pose) -> Pose:
-    """A pose in the frame of another, both given in one frame.
-
-    >>> turned = Pose.from_rpy((1.0, 1.0, 0.0), (0.0, 0.0, math.pi / 2))
-    >>> [round(v, 9) + 0.0 for v in relative_pose(turned, Pose((1.0, 3.0, 0.5))).position_m]
-    [2.0, 0.0, 0.5]
-    """
-    w, x, y, z = _unit(frame.orientation_wxyz)
-    back = (w, -x, -y, -z)
-    (fx, fy, fz), (tx, ty, tz) = frame.position_m, thing.position_m
-    offset = (0.0, tx - fx, ty - fy, tz - fz)
-    _, rx, ry, rz = _hamilton(_hamilton(back, offset), (w, x, y, z))
-    return Pose((rx, ry, rz), _hamilton(back, _unit(thing.orientation_wxyz)))
-
-
-_Quaternion = tuple[float, float, float, float]
-
-
-def _unit(q: _Quaternion) -> _Quaternion:
-    w, x, y, z = q
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    return w / norm, x / norm, y / norm, z / norm
-
-
-def _hamilton(p: _Quaternion, q: _Quaternion) -> _Quaternion:
-    a, b, c, d = p
-    e, f, g, h = q
-    return (
-        a * e - b * f - c * g - d * h,
-        a * f + b * e + c * h - d * g,
-        a * g - b * h + c * e + d * f,
-        a * h + b * g - c * f + d * e,
-    )
 
 
 def is_followed(name: str, kits: KitMap) -> bool:
@@ -213,7 +178,7 @@ class KitPoses:
         lying = []
         for product in self._products:
             if product.exists(frame):
-                pose = relative_pose(base, product.pose(frame))
+                pose = product.pose(frame).seen_from(base)
                 if footprint.holds(pose.position_m):
                     lying.append(Product(_type_of(product.model, self._kits), pose, name=product.model))
         return Kit(place, t_s, _in_known_order(lying, faults), found, faults)
@@ -224,7 +189,7 @@ class KitPoses:
         for track in self._tracks:
             if fnmatchcase(track.name, tray.loose) and track.exists(frame):
                 pose = track.pose(frame)
-                on_base = relative_pose(base, pose)
+                on_base = pose.seen_from(base)
                 if tray.footprint.holds(on_base.position_m):
                     name = track.model if self._kits.names == "part" else product_type(track.model)
                     found.append((name, pose, on_base))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Limit, Order, Pose, Product, Task, Trial, WantedProduct
-from ariac_score_ariac.tasks.poses import best_total, rotation_between
+from ariac_score_ariac.tasks.poses import best_total
 from ariac_score_ariac.tasks.quadrants import Sight, not_judged, part_of, sight, tasks_of
 
 KINDS = ("assembly", "combined")
@@ -186,13 +186,12 @@ class InsertedPart:
         (wx, wy, wz), (fx, fy, fz) = wanted.position_m, found.position_m
         dx, dy, dz = fx - wx, fy - wy, fz - wz
         distance_m = math.sqrt(dx * dx + dy * dy + dz * dz)
-        (a, b, c, d), (e, f, g, h) = wanted.orientation_wxyz, found.orientation_wxyz
         limits = [Limit("distance", distance_m, "m", at_most=self.max_distance_m)]
         if self.min_quaternion_dot is not None:
-            dot = abs(a * e + b * f + c * g + d * h)
+            dot = wanted.quaternion_dot(found)
             limits.append(Limit("quaternion dot", dot, "1", at_least=self.min_quaternion_dot))
         if self.max_rotation_rad is not None:
-            rotation_rad = rotation_between(wanted, found)
+            rotation_rad = wanted.rotation_to(found)
             limits.append(Limit("rotation", rotation_rad, "rad", at_most=self.max_rotation_rad))
         return tuple(limits)
 

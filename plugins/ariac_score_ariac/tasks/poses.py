@@ -47,56 +47,15 @@ class PoseError:
         product, yaw is read from a normalised copy.
         """
         dx, dy = (d - w for w, d in zip(wanted.position_m[:2], delivered.position_m[:2], strict=True))
-        dot = _dot(wanted.orientation_wxyz, delivered.orientation_wxyz)
-        cosine = _dot(_up(wanted), _up(delivered))
+        (a, b, c), (d, e, f) = wanted.up_axis, delivered.up_axis
+        cosine = a * d + b * e + c * f
         return cls(
             math.sqrt(dx * dx + dy * dy),
-            abs(dot),
+            wanted.quaternion_dot(delivered),
             abs(delivered.yaw_rad - wanted.yaw_rad),
             math.acos(min(1.0, max(-1.0, cosine))),
-            rotation_between(wanted, delivered),
+            wanted.rotation_to(delivered),
         )
-
-
-def rotation_between(wanted: Pose, delivered: Pose) -> float:
-    """The angle of the whole rotation that takes one orientation to the other, in rad, 0 to pi.
-
-    By the arctangent, which keeps small angles that an arccosine near 1 would lose.
-
-    >>> rotation_between(Pose((0, 0, 0)), Pose((0, 0, 0), (0.0, 0.0, 0.0, -2.0))) == math.pi
-    True
-    """
-    (a, b, c, d), (e, f, g, h) = wanted.orientation_wxyz, delivered.orientation_wxyz
-    scalar = a * e + b * f + c * g + d * h
-    i = a * f - b * e - c * h + d * g
-    j = a * g + b * h - c * e - d * f
-    k = a * h - b * g + c * f - d * e
-    return 2.0 * math.atan2(math.sqrt(i * i + j * j + k * k), abs(scalar))
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    """Scalar product, added up left to right as the simulator does.
-
-    Not by `sum`: from Python 3.12 on it rounds differently, which would decide at a limit.
-    """
-    total = 0.0
-    for x, y in zip(a, b, strict=True):
-        total += x * y
-    return total
-
-
-def _up(pose: Pose) -> tuple[float, float, float]:
-    """The part's own vertical axis in the tray frame."""
-    norm = math.sqrt(_dot(pose.orientation_wxyz, pose.orientation_wxyz))
-    w, x, y, z = (v / norm for v in pose.orientation_wxyz)
-    return 2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z
-
-
-def _normalised(pose: Pose) -> Pose:
-    """The pose with a quaternion of norm 1, divided as the simulator's maths library does."""
-    norm = math.sqrt(_dot(pose.orientation_wxyz, pose.orientation_wxyz))
-    w, x, y, z = pose.orientation_wxyz
-    return Pose(pose.position_m, (w / norm, x / norm, y / norm, z / norm))
 
 
 @dataclass(frozen=True)
@@ -127,7 +86,7 @@ class PoseTest:
 
     def error(self, wanted: Pose, delivered: Pose) -> PoseError:
         """The error of a delivered pose as this test sees it."""
-        return PoseError.between(wanted, _normalised(delivered) if self.normalise_delivered else delivered)
+        return PoseError.between(wanted, delivered.normalised() if self.normalise_delivered else delivered)
 
     def limits(self, error: PoseError) -> tuple[Limit, ...]:
         """The errors against their limits."""

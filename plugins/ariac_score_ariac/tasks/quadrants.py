@@ -45,14 +45,6 @@ def quadrant_of(pose: Pose) -> int:
     return (1 if x < 0 else 2) if y >= 0 else (3 if x < 0 else 4)
 
 
-def up_axis(pose: Pose) -> tuple[float, float, float]:
-    """The part's own vertical axis in the frame of the tray."""
-    w, x, y, z = pose.orientation_wxyz
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    w, x, y, z = w / norm, x / norm, y / norm, z / norm
-    return 2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z
-
-
 def angle_to_vertical(vector: tuple[float, float, float]) -> float:
     """The angle between a vector and the vertical, in rad; that of no vector at all is the largest.
 
@@ -298,7 +290,7 @@ class QuadrantPart:
 
     def tilt_rad(self, pose: Pose) -> float:
         """The angle that decides whether a part is flipped, in rad."""
-        x, y, z = up_axis(pose)
+        x, y, z = pose.up_axis
         if self.flip_vector == "axis_and_position":
             px, py, pz = pose.position_m
             x, y, z = px + x, py + y, pz + z

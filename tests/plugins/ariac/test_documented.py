@@ -37,7 +37,7 @@ from ariac_score_ariac.tasks import (
     PositiveSensorCost,
     TrayRight,
 )
-from ariac_score_ariac.tasks.poses import PoseError, best_total, rotation_between
+from ariac_score_ariac.tasks.poses import PoseError, best_total
 
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
 INCONCLUSIVE, NOT_APPLICABLE = Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE
@@ -88,7 +88,7 @@ def test_the_whole_rotation_counts_whatever_its_axis(axis: str, angle_rad: float
 @pytest.mark.parametrize("angle_rad", [0.1, 0.2617993877991494, 1.0, 3.0])
 def test_a_rotation_of_exactly_the_limit_is_within_and_the_next_number_is_not(angle_rad: float) -> None:
     pose = turned(roll=angle_rad / 2, yaw=angle_rad)
-    rotation_rad = rotation_between(ORIGIN, pose)
+    rotation_rad = ORIGIN.rotation_to(pose)
     of = trial(order((RED, ORIGIN)), Product(RED, pose))
 
     assert verdicts(replace(WITHIN, max_rotation_rad=rotation_rad), of) == [SATISFIED]
@@ -103,11 +103,11 @@ def test_a_distance_of_exactly_three_centimetres_is_within_and_the_next_number_i
 
 @pytest.mark.parametrize("angle_rad", [1e-9, 1e-4, 0.1, 1.5, 3.1])
 def test_small_and_large_rotations_keep_their_digits(angle_rad: float) -> None:
-    assert rotation_between(ORIGIN, turned(yaw=angle_rad)) == pytest.approx(angle_rad, rel=1e-12)
+    assert ORIGIN.rotation_to(turned(yaw=angle_rad)) == pytest.approx(angle_rad, rel=1e-12)
 
 
 def test_a_turn_of_more_than_half_a_circle_is_the_short_way_round() -> None:
-    assert rotation_between(ORIGIN, turned(yaw=2 * math.pi - 0.05)) == pytest.approx(0.05, rel=1e-9)
+    assert ORIGIN.rotation_to(turned(yaw=2 * math.pi - 0.05)) == pytest.approx(0.05, rel=1e-9)
 
 
 quaternions = st.tuples(*[st.floats(-1, 1) for _ in range(4)]).filter(lambda q: sum(v * v for v in q) > 1e-3)
@@ -121,11 +121,11 @@ def test_the_rotation_is_symmetric_and_knows_no_sign_or_norm(
     w, x, y, z = second
     scaled = Pose((0.0, 0.0, 0.0), (-w * scale, -x * scale, -y * scale, -z * scale))
 
-    angle = rotation_between(a, b)
+    angle = a.rotation_to(b)
 
     assert 0 <= angle <= math.pi
-    assert rotation_between(b, a) == pytest.approx(angle, abs=1e-9)
-    assert rotation_between(a, scaled) == pytest.approx(angle, abs=1e-9)
+    assert b.rotation_to(a) == pytest.approx(angle, abs=1e-9)
+    assert a.rotation_to(scaled) == pytest.approx(angle, abs=1e-9)
     assert PoseError.between(a, b).rotation_rad == angle
 
 
@@ -327,7 +327,7 @@ def test_fifteen_degrees_are_within_and_a_little_more_is_not(axis: str) -> None:
 def test_exactly_the_measured_rotation_is_within() -> None:
     pose = turned(roll=0.2, yaw=0.1)
     of = trial(BATTERY, Product("battery_red", pose))
-    rotation_rad = rotation_between(ORIGIN, pose)
+    rotation_rad = ORIGIN.rotation_to(pose)
 
     assert verdicts(replace(slot("pose"), max_rotation_rad=rotation_rad), of) == [SATISFIED]
     below = float(np.nextafter(rotation_rad, 0))
