@@ -11,15 +11,13 @@ from ariac_score.batch.address import contents_of, too_large
 from ariac_score.batch.remote import Storage, Stored, name_of, shown, signature_of_stored
 from ariac_score.batch.tasks import Task
 from ariac_score.errors import ScoreError
-from ariac_score.logs.containers import mcap_ranges, ros1_ranges
+from ariac_score.logs.containers.chunk_ranges import INDEXED, foresee
 from ariac_score.logs.containers.inflating import LARGEST_FILE_BYTES
 from ariac_score.logs.containers.ranged import RangedFile, reading
 
 __all__ = ["Near", "bring", "mode_of", "name_below", "still_the_same"]
 
 _WORTH_PARTS_BYTES = 1 << 20
-_FORESEEN = {".mcap": mcap_ranges.foresee, ".bag": ros1_ranges.foresee}
-"""Of the formats with an index: fetches what will be read, and says whether that is much less than all."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +111,7 @@ def _in_parts(
     storage: Storage, file: Stored, into: Path, topics: Container[str] | None, parts: list[RangedFile]
 ) -> bool:
     """Fetch one file in parts, where that is wanted, can be done, and pays; whether it was."""
-    foresee = _FORESEEN.get(into.suffix)
-    if topics is not None and foresee is not None and file.size >= _WORTH_PARTS_BYTES:
+    if topics is not None and into.suffix in INDEXED and file.size >= _WORTH_PARTS_BYTES:
         try:
             found = storage.ranges(file, into)
             if found is not None and foresee(found, topics):

@@ -582,7 +582,7 @@ def test_a_connection_that_breaks_in_the_middle_of_parts_is_no_damaged_log(web: 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Storage, "_parts", breaks)
         patch.setattr(remote.Storage, "fetch", lambda *_: pytest.fail("it is not fetched whole"))
-        patch.setitem(near._FORESEEN, ".mcap", lambda file, _topics: file.have([(0, 64)]) is None)
+        patch.setattr(near, "foresee", lambda file, _topics: file.have([(0, 64)]) is None)
         done = one(f"{web.url}/run.mcap", ranges=True)
 
     assert document(done)["outcome"] == "unreachable"

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.types import bundled_typestore
-from ariac_score.logs.containers import source as salvage
+from ariac_score.logs.containers import inflating
 from ariac_score.logs.containers.folder import FolderScan
 from ariac_score.logs.containers.inflating import inflate
 from ariac_score.logs.gather.wanted_fields import read_tables
@@ -92,24 +92,24 @@ def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path: Path, monkeypatch: py
 
     with pytest.raises(LogError, match="more than 67108864 bytes"):
         list(FolderScan(folder))
-    monkeypatch.setattr(salvage, "MOST_INFLATION", 1 << 20)
+    monkeypatch.setattr(inflating, "MOST_INFLATION", 1 << 20)
     with pytest.raises(LogError, match="wrong magic"):
         list(FolderScan(folder))
 
 
 def test_the_ratio_counts_only_where_much_is_announced() -> None:
-    salvage.check_announced(1 << 26, 10)
-    salvage.check_announced((1 << 26) + 1, (1 << 17))
+    inflating.check_announced(1 << 26, 10)
+    inflating.check_announced((1 << 26) + 1, (1 << 17))
     with pytest.raises(ValueError, match="1000 times"):
-        salvage.check_announced((1 << 26) + 1, (1 << 26) // 1000)
+        inflating.check_announced((1 << 26) + 1, (1 << 26) // 1000)
 
 
 def test_a_limit_of_the_environment_must_be_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ARIAC_SCORE_MOST_INFLATION", "many")
     with pytest.raises(LogError, match="'many'"):
-        salvage._limit("ARIAC_SCORE_MOST_INFLATION", 5)
+        inflating._limit("ARIAC_SCORE_MOST_INFLATION", 5)
     monkeypatch.setenv("ARIAC_SCORE_MOST_INFLATION", "7")
-    assert salvage._limit("ARIAC_SCORE_MOST_INFLATION", 5) == 7
+    assert inflating._limit("ARIAC_SCORE_MOST_INFLATION", 5) == 7
 
 
 def test_messages_are_counted_over_all_files(tmp_path: Path) -> None:

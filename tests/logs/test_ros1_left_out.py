@@ -14,10 +14,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ariac_score.errors import LogError
+from ariac_score.logs.containers.chunk_ranges import foresee
 from ariac_score.logs.containers.items import Batch, Message
 from ariac_score.logs.containers.ranged import RangedFile, reading
 from ariac_score.logs.containers.ros1 import Ros1Scan
-from ariac_score.logs.containers.ros1_ranges import foresee
 from ariac_score.logs.containers.source import Source
 from ariac_score.logs.gather.wanted_fields import read_tables
 from ariac_score.testing.bags import Recorded, write_bag

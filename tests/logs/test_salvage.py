@@ -27,7 +27,7 @@ from hypothesis.strategies import binary, integers
 
 from ariac_score.checks.contracts import Wanted
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs.containers import source as salvage
+from ariac_score.logs.containers import inflating
 from ariac_score.logs.containers import sqlite as sqlite_bag
 from ariac_score.logs.containers.inflating import LARGEST_INFLATED_BYTES, inflate, inflate_into
 from ariac_score.logs.containers.items import Batch, normalised_type
@@ -546,7 +546,7 @@ def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
     if request.param == "cramjam":
         pytest.importorskip("cramjam")
     else:
-        monkeypatch.setattr(salvage, "_cramjam", lambda: None)
+        monkeypatch.setattr(inflating, "_cramjam", lambda: None)
     return str(request.param)
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import struct
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -45,6 +45,7 @@ __all__ = [
     "ChunkedScan",
     "Lookahead",
     "MessageHeads",
+    "Outline",
 ]
 
 LARGE_MESSAGE_BYTES = 1 << 16
@@ -102,6 +103,21 @@ class MessageHeads:
     stamps_ns: IntArray
     starts: IntArray
     ends: IntArray
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What the end of a file says is in it.
+
+    Attributes:
+        topics: Of each channel or connection.
+        chunks: Those with messages in each chunk, by its start.
+        declares_all: Whether it declares them as well as the chunks do.
+    """
+
+    topics: Mapping[int, str]
+    chunks: Mapping[int, Collection[int]]
+    declares_all: bool
 
 
 class Lookahead:
@@ -205,6 +221,24 @@ class ChunkedScan(ABC):
 
         Raises:
             ValueError: They had better be read one by one.
+        """
+
+    @abstractmethod
+    def outline(self, source: Source) -> Outline | None:
+        """What the end of the file says, for whoever foresees what a scan reads; `None`: all of it.
+
+        Raises:
+            LogError: The file is damaged.
+            ValueError: So it is.
+        """
+
+    @abstractmethod
+    def chunk_at(self, source: Source, start: int) -> ChunkHead:
+        """Read the head of a chunk, and move on to its records.
+
+        Raises:
+            LogError: The file ends before.
+            ValueError: There is none.
         """
 
     @abstractmethod
@@ -391,6 +425,13 @@ class ChunkedScan(ABC):
         large = np.flatnonzero((ends - firsts >= LARGE_MESSAGE_BYTES) & (ends <= head.size))
         chosen = large[np.isin(entries.senders[order[large]], list(self._unwanted))]
         return list(zip(firsts[chosen].tolist(), ends[chosen].tolist(), strict=True))
+
+    def left_out_of(
+        self, source: Source, head: ChunkHead, end: int, unwanted: set[int]
+    ) -> list[tuple[int, int]]:
+        """What is not read of a chunk that ends here once its senders are known."""
+        self._unwanted = unwanted
+        return self._left_out(self._index_behind(source, end)[0], head)
 
     def _enqueue_parts(
         self, source: Source, slabs: Slabs, head: ChunkHead, left_out: Sequence[tuple[int, int]], start: int

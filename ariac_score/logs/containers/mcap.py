@@ -16,7 +16,7 @@ from zlib import crc32
 import numpy as np
 
 from ariac_score.logs.containers.chunk_buffers import Slabs, scratch
-from ariac_score.logs.containers.chunked import ChunkedScan, ChunkHead, Lookahead, MessageHeads
+from ariac_score.logs.containers.chunked import ChunkedScan, ChunkHead, Lookahead, MessageHeads, Outline
 from ariac_score.logs.containers.inflating import check_announced, inflate_into
 from ariac_score.logs.containers.items import (
     Bytes,
@@ -188,6 +188,24 @@ class McapScan(ChunkedScan):
             if not ahead.reaches(at):
                 raise ValueError("the file is cut off, or the index is too long")
             yield ahead.bytes[first:at], at
+
+    def outline(self, source: Source) -> Outline | None:
+        """What the summary says; `None`: nothing, or everything is read."""
+        self._open(source)
+        if self._summary is None or self._data_crc_wanted or not self._summary.chunks:
+            return None
+        for _ in self._declare_all():
+            pass
+        topics = {channel: connection.topic for channel, connection in self._connections.items()}
+        return Outline(topics, self._summary.chunks, declares_all=True)
+
+    def chunk_at(self, source: Source, start: int) -> ChunkHead:
+        """Read the head of a chunk, and move on to its records."""
+        source.skip(start - source.offset)
+        op, length = _RECORD.unpack(source.take(_RECORD.size, "chunk"))
+        if op != _CHUNK or length > source.left:
+            raise ValueError("there is no chunk where one should be")
+        return self._chunk_head(source, length)
 
     def _is_announced(self, start: int, entries: IndexEntries) -> bool:
         # What the chunk may declare besides, the summary repeats.

@@ -27,7 +27,6 @@ _GAP_BYTES = 1 << 15
 """What lies so close together is fetched in one go: a request takes as long as some 100 kB."""
 _TOGETHER_BYTES = 1 << 25
 _ALONE_BYTES = 1 << 16
-_LARGEST_LOOK_BYTES = 1 << 26
 _WORTH_IT = 0.75
 
 
@@ -100,21 +99,6 @@ class RangedFile:
         except Exception as failure:
             self.failure = failure  # whatever becomes of it on its way through a reader
             raise
-
-    def bytes_at(self, start: int, end: int) -> bytes:
-        """Some bytes, for whoever foresees which others will be read.
-
-        Raises:
-            ValueError: They lie outside of the file, or are more than anybody should look at.
-            OSError: They cannot be had, or written.
-        """
-        if not 0 <= start <= end <= self.size or end - start > _LARGEST_LOOK_BYTES:
-            raise ValueError("a place outside the file")
-        if self.missing([(start, end)]):
-            self.have([(start, end)])
-        with self.path.open("rb") as source:
-            source.seek(start)
-            return source.read(end - start)
 
     def pays(self, ranges: Iterable[Range]) -> bool:
         """Whether with some more ranges it would still be much less than the whole."""

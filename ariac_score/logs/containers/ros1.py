@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ariac_score.logs.containers.chunk_buffers import Slabs, nothing_to_do
-from ariac_score.logs.containers.chunked import ChunkedScan, ChunkHead, Lookahead, MessageHeads
+from ariac_score.logs.containers.chunked import ChunkedScan, ChunkHead, Lookahead, MessageHeads, Outline
 from ariac_score.logs.containers.inflating import check_announced, inflate_into
 from ariac_score.logs.containers.items import (
     Bytes,
@@ -197,8 +197,25 @@ class Ros1Scan(ChunkedScan):
                 return
             yield connection + ahead.bytes[first:at], at
 
+    def outline(self, source: Source) -> Outline | None:
+        """What the end of the bag says; `None`: nothing, or everything is read."""
+        self._open(source)
+        if self._contents is None or not self._contents.chunks:
+            return None
+        senders = {start: counts.keys() for start, (_, counts) in self._contents.chunks.items()}
+        return Outline(self._contents.topics, senders, declares_all=False)
+
+    def chunk_at(self, source: Source, start: int) -> ChunkHead:
+        """Read the head of a chunk, and move on to its records."""
+        source.skip(start - source.offset)
+        header = _header(source.take(_u32(source, "chunk"), "chunk"))
+        length = _u32(source, "chunk")
+        if _byte(header, b"op") != _CHUNK or length > source.left:
+            raise ValueError("there is no chunk where one should be")
+        return _chunk_head(header, length)
+
     def _is_announced(self, start: int, entries: IndexEntries) -> bool:
-        if self._contents is None or not self._contents.connections <= self._connections.keys():
+        if self._contents is None or not self._contents.topics.keys() <= self._connections.keys():
             return False  # the chunk may be the one that declares a connection
         span_ns = int(entries.stamps_ns.min()), int(entries.stamps_ns.max())
         return (span_ns, Counter(entries.senders.tolist())) == self._contents.chunks.get(start)
@@ -325,11 +342,11 @@ class _Contents:
     """What the end of a bag says is in it.
 
     Attributes:
-        connections: All that are declared there.
+        topics: Of all connections that are declared there.
         chunks: What is announced of each chunk, by its start.
     """
 
-    connections: frozenset[int]
+    topics: Mapping[int, str]
     chunks: Mapping[int, _Announced]
 
 
@@ -340,7 +357,7 @@ def _stamp_ns(header: _Header, name: bytes) -> int:
 
 def _contents_at(source: Source, at: int) -> _Contents | None:
     """What stands at the end of a bag; `None` when it is not understood."""
-    records, connections, here = memoryview(source.at(at, source.size)), set[int](), 0
+    records, topics, here = memoryview(source.at(at, source.size)), dict[int, str](), 0
     if at + len(records) < source.size:
         return None  # so large that it is not worth it
     chunks: dict[int, _Announced] = {}
@@ -350,18 +367,18 @@ def _contents_at(source: Source, at: int) -> _Contents | None:
             body, here = _sized(records, behind)
             header = _header(head)
             if _byte(header, b"op") == _CONNECTION:
-                connections.add(_number(header, b"conn"))
+                topics[_number(header, b"conn")] = _text(header, b"topic")
             elif _byte(header, b"op") == _CHUNK_INFO:
                 start = int.from_bytes(_field(header, b"chunk_pos", 8), "little")
                 first_ns, last_ns = (_stamp_ns(header, name) for name in (b"start_time", b"end_time"))
-                told = Counter[int]()
+                counts = Counter[int]()
                 for entry in range(0, 8 * _number(header, b"count"), 8):
                     connection, count = _TIME.unpack_from(body, entry)
-                    told[connection] += count
-                chunks[start] = (first_ns, last_ns), told
+                    counts[connection] += count
+                chunks[start] = (first_ns, last_ns), counts
     except (struct.error, ValueError):
         return None
-    return _Contents(frozenset(connections), chunks)
+    return _Contents(topics, chunks)
 
 
 def _u32(source: Source, what: str) -> int:
