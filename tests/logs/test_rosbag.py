@@ -19,7 +19,6 @@ from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.spans import Span
-from ariac_score.logs.own_messages import AriacScoreRecords
 from ariac_score_ariac.messages import AriacMsgs2023, NistGear2020
 
 READER = RosbagReader()
