@@ -212,9 +212,14 @@ class _Maker:
 
 
 def _kept(traced: Traced) -> Traced:
-    """A trace with its numbers as they will be stored."""
+    """A trace as it will be stored: numbers with their digits, and only what explains them.
+
+    Which checks and units decided how the ledger is cut is not kept: results of before had neither, and
+    pricing again must give the same lines.
+    """
     value = traced.value if isinstance(traced.value, int) else canonical(traced.value)
-    return replace(traced, value=value, children=tuple(_kept(child) for child in traced.children))
+    children = tuple(_kept(child) for child in traced.children)
+    return replace(traced, value=value, children=children, checks=(), unit="")
 
 
 def _chain(traced: Traced) -> list[tuple[str, Traced]]:
