@@ -105,6 +105,8 @@ SHIPPED = {
         "osrf_gear.2018",
         "osrf_gear.2019",
     ],
+    "ariac_score.kits": ["ariac.models"],
+    "ariac_score.competitions": ["ariac"],
 }
 
 

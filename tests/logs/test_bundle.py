@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ariac_score.checks.contracts import LogDescription, Reader, Wanted
+from ariac_score.checks.contracts import LogDescription, Reader, ReaderFacts, Wanted
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError
 from ariac_score.logs import bundle
 from ariac_score.logs.bundle import Bundle, find_parts
@@ -26,6 +26,8 @@ needs_real_trial = pytest.mark.skipif(not REAL.is_dir(), reason="the real trial 
 
 class BagReader:
     """Stands for the reader of ROS bags: knows them by their names."""
+
+    facts = ReaderFacts(formats="bags", folders=True)
 
     def can_read(self, path: Path) -> bool:
         return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix == ".bag"
