@@ -46,7 +46,7 @@ LIBRARIES = {  # of others, by room; all else is the standard library
     "terminal": {"rich"},
     "trial": {"numpy"},
     "checks": {"numpy"},
-    "scoring": {"numpy", "yaml"},
+    "scoring": {"msgspec", "numpy", "yaml"},
     "logs": {"backports", "cramjam", "lz4", "numpy", "rosbags"},
     "results": {"minisign", "msgspec", "numpy"},
     "engine": {"numpy"},
@@ -55,7 +55,7 @@ LIBRARIES = {  # of others, by room; all else is the standard library
     "testing": {"cramjam", "numpy", "rosbags", "yaml"},
     "review": {"msgspec", "numpy", "rosbags"},
     "batch": {"distributed", "fsspec", "msgspec", "numpy", "pyarrow", "ray"},
-    "report": {"jinja2", "markupsafe"},
+    "report": {"jinja2", "markupsafe", "msgspec"},
     "platforms": {"yaml"},
     "cli": {"rich"},
 }

@@ -22,7 +22,6 @@ from types import MappingProxyType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from ariac_score.checks.captured_output import quiet
-from ariac_score.checks.contracts import GROUPS
 from ariac_score.checks.parameters import ParameterFacts, facts_of
 from ariac_score.errors import (
     PluginConflictError,
@@ -126,6 +125,8 @@ class Plugin:
                 f"plugin {self.origin} cannot be built: {type(cause).__name__}: {cause}",
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             ) from cause
+        from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # numpy, which --help does without
+
         if not isinstance(plugin, GROUPS[self.group]):
             raise PluginError(
                 f"plugin {self.origin} does not keep the contract of a {GROUPS[self.group].__name__}",

@@ -52,7 +52,7 @@ class Pose:
     def __post_init__(self) -> None:
         if not all(abs(v) <= LARGEST_VALUE for v in (*self.position_m, *self.orientation_wxyz)):
             raise ValueError("a pose must be finite, and near enough to compute with")
-        if not 0 < quaternions.dot(self.orientation_wxyz, self.orientation_wxyz) < math.inf:
+        if not 0 < quaternions.inner_product(self.orientation_wxyz, self.orientation_wxyz) < math.inf:
             raise ValueError("a quaternion of norm 0, or of one beyond all numbers, is no orientation")
 
     @classmethod
@@ -79,7 +79,7 @@ class Pose:
 
     def quaternion_dot(self, other: Pose) -> float:
         """Absolute dot product of the two quaternions as recorded."""
-        return abs(quaternions.dot(self.orientation_wxyz, other.orientation_wxyz))
+        return abs(quaternions.inner_product(self.orientation_wxyz, other.orientation_wxyz))
 
     def rotation_to(self, other: Pose) -> float:
         """The angle of the whole rotation that takes this orientation to the other, in rad, 0 to pi."""

@@ -15,8 +15,8 @@ __all__ = [
     "Vector",
     "angle",
     "conjugate",
-    "dot",
     "from_rpy",
+    "inner_product",
     "product",
     "turned",
     "unit",
@@ -39,7 +39,7 @@ def from_rpy(rpy_rad: Vector) -> Quaternion:
     )
 
 
-def dot(p: Quaternion, q: Quaternion) -> float:
+def inner_product(p: Quaternion, q: Quaternion) -> float:
     """The scalar product."""
     a, b, c, d = p
     e, f, g, h = q
@@ -48,7 +48,7 @@ def dot(p: Quaternion, q: Quaternion) -> float:
 
 def unit(q: Quaternion) -> Quaternion:
     """The same rotation as a quaternion of norm 1."""
-    norm = math.sqrt(dot(q, q))
+    norm = math.sqrt(inner_product(q, q))
     w, x, y, z = q
     return w / norm, x / norm, y / norm, z / norm
 

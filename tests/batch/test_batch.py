@@ -35,7 +35,7 @@ from ariac_score.batch.supervise import Report, run_batch
 from ariac_score.batch.tasks import Limits, Setting, Task, of_shard, plan_batch, shard
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
-from ariac_score.engine import score as engine
+from ariac_score.engine import measure
 from ariac_score.engine.measure import needs_alike
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import BatchError, NothingToScoreError, UsageError
@@ -658,13 +658,13 @@ def test_another_parameter_of_a_check_measures_again(
 def _asked(patch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
     """Which checks are asked from now on, about which trial."""
     asked: list[tuple[str, str]] = []
-    whole = engine.ask
+    whole = measure.ask
 
     def ask(plugin: Any, name: str, check: Any, trial: Any) -> Any:
         asked.append((name, trial.id))
         return whole(plugin, name, check, trial)
 
-    patch.setattr(engine, "ask", ask)
+    patch.setattr(measure, "ask", ask)
     return asked
 
 

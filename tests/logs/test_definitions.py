@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from typing import Any
 
 import pytest
@@ -146,24 +144,6 @@ def test_what_is_unusual_is_left_to_rosbags(text: str) -> None:
     found = by_ours(text)
 
     assert found is None or found == by_rosbags(text)
-
-
-def test_reading_a_recording_with_definitions_does_not_load_rosbags(tmp_path: Any) -> None:
-    from ariac_score.testing.bags import Recorded, write_bag  # noqa: PLC0415
-
-    path = write_bag(
-        tmp_path / "t.mcap", [Recorded("/v", "geometry_msgs/msg/Vector3", 5, {"x": 1.0})], storage="mcap"
-    )
-    code = (
-        "import sys; from pathlib import Path\n"
-        "from ariac_score.logs.gather.wanted_fields import read_tables\n"
-        f"(table,) = read_tables(Path({str(path)!r}), {{'/v': ['x']}})\n"
-        "assert table.columns['x'].values.tolist() == [1.0]\n"
-        "print(sorted({'rosbags', 'jsonschema', 'yaml'} & sys.modules.keys()))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-
-    assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(

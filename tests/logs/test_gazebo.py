@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from ariac_score.checks.contracts import Reader, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs import gazebo
+from ariac_score.logs import gazebo_text
 from ariac_score.logs.gazebo import Entity, GazeboStateReader, read_states
 from ariac_score.trial.channels import BodyMatch, LogMap
 from ariac_score.trial.model import Trial
@@ -288,7 +288,7 @@ def test_bodies_are_there_even_when_no_positions_are_wanted(tmp_path: Path) -> N
 def test_chunks_with_frames_that_straddle_the_pieces_of_reading_are_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gazebo, "_PIECE_BYTES", 7)
+    monkeypatch.setattr(gazebo_text, "_PIECE_BYTES", 7)
     frames = "".join(frame(f"{i} 0", model("arm", f"{i} 0 0 0 0 0")) for i in range(20))
 
     states = read_states(written(tmp_path, log_of(chunk(WORLD), chunk(frames), chunk(WORLD, "bz2"))))
@@ -470,7 +470,7 @@ def test_a_log_corrupt_within_a_frame_is_described_by_the_frames_before(tmp_path
 def test_a_chunk_that_inflates_beyond_the_limit_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
-    monkeypatch.setattr(gazebo, "MAX_CHUNK_BYTES", 3_000_000)
+    monkeypatch.setattr(gazebo_text, "MAX_CHUNK_BYTES", 3_000_000)
     path = written(tmp_path, log_of(chunk(" " * 4_000_000, how)))
 
     with pytest.raises(LogError, match="inflates to more than 3,000,000 bytes"):
@@ -480,7 +480,7 @@ def test_a_chunk_that_inflates_beyond_the_limit_is_refused(
 def test_a_chunk_longer_than_the_limit_in_the_file_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gazebo, "MAX_CHUNK_BYTES", 3_000_000)
+    monkeypatch.setattr(gazebo_text, "MAX_CHUNK_BYTES", 3_000_000)
 
     with pytest.raises(LogError, match="more than 3,000,000 bytes without"):
         READER.read(written(tmp_path, START + chunk(" " * 4_000_000, "txt")), POSITIONS)
@@ -489,7 +489,7 @@ def test_a_chunk_longer_than_the_limit_in_the_file_is_refused(
 def test_a_frame_without_an_end_is_refused_before_it_fills_the_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gazebo, "MAX_FRAME_BYTES", 1_500_000)
+    monkeypatch.setattr(gazebo_text, "MAX_FRAME_BYTES", 1_500_000)
 
     with pytest.raises(LogError, match="without the end of a frame"):
         READER.read(written(tmp_path, log_of(chunk("<world " + "x" * 2_000_000))), POSITIONS)
@@ -566,7 +566,7 @@ def test_random_frames_give_the_poses_an_xml_parser_finds(tmp_path: Path, seed: 
                 numbers = [float(word) for word in (place.findtext("pose") or "").split()]
                 expected[f"{name}|{link}"].append((number, numbers))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gazebo, "_PIECE_BYTES", piece)
+        patch.setattr(gazebo_text, "_PIECE_BYTES", piece)
         states = read_states(written(tmp_path, log_of(chunk(WORLD + "".join(frames)))))
 
     assert {

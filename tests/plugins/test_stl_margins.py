@@ -194,7 +194,7 @@ def test_weak_never_says_less_than_strong_and_both_lie_within_undecided(
     assert (strong.lower <= weak.lower).all()
     assert (strong.upper <= weak.upper).all()
     for known in (weak, strong):
-        assert (undecided.lower <= known.rank_lower).all()
+        assert (undecided.lower <= known.lower).all()
         assert (known.upper <= undecided.upper).all()
 
 

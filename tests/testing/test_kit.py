@@ -127,7 +127,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
         ("", "cannot be the name"),
         ("fair.class", "is a word of Python"),
         ("kitting.pose", "provided by ariac-score 0"),
-        ("ariac_score.kitting", "a module 'ariac_score_ariac.tasks' already"),
+        ("ariac_score.ariac", "a module 'ariac_score_ariac' already"),
     ],
 )
 def test_a_name_that_cannot_be_used_is_refused(name: str, words: str, tmp_path: Path) -> None:

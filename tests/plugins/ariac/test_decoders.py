@@ -13,10 +13,10 @@ import pytest
 import yaml
 
 from ariac_score.checks.contracts import Decoder, Wanted
+from ariac_score.logs.own_messages import AriacScoreRecords
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.model import Kit, Order, Pose, Product, Submission, Task, Tray, WantedProduct
-from ariac_score.logs.own_messages import AriacScoreRecords
 from ariac_score_ariac.config.ariac_config import TrialConfigReader
 from ariac_score_ariac.config.config_values import arithmetic
 from ariac_score_ariac.messages import (

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -34,14 +33,14 @@ from ariac_score import (
     measure_trial,
 )
 from ariac_score.checks.registry import Registry
-from ariac_score.engine.prepared import prepare
+from ariac_score.engine.prepared import PreparedCheck, prepare
 from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.review.annotate import messages_of
 from ariac_score.review.margins import Moment, Track, tracks
 from ariac_score.scoring.ruleset import Check, RuleSet
 from ariac_score.trial.derive import Derivation, derive_signals
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 REGISTRY = Registry()
 RULES = load_rule_set(str(ROOT / "examples/all_monitors.yaml"))
 SATISFIED, VIOLATED, INCONCLUSIVE = Verdict.SATISFIED, Verdict.VIOLATED, Verdict.INCONCLUSIVE
@@ -139,10 +138,11 @@ class Limited:
 
 
 def limited(trial: Trial) -> list[Track]:
-    check = SimpleNamespace(group="ariac_score.monitors", use="ariac.human_contact")
-    rules: Any = SimpleNamespace(checks={"limited": check}, build=lambda _registry: {"limited": Limited()})
+    plugin = REGISTRY.find("ariac_score.monitors", "ariac.human_contact")
+    limited = PreparedCheck("limited", plugin, Limited(), ())
+    rules = replace(prepare("paper2020", registry=REGISTRY), checks={"limited": limited})
     derived = derive_signals(trial, [Derivation("speed", 0.15)])
-    return tracks(replace(example(), measured=NOTHING), derived, rules, registry=REGISTRY)
+    return tracks(replace(example(), measured=NOTHING), derived, rules)
 
 
 def test_a_monitor_that_watches_online_is_asked_about_every_instant() -> None:
