@@ -22,6 +22,11 @@ _ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "ariac_score.monitors": {"needs": (), "watch": ("trial",)},
     "ariac_score.readers": {"can_read": ("path",), "describe": ("path",), "read": ("path", "wanted")},
     "ariac_score.decoders": {"decode": ("msgtype", "message", "t_s")},
+    "ariac_score.kits": {
+        "follows": ("name", "kits"),
+        "record": ("t_s", "tracks", "kits", "pauses", "until_s"),
+    },
+    "ariac_score.competitions": {"unknown_products": ("orders", "edition")},
 }
 _NAME = re.compile(r"[a-z0-9_]+(\.[a-z0-9_]+)+")
 """Where the runs of a batch are scored: no plugins of a trial, and checked when they are named."""
