@@ -310,7 +310,7 @@ class KitFinder(Protocol):
         ...
 
     def record(
-        self, t_s: FloatArray, tracks: Iterable[ModelTrack], kits: KitMap, *, pauses: bool, until_s: float
+        self, t_s: FloatArray, tracks: Iterable[ModelTrack], kits: KitMap, pauses: bool, until_s: float
     ) -> KitRecord:
         """What the poses of one log show of kits.
 

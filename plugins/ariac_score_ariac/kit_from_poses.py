@@ -95,7 +95,7 @@ class KitsOfModels:
         return is_followed(name, kits)
 
     def record(
-        self, t_s: FloatArray, tracks: Iterable[ModelTrack], kits: KitMap, *, pauses: bool, until_s: float
+        self, t_s: FloatArray, tracks: Iterable[ModelTrack], kits: KitMap, pauses: bool, until_s: float
     ) -> KitRecord:
         """The contents of kits that the poses show; see `KitPoses`."""
         return KitPoses(t_s, tracks, kits, pauses=pauses, until_s=until_s)
