@@ -20,6 +20,7 @@ from ariac_score.logs.gather.collector import Gathering
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, LogMap, TrayMatch
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.kit_from_poses import KitsOfModels
 
 ORIGIN_NS = 1_585_866_235_112_411_371
 TF, STATES, LINKS = "tf2_msgs/msg/TFMessage", "gazebo_msgs/msg/ModelStates", "gazebo_msgs/msg/LinkStates"
@@ -152,7 +153,8 @@ def gathered(items: list[Any], flush_every: int | None, *, together: bool) -> An
     with pytest.MonkeyPatch.context() as patch:
         if not together:
             patch.setattr(gathering, "columns_for", lambda *_: None)
-        taken = Gathering(Wanted(LOG_MAP, frozenset({"speed", "position", "velocity"})), Path("t.bag"))
+        quantities = frozenset({"speed", "position", "velocity"})
+        taken = Gathering(Wanted(LOG_MAP, quantities, kits=KitsOfModels()), Path("t.bag"))
         builder = TrialBuilder("t", file="t.bag", clock="log time")
         builder.recorded = Span(0.0, 9.0)
         try:
