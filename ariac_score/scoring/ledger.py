@@ -112,11 +112,11 @@ class _Maker:
         parts = self._parts(inner, path)
         plain = Line(path, traced.label, "amount", rounded(value, self.digits), value, subject=traced.subject)
         if parts is None:
-            return replace(plain, trace=_kept(inner), findings=inner.findings)
+            return replace(plain, trace=_kept(inner), findings=inner.findings or ())
         difference = plain.amount - sum((part.amount for part in parts), Decimal(0))
         if difference:
             parts = [*parts, Line(f"{path}/{_ROUNDING}", _ROUNDING, _ROUNDING, difference, float(difference))]
-        return replace(plain, kind="sum", children=tuple(parts), findings=inner.findings)
+        return replace(plain, kind="sum", children=tuple(parts), findings=inner.findings or ())
 
     def _content(self, traced: Traced) -> Traced:
         """What a named term or a chosen branch really is, so that the ledger has no empty storeys."""
@@ -149,7 +149,7 @@ class _Maker:
                 -rounded(right.value, self.digits),
                 right.value,
                 trace=_kept(right),
-                findings=_findings(right),
+                findings=_findings(right) or (),
             )
             return [*first, taken]
         return self._factored(traced, path)
@@ -184,7 +184,7 @@ class _Maker:
                     rounded(after, self.digits) - rounded(running, self.digits),
                     part.value,
                     trace=_kept(part),
-                    findings=_findings(part),
+                    findings=_findings(part) or (),
                 )
             )
             running = after
@@ -218,8 +218,9 @@ def _kept(traced: Traced) -> Traced:
     pricing again must give the same lines.
     """
     value = traced.value if isinstance(traced.value, int) else canonical(traced.value)
-    children = tuple(_kept(child) for child in traced.children)
-    return replace(traced, value=value, children=children, checks=(), unit="")
+    # `or ()`: what is left out is found by identity, and before Python 3.11 not every empty tuple is the same.
+    children = tuple(_kept(child) for child in traced.children) or ()
+    return replace(traced, value=value, children=children, findings=traced.findings or (), checks=(), unit="")
 
 
 def _chain(traced: Traced) -> list[tuple[str, Traced]]:

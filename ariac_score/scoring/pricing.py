@@ -181,7 +181,7 @@ def _zeroed(ledger: Ledger, assumed: Assumed, asked: frozenset[str]) -> Ledger:
         "factor",
         -ledger.amount,
         0,
-        findings=zeroed,
+        findings=zeroed or (),
     )
     zero = ledger.amount - ledger.amount
     before = replace(ledger, path=f"{ledger.path}/before")
