@@ -218,7 +218,7 @@ def _kept(traced: Traced) -> Traced:
     pricing again must give the same lines.
     """
     value = traced.value if isinstance(traced.value, int) else canonical(traced.value)
-    # `or ()`: what is left out is found by identity, and before Python 3.11 empty tuples are not all the same.
+    # `or ()`: a default is found by identity, and before Python 3.11 empty tuples are not all the same.
     children = tuple(_kept(child) for child in traced.children) or ()
     return replace(traced, value=value, children=children, findings=traced.findings or (), checks=(), unit="")
 
