@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         Decoder,
         EventMonitor,
         EventWatch,
+        InstantVerdict,
         Likeness,
         LogDescription,
         Margined,
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
         Resolving,
         Rule,
         SignalNeed,
-        Standing,
         TopicDescription,
         Wanted,
     )
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.arrivals import Alignment, Arrivals
     from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
     from ariac_score.trial.channels import KitMap, LogMap, TrayMatch
-    from ariac_score.trial.course import Course
+    from ariac_score.trial.chart import Chart
     from ariac_score.trial.events import (
         ARM_COLLISION,
         COMPETITION_ENDED,
@@ -118,7 +118,7 @@ _MODULE_OF = {
     "Charting": "ariac_score.checks.contracts",
     "Code": "ariac_score.results.result",
     "Cohort": "ariac_score.results.cohort_file",
-    "Course": "ariac_score.trial.course",
+    "Chart": "ariac_score.trial.chart",
     "DataFileError": "ariac_score.errors",
     "Decoder": "ariac_score.checks.contracts",
     "Entry": "ariac_score.ranking.evaluation",
@@ -174,7 +174,7 @@ _MODULE_OF = {
     "Signal": "ariac_score.trial.signals",
     "SignalNeed": "ariac_score.checks.contracts",
     "Span": "ariac_score.trial.spans",
-    "Standing": "ariac_score.checks.contracts",
+    "InstantVerdict": "ariac_score.checks.contracts",
     "Status": "ariac_score.checks.parameters",
     "Stop": "ariac_score.ranking.evaluation",
     "Submission": "ariac_score.trial.model",
@@ -226,10 +226,10 @@ __all__ = [
     "Alignment",
     "Arrivals",
     "Body",
+    "Chart",
     "Charting",
     "Code",
     "Cohort",
-    "Course",
     "DataFileError",
     "Decoder",
     "Entry",
@@ -242,6 +242,7 @@ __all__ = [
     "Finding",
     "FloatArray",
     "FormulaError",
+    "InstantVerdict",
     "Kit",
     "KitMap",
     "KitRecord",
@@ -281,7 +282,6 @@ __all__ = [
     "Signal",
     "SignalNeed",
     "Span",
-    "Standing",
     "Status",
     "Stop",
     "Submission",

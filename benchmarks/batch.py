@@ -24,7 +24,7 @@ from pathlib import Path
 
 from ariac_score import load_rule_set
 from ariac_score.batch.local import usable_cores
-from ariac_score.batch.tasks import Limits, Setting, plan_batch
+from ariac_score.batch.tasks import BatchSetting, Limits, plan_batch
 from ariac_score.batch.worker import perform
 from ariac_score.testing.competitions import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 
@@ -56,7 +56,7 @@ def make_recordings(folder: Path, count: int) -> None:
 
 def single_cpu_s(trials: Path, rules: str) -> float:
     """CPU time of one trial in a warm process, s: the median of some."""
-    setting = Setting.of(load_rule_set(rules), Limits())
+    setting = BatchSetting.of(load_rule_set(rules), Limits())
     tasks = plan_batch(trials, rules).tasks[: MEASURED + 5]
     times = []
     for task in tasks:

@@ -18,7 +18,7 @@ from decimal import Decimal
 
 import numpy as np
 
-from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing
+from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.spec import Intervals, Key, Spec
 from ariac_score.ranking.statistics import rank_statistics
 from ariac_score.scoring.expression import Expression
@@ -89,7 +89,7 @@ def competition(row: Row, spec: Spec, chance: np.random.Generator) -> Ranking:
     marks = [Decimal(str(mark)) for mark in MARKS]
     values = spec.values([{"execution": t[2], "judges": m} for t, m in zip(teams, marks, strict=True)])
     standings = [
-        Standing(None, team, team, value, total, mark, {}, cells)
+        TeamRank(None, team, team, value, total, mark, {}, cells)
         for (team, cells, total), value, mark in zip(teams, values, marks, strict=True)
     ]
     standings.sort(key=lambda s: (s.value or 0.0) * (-1 if spec.highest else 1))

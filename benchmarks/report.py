@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ariac_score import Body, Course, Span, Trial, as_json, load_result
+from ariac_score import Body, Chart, Span, Trial, as_json, load_result
 from ariac_score.report.html.trial import trial_page
 from ariac_score.results.sketch import Sketch, sketch_of
 from ariac_score.trial.signals import Signal
@@ -35,8 +35,8 @@ def sketch() -> Sketch:
         )
         for b in bodies
     }
-    courses = [
-        Course(
+    charts = [
+        Chart(
             f"gantry/{name}",
             "distance",
             "m",
@@ -46,8 +46,8 @@ def sketch() -> Sketch:
         )
         for name in people
     ]
-    moments = {("separation", c.subject): [Span(60.0 * k, 60.0 * k + 3) for k in range(9)] for c in courses}
-    return sketch_of(Trial("ten minutes", bodies=bodies, signals=places), {"separation": courses}, moments)
+    moments = {("separation", c.subject): [Span(60.0 * k, 60.0 * k + 3) for k in range(9)] for c in charts}
+    return sketch_of(Trial("ten minutes", bodies=bodies, signals=places), {"separation": charts}, moments)
 
 
 def main() -> None:

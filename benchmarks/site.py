@@ -31,7 +31,7 @@ import numpy as np
 
 from ariac_score import Finding, Verdict, load_rule_set, score_trial
 from ariac_score.engine.price import reprice
-from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing
+from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.spec import Intervals, Key, Spec
 from ariac_score.ranking.statistics import rank_statistics
 from ariac_score.results.result import Result
@@ -173,7 +173,7 @@ def made_ranking(teams: int, trials: int, runs: int, draws: int) -> tuple[Rankin
             ]
             cells[name] = Cell(scores[0], "scored", "", (1,), runs)
         total = sum((cell.score for cell in cells.values()), Decimal(0))
-        standings.append(Standing(None, f"team_{t}", "", float(total), total, None, {}, cells))
+        standings.append(TeamRank(None, f"team_{t}", "", float(total), total, None, {}, cells))
     standings.sort(key=lambda standing: -standing.execution)
     return Ranking("made", "", (RULES, ""), names, tuple(standings), tuple(outcomes), None), spec
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from ariac_score import score_trial
 from ariac_score.batch.index import Row
 from ariac_score.batch.outcomes import CheckCounts, Summary
-from ariac_score.batch.tasks import Limits, Setting
+from ariac_score.batch.tasks import BatchSetting, Limits
 from ariac_score.platforms.evalai import Challenge, challenge_config
 from ariac_score.platforms.submission import phase_text
 from ariac_score.results.cohort_file import Cohort, CohortMean, cohort_text
@@ -414,7 +414,7 @@ def _signatures(_: Path) -> Seeds:
 
 def _phases(_: Path) -> Seeds:
     limits = Limits(wall_s=60.0, memory_bytes=1 << 30, output_bytes=1 << 20)
-    setting = Setting("id: x\n", "x", "0" * 64, "rules.yaml", limits)
+    setting = BatchSetting("id: x\n", "x", "0" * 64, "rules.yaml", limits)
     yield "made", phase_text("finals", setting, {"kit_1": "kit_1", "kit_2": ""}).encode()
 
 

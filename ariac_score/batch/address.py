@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ariac_score.batch.tasks import Task
+from ariac_score.batch.tasks import RunTask
 from ariac_score.engine.prepared import Prepared
 from ariac_score.engine.provenance import code_of
 from ariac_score.errors import ScoreError
@@ -44,7 +44,7 @@ def basis_of(prepared: Prepared) -> str:
     return _hash([_SCHEMA, rule_set.edition, prepared.log_map.sha256, checks, code_of(prepared)])
 
 
-def measuring_address(task: Task, contents: str, basis: str) -> str:
+def measuring_address(task: RunTask, contents: str, basis: str) -> str:
     """Address of what is measured of a run."""
     binding = ["binding"] if task.binding else []
     return _hash([contents, task.team, task.trial, basis, *binding])
@@ -54,7 +54,7 @@ class RunTooLargeError(ScoreError):
     """The files of a run are more than those of one run may be: nobody would see the end of them."""
 
 
-def files_of(task: Task) -> Iterator[tuple[str, Path]]:
+def files_of(task: RunTask) -> Iterator[tuple[str, Path]]:
     """Every file of a run with the name it is known by, sorted; folders that are links are not entered.
 
     Raises:
@@ -70,7 +70,7 @@ def files_of(task: Task) -> Iterator[tuple[str, Path]]:
         yield name_from(root, Path(name)), Path(name)
 
 
-def refuse_excess(task: Task, most_bytes: int) -> None:
+def refuse_excess(task: RunTask, most_bytes: int) -> None:
     """See that the files of a run can be read in the time it has, by what the file system says of them.
 
     A sparse file of any size takes no room on a disk, and a day to read.
@@ -103,7 +103,7 @@ def _size(file: Path) -> int:
     return status.st_size if stat.S_ISREG(status.st_mode) and ranged(file) is None else 0
 
 
-def signature_of(task: Task) -> str:
+def signature_of(task: RunTask) -> str:
     """Hash of what the file system says about the files of a run; it changes whenever one of them does.
 
     Of a run that lies elsewhere it is what its storage said. Empty where that is nothing, and of a run
@@ -183,7 +183,7 @@ def _status(path: str, status: os.stat_result) -> _Status:
     return path, status.st_size, status.st_ino, status.st_mtime_ns, status.st_ctime_ns
 
 
-def contents_of(task: Task) -> str:
+def contents_of(task: RunTask) -> str:
     """Hash of the names and contents of the files of a run; one that cannot be read counts as such.
 
     It takes as long as there is to read: only a process that is ended in time may call it.

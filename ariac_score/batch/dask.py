@@ -13,9 +13,9 @@ from typing import Any, TypeVar
 import distributed
 
 from ariac_score.batch.isolated import absolute, earlier_document, measure_apart
-from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS, lost
+from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS, lost
 from ariac_score.batch.patience import LOOK_S, Patience
-from ariac_score.batch.tasks import Setting, Task
+from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.errors import BatchError, UsageError
 
@@ -50,16 +50,16 @@ class DaskExecutor:
     client: Any
     out: Path | None = None
 
-    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+    def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish.
 
         Raises:
             BatchError: The scheduler is lost, no worker can work, or none has been there for minutes.
         """
-        waiting, suspects = iter(tasks), list[Task]()
+        waiting, suspects = iter(tasks), list[RunTask]()
         finished: SimpleQueue[Any] = SimpleQueue()
         patience = Patience(self._address(), lambda: len(self._threads()), setting)
-        under_way: dict[Any, Task] = {}
+        under_way: dict[Any, RunTask] = {}
 
         def begin(count: int) -> None:
             for task in islice(waiting, count):
@@ -100,7 +100,7 @@ class DaskExecutor:
             ) from cause
         return threads
 
-    def _alone(self, task: Task, setting: Setting, patience: Patience) -> Done:
+    def _alone(self, task: RunTask, setting: BatchSetting, patience: Patience) -> Done:
         done = None
         for _ in range(_ALONE):
             done = self._result(self._submit(task, setting), task, patience)
@@ -108,13 +108,13 @@ class DaskExecutor:
                 break
         return done or lost(task, "killed", "worker after worker that scored it was lost")
 
-    def _submit(self, task: Task, setting: Setting) -> Any:
+    def _submit(self, task: RunTask, setting: BatchSetting) -> Any:
         earlier = earlier_document(task, self.out)
         return self.client.submit(
-            measure_apart, absolute(task), setting, earlier, pure=False, retries=STRANGE_HAND_ATTEMPTS
+            measure_apart, absolute(task), setting, earlier, pure=False, retries=KILLED_FROM_OUTSIDE_ATTEMPTS
         )
 
-    def _result(self, future: Any, task: Task, patience: Patience) -> Done | None:
+    def _result(self, future: Any, task: RunTask, patience: Patience) -> Done | None:
         """What came of a task; `None` when all workers that had it were lost.
 
         That it was finished is no promise: a result lies with its worker until it is fetched, and when that

@@ -9,7 +9,7 @@ from urllib.parse import unquote
 
 from ariac_score.batch.address import contents_of, too_large
 from ariac_score.batch.remote import Storage, Stored, name_of, shown, signature_of_stored
-from ariac_score.batch.tasks import Task
+from ariac_score.batch.tasks import RunTask
 from ariac_score.errors import ScoreError
 from ariac_score.logs.containers.chunk_ranges import INDEXED, foresee
 from ariac_score.logs.containers.inflating import LARGEST_FILE_BYTES
@@ -31,7 +31,7 @@ class Near:
         parts: Those of which not everything is here.
     """
 
-    task: Task
+    task: RunTask
     signature: str
     contents: str
     parts: tuple[RangedFile, ...]
@@ -43,7 +43,7 @@ def mode_of(ranges: bool) -> str:
 
 
 def bring(
-    task: Task, folder: Path, topics: Container[str] | None = None, *, most_bytes: int = LARGEST_FILE_BYTES
+    task: RunTask, folder: Path, topics: Container[str] | None = None, *, most_bytes: int = LARGEST_FILE_BYTES
 ) -> Near:
     """Fetch the files of a run into a folder, laid out as they lie elsewhere.
 
@@ -94,7 +94,7 @@ def bring(
     return Near(here, signature, contents, tuple(parts))
 
 
-def still_the_same(task: Task, near: Near, *, ranges: bool) -> bool:
+def still_the_same(task: RunTask, near: Near, *, ranges: bool) -> bool:
     """Whether the storage still says of the files what it said before they were fetched.
 
     Raises:

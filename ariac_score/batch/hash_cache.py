@@ -10,10 +10,10 @@ import os
 import sqlite3
 from pathlib import Path
 
-__all__ = ["Seen"]
+__all__ = ["HashCache"]
 
 
-class Seen:
+class HashCache:
     """Hashes of contents by what the file system said of the files.
 
     Args:

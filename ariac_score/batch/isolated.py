@@ -19,7 +19,7 @@ from typing import IO, Any
 
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.store import Store
-from ariac_score.batch.tasks import Limits, Setting, Task
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.batch.worker import Done, parse_report, report_of
 
 __all__ = ["absolute", "earlier_document", "measure_apart"]
@@ -29,7 +29,7 @@ _LARGEST_SENT_BYTES = 4 << 20
 """What is sent along with a task; schedulers are not made for more."""
 
 
-def measure_apart(task: Task, setting: Setting, earlier: bytes = b"") -> Done:
+def measure_apart(task: RunTask, setting: BatchSetting, earlier: bytes = b"") -> Done:
     """Score one run in a fresh process on this machine.
 
     Args:
@@ -49,7 +49,7 @@ def measure_apart(task: Task, setting: Setting, earlier: bytes = b"") -> Done:
         return parse_report(task, report.read_bytes())
 
 
-def earlier_document(task: Task, out: Path | None) -> bytes:
+def earlier_document(task: RunTask, out: Path | None) -> bytes:
     """What is stored of a run, to be sent along with its task; empty when that is nothing of use."""
     if out is None or not task.earlier:
         return b""
@@ -60,7 +60,7 @@ def earlier_document(task: Task, out: Path | None) -> bytes:
         return b""
 
 
-def _laid_out(task: Task, earlier: bytes, out: Path) -> str:
+def _laid_out(task: RunTask, earlier: bytes, out: Path) -> str:
     """The folder of a batch that has this one document."""
     place = Path(task.earlier)
     store = Store(out)
@@ -68,7 +68,7 @@ def _laid_out(task: Task, earlier: bytes, out: Path) -> str:
     return str(out)
 
 
-def absolute(task: Task) -> Task:
+def absolute(task: RunTask) -> RunTask:
     """The task with paths that mean the same in whatever folder a worker was started."""
     return replace(
         task,
@@ -134,8 +134,8 @@ def _serve(lines: IO[bytes], ready: IO[bytes]) -> None:
         executor = LocalExecutor(1, None, Path(work))
         for line in lines:
             wire: dict[str, Any] = json.loads(line)
-            task = Task(**{**wire["task"], "also": tuple(wire["task"]["also"])})
-            setting = Setting(**{**wire["setting"], "limits": Limits(**wire["setting"]["limits"])})
+            task = RunTask(**{**wire["task"], "also": tuple(wire["task"]["also"])})
+            setting = BatchSetting(**{**wire["setting"], "limits": Limits(**wire["setting"]["limits"])})
             executor.out = Path(wire["out"]) if wire["out"] else None
             (done,) = executor.run([task], setting)
             Path(wire["report"]).write_bytes(report_of(done))

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.outcomes import outcome_document
-from ariac_score.batch.tasks import Setting, Task
+from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import (
     NO_ROOM,
     Done,
@@ -33,8 +33,8 @@ from ariac_score.batch.worker import (
 
 __all__ = [
     "AND_AGAIN",
+    "KILLED_FROM_OUTSIDE_ATTEMPTS",
     "OWN_FAULT_ATTEMPTS",
-    "STRANGE_HAND_ATTEMPTS",
     "LocalExecutor",
     "begin_server",
     "died",
@@ -48,7 +48,7 @@ __all__ = [
 
 OWN_FAULT_ATTEMPTS = 2
 """Attempts at a run whose process died of itself, as of a fault in a library: it dies again."""
-STRANGE_HAND_ATTEMPTS = 12
+KILLED_FROM_OUTSIDE_ATTEMPTS = 12
 """Attempts at a run whose process somebody killed: it does not deserve to lose its score for that."""
 AND_AGAIN = "and call again: what was scored is kept, and only the rest is done"
 """What to do when it is the machines that failed, for a hint."""
@@ -87,7 +87,7 @@ class _Deaths:
 
     @property
     def given_up(self) -> bool:
-        return len(self.own) >= OWN_FAULT_ATTEMPTS or len(self.strange) >= STRANGE_HAND_ATTEMPTS
+        return len(self.own) >= OWN_FAULT_ATTEMPTS or len(self.strange) >= KILLED_FROM_OUTSIDE_ATTEMPTS
 
     @property
     def put_off(self) -> bool:
@@ -102,7 +102,7 @@ class _Deaths:
 
 @dataclass
 class _Running:
-    task: Task
+    task: RunTask
     deaths: _Deaths
     process: BaseProcess
     report: Path
@@ -126,11 +126,11 @@ class LocalExecutor:
     jobs: int
     out: Path | None
     work: Path
-    target: Callable[[Task, Setting, Path | None, Path], None] = perform_into
+    target: Callable[[RunTask, BatchSetting, Path | None, Path], None] = perform_into
     _serial: int = field(default=0, init=False)
     _looked_s: float = field(default=0.0, init=False)
 
-    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+    def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish.
 
         Raises:
@@ -138,8 +138,8 @@ class LocalExecutor:
         """
         context = fresh_processes(self.work, setting)
         waiting = iter(tasks)
-        again: deque[tuple[Task, _Deaths]] = deque()
-        at_last: deque[tuple[Task, _Deaths]] = deque()
+        again: deque[tuple[RunTask, _Deaths]] = deque()
+        at_last: deque[tuple[RunTask, _Deaths]] = deque()
         running: list[_Running] = []
         self._looked_s = time.monotonic()
         try:
@@ -164,7 +164,7 @@ class LocalExecutor:
             for one in running:
                 stop(one.process)
 
-    def _start(self, context: Any, task: Task, deaths: _Deaths, setting: Setting) -> _Running:
+    def _start(self, context: Any, task: RunTask, deaths: _Deaths, setting: BatchSetting) -> _Running:
         self._serial += 1
         report = self.work / f"{self._serial}.report"
         process = started(context, self.target, (task, setting, self.out, report))
@@ -181,7 +181,7 @@ class LocalExecutor:
             one.deadline += max(0.0, unseen_s)
         return [one for one in running if one.process.sentinel in ready or one.deadline <= now]
 
-    def _settle(self, ended: _Running, setting: Setting) -> Done | _Deaths:
+    def _settle(self, ended: _Running, setting: BatchSetting) -> Done | _Deaths:
         """What came of a process that has ended, or is beyond its time; its deaths when it is tried again."""
         process, task = ended.process, ended.task
         late = process.is_alive()
@@ -218,14 +218,14 @@ def _cleared(ended: _Running) -> tuple[str, str]:
     return found
 
 
-def too_late(task: Task, setting: Setting) -> Done:
+def too_late(task: RunTask, setting: BatchSetting) -> Done:
     """A run that took longer than it may."""
     limit = f"{setting.limits.wall_s:g}"
     reason = f"it took longer than {limit} s; raise --time-limit-s if the log is sound"
     return lost(task, "timed_out", reason)
 
 
-def died(task: Task, code: int | None, attempts: int) -> Done:
+def died(task: RunTask, code: int | None, attempts: int) -> Done:
     """A run whose process ended without a report, as often as it was tried."""
     number = -code if code is not None and code < 0 else 0
     what = f"by signal {number} ({signal.Signals(number).name})" if number else f"with exit code {code}"
@@ -233,13 +233,13 @@ def died(task: Task, code: int | None, attempts: int) -> Done:
     return lost(task, "killed", f"the process that scored it ended {what}, {times} in {times}")
 
 
-def lost(task: Task, outcome: str, reason: str) -> Done:
+def lost(task: RunTask, outcome: str, reason: str) -> Done:
     """An outcome that nobody could measure."""
     document = outcome_document(outcome, reason, team=task.team, trial=task.trial)
     return Done(task, "", "", "", document)
 
 
-def _first(tasks: Iterator[Task]) -> tuple[Task, _Deaths] | None:
+def _first(tasks: Iterator[RunTask]) -> tuple[RunTask, _Deaths] | None:
     task = next(tasks, None)
     return None if task is None else (task, _Deaths())
 
@@ -266,7 +266,7 @@ def stop(process: BaseProcess) -> None:
         process.join(_KILLED_S)
 
 
-def fresh_processes(work: Path, setting: Setting) -> Any:
+def fresh_processes(work: Path, setting: BatchSetting) -> Any:
     """Processes that inherit nothing of ours, from a server that has imported everything."""
     limit_threads()
     if "forkserver" not in multiprocessing.get_all_start_methods():

@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS
-from ariac_score.batch.tasks import Setting
+from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS
+from ariac_score.batch.tasks import BatchSetting
 from ariac_score.errors import BatchError
 
 __all__ = ["LOOK_S", "Patience"]
@@ -33,7 +33,7 @@ class Patience:
 
     cluster: str
     workers: Callable[[], int]
-    setting: Setting
+    setting: BatchSetting
     _looked_s: float = field(default_factory=time.monotonic, init=False)
     _silent_s: float = field(default=0.0, init=False)
     _without_s: float = field(default=0.0, init=False)
@@ -60,7 +60,7 @@ class Patience:
                 f"the cluster at {self.cluster} has had {seen} for {self._without_s:.0f} s",
                 hint=f"start workers, {AND_AGAIN}",
             )
-        longest_s = max(WITHOUT_WORKERS_S, self.setting.limits.wall_s * STRANGE_HAND_ATTEMPTS)
+        longest_s = max(WITHOUT_WORKERS_S, self.setting.limits.wall_s * KILLED_FROM_OUTSIDE_ATTEMPTS)
         if self._silent_s > longest_s:
             raise BatchError(
                 f"the {count} workers of the cluster at {self.cluster} have given nothing for "

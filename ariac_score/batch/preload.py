@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ariac_score.batch import worker
 from ariac_score.batch.remote import load_library
-from ariac_score.batch.tasks import Limits, Setting, Task
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.checks.contracts import GROUPS
 from ariac_score.errors import ScoreError
 from ariac_score.logs.columnar.types import bundled_typestore
@@ -45,11 +45,11 @@ def _load_everything() -> None:
 def _prepare(file: str) -> None:
     """Build the rule set, and go through the motions once, with nothing to score."""
     told = json.loads(Path(file).read_text(encoding="ascii"))
-    setting = Setting(**{**told, "limits": Limits(**told["limits"])})
+    setting = BatchSetting(**{**told, "limits": Limits(**told["limits"])})
     for scheme in filter(None, setting.storages.split(",")):
         load_library(scheme)
     with tempfile.TemporaryDirectory(prefix="ariac-score-") as nothing:
-        worker.perform(Task("", "nothing", 1, nothing), setting)
+        worker.perform(RunTask("", "nothing", 1, nothing), setting)
 
 
 _load_everything()

@@ -20,7 +20,7 @@ from typing import Any
 from ariac_score.batch.index import Row, Written
 from ariac_score.batch.local import begin_server, fresh_processes, started, stop, usable_cores
 from ariac_score.batch.store import Store
-from ariac_score.batch.tasks import Setting, Task, TaskKey
+from ariac_score.batch.tasks import BatchSetting, RunTask, TaskKey
 from ariac_score.batch.worker import prepared
 from ariac_score.engine.price import reprice
 from ariac_score.errors import ScoreError
@@ -50,7 +50,7 @@ class Measurement:
         sha256: Its hash, where the tables know it: then it need not be checked again.
     """
 
-    task: Task
+    task: RunTask
     address: str
     stored: str
     sha256: str
@@ -73,7 +73,7 @@ class Pricing:
         work: Folder for unfinished work.
     """
 
-    def __init__(self, setting: Setting, store: Store, work: Path) -> None:
+    def __init__(self, setting: BatchSetting, store: Store, work: Path) -> None:
         self._setting, self._store, self._work = setting, store, work
         self._context: Any = None
         self._waiting: deque[Measurement] = deque()
@@ -153,7 +153,7 @@ class Pricing:
 class _Pricer:
     """A process that prices what it is asked to, some at a time."""
 
-    def __init__(self, context: Any, setting: Setting, store: Store) -> None:
+    def __init__(self, context: Any, setting: BatchSetting, store: Store) -> None:
         self.asked: Sequence[Measurement] = ()
         self.connection, other = context.Pipe()
         self._process: BaseProcess = started(context, _serve, (other, setting, str(store.root)))
@@ -190,7 +190,7 @@ class _Pricer:
         stop(self._process)
 
 
-def _serve(connection: Connection, setting: Setting, out: str) -> None:
+def _serve(connection: Connection, setting: BatchSetting, out: str) -> None:
     """What such a process does, until nobody asks any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     store = Store(Path(out))

@@ -16,9 +16,9 @@ from urllib.parse import urlsplit
 import ray
 
 from ariac_score.batch.isolated import absolute, earlier_document, measure_apart
-from ariac_score.batch.local import AND_AGAIN, STRANGE_HAND_ATTEMPTS, lost
+from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS, lost
 from ariac_score.batch.patience import LOOK_S, Patience
-from ariac_score.batch.tasks import Setting, Task
+from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.errors import BatchError, UsageError
 
@@ -46,23 +46,23 @@ class RayExecutor:
     """
 
     out: Path | None = None
-    measure: Callable[[Task, Setting, bytes], Done] = measure_apart
+    measure: Callable[[RunTask, BatchSetting, bytes], Done] = measure_apart
 
-    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+    def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish.
 
         Raises:
             BatchError: No worker can work, or none has been there for minutes.
         """
-        measure = ray.remote(max_retries=STRANGE_HAND_ATTEMPTS, retry_exceptions=[OSError], num_cpus=1)(
-            self.measure
-        )
+        measure = ray.remote(
+            max_retries=KILLED_FROM_OUTSIDE_ATTEMPTS, retry_exceptions=[OSError], num_cpus=1
+        )(self.measure)
         shared = ray.put(setting)
 
-        def submitted(task: Task) -> Any:
+        def submitted(task: RunTask) -> Any:
             return measure.remote(absolute(task), shared, earlier_document(task, self.out))
 
-        waiting, suspects = iter(tasks), list[Task]()
+        waiting, suspects = iter(tasks), list[RunTask]()
         patience = Patience(ray.get_runtime_context().gcs_address, _workers, setting)
         try:
             room = max(1, int(ray.cluster_resources().get("CPU", 1))) * _AHEAD
@@ -108,7 +108,7 @@ def _fetched(future: Any, patience: Patience) -> Done:
             return done
 
 
-def _result(future: Any, task: Task, patience: Patience) -> Done:
+def _result(future: Any, task: RunTask, patience: Patience) -> Done:
     try:
         done = _fetched(future, patience)
     except ray.exceptions.WorkerCrashedError:  # its words name a process and a machine

@@ -27,7 +27,7 @@ from ariac_score.batch.remote import (
     shown,
     signature_of_stored,
 )
-from ariac_score.batch.tasks import Plan, Task, of_shard, plan_batch
+from ariac_score.batch.tasks import BatchPlan, RunTask, of_shard, plan_batch
 from ariac_score.documents.yaml import load_yaml
 from ariac_score.errors import DataFileError, NothingToScoreError, ScoreError, UsageError
 from ariac_score.ranking.competition import FILE
@@ -44,7 +44,7 @@ _AT_A_TIME = 16
 
 def plan_elsewhere(
     uri: str, rules: str, work: Path, *, ranges: bool = False, part: tuple[int, int] = (1, 1)
-) -> Plan:
+) -> BatchPlan:
     """Find the runs below a URI, as `plan_batch` finds those of a local folder.
 
     Args:
@@ -153,8 +153,8 @@ def _fetch_small(storage: Storage, file: Stored, into: Path, largest_bytes: int)
 
 
 def _elsewhere(
-    tasks: Sequence[Task], files: Sequence[Stored], storage: Storage, here: Path, *, ranges: bool
-) -> tuple[Task, ...]:
+    tasks: Sequence[RunTask], files: Sequence[Stored], storage: Storage, here: Path, *, ranges: bool
+) -> tuple[RunTask, ...]:
     """The tasks of a folder that was laid out, with the URIs of what they stand for."""
     below: dict[str, list[Stored]] = defaultdict(list)
     for file in files:
@@ -189,7 +189,7 @@ def _elsewhere(
 
 def plan_list(
     file: Path, rules: str, *, ranges: bool = False, part: tuple[int, int] = (1, 1), beside: str = ""
-) -> Plan:
+) -> BatchPlan:
     """The runs that a text file lists, one a line: a URI, or a path from the folder of the list.
 
     Before it may stand a name; otherwise the run is called as its file. Empty lines, and what follows
@@ -214,7 +214,7 @@ def plan_list(
             hint="name a rule set with --rules; 'ariac-score rules list' shows those that come along",
         )
     lines = _lines(file)
-    tasks: dict[str, Task] = {}
+    tasks: dict[str, RunTask] = {}
     places: dict[str, int] = {}
     for number, line in lines:
         name, path = _entry(file, number, line, beside)
@@ -225,7 +225,7 @@ def plan_list(
                 place=f"line {number}",
                 hint="write a name before the address: NAME URI",
             )
-        tasks[name], places[name] = Task("", name, 1, path), number
+        tasks[name], places[name] = RunTask("", name, 1, path), number
     if not tasks:
         raise NothingToScoreError("it lists no run", file=file, hint="write one URI or path a line")
     ordered = sorted(tasks.values(), key=lambda task: task.key)
@@ -233,7 +233,7 @@ def plan_list(
     with ThreadPoolExecutor(_AT_A_TIME) as pool:
         found = pool.map(lambda task: _signed(task, until, ranges=ranges), mine)
         signed = dict(zip(mine, found, strict=True))
-    return Plan(file.stem, rules, tuple(signed.get(task, task) for task in ordered))
+    return BatchPlan(file.stem, rules, tuple(signed.get(task, task) for task in ordered))
 
 
 def _lines(file: Path) -> list[tuple[int, str]]:
@@ -274,7 +274,7 @@ def _entry(file: Path, number: int, line: str, beside: str) -> tuple[str, str]:
     return path.name, str(path)
 
 
-def _signed(task: Task, until: float, *, ranges: bool) -> Task:
+def _signed(task: RunTask, until: float, *, ranges: bool) -> RunTask:
     """The task with what its storage says of its files; one that cannot be had says so when it is scored."""
     if not task.remote or time.monotonic() > until:
         return task

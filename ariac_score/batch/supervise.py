@@ -17,12 +17,12 @@ from sys import intern
 from typing import IO, Any, Protocol
 
 from ariac_score.batch.address import basis_of, measuring_address, signature_of
-from ariac_score.batch.hash_cache import Seen
+from ariac_score.batch.hash_cache import HashCache
 from ariac_score.batch.index import RUNS, Row, Rows, Written, read_rows, tables_sha256, write_tables
 from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
 from ariac_score.batch.pricing import Measurement, Priced, Pricing
 from ariac_score.batch.store import Store
-from ariac_score.batch.tasks import Setting, Task, TaskKey
+from ariac_score.batch.tasks import BatchSetting, RunTask, TaskKey
 from ariac_score.batch.worker import Done
 from ariac_score.engine.measure import needs_alike
 from ariac_score.engine.prepared import Prepared, prepare
@@ -48,7 +48,7 @@ class Executor(Protocol):
     Found through the entry-point group `ariac_score.executors`.
     """
 
-    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+    def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         """Score tasks and give what came of each exactly once, in any order."""
         ...
 
@@ -81,21 +81,21 @@ class Report:
         return sum(number for outcome, number in self.outcomes.items() if outcome in UNSETTLED)
 
 
-Told = Callable[[TaskKey, str, str], None]
+OnOutcome = Callable[[TaskKey, str, str], None]
 """Called for each run with its key, outcome and reason."""
 
 
 def run_batch(
-    tasks: Iterable[Task],
+    tasks: Iterable[RunTask],
     rule_set: RuleSet,
-    setting: Setting,
+    setting: BatchSetting,
     store: Store,
     work: Path,
     executor: Executor,
     *,
     about: Mapping[str, object],
     again: bool = False,
-    told: Told = lambda _key, _outcome, _reason: None,
+    told: OnOutcome = lambda _key, _outcome, _reason: None,
 ) -> Report:
     """Score what is not scored yet, and write the tables.
 
@@ -119,12 +119,12 @@ def run_batch(
     prepared = prepare(rule_set)  # what is wrong with it is said once, not for every run
     basis = basis_of(prepared)
     setting = replace(setting, earlier_basis=_earlier_basis(store, prepared, setting))
-    seen, rows = Seen(store.root), _remembering(store, work)
+    seen, rows = HashCache(store.root), _remembering(store, work)
     pricing = Pricing(setting, store, work)
     settled, kept_s = _Settled(rows, told), time.monotonic()
     now, cpu_s, contradictions, trusted = 0, 0.0, 0, _as_written(store, seen)
 
-    def missing() -> Iterator[Task]:
+    def missing() -> Iterator[RunTask]:
         nonlocal contradictions
         for task in tasks:
             found = _stored(task, basis, setting, store, seen, rows, again=again, trusted=trusted)
@@ -137,7 +137,7 @@ def run_batch(
                 yield _with_earlier(task, rows)
         yield from settled.add_priced(pricing.rest())
 
-    def look(still: Iterable[Task]) -> None:
+    def look(still: Iterable[RunTask]) -> None:
         nonlocal now, cpu_s, kept_s
         for done in executor.run(_told_apart(still, settled), setting):
             known = _addressed(done, basis)
@@ -175,7 +175,7 @@ class _Settled:
     """
 
     rows: Rows
-    told: Told
+    told: OnOutcome
     journal: IO[str] | None = None
     outcomes: Counter[str] = field(default_factory=Counter)
 
@@ -188,7 +188,7 @@ class _Settled:
         self.outcomes[row.outcome] += 1
         self.told(key, row.outcome, row.reason)
 
-    def add_priced(self, found: Iterable[Priced]) -> Iterator[Task]:
+    def add_priced(self, found: Iterable[Priced]) -> Iterator[RunTask]:
         """Take the rows of those that have their price; the tasks for which that cannot be done."""
         for one, row in found:
             if row is None:
@@ -207,7 +207,7 @@ def _remembering(store: Store, work: Path) -> Rows:
     return rows
 
 
-def _earlier_basis(store: Store, prepared: Prepared, setting: Setting) -> str:
+def _earlier_basis(store: Store, prepared: Prepared, setting: BatchSetting) -> str:
     """The basis of the rules that scored here before, by the code of now; empty where it is of no use."""
     try:
         text = _earlier_rules(store, setting)
@@ -220,7 +220,7 @@ def _earlier_basis(store: Store, prepared: Prepared, setting: Setting) -> str:
         return ""  # the first call, or rules that cannot be read any more
 
 
-def _earlier_rules(store: Store, setting: Setting) -> str:
+def _earlier_rules(store: Store, setting: BatchSetting) -> str:
     """The rules by which most of what is stored was measured, where they are not those of now."""
     for name in (_BEFORE, RULES):
         place = store.root / name
@@ -231,12 +231,12 @@ def _earlier_rules(store: Store, setting: Setting) -> str:
     return ""
 
 
-def _with_earlier(task: Task, rows: Rows) -> Task:
+def _with_earlier(task: RunTask, rows: Rows) -> RunTask:
     row = rows.earlier(task.key)
     return task if row is None else replace(task, earlier=row.object, earlier_sha256=row.sha256)
 
 
-def _told_apart(tasks: Iterable[Task], settled: _Settled) -> Iterator[Task]:
+def _told_apart(tasks: Iterable[RunTask], settled: _Settled) -> Iterator[RunTask]:
     """The tasks that can be scored; the others are settled by name."""
     for task in tasks:
         if not task.refused:
@@ -247,11 +247,11 @@ def _told_apart(tasks: Iterable[Task], settled: _Settled) -> Iterator[Task]:
 
 
 def _stored(
-    task: Task,
+    task: RunTask,
     basis: str,
-    setting: Setting,
+    setting: BatchSetting,
     store: Store,
-    seen: Seen,
+    seen: HashCache,
     rows: Rows,
     *,
     again: bool,
@@ -282,10 +282,10 @@ _WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_lar
 
 
 _TABLES = "the tables"
-"""Under which name `Seen` keeps the hash of the tables that were written last."""
+"""Under which name `HashCache` keeps the hash of the tables that were written last."""
 
 
-def _let_go(journal: IO[str] | None, seen: Seen, rows: Rows) -> None:
+def _let_go(journal: IO[str] | None, seen: HashCache, rows: Rows) -> None:
     if journal is not None:
         with suppress(OSError):
             journal.close()
@@ -293,12 +293,12 @@ def _let_go(journal: IO[str] | None, seen: Seen, rows: Rows) -> None:
     rows.close()
 
 
-def _as_written(store: Store, seen: Seen) -> bool:
+def _as_written(store: Store, seen: HashCache) -> bool:
     """Whether the tables are as this machine wrote them: then ten thousand documents need not be read."""
     return not store.journal.exists() and seen.contents(_TABLES) == (tables_sha256(store.root) or "none")
 
 
-def _finished(store: Store, seen: Seen) -> None:
+def _finished(store: Store, seen: HashCache) -> None:
     seen.note(_TABLES, tables_sha256(store.root))
     (store.root / _BEFORE).unlink(missing_ok=True)
     store.journal.unlink()
@@ -336,7 +336,7 @@ def _addressed(done: Done, basis: str) -> Done:
     return replace(done, address=measuring_address(done.task, done.contents, basis))
 
 
-def _kept(done: Done, setting: Setting, store: Store) -> Row:
+def _kept(done: Done, setting: BatchSetting, store: Store) -> Row:
     """The row of what came of a task, its document stored."""
     task = done.task
     if not done.address and done.document is not None:
@@ -348,7 +348,7 @@ def _kept(done: Done, setting: Setting, store: Store) -> Row:
     return Row.kept(task.key, done.document, name)
 
 
-def _describe(store: Store, prepared: Prepared, setting: Setting, about: Mapping[str, object]) -> None:
+def _describe(store: Store, prepared: Prepared, setting: BatchSetting, about: Mapping[str, object]) -> None:
     """Write by which rules and code, and for what, before anything else."""
     names = ("distribution", "version", "package", "sha256")
     told = {

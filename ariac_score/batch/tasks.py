@@ -12,7 +12,7 @@ from ariac_score.errors import NothingToScoreError, UsageError
 from ariac_score.ranking.competition import FILE, Competition, load_competition
 from ariac_score.scoring.ruleset import RuleSet, expanded_yaml, rule_set_from_text
 
-__all__ = ["Limits", "Plan", "Setting", "Task", "TaskKey", "of_shard", "plan_batch", "shard"]
+__all__ = ["BatchPlan", "BatchSetting", "Limits", "RunTask", "TaskKey", "of_shard", "plan_batch", "shard"]
 
 TaskKey = tuple[str, str, int]
 """Team, trial, number of the run; for a plain folder no team, the name of the entry, and 1."""
@@ -21,7 +21,7 @@ _SHARD = re.compile(r"(\d{1,6})/(\d{1,6})")
 
 
 @dataclass(frozen=True, slots=True)  # there are as many as runs
-class Task:
+class RunTask:
     """One run to be scored.
 
     Attributes:
@@ -80,7 +80,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Setting:
+class BatchSetting:
     """What all runs of a batch have in common, in words that any worker understands.
 
     Attributes:
@@ -105,7 +105,7 @@ class Setting:
     storages: str = ""
 
     @classmethod
-    def of(cls, rule_set: RuleSet, limits: Limits, *, ranges: bool = False) -> Setting:
+    def of(cls, rule_set: RuleSet, limits: Limits, *, ranges: bool = False) -> BatchSetting:
         """The setting that scores by a rule set."""
         return cls(expanded_yaml(rule_set), rule_set.id, rule_set.sha256, rule_set.file, limits, ranges)
 
@@ -119,7 +119,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Plan:
+class BatchPlan:
     """What a batch is to score.
 
     Attributes:
@@ -132,12 +132,12 @@ class Plan:
 
     id: str
     rules: str
-    tasks: tuple[Task, ...]
+    tasks: tuple[RunTask, ...]
     competition: Competition | None = None
     strangers: tuple[str, ...] = ()
 
 
-def plan_batch(path: Path, rules: str = "") -> Plan:
+def plan_batch(path: Path, rules: str = "") -> BatchPlan:
     """Find the runs at a path: a competition, or a folder of which every entry is one trial.
 
     Args:
@@ -166,10 +166,12 @@ def plan_batch(path: Path, rules: str = "") -> Plan:
         names = sorted(entry.name for entry in listed if not entry.name.startswith("."))
     if not names:
         raise NothingToScoreError("the folder is empty", file=path, hint="every entry in it is one trial")
-    return Plan(path.resolve().name, rules, tuple(Task("", name, 1, str(path / name)) for name in names))
+    return BatchPlan(
+        path.resolve().name, rules, tuple(RunTask("", name, 1, str(path / name)) for name in names)
+    )
 
 
-def _of_competition(competition: Competition) -> Plan:
+def _of_competition(competition: Competition) -> BatchPlan:
     configs = {("team", team.id): team.config for team in competition.teams} | {
         ("trial", trial.id): trial.config for trial in competition.trials
     }
@@ -180,11 +182,11 @@ def _of_competition(competition: Competition) -> Plan:
 
     root = str(competition.root)
     tasks = [
-        Task(run.team, run.trial, run.number, str(run.path), root, also(run.team, run.trial))
+        RunTask(run.team, run.trial, run.number, str(run.path), root, also(run.team, run.trial))
         for run in competition.runs
     ]
-    tasks += [Task(*key, "", root, refused=reason) for key, reason in competition.refused.items()]
-    return Plan(
+    tasks += [RunTask(*key, "", root, refused=reason) for key, reason in competition.refused.items()]
+    return BatchPlan(
         competition.id,
         competition.rules,
         tuple(sorted(tasks, key=lambda task: task.key)),
@@ -211,6 +213,6 @@ def shard(text: str) -> tuple[int, int]:
     return number, count
 
 
-def of_shard(tasks: Sequence[Task], number: int, count: int) -> Iterator[Task]:
+def of_shard(tasks: Sequence[RunTask], number: int, count: int) -> Iterator[RunTask]:
     """Every n-th task, so that neighbours, which are alike, spread over the shards."""
     return (task for place, task in enumerate(tasks) if place % count == number - 1)

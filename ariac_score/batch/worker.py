@@ -28,7 +28,7 @@ from ariac_score.batch.address import (
 from ariac_score.batch.fetched import Near, bring, still_the_same
 from ariac_score.batch.outcomes import outcome_document, outcome_of, told_within
 from ariac_score.batch.store import Store
-from ariac_score.batch.tasks import Limits, Setting, Task
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import reprice
@@ -80,7 +80,7 @@ class Done:
             work, it is worth another try when nothing else is under way.
     """
 
-    task: Task
+    task: RunTask
     address: str
     contents: str
     signature: str
@@ -97,7 +97,7 @@ def _nobody(_contents: str, _signature: str) -> None:
     """Remember nothing: nobody is left to ask when this process dies."""
 
 
-def perform(task: Task, setting: Setting, out: Path | None = None, hashed: Hashed = _nobody) -> Done:
+def perform(task: RunTask, setting: BatchSetting, out: Path | None = None, hashed: Hashed = _nobody) -> Done:
     """Score one run, or find that it is scored already.
 
     Args:
@@ -113,7 +113,9 @@ def perform(task: Task, setting: Setting, out: Path | None = None, hashed: Hashe
     return _perform_here(task, setting, out, hashed, changing=False)
 
 
-def _perform_here(task: Task, setting: Setting, out: Path | None, hashed: Hashed, *, changing: bool) -> Done:
+def _perform_here(
+    task: RunTask, setting: BatchSetting, out: Path | None, hashed: Hashed, *, changing: bool
+) -> Done:
     """Score a run whose files are here; those with holes change while they are read."""
     before = signature_of(task)
     try:
@@ -145,7 +147,7 @@ def _perform_here(task: Task, setting: Setting, out: Path | None, hashed: Hashed
 
 
 def _perform_elsewhere(
-    task: Task, setting: Setting, out: Path | None, folder: Path, brought: Callable[[Near], None]
+    task: RunTask, setting: BatchSetting, out: Path | None, folder: Path, brought: Callable[[Near], None]
 ) -> Done:
     """Fetch a run, score what came, and see that nothing changed meanwhile."""
     rules, _ = prepared(setting)
@@ -172,12 +174,12 @@ def _perform_elsewhere(
     return Done(task, "", "", "", _because(task, "changing", "it changed while it was fetched; call again"))
 
 
-def _beyond_size(task: Task, error: RunTooLargeError) -> Done:
+def _beyond_size(task: RunTask, error: RunTooLargeError) -> Done:
     """A run with more or larger files than may be; nobody hashed them, so the next call looks again."""
     return Done(task, "", "", "", _because(task, "too_large", f"{error}; {error.hint}"))
 
 
-def _unreachable(task: Task, error: Exception) -> Done:
+def _unreachable(task: RunTask, error: Exception) -> Done:
     """A run whose files could not be had; nothing of it is kept, so that the next call asks again."""
     hint = getattr(error, "hint", "")
     return Done(task, "", "", "", _because(task, "unreachable", f"{error}; {hint}" if hint else str(error)))
@@ -203,7 +205,7 @@ def _priced_again(store: Store, address: str, rule_set: RuleSet) -> bytes | None
         return None  # an outcome, a damaged file, a formula without a value: measure, and say what is wrong
 
 
-def _known(task: Task, contents: str, setting: Setting, store: Store) -> Result | None:
+def _known(task: RunTask, contents: str, setting: BatchSetting, store: Store) -> Result | None:
     """What was measured of the same files, by the same code, under rules that share some checks.
 
     The address says so: it is that of the earlier rules and the code of now only when neither the
@@ -222,7 +224,7 @@ def _known(task: Task, contents: str, setting: Setting, store: Store) -> Result 
         return None  # an outcome, or a damaged file: ask every check
 
 
-def _scored(task: Task, rules: Prepared, known: Result | None) -> bytes:
+def _scored(task: RunTask, rules: Prepared, known: Result | None) -> bytes:
     root = Path(task.root) if task.root else Path(task.path).parent
     try:
         result = score_trial(
@@ -254,7 +256,7 @@ def _blame_the_machine(cause: MemoryError | OSError) -> None:
         raise OSError(cause.errno, os.strerror(cause.errno)) from None
 
 
-def _because(task: Task, outcome: str, reason: str) -> bytes:
+def _because(task: RunTask, outcome: str, reason: str) -> bytes:
     return outcome_document(outcome, reason, team=task.team, trial=task.trial)
 
 
@@ -265,7 +267,7 @@ def installed() -> Registry:
 
 
 @cache
-def prepared(setting: Setting) -> tuple[Prepared, str]:
+def prepared(setting: BatchSetting) -> tuple[Prepared, str]:
     """The rules and the basis of a setting, made once in a process and in those that come out of it."""
     rules = prepare(setting.rule_set(), registry=installed())
     expanded_yaml(rules.rule_set)  # it keeps its text
@@ -275,7 +277,7 @@ def prepared(setting: Setting) -> tuple[Prepared, str]:
 # In a process of its own ---------------------------------------------------------------
 
 
-def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def perform_into(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """What the process of one run does: keep the limits, score, leave a report.
 
     The report is a line of JSON, then the document; it appears whole or not at all. Whoever began the
@@ -300,7 +302,7 @@ def perform_into(task: Task, setting: Setting, out: Path | None, report: Path) -
     os._exit(0)  # nothing is left to be tidied up, and taking modules apart takes as long as a small trial
 
 
-def _wherever(task: Task, setting: Setting, out: Path | None, report: Path) -> Done:
+def _wherever(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> Done:
     """Score a run that lies here, or fetch it first."""
 
     def hashed(contents: str, signature: str) -> None:
@@ -348,11 +350,11 @@ def report_of(done: Done) -> bytes:
     return json.dumps(head).encode("ascii") + b"\n" + (done.document or b"")
 
 
-def _told(task: Task) -> str:
+def _told(task: RunTask) -> str:
     return json.dumps([*task.key, task.path])
 
 
-def parse_report(task: Task, report: bytes) -> Done:
+def parse_report(task: RunTask, report: bytes) -> Done:
     """What a process left behind.
 
     Raises:

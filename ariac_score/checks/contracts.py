@@ -14,7 +14,7 @@ from typing import Protocol, runtime_checkable
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.trial.channels import KitMap, LogMap
-from ariac_score.trial.course import Course
+from ariac_score.trial.chart import Chart
 from ariac_score.trial.events import Event
 from ariac_score.trial.kits import ModelTrack
 from ariac_score.trial.model import Body, Kit, KitRecord, LogDefect, Order, Submission, Trial
@@ -30,6 +30,7 @@ __all__ = [
     "EventMonitor",
     "EventWatch",
     "HoldsRuns",
+    "InstantVerdict",
     "KitFinder",
     "Likeness",
     "Likening",
@@ -43,7 +44,6 @@ __all__ = [
     "Resolving",
     "Rule",
     "SignalNeed",
-    "Standing",
     "TopicDescription",
     "Wanted",
     "reader_facts",
@@ -95,7 +95,7 @@ class Monitor(Protocol):
 
 
 @dataclass(frozen=True)
-class Standing:
+class InstantVerdict:
     """What a monitor can say of one instant, as soon as it can be said.
 
     Attributes:
@@ -125,7 +125,7 @@ class OnlineWatch(Protocol):
     in an attribute `undecided`; absent or empty, it speaks.
     """
 
-    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterable[Standing]:
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterable[InstantVerdict]:
         """Take what has just come, and say what can be said now.
 
         The cost of a step does not grow with what came before. Every instant is spoken
@@ -179,8 +179,8 @@ class OnlineMonitor(Protocol):
 class Charting(Protocol):
     """A monitor that also shows what it judged: what was, beside what may be, over time."""
 
-    def courses(self, trial: Trial) -> Iterable[Course]:
-        """A course for each subject that can be drawn; decides nothing."""
+    def charts(self, trial: Trial) -> Iterable[Chart]:
+        """A chart for each subject that can be drawn; decides nothing."""
         ...
 
 
@@ -193,7 +193,7 @@ class Margined(Protocol):
     the robustness of the finding.
     """
 
-    def margins(self, trial: Trial) -> Iterable[Course]:
+    def margins(self, trial: Trial) -> Iterable[Chart]:
         """What was beside what may be, for each subject and limit; without a limit where none applies."""
         ...
 
@@ -210,7 +210,7 @@ class Resolving(Protocol):
 class EventWatch(Protocol):
     """One trace, judged event by event; made by an `EventMonitor`, used once."""
 
-    def take(self, event: Mapping[str, object]) -> Standing:
+    def take(self, event: Mapping[str, object]) -> InstantVerdict:
         """Judge the trace up to and including an event, which is as its recorder wrote it.
 
         Raises:

@@ -19,8 +19,8 @@ from ariac_score.batch.executors import make_executor
 from ariac_score.batch.remote import is_uri
 from ariac_score.batch.remote_plans import LIST_ENDING, plan_elsewhere, plan_list
 from ariac_score.batch.store import Store
-from ariac_score.batch.supervise import Report, Told, run_batch
-from ariac_score.batch.tasks import Limits, Plan, Setting, TaskKey, of_shard, plan_batch, shard
+from ariac_score.batch.supervise import OnOutcome, Report, run_batch
+from ariac_score.batch.tasks import BatchPlan, BatchSetting, Limits, TaskKey, of_shard, plan_batch, shard
 from ariac_score.errors import UsageError
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.terminal.style import plain
@@ -80,7 +80,7 @@ def register(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Plan, score what is missing, write the tables, say what came of it."""
+    """BatchPlan, score what is missing, write the tables, say what came of it."""
     sizes = (arguments.memory_mb, arguments.output_mb, arguments.input_gb)
     if arguments.jobs < 0 or arguments.time_limit_s <= 0 or min(sizes) < 0:
         raise UsageError("a limit is negative, or no time at all", hint="leave it out for the default")
@@ -95,12 +95,12 @@ def run(arguments: argparse.Namespace) -> int:
     with TemporaryDirectory(prefix="ariac-score-") as laid_out:
         plan = _planned(arguments, Path(laid_out), part)
         rule_set = load_rule_set(plan.rules)
-        setting = Setting.of(rule_set, limits, ranges=arguments.ranges)
+        setting = BatchSetting.of(rule_set, limits, ranges=arguments.ranges)
         schemes = {task.path.partition("://")[0] for task in plan.tasks if task.remote}
         return _run(arguments, plan, rule_set, replace(setting, storages=",".join(sorted(schemes))), part)
 
 
-def _planned(arguments: argparse.Namespace, work: Path, part: tuple[int, int]) -> Plan:
+def _planned(arguments: argparse.Namespace, work: Path, part: tuple[int, int]) -> BatchPlan:
     """The runs of a path or URI."""
     if is_uri(arguments.path):
         return plan_elsewhere(arguments.path, arguments.rules, work, ranges=arguments.ranges, part=part)
@@ -113,7 +113,11 @@ def _planned(arguments: argparse.Namespace, work: Path, part: tuple[int, int]) -
 
 
 def _run(
-    arguments: argparse.Namespace, plan: Plan, rule_set: RuleSet, setting: Setting, part: tuple[int, int]
+    arguments: argparse.Namespace,
+    plan: BatchPlan,
+    rule_set: RuleSet,
+    setting: BatchSetting,
+    part: tuple[int, int],
 ) -> int:
     """Score what is missing, write the tables, say what came of it."""
     store = Store(arguments.output)
@@ -165,7 +169,7 @@ def _is_competition(folder: Path) -> bool:
 
 
 @contextmanager
-def _progress(total: int) -> Iterator[Told]:
+def _progress(total: int) -> Iterator[OnOutcome]:
     """A bar with counts of outcomes on a terminal; one line for each run elsewhere."""
     if not sys.stderr.isatty():
 
@@ -198,7 +202,7 @@ def counted(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{number} {outcome.replace('_', ' ')}" for outcome, number in ordered)
 
 
-def _show(report: Report, plan: Plan, out: Path) -> None:
+def _show(report: Report, plan: BatchPlan, out: Path) -> None:
     runs = f"{report.runs} run{'' if report.runs == 1 else 's'}"
     print(f"{plain(plan.id)}: {runs}: {counted(report.outcomes)}")
     if report.cpu_s:

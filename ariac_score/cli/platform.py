@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ariac_score.batch.tasks import Limits, Setting
+from ariac_score.batch.tasks import BatchSetting, Limits
 from ariac_score.errors import UsageError
 from ariac_score.platforms.codabench import Bundle, Problem, check_bundle, dry_run, pack, score, write_bundle
 from ariac_score.platforms.evalai import (
@@ -129,7 +129,7 @@ def _bundle(arguments: argparse.Namespace) -> int:
         for trial, _, config in (text.partition("=") for text in arguments.trial)
     }
     bundle = Bundle(arguments.title, arguments.image, arguments.start, arguments.end, arguments.time_limit_s)
-    write_bundle(bundle, rule_set, Setting.of(rule_set, limits), trials, arguments.output)
+    write_bundle(bundle, rule_set, BatchSetting.of(rule_set, limits), trials, arguments.output)
     print(f"wrote {arguments.output}; 'platform codabench dry-run' tries it with a submission")
     return _check_bundle(argparse.Namespace(bundle=arguments.output))
 

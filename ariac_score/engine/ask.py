@@ -15,10 +15,10 @@ from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Plugin
 from ariac_score.errors import MissingSignalError, PluginError
 from ariac_score.results.result import settled
-from ariac_score.trial.course import Course
+from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 
-__all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "courses_of", "margins_of"]
+__all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
 
 Heard = Callable[[str], None]
 _Made = TypeVar("_Made")
@@ -86,32 +86,30 @@ def ask(
     return sorted((_stored(plugin, name, finding, units) for finding in said), key=_order_of_findings)
 
 
-def courses_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Course]:
+def charts_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Chart]:
     """What a monitor has to show of a trial; nothing for a check that shows nothing.
 
     Raises:
-        PluginError: It raised, or shows something that is no `Course`.
+        PluginError: It raised, or shows something that is no `Chart`.
     """
-    return _courses(plugin, name, check.courses, trial) if isinstance(check, Charting) else []
+    return _charts(plugin, name, check.charts, trial) if isinstance(check, Charting) else []
 
 
-def margins_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Course]:
+def margins_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Chart]:
     """The margins of a monitor at every sample; nothing for a check that tells none.
 
     Raises:
-        PluginError: It raised, or gives something that is no `Course`.
+        PluginError: It raised, or gives something that is no `Chart`.
     """
-    return _courses(plugin, name, check.margins, trial) if isinstance(check, Margined) else []
+    return _charts(plugin, name, check.margins, trial) if isinstance(check, Margined) else []
 
 
-def _courses(
-    plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Course]], trial: Trial
-) -> list[Course]:
+def _charts(plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Chart]], trial: Trial) -> list[Chart]:
     trial = replace(trial)
     before = _marks(trial)
     try:
         with quiet(plugin.origin):
-            courses = list(show(trial))
+            charts = list(show(trial))
     except MissingSignalError:
         return []
     except (Exception, SystemExit) as cause:
@@ -120,10 +118,10 @@ def _courses(
         ) from cause
     if _marks(trial) != before:
         raise broken(plugin, "changed the trial it was asked about", of=name)
-    for course in courses:
-        if not isinstance(course, Course):
-            raise broken(plugin, f"shows a {type(course).__name__} instead of a Course", of=name)
-    return courses
+    for chart in charts:
+        if not isinstance(chart, Chart):
+            raise broken(plugin, f"shows a {type(chart).__name__} instead of a Chart", of=name)
+    return charts
 
 
 def _units(plugin: Plugin, name: str, said: Iterable[Finding]) -> dict[str, str]:

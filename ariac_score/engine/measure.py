@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ariac_score.checks.contracts import SignalNeed
 from ariac_score.checks.findings import Finding, Verdict
-from ariac_score.engine.ask import ask, courses_of
+from ariac_score.engine.ask import ask, charts_of
 from ariac_score.engine.prepared import Prepared
 from ariac_score.errors import (
     LogError,
@@ -116,9 +116,7 @@ def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch
     Raises:
         PluginError: A monitor cannot show what it saw.
     """
-    courses = {
-        name: courses_of(each.plugin, name, each.check, trial) for name, each in prepared.checks.items()
-    }
+    charts = {name: charts_of(each.plugin, name, each.check, trial) for name, each in prepared.checks.items()}
     found = sorted(
         (f for f in measured.findings.values() if f.robustness is not None and (f.span or f.evidence)),
         key=lambda f: f.robustness or 0.0,
@@ -127,7 +125,7 @@ def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch
     for finding in found:
         at_s = finding.evidence[0].t_s if finding.evidence else 0.0
         moments.setdefault((finding.check, finding.subject), []).append(finding.span or Span(at_s, at_s))
-    return sketch_of(trial, courses, moments)
+    return sketch_of(trial, charts, moments)
 
 
 def _scopes(trial: Trial) -> Scope:

@@ -24,7 +24,7 @@ import numpy as np
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type
-from ariac_score.logs.gather.collector import Gathering, Route
+from ariac_score.logs.gather.collector import Gathering, MessageRoute
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, LogMap
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED
@@ -365,7 +365,7 @@ class _EventGathering(Gathering):
     def _connect(self, connection: Connection) -> None:
         intakes = [intake for intake in self._intakes if intake.accepts(connection)]
         if intakes:
-            self._routes[connection] = Route(intakes, _as_it_is, None)
+            self._routes[connection] = MessageRoute(intakes, _as_it_is, None)
 
 
 def _as_it_is(payload: Any) -> Any:

@@ -18,10 +18,10 @@ from typing import Any, Protocol
 from ariac_score.checks.contracts import (
     EventMonitor,
     EventWatch,
+    InstantVerdict,
     Monitor,
     OnlineMonitor,
     OnlineWatch,
-    Standing,
 )
 from ariac_score.checks.findings import Verdict
 from ariac_score.checks.guarded import GuardedDecoder, broken
@@ -254,7 +254,7 @@ class _Said:
 
     def __init__(self, live: _Live, bodies: Sequence[Body]) -> None:
         self.live, self.watch = live, _begun(live, bodies)
-        self.standings: dict[str, tuple[Standing, float | None]] = {}
+        self.standings: dict[str, tuple[InstantVerdict, float | None]] = {}
         self.longest_s = live.max_gap_s + 1e-9
 
     def step(self, samples: Sequence[Sample], events: Sequence[Happened], t_s: float | None) -> None:
@@ -270,7 +270,7 @@ class _Said:
             live = self.live
             raise broken(live.plugin, f"raised {type(cause).__name__}: {cause}", of=live.name) from cause
 
-    def known(self, t_s: float | None) -> Iterator[Standing]:
+    def known(self, t_s: float | None) -> Iterator[InstantVerdict]:
         """What still counts at the time of an event, as far as that has one."""
         for standing, said_s in self.standings.values():
             if (
@@ -317,7 +317,7 @@ class _RulesJudge:
             latest[sample.signal] = t_s
 
     def _opinion(self, t_s: float | None) -> Opinion:
-        violated: list[tuple[str, Standing]] = []
+        violated: list[tuple[str, InstantVerdict]] = []
         undecided = nothing = False
         everything_final = True
         for said in self._said:
@@ -424,7 +424,7 @@ class _SpecJudge:
 
     def take(self, event: Event) -> Opinion:
         """Judge the trace up to and including an event."""
-        standing: Standing = self._guarded(self._watch.take, _bare(event))
+        standing: InstantVerdict = self._guarded(self._watch.take, _bare(event))
         return Opinion(_word(standing), standing.message if standing.verdict is Verdict.VIOLATED else "")
 
 
@@ -437,7 +437,7 @@ def _members(event: Event) -> Iterator[tuple[str, Any]]:
     return ((name, value) for name, value in event.items() if name not in ("verdict", "spec"))
 
 
-def _word(standing: Standing) -> str:
+def _word(standing: InstantVerdict) -> str:
     if standing.verdict is Verdict.VIOLATED:
         return FALSE if standing.final else CURRENTLY_FALSE
     if standing.verdict is Verdict.INCONCLUSIVE:

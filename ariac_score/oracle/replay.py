@@ -9,7 +9,7 @@ from ariac_score.errors import NothingToScoreError, PluginError
 from ariac_score.logs.rosmonitoring import Row, channel_of, rows
 from ariac_score.oracle.judges import UNKNOWN, Bench, Judge, Opinion
 
-__all__ = ["NEGATIVE", "Difference", "Replay", "replay", "replay_text"]
+__all__ = ["NEGATIVE", "Disagreement", "Replay", "replay", "replay_text"]
 
 NEGATIVE = frozenset({"false", "currently_false", "violation", "violated"})
 """The verdicts that a monitor takes for a violation; text and truth values alike, in lower case."""
@@ -18,7 +18,7 @@ _SHOWN = 20
 
 
 @dataclass(frozen=True)
-class Difference:
+class Disagreement:
     """An event of which one side says that it violates, and the other that it does not.
 
     Attributes:
@@ -48,7 +48,7 @@ class Replay:
     agreeing: int
     undecided: int
     without: int
-    differences: tuple[Difference, ...]
+    differences: tuple[Disagreement, ...]
 
 
 def replay(log: Path, bench: Bench) -> Replay:
@@ -74,7 +74,7 @@ def replay(log: Path, bench: Bench) -> Replay:
         elif (theirs in NEGATIVE) == (ours.verdict in NEGATIVE):
             agreeing += 1
         else:
-            differences.append(Difference(row.line, channel_of(row.event), theirs, ours))
+            differences.append(Disagreement(row.line, channel_of(row.event), theirs, ours))
     if not (agreeing or undecided or differences):
         raise NothingToScoreError(
             "the log holds no verdict to compare with",

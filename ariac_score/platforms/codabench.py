@@ -25,7 +25,7 @@ from typing import Any
 
 import yaml
 
-from ariac_score.batch.tasks import Setting
+from ariac_score.batch.tasks import BatchSetting
 from ariac_score.documents.yaml import is_there, parse_yaml
 from ariac_score.errors import LogError, ScoreError, UsageError
 from ariac_score.platforms.archives import unpack
@@ -127,7 +127,7 @@ class Problem:
 
 
 def write_bundle(
-    bundle: Bundle, rule_set: RuleSet, setting: Setting, trials: Mapping[str, Path | None], output: Path
+    bundle: Bundle, rule_set: RuleSet, setting: BatchSetting, trials: Mapping[str, Path | None], output: Path
 ) -> None:
     """Write a complete competition bundle.
 

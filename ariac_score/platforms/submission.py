@@ -14,7 +14,7 @@ from typing import Any
 
 from ariac_score.batch.local import LocalExecutor, usable_cores
 from ariac_score.batch.outcomes import UNSETTLED, summary_of
-from ariac_score.batch.tasks import Limits, Setting, Task
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.checks.findings import Verdict
 from ariac_score.documents.schema import strict_json
@@ -56,7 +56,7 @@ BEGUN_WITHIN = 0.9
 _OF_THE_WORKER = ("metadata",)
 """What the platform puts among the files of a submission."""
 
-Told = Callable[[str], None]
+Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Phase:
     """
 
     name: str
-    setting: Setting
+    setting: BatchSetting
     trials: tuple[TrialPlan, ...]
     folder: Path
     archive_limits: ArchiveLimits
@@ -93,7 +93,7 @@ class Scored:
     results: Mapping[tuple[str, int], Result]
 
 
-def phase_text(name: str, setting: Setting, trials: Mapping[str, str]) -> str:
+def phase_text(name: str, setting: BatchSetting, trials: Mapping[str, str]) -> str:
     """The description of a phase, for its reference data."""
     told = {
         "schema": SCHEMA,
@@ -145,7 +145,7 @@ def load_phase(folder: Path) -> Phase:
         rules = (folder / RULES).read_text(encoding="utf-8")
         if told["schema"] != SCHEMA:
             raise ValueError(f"it is of {told['schema']}, and this version reads {SCHEMA}")
-        setting = Setting(
+        setting = BatchSetting(
             rules,
             told["rule_set"]["id"],
             told["rule_set"]["sha256"],
@@ -177,7 +177,7 @@ def check_configurations(phase: Phase) -> None:
 
 
 def score_submission(
-    files: Path, phase: Phase, work: Path, *, told: Told = lambda _line: None, jobs: int = 0
+    files: Path, phase: Phase, work: Path, *, told: Say = lambda _line: None, jobs: int = 0
 ) -> Scored:
     """Score what somebody handed in. Whatever is wrong with it is an outcome, never an error.
 
@@ -207,7 +207,7 @@ def score_submission(
     if not tasks:
         return _nothing(phase, EMPTY)
     results: dict[tuple[str, str, int], Result | ScoreError] = {}
-    late: list[Task] = []
+    late: list[RunTask] = []
     in_time = _in_time(tasks, phase.setting.limits.wall_s * BEGUN_WITHIN, late)
     for done in LocalExecutor(jobs or usable_cores(), None, work).run(in_time, phase.setting):
         results[done.task.key] = _result_of(done, work)
@@ -230,7 +230,7 @@ def score_submission(
     return Scored(_export(phase, ranking, scored), ranking, scored)
 
 
-def _in_time(tasks: Iterable[Task], within_s: float, late: list[Task]) -> Iterator[Task]:
+def _in_time(tasks: Iterable[RunTask], within_s: float, late: list[RunTask]) -> Iterator[RunTask]:
     """The tasks that are asked for in time; the others are noted as late.
 
     A platform that has to stop a submission keeps no score of any of its runs.
@@ -250,7 +250,7 @@ def _nothing(phase: Phase, message: str) -> Scored:
 # The files -----------------------------------------------------------------------------
 
 
-def _tasks(files: Path, phase: Phase, work: Path) -> Iterator[Task]:
+def _tasks(files: Path, phase: Phase, work: Path) -> Iterator[RunTask]:
     """A task for each entry that belongs to a trial of the phase.
 
     Raises:
@@ -268,7 +268,7 @@ def _tasks(files: Path, phase: Phase, work: Path) -> Iterator[Task]:
         config = configs.get(trial)
         also = (str(config),) if config else ()
         # A team that could bring its own configuration would choose its own orders.
-        yield Task(TEAM, trial, number, str(entry), str(entry.parent), also, binding=True)
+        yield RunTask(TEAM, trial, number, str(entry), str(entry.parent), also, binding=True)
 
 
 def _entries(files: Path, phase: Phase, work: Path) -> Iterator[Path]:

@@ -8,7 +8,7 @@ from decimal import Decimal
 
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication
-from ariac_score.ranking.rank import RunOutcome, Standing
+from ariac_score.ranking.rank import RunOutcome, TeamRank
 from ariac_score.results.codec import plain
 from ariac_score.results.result import Pinned
 
@@ -103,7 +103,7 @@ def changes_between(before: Publication, now: Publication) -> Changes:
 
 
 def _teams(before: Publication, now: Publication) -> Iterator[TeamChange]:
-    old: dict[str, Standing] = {standing.team: standing for standing in before.final.standings}
+    old: dict[str, TeamRank] = {standing.team: standing for standing in before.final.standings}
     for standing in now.final.standings:
         was = old.pop(standing.team, None)
         yield TeamChange(

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from ariac_score.ranking.evaluation import Evaluation
 from ariac_score.ranking.rank import Ranking
 
-__all__ = ["Difference", "differences"]
+__all__ = ["RankingDifference", "differences"]
 
 RELATIVE = 1e-9
 
 
 @dataclass(frozen=True)
-class Difference:
+class RankingDifference:
     """One number that differs.
 
     Attributes:
@@ -32,7 +32,7 @@ class Difference:
     because: str
 
 
-def differences(strict: Evaluation, ranking: Ranking) -> tuple[Difference, ...]:
+def differences(strict: Evaluation, ranking: Ranking) -> tuple[RankingDifference, ...]:
     """Every trial score, sum and rank that differs, in the order of the ranking.
 
     Equal means equal to 1e-9 of the number, or to the last digit the ranking shows.
@@ -47,17 +47,21 @@ def differences(strict: Evaluation, ranking: Ranking) -> tuple[Difference, ...]:
             theirs = None if entry is None else float(entry.score)
             if not _same(theirs, float(cell.score)):
                 found.append(
-                    Difference(team, trial, theirs, float(cell.score), _why(strict, ranking, team, trial))
+                    RankingDifference(
+                        team, trial, theirs, float(cell.score), _why(strict, ranking, team, trial)
+                    )
                 )
         if not _same(sums.get(team), float(standing.execution)):
             found.append(
-                Difference(team, "sum", sums.get(team), float(standing.execution), "its trials differ")
+                RankingDifference(team, "sum", sums.get(team), float(standing.execution), "its trials differ")
             )
         if places.get(team) != standing.rank:
             ours = None if standing.rank is None else float(standing.rank)
             theirs = places.get(team)
             found.append(
-                Difference(team, "rank", None if theirs is None else float(theirs), ours, "sums differ")
+                RankingDifference(
+                    team, "rank", None if theirs is None else float(theirs), ours, "sums differ"
+                )
             )
     return tuple(found)
 

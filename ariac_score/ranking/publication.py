@@ -13,7 +13,7 @@ from msgspec import Meta, Struct
 
 from ariac_score.errors import DataFileError
 from ariac_score.ranking.competition import RunKey
-from ariac_score.ranking.rank import Outcome, Ranking, RunOutcome, Standing, Stewarded, final_ranking
+from ariac_score.ranking.rank import Outcome, Ranking, RunOutcome, Stewarded, TeamRank, final_ranking
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.results.codec import Format, plain
@@ -124,7 +124,7 @@ class PublishedDecisions(Struct, frozen=True, forbid_unknown_fields=True):
 
     sha256: Sha256
     adjustments: Annotated[tuple[Adjustment, ...], Meta(min_length=1)]
-    standings: tuple[Standing, ...]
+    standings: tuple[TeamRank, ...]
     runs: tuple[PublishedRun, ...]
     worst: Mapping[str, Decimal]
     statistics: Statistics | None
@@ -156,7 +156,7 @@ class Publication:
     rule_set: Pinned
     trials: tuple[str, ...]
     how: How
-    standings: tuple[Standing, ...]
+    standings: tuple[TeamRank, ...]
     runs: tuple[PublishedRun, ...]
     worst: Mapping[str, Decimal]
     statistics: Statistics | None
@@ -177,7 +177,7 @@ class Publication:
         return replace(automatic, stewarded=Stewarded(after, adjusted.adjustments, adjusted.sha256))
 
     def _ranking(
-        self, standings: tuple[Standing, ...], runs: tuple[PublishedRun, ...], worst: Mapping[str, Decimal]
+        self, standings: tuple[TeamRank, ...], runs: tuple[PublishedRun, ...], worst: Mapping[str, Decimal]
     ) -> Ranking:
         return Ranking(
             competition=self.competition,

@@ -35,8 +35,8 @@ __all__ = [
     "Outcome",
     "Ranking",
     "RunOutcome",
-    "Standing",
     "Stewarded",
+    "TeamRank",
     "cell_digits",
     "final_ranking",
     "is_scored",
@@ -117,7 +117,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Standing:
+class TeamRank:
     """One team in the ranking.
 
     Attributes:
@@ -172,7 +172,7 @@ class Ranking:
     title: str
     rule_set: Pinned
     trials: tuple[str, ...]
-    standings: tuple[Standing, ...]
+    standings: tuple[TeamRank, ...]
     runs: tuple[RunOutcome, ...]
     cohort: Cohort | None
     strangers: tuple[str, ...] = ()
@@ -481,7 +481,7 @@ def _standings(
     spec: Spec,
     cells: Mapping[tuple[str, str], Cell],
     outcomes: Sequence[RunOutcome],
-) -> tuple[Standing, ...]:
+) -> tuple[TeamRank, ...]:
     own = {
         team.id: {trial.id: cells[team.id, trial.id] for trial in competition.trials}
         for team in competition.teams
@@ -498,7 +498,7 @@ def _standings(
     won = _places([own[competition.teams[number].id] for number in counting], spec)
     ties = [key.name for key in spec.ties if key.name != COUNT_BACK]
     found = [
-        Standing(
+        TeamRank(
             None,
             team.id,
             team.name,
@@ -577,22 +577,22 @@ def _remarks(
     return tuple(remarks)
 
 
-def remarks_on_team(standing: Standing) -> tuple[str, ...]:
+def remarks_on_team(standing: TeamRank) -> tuple[str, ...]:
     """What its remarks say of the team itself; those on its trials come first, one for each not scored."""
     return standing.remarks[sum(1 for cell in standing.trials.values() if cell.outcome != "scored") :]
 
 
-def _ranked(found: Sequence[Standing], spec: Spec) -> tuple[Standing, ...]:
+def _ranked(found: Sequence[TeamRank], spec: Spec) -> tuple[TeamRank, ...]:
     """Best first; teams that nothing separates share a rank, and the next rank counts them all."""
 
-    def place(standing: Standing) -> list[Any]:
+    def place(standing: TeamRank) -> list[Any]:
         value = standing.value
         first = (1, 0.0) if value is None else (0, -value if spec.highest else value)
         return [first, *(_tie_key(key, standing) for key in spec.ties)]
 
     ordered = sorted(found, key=lambda standing: (bool(standing.disqualified), place(standing)))
     names = ["value", *(key.name for key in spec.ties)]
-    ranked: list[Standing] = []
+    ranked: list[TeamRank] = []
     for position, standing in enumerate(ordered, start=1):
         pairs = zip(names, place(ranked[-1]), place(standing), strict=True) if ranked else ()
         differ = [name for name, before, own in pairs if before != own]
@@ -605,7 +605,7 @@ def _ranked(found: Sequence[Standing], spec: Spec) -> tuple[Standing, ...]:
     return tuple(ranked)
 
 
-def _tie_key(key: Key, standing: Standing) -> Any:
+def _tie_key(key: Key, standing: TeamRank) -> Any:
     if key.name == COUNT_BACK:
         return tuple(-count for count in standing.places)
     return key.sortable(standing.ties[key.name])

@@ -7,9 +7,9 @@ import io
 from collections.abc import Iterator, Sequence
 
 from ariac_score.ranking.adjusting import decisions_by_run
-from ariac_score.ranking.compare import Difference
+from ariac_score.ranking.compare import RankingDifference
 from ariac_score.ranking.evaluation import Evaluation
-from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, Standing, final_ranking, remarks_on_team
+from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, TeamRank, final_ranking, remarks_on_team
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import Style, plain
@@ -22,7 +22,7 @@ _ORDINARY = ("scored",)
 def ranking_text(
     ranking: Ranking,
     strict: Evaluation | None = None,
-    differences: Sequence[Difference] = (),
+    differences: Sequence[RankingDifference] = (),
     style: Style | None = None,
     statistics: Statistics | None = None,
 ) -> str:
@@ -107,7 +107,7 @@ def _leaderboard(ranking: Ranking, style: Style) -> Iterator[str]:
         yield style("* see below", "dim")
 
 
-def _row(standing: Standing, ranking: Ranking, *, judged: bool) -> list[str]:
+def _row(standing: TeamRank, ranking: Ranking, *, judged: bool) -> list[str]:
     same = sum(1 for other in ranking.standings if other.rank == standing.rank)
     rank = "-" if standing.rank is None else f"{standing.rank}{'=' if same > 1 else ''}"
     value = "-" if standing.value is None else f"{standing.value:.10g}"
@@ -208,7 +208,7 @@ def _cohort(ranking: Ranking, style: Style) -> Iterator[str]:
                 yield f"  {where}: mean {name} {value} ({_many(mean.teams, 'team')}{left_out})"
 
 
-def _strict(strict: Evaluation, differences: Sequence[Difference], style: Style) -> Iterator[str]:
+def _strict(strict: Evaluation, differences: Sequence[RankingDifference], style: Style) -> Iterator[str]:
     yield style("The organisers' own program", "bold")
     if strict.stops:
         yield "  it would have ended without a ranking; without what stopped it:"

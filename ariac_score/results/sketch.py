@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ariac_score.trial.course import Course
+from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span, distinct
@@ -22,7 +22,7 @@ from ariac_score.trial.spans import FloatArray, Span, distinct
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["AskedPart", "AskedTask", "Brought", "Curve", "Route", "Sketch", "extremes", "sketch_of"]
+__all__ = ["AskedPart", "AskedTask", "Brought", "DrawnChart", "DrawnPath", "Sketch", "extremes", "sketch_of"]
 
 
 DECIMALS = 4
@@ -67,8 +67,8 @@ DISTANCES = ("separation", "centre_distance", "centre_distance_2d")
 
 
 @dataclass(frozen=True)
-class Curve:
-    """A course, reduced.
+class DrawnChart:
+    """A chart, reduced.
 
     Attributes:
         check: Name of the check; empty where no check has a limit.
@@ -99,7 +99,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Route:
+class DrawnPath:
     """Where a body went, seen from above, reduced.
 
     Attributes:
@@ -193,24 +193,24 @@ class Sketch:
         brought: What was handed in.
     """
 
-    curves: tuple[Curve, ...] = ()
-    routes: tuple[Route, ...] = ()
+    curves: tuple[DrawnChart, ...] = ()
+    routes: tuple[DrawnPath, ...] = ()
     asked: tuple[AskedTask, ...] = ()
     brought: tuple[Brought, ...] = ()
 
 
 def sketch_of(
-    trial: Trial, courses: Mapping[str, Sequence[Course]], moments: Mapping[tuple[str, str], Sequence[Span]]
+    trial: Trial, charts: Mapping[str, Sequence[Chart]], moments: Mapping[tuple[str, str], Sequence[Span]]
 ) -> Sketch:
     """The sketch of a trial.
 
     Args:
         trial: With the derived signals.
-        courses: What each check saw, by its name.
+        charts: What each check saw, by its name.
         moments: Where each check found something out of the ordinary about a subject, the worst first.
     """
-    told = {(check, course.subject): course for check, found in courses.items() for course in found}
-    limited = {course.subject for course in told.values()}
+    told = {(check, chart.subject): chart for check, found in charts.items() for chart in found}
+    limited = {chart.subject for chart in told.values()}
     for robot, human in trial.pairs():
         plain = None if f"{robot.id}/{human.id}" in limited else _plain_distance(trial, robot.id, human.id)
         if plain is not None:
@@ -254,14 +254,14 @@ def _rounded(value: float) -> float:
     return round(value, DECIMALS) + 0.0
 
 
-def _plain_distance(trial: Trial, robot: str, human: str) -> Course | None:
+def _plain_distance(trial: Trial, robot: str, human: str) -> Chart | None:
     """The distance of a pair that nobody has a limit for."""
     for quantity in DISTANCES:
         signal = trial.signals.get(f"{quantity}/{robot}/{human}")
         if signal is not None and len(signal):
             inside, words = _inside(signal.t, trial.window), quantity.replace("_", " ")
             t, values = signal.t[inside], signal.values[inside]
-            return Course(f"{robot}/{human}", words, signal.unit, t, values, np.full(len(t), np.nan))
+            return Chart(f"{robot}/{human}", words, signal.unit, t, values, np.full(len(t), np.nan))
     return None
 
 
@@ -276,26 +276,28 @@ def _share(room: int, fewest: int, most: int) -> int:
     return min(max(room, fewest), most)
 
 
-def _curve(check: str, course: Course, moments: Sequence[Span], stretches: int, finer: int) -> Curve | None:
-    """A course, reduced; `None` where it has no sample."""
-    t = course.t
+def _curve(
+    check: str, chart: Chart, moments: Sequence[Span], stretches: int, finer: int
+) -> DrawnChart | None:
+    """A chart, reduced; `None` where it has no sample."""
+    t = chart.t
     if not len(t):
         return None
-    actual, limit = np.round(course.actual, DECIMALS) + 0.0, np.round(course.limit, DECIMALS) + 0.0
+    actual, limit = np.round(chart.actual, DECIMALS) + 0.0, np.round(chart.limit, DECIMALS) + 0.0
     known = np.isfinite(limit)
     columns = [actual, np.where(known, limit, actual), np.where(known, actual - limit, 0.0)]
     kept = [extremes(t, columns, stretches), _edges(known)]
     for moment in moments[:DETAILS]:
         near = _inside(t, Span(moment.start_s - AROUND_S, moment.end_s + AROUND_S))
         kept.append(near.start + extremes(t[near], [column[near] for column in columns], finer))
-    beside = _beside_holes(t, course.max_gap_s)
+    beside = _beside_holes(t, chart.max_gap_s)
     rows = distinct(np.concatenate([*kept, beside, beside + 1]))
-    return Curve(
+    return DrawnChart(
         check,
-        course.subject,
-        course.what,
-        course.unit,
-        course.at_most,
+        chart.subject,
+        chart.what,
+        chart.unit,
+        chart.at_most,
         len(t),
         _numbers(t[rows]),
         _numbers(actual[rows]),
@@ -354,7 +356,7 @@ def extremes(t: FloatArray, columns: Iterable[FloatArray], stretches: int) -> ND
     return distinct(np.concatenate(kept))
 
 
-def _routes(trial: Trial) -> Iterable[Route]:
+def _routes(trial: Trial) -> Iterable[DrawnPath]:
     for body in sorted(trial.bodies, key=lambda b: (b.kind, b.id)):
         points = [body.id, *(f"{body.id}::{link}" for link in body.links)]
         name = next((p for p in points if len(trial.signals.get(f"position/{p}", ()))), None)
@@ -365,7 +367,7 @@ def _routes(trial: Trial) -> Iterable[Route]:
             yield route
 
 
-def _route(name: str, kind: str, signal: Signal, window: Span | None) -> Route | None:
+def _route(name: str, kind: str, signal: Signal, window: Span | None) -> DrawnPath | None:
     """Where something went, reduced; `None` where it has no sample."""
     inside = _inside(signal.t, window)
     t, places = signal.t[inside], np.round(signal.values[inside], DECIMALS) + 0.0
@@ -374,4 +376,4 @@ def _route(name: str, kind: str, signal: Signal, window: Span | None) -> Route |
     x, y = places[:, 0], places[:, 1]
     beside = _beside_holes(t, _ROUTE_HOLE_S)
     rows = distinct(np.concatenate([extremes(t, [x, y], ROUTE_STRETCHES), beside, beside + 1]))
-    return Route(name, kind, _numbers(t[rows]), _numbers(x[rows]), _numbers(y[rows]), _numbers(t[beside]))
+    return DrawnPath(name, kind, _numbers(t[rows]), _numbers(x[rows]), _numbers(y[rows]), _numbers(t[beside]))

@@ -20,7 +20,7 @@ import numpy as np
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.results.result import Result
 from ariac_score.review.annotation_messages import MONITOR_STATE, Annotation, States, serialized, stamp
-from ariac_score.review.margins import SAID, Track
+from ariac_score.review.margins import SAID, MarginSeries
 from ariac_score.scoring.steward import with_verdicts
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
@@ -66,7 +66,9 @@ def origin_ns(clock: str) -> int:
     return int(told[1]) if told else 0
 
 
-def messages_of(result: Result, trial: Trial, found: Sequence[Track], *, frame: str) -> Iterator[Annotation]:
+def messages_of(
+    result: Result, trial: Trial, found: Sequence[MarginSeries], *, frame: str
+) -> Iterator[Annotation]:
     """Everything the recording holds, in order of time, one after the other: there can be a million.
 
     What monitors say over time is serialized as it is asked for, some thousand messages at a time.
@@ -124,7 +126,7 @@ class _Clock:
 # Topics --------------------------------------------------------------------------------
 
 
-def _topics(found: Iterable[Track]) -> list[str]:
+def _topics(found: Iterable[MarginSeries]) -> list[str]:
     """A topic for each track, by check and subject; names that ROS allows, and no two the same."""
     names: list[str] = []
     taken: set[str] = set()
@@ -139,8 +141,8 @@ def _topics(found: Iterable[Track]) -> list[str]:
     return names
 
 
-def without_margins(found: Iterable[Track]) -> list[str]:
-    """The checks of which only findings are known, in their order: their margins have no course."""
+def without_margins(found: Iterable[MarginSeries]) -> list[str]:
+    """The checks of which only findings are known, in their order: their margins have no chart."""
     tracks = list(found)
     sampled = {track.check for track in tracks if track.sampled}
     return list(dict.fromkeys(track.check for track in tracks if track.check not in sampled))
@@ -297,7 +299,7 @@ class _Voice:
         t_ns: Their stamps, shape (n,), in order.
     """
 
-    def __init__(self, track: Track, topic: str, clock: _Clock) -> None:
+    def __init__(self, track: MarginSeries, topic: str, clock: _Clock) -> None:
         self.topic, self._track = topic, track
         same = {"check": track.check, "subject": _text(track.subject), "unit": track.unit}
         self._states = States(same, clock.frame)

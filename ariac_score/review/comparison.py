@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from ariac_score.checks.findings import canonical_number
 from ariac_score.review.certainty import Certain
 from ariac_score.scoring.expression import Expression, Number, Traced
-from ariac_score.scoring.ruleset import Difference, RuleSet, load_rule_set, rule_set_names
+from ariac_score.scoring.ruleset import RuleDifference, RuleSet, load_rule_set, rule_set_names
 from ariac_score.scoring.scope import LEVELS, Level, Scope
 
 __all__ = ["Change", "Comparison", "Undecided", "compare_rules", "rule_sets_differing_from"]
@@ -58,7 +58,7 @@ class Change:
     term: str
     before: Number
     after: Number
-    reasons: tuple[Difference, ...] = ()
+    reasons: tuple[RuleDifference, ...] = ()
     follows: bool = False
 
     def __post_init__(self) -> None:
@@ -209,7 +209,7 @@ class _Asking:
 
     def reasons(
         self, traces: tuple[Traced, Traced], is_made_of: bool, is_explained: bool
-    ) -> Iterator[Difference]:
+    ) -> Iterator[RuleDifference]:
         """Those of a check that says something else here, and those named for a formula that is another.
 
         Where what a term is made of differs too and is explained, a formula that is

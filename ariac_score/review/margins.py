@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ariac_score.checks.captured_output import quiet
-from ariac_score.checks.contracts import OnlineMonitor, Standing
+from ariac_score.checks.contracts import InstantVerdict, OnlineMonitor
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Plugin
@@ -27,7 +27,7 @@ from ariac_score.engine.read import find_trial, read_needed
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import ResultError
 from ariac_score.results.result import Result
-from ariac_score.trial.course import Course
+from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal
 from ariac_score.trial.spans import FloatArray, Span
@@ -36,7 +36,7 @@ from ariac_score.trial.vocabulary import quantity_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["SAID", "Moment", "Track", "read_again", "tracks"]
+__all__ = ["SAID", "MarginSeries", "Moment", "read_again", "tracks"]
 
 SAID: tuple[Verdict | None, ...] = (
     Verdict.SATISFIED,
@@ -69,7 +69,7 @@ class Moment:
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class MarginSeries:
     """What one monitor says about one subject, in order of time.
 
     Attributes:
@@ -97,7 +97,7 @@ class Track:
     @classmethod
     def of(
         cls, check: str, subject: str, unit: str, moments: Sequence[Moment], *, sampled: bool = False
-    ) -> Track:
+    ) -> MarginSeries:
         """Some moments as columns."""
         return cls(
             check,
@@ -139,7 +139,7 @@ def read_again(result: Result, path: Path, prepared: Prepared) -> Trial:
     return prepared.derived(read_needed(bundle, readers, prepared))
 
 
-def tracks(result: Result, trial: Trial, prepared: Prepared) -> list[Track]:
+def tracks(result: Result, trial: Trial, prepared: Prepared) -> list[MarginSeries]:
     """What every monitor says over time, in the order of the rule set.
 
     Args:
@@ -150,7 +150,7 @@ def tracks(result: Result, trial: Trial, prepared: Prepared) -> list[Track]:
     Raises:
         PluginError: A monitor raised.
     """
-    found: list[Track] = []
+    found: list[MarginSeries] = []
     for name, each in prepared.checks.items():
         plugin, check = each.plugin, each.check
         if plugin.group != "ariac_score.monitors":
@@ -165,7 +165,7 @@ def tracks(result: Result, trial: Trial, prepared: Prepared) -> list[Track]:
     return found
 
 
-def _with_undecided(track: Track, findings: Sequence[Finding]) -> Track:
+def _with_undecided(track: MarginSeries, findings: Sequence[Finding]) -> MarginSeries:
     """A track that says between its samples, where they lack, what is undecided."""
     undecided = [
         Moment(f.span.start_s, f.verdict, None, f.message)
@@ -181,9 +181,9 @@ def _with_undecided(track: Track, findings: Sequence[Finding]) -> Track:
     return _inserted(track, [more[t_s] for t_s in sorted(more)]) if more else track
 
 
-def _inserted(track: Track, moments: Sequence[Moment]) -> Track:
+def _inserted(track: MarginSeries, moments: Sequence[Moment]) -> MarginSeries:
     """A track with more moments, after those of the same time."""
-    new = Track.of("", "", "", moments)
+    new = MarginSeries.of("", "", "", moments)
     rows = track.t_s.searchsorted(new.t_s, side="right")
     messages = {row + int(np.searchsorted(rows, row, side="right")): m for row, m in track.messages.items()}
     messages |= {int(rows[k]) + k: message for k, message in new.messages.items()}
@@ -199,28 +199,28 @@ def _inserted(track: Track, moments: Sequence[Moment]) -> Track:
 # Monitors that tell their margins ------------------------------------------------------
 
 
-def _sampled(name: str, courses: Sequence[Course], findings: Sequence[Finding]) -> list[Track]:
+def _sampled(name: str, charts: Sequence[Chart], findings: Sequence[Finding]) -> list[MarginSeries]:
     """The margins of a monitor with the state at each; in the order of its subjects."""
-    found: list[Track] = []
-    for course in courses:
-        t, margin = course.t, course.margin
+    found: list[MarginSeries] = []
+    for chart in charts:
+        t, margin = chart.t, chart.margin
         if not len(t):
             continue
-        several = any(track.subject == course.subject for track in found)
+        several = any(track.subject == chart.subject for track in found)
         violations = [
             f.span
             for f in findings
-            if f.span is not None and f.subject == course.subject and f.verdict is Verdict.VIOLATED
+            if f.span is not None and f.subject == chart.subject and f.verdict is Verdict.VIOLATED
         ]
         said = _said(t, margin, violations)
         changed = np.flatnonzero(np.diff(said, prepend=np.array([-1], dtype=np.int8)))
-        messages = _words(course, margin, changed)
-        what = course.what if several else ""
+        messages = _words(chart, margin, changed)
+        what = chart.what if several else ""
         found.append(
-            Track(
+            MarginSeries(
                 name,
-                course.subject,
-                course.unit,
+                chart.subject,
+                chart.unit,
                 t,
                 said.astype(np.uint8),
                 margin,
@@ -246,14 +246,14 @@ def _said(t: FloatArray, margin: FloatArray, violations: Sequence[Span]) -> NDAr
     return np.where(np.isnan(margin), _IDLE, said).astype(np.int8)
 
 
-def _words(course: Course, margin: FloatArray, rows: NDArray[np.intp]) -> dict[int, str]:
+def _words(chart: Chart, margin: FloatArray, rows: NDArray[np.intp]) -> dict[int, str]:
     """What was, beside what may be, at some samples."""
-    actual, limit = course.actual[rows].tolist(), course.limit[rows].tolist()
-    relation = "at most" if course.at_most else "at least"
+    actual, limit = chart.actual[rows].tolist(), chart.limit[rows].tolist()
+    relation = "at most" if chart.at_most else "at least"
     return {
         row: "the limit does not apply"
         if math.isnan(margin[row])
-        else f"{course.what} {was:.3f} {course.unit} ({relation} {may:.3f})"
+        else f"{chart.what} {was:.3f} {chart.unit} ({relation} {may:.3f})"
         for row, was, may in zip(rows.tolist(), actual, limit, strict=True)
     }
 
@@ -261,12 +261,12 @@ def _words(course: Course, margin: FloatArray, rows: NDArray[np.intp]) -> dict[i
 # Monitors that watch online ------------------------------------------------------------
 
 
-def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) -> list[Track]:
+def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) -> list[MarginSeries]:
     """The standing of an online monitor at every instant of the competition, by subject."""
     wanted = {need.quantity for need in needs_of(plugin, name, monitor)}
     signals = [s for key, s in sorted(trial.signals.items()) if quantity_of(key) in wanted]
     window = trial.window
-    heard: dict[str, list[Standing]] = {}
+    heard: dict[str, list[InstantVerdict]] = {}
     try:
         with quiet(plugin.origin):
             watch = monitor.begin()
@@ -279,14 +279,14 @@ def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) ->
     return [_standing_track(name, subject, standings) for subject, standings in heard.items()]
 
 
-def _standing_track(name: str, subject: str, standings: Sequence[Standing]) -> Track:
+def _standing_track(name: str, subject: str, standings: Sequence[InstantVerdict]) -> MarginSeries:
     """What was said of one subject, in words only where the state changes."""
     moments, before = [], None
     for one in standings:
         words = one.message if one.verdict is not before else ""
         moments.append(Moment(one.t_s, one.verdict, one.robustness, words))
         before = one.verdict
-    return Track.of(name, subject, standings[-1].unit, moments, sampled=True)
+    return MarginSeries.of(name, subject, standings[-1].unit, moments, sampled=True)
 
 
 def _steps(signals: Sequence[Signal]) -> Iterator[list[Sample]]:
@@ -311,7 +311,7 @@ def _sample(signal: Signal, t_s: float, value: FloatArray) -> Sample:
 # Monitors of which only the findings are known ------------------------------------------
 
 
-def _told(name: str, findings: Sequence[Finding], result: Result) -> Iterator[Track]:
+def _told(name: str, findings: Sequence[Finding], result: Result) -> Iterator[MarginSeries]:
     """A track for each subject, made of its findings."""
     subjects: dict[str, list[Finding]] = {}
     for finding in findings:
@@ -323,7 +323,7 @@ def _told(name: str, findings: Sequence[Finding], result: Result) -> Iterator[Tr
         ordered = tuple(moments[t_s] for t_s in sorted(moments))
         unit = next((finding.unit for finding in own if finding.unit), "")
         if ordered:
-            yield Track.of(name, subject, unit, ordered)
+            yield MarginSeries.of(name, subject, unit, ordered)
 
 
 def _says_more(moment: Moment, known: Moment | None) -> bool:

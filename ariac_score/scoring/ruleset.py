@@ -24,8 +24,8 @@ from ariac_score.scoring.sheet import ScoreSheet
 
 __all__ = [
     "Check",
-    "Difference",
     "Differences",
+    "RuleDifference",
     "RuleSet",
     "differences",
     "draft_rule_set",
@@ -69,7 +69,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Difference:
+class RuleDifference:
     """One point in which two rule sets of an edition part.
 
     Attributes:
@@ -99,7 +99,7 @@ class Differences:
     """
 
     other: str
-    because: tuple[Difference, ...]
+    because: tuple[RuleDifference, ...]
 
 
 @dataclass(frozen=True)
@@ -470,7 +470,7 @@ def _differs(told: Mapping[str, Any]) -> Differences:
     return Differences(
         told["from"],
         tuple(
-            Difference(
+            RuleDifference(
                 name=each["name"],
                 terms=tuple(each.get("terms", [])),
                 checks=tuple(each.get("checks", [])),

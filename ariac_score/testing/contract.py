@@ -34,7 +34,7 @@ from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.reader_contract import reader_checks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.testing.variants import HOLLOW, SIGNAL_VARIANTS, bare, only, reordered, shifted, without
-from ariac_score.trial.course import Course
+from ariac_score.trial.chart import Chart
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
 
@@ -349,7 +349,7 @@ class _Checked:
         told = [
             margins_of(self.plugin, "contract", check, self.trial) for check in (self.check, self._anew())
         ]
-        if list(map(_course_marks, told[0])) != list(map(_course_marks, told[1])):
+        if list(map(_chart_marks, told[0])) != list(map(_chart_marks, told[1])):
             raise self.broken("tells other margins when asked again")
         fault = margin_fault(self.trial, self.needed(), self.said, told[0])
         if fault:
@@ -384,10 +384,10 @@ class _Checked:
         return self.ask(replace(self.trial, signals={}), _Told(findings))
 
 
-def _course_marks(course: Course) -> tuple[object, ...]:
-    """What tells two courses apart, to the last bit."""
-    arrays = (course.t, course.actual, course.limit)
-    return course.subject, course.what, course.unit, course.at_most, *(array.tobytes() for array in arrays)
+def _chart_marks(chart: Chart) -> tuple[object, ...]:
+    """What tells two charts apart, to the last bit."""
+    arrays = (chart.t, chart.actual, chart.limit)
+    return chart.subject, chart.what, chart.unit, chart.at_most, *(array.tobytes() for array in arrays)
 
 
 class _Told:

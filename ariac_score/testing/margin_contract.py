@@ -8,7 +8,7 @@ import numpy as np
 
 from ariac_score.checks.findings import Finding
 from ariac_score.results.result import canonical
-from ariac_score.trial.course import Course
+from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import quantity_of
 
@@ -16,7 +16,7 @@ __all__ = ["margin_fault"]
 
 
 def margin_fault(
-    trial: Trial, needed: Sequence[str], findings: Sequence[Finding], courses: Sequence[Course]
+    trial: Trial, needed: Sequence[str], findings: Sequence[Finding], charts: Sequence[Chart]
 ) -> str:
     """How margins do not fit what was found, in words; empty when they do.
 
@@ -24,30 +24,30 @@ def margin_fault(
         trial: With what the monitor needs.
         needed: The quantities it needs.
         findings: What it found, with the digits of a result.
-        courses: Its margins.
+        charts: Its margins.
     """
     times = [signal.t for name, signal in trial.signals.items() if quantity_of(name) in needed]
     recorded = np.unique(np.concatenate(times)) if times else np.zeros(0)
-    for course in courses:
-        strange = np.setdiff1d(course.t, recorded)
+    for chart in charts:
+        strange = np.setdiff1d(chart.t, recorded)
         if len(strange):
-            return f"tells a margin of {course.subject!r} at {strange[0]:g} s, where there is no sample"
+            return f"tells a margin of {chart.subject!r} at {strange[0]:g} s, where there is no sample"
     for finding in findings:
-        own = [course for course in courses if course.subject == finding.subject]
+        own = [chart for chart in charts if chart.subject == finding.subject]
         if not own or finding.robustness is None or not (finding.span or finding.evidence):
             continue
-        if not any(_least(course, finding) == finding.robustness for course in own):
+        if not any(_least(chart, finding) == finding.robustness for chart in own):
             where = f"{finding.verdict.value} {finding.subject!r} by {finding.robustness:g} {finding.unit}"
-            least = ", ".join(f"{_least(course, finding)} {course.unit}" for course in own)
+            least = ", ".join(f"{_least(chart, finding)} {chart.unit}" for chart in own)
             return f"found {where}, but the least margin it tells there is {least}"
     return ""
 
 
-def _least(course: Course, finding: Finding) -> float | None:
+def _least(chart: Chart, finding: Finding) -> float | None:
     """The least margin within the span of a finding, or of all; `None` where there is none in its unit."""
-    inside = np.isfinite(course.margin)
+    inside = np.isfinite(chart.margin)
     if finding.span is not None:
-        inside &= (course.t >= finding.span.start_s) & (course.t <= finding.span.end_s)
-    if course.unit != finding.unit or not inside.any():
+        inside &= (chart.t >= finding.span.start_s) & (chart.t <= finding.span.end_s)
+    if chart.unit != finding.unit or not inside.any():
         return None
-    return canonical(float(course.margin[inside].min()))
+    return canonical(float(chart.margin[inside].min()))

@@ -13,7 +13,7 @@ from dataclasses import replace
 from itertools import groupby, pairwise
 from typing import Any
 
-from ariac_score.checks.contracts import OnlineMonitor, Standing
+from ariac_score.checks.contracts import InstantVerdict, OnlineMonitor
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import Trial
@@ -57,7 +57,7 @@ class OnlineChecks:
         """What it says on the way is of the past, in order, and fits what is found in the end."""
         steps = self._instants()
         watch = self._begun()
-        said: list[Standing] = []
+        said: list[InstantVerdict] = []
         now_s = -math.inf
         for samples, events in steps:
             now_s = max(now_s, *(s.t_s for s in samples), *(e.t_s for e in events))
@@ -92,7 +92,7 @@ class OnlineChecks:
             raise self._broken(f"begins a {type(watch).__name__}, which has no step() and end()")
         return watch
 
-    def _stepped(self, steps: Sequence[Step]) -> tuple[list[Standing], list[Finding]]:
+    def _stepped(self, steps: Sequence[Step]) -> tuple[list[InstantVerdict], list[Finding]]:
         watch = self._begun()
         said = [standing for samples, events in steps for standing in watch.step(samples, events)]
         return said, list(watch.end(self._blind))
@@ -108,14 +108,14 @@ class OnlineChecks:
         ]
 
     def _sound(self, standing: Any, now_s: float) -> None:
-        if not isinstance(standing, Standing):
-            raise self._broken(f"steps to a {type(standing).__name__}, which is no Standing")
+        if not isinstance(standing, InstantVerdict):
+            raise self._broken(f"steps to a {type(standing).__name__}, which is no InstantVerdict")
         if not standing.t_s <= now_s:
             raise self._broken(f"speaks of {standing.t_s:g} s when only {now_s:g} s has come")
         if standing.robustness is not None and not (standing.unit and math.isfinite(standing.robustness)):
             raise self._broken(f"gives a margin that is infinite or has no unit: {standing.message!r}")
 
-    def _fitting(self, subject: str, said: Sequence[Standing], found: Sequence[Finding]) -> None:
+    def _fitting(self, subject: str, said: Sequence[InstantVerdict], found: Sequence[Finding]) -> None:
         for before, after in pairwise(said):
             if not before.t_s < after.t_s:
                 raise self._broken(f"speaks of {subject!r} at {before.t_s:g} s and then at {after.t_s:g} s")
@@ -150,8 +150,8 @@ def _step(item: Sample | Event) -> Step:
     return ((item,), ()) if isinstance(item, Sample) else ((), (item,))
 
 
-def _by_subject(said: Sequence[Standing]) -> Mapping[str, list[Standing]]:
-    found: dict[str, list[Standing]] = defaultdict(list)
+def _by_subject(said: Sequence[InstantVerdict]) -> Mapping[str, list[InstantVerdict]]:
+    found: dict[str, list[InstantVerdict]] = defaultdict(list)
     for standing in said:
         found[standing.subject].append(standing)
     return found

@@ -134,4 +134,4 @@ SIGNAL_VARIANTS: Mapping[str, Callable[[Trial], Trial]] = {
 """Faults of recorders by name."""
 
 HOLLOW = frozenset({"first_and_last_sample", "single_sample", "empty_signal"})
-"""Those after which nothing can be known of a signal's course."""
+"""Those after which nothing can be known of a signal's chart."""

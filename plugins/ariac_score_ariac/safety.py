@@ -14,12 +14,12 @@ from ariac_score import (
     Body,
     Event,
     Finding,
+    InstantVerdict,
     OnlineWatch,
     Sample,
     Signal,
     SignalNeed,
     Span,
-    Standing,
     Trial,
     Verdict,
     check_parameters,
@@ -112,13 +112,13 @@ class HumanContact(LimitMonitor):
         wanted = {self._template: "m"}
         return PairsOnline(wanted, bodies, max_gap_s=self.max_gap_s, judge=self._standing, watch=self.watch)
 
-    def _standing(self, subject: str, t_s: float, now: Values) -> Standing:
+    def _standing(self, subject: str, t_s: float, now: Values) -> InstantVerdict:
         """What holds at one instant."""
         bound = self._bound(now, self.contact_distance_m)
         distance_m, margin_m = float(bound.actual), float(bound.margin)
         if margin_m > 0:
-            return Standing(subject, t_s, Verdict.SATISFIED, f"{distance_m:.3f} m apart", margin_m, "m")
-        return Standing(subject, t_s, Verdict.VIOLATED, f"contact: {distance_m:.3f} m", margin_m, "m")
+            return InstantVerdict(subject, t_s, Verdict.SATISFIED, f"{distance_m:.3f} m apart", margin_m, "m")
+        return InstantVerdict(subject, t_s, Verdict.VIOLATED, f"contact: {distance_m:.3f} m", margin_m, "m")
 
     def _bound(self, watched: Values, contact_m: float) -> Bound:
         distance_m = watched[self._template]
@@ -218,7 +218,7 @@ class _EventsOnline:
         self._monitor, self._arrivals = monitor, Arrivals()
         self._told_s: dict[str, float] = {}
 
-    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[InstantVerdict]:
         """Say that there was such an event; several of one time are one thing to say."""
         self._arrivals.take(samples)
         for event in events:
@@ -226,7 +226,7 @@ class _EventsOnline:
             if event.kind == self._monitor.kind and event.t_s > self._told_s.get(subject, -inf):
                 self._told_s[subject] = event.t_s
                 words = f"{event.kind.replace('_', ' ')} at {event.t_s:.3f} s"
-                yield Standing(subject, event.t_s, Verdict.VIOLATED, words)
+                yield InstantVerdict(subject, event.t_s, Verdict.VIOLATED, words)
 
     def end(self, trial: Trial) -> Iterator[Finding]:
         """What is found in the trial, whose events are all there."""

@@ -9,7 +9,7 @@ from math import inf, isfinite, nan
 import numpy as np
 
 from ariac_score import (
-    Course,
+    Chart,
     Finding,
     Sample,
     Span,
@@ -89,7 +89,7 @@ class Judgement:
     # Margins -----------------------------------------------------------------------------
 
     @property
-    def course(self) -> Course | None:
+    def chart(self) -> Chart | None:
         """The margin over time, of events at one time the least; `None` where there is none of one unit."""
         known = np.isfinite(self._margin)
         if self._watch.error_at >= 0:
@@ -102,7 +102,7 @@ class Judgement:
         t, first = np.unique(self._stream.t, return_index=True)
         least = np.minimum.reduceat(np.where(known, margin, inf), first)
         has_margin = np.isfinite(least)
-        return Course(
+        return Chart(
             self._subject,
             "margin of the specification",
             units.pop(),

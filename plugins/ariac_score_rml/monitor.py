@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from ariac_score import (
     Body,
-    Course,
+    Chart,
     EventWatch,
     Finding,
     MissingSignalError,
@@ -110,12 +110,12 @@ class RmlSpec:
         for outcome in self._outcomes(trial):
             yield from (outcome,) if isinstance(outcome, Finding) else outcome.findings(trial)
 
-    def margins(self, trial: Trial) -> Iterator[Course]:
+    def margins(self, trial: Trial) -> Iterator[Chart]:
         """The margin of every event by inequalities over numbers, where all have one unit."""
         for outcome in self._outcomes(trial):
-            course = None if isinstance(outcome, Finding) else outcome.course
-            if course is not None:
-                yield course
+            chart = None if isinstance(outcome, Finding) else outcome.chart
+            if chart is not None:
+                yield chart
 
     def _outcomes(self, trial: Trial) -> Iterator[Finding | Judgement]:
         """What is open or cannot be said, and the events of each subject, judged."""

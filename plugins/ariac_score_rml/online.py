@@ -13,8 +13,8 @@ from ariac_score import (
     Arrivals,
     Event,
     Finding,
+    InstantVerdict,
     Sample,
-    Standing,
     Trial,
     Verdict,
 )
@@ -70,9 +70,9 @@ class EventsOnline:
 
     def __init__(self, machine: Machine, after: AfterViolation) -> None:
         self._trace = Trace(machine, after)
-        self._final: Standing | None = None
+        self._final: InstantVerdict | None = None
 
-    def take(self, event: Mapping[str, object]) -> Standing:
+    def take(self, event: Mapping[str, object]) -> InstantVerdict:
         """Judge the trace up to and including an event.
 
         Raises:
@@ -89,12 +89,16 @@ class EventsOnline:
             raise ValueError(str(error)) from error
         if reason:
             channel = event.get("topic", event.get("service", "the event"))
-            standing = Standing("trace", t_s, Verdict.VIOLATED, f"{channel!r} {reason}", final=progress.over)
+            standing = InstantVerdict(
+                "trace", t_s, Verdict.VIOLATED, f"{channel!r} {reason}", final=progress.over
+            )
         elif progress.letter == "f":
-            standing = Standing("trace", t_s, Verdict.VIOLATED, f"the trace may not end here: {PENDING}")
+            standing = InstantVerdict(
+                "trace", t_s, Verdict.VIOLATED, f"the trace may not end here: {PENDING}"
+            )
         else:
             final = progress.letter == "T"
-            standing = Standing("trace", t_s, Verdict.SATISFIED, "the trace may end here", final=final)
+            standing = InstantVerdict("trace", t_s, Verdict.SATISFIED, "the trace may end here", final=final)
         self._final = standing if standing.final else None
         return standing
 
@@ -133,7 +137,7 @@ class SignalsOnline:
             for subject, topics in wanted.items()
         ]
 
-    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[InstantVerdict]:
         """Take samples, and judge every instant that all topics have reached by now."""
         self._arrivals.take(samples)
         for event in events:
@@ -191,7 +195,7 @@ class _Followed:
         elif event.kind == COMPETITION_ENDED:
             self.window = from_s, event.t_s
 
-    def standings(self) -> Iterator[Standing]:
+    def standings(self) -> Iterator[InstantVerdict]:
         """What can be said by now."""
         for topic in self.topics:
             topic.come()
@@ -211,7 +215,7 @@ class _Followed:
             return t_s
         return inf
 
-    def _judged(self, t_s: float, events: Sequence[dict[str, Json]]) -> Standing:
+    def _judged(self, t_s: float, events: Sequence[dict[str, Json]]) -> InstantVerdict:
         reasons = []
         try:
             if self.trace is None:
@@ -222,13 +226,13 @@ class _Followed:
         except RmlRunError as error:
             self.over = True
             words = f"cannot be judged from here: {error}"
-            return Standing(self.subject, t_s, Verdict.INCONCLUSIVE, words, final=True)
+            return InstantVerdict(self.subject, t_s, Verdict.INCONCLUSIVE, words, final=True)
         if reasons:
             self.over = self.trace.progress.over
-            return Standing(self.subject, t_s, Verdict.VIOLATED, " and ".join(reasons), final=self.over)
+            return InstantVerdict(self.subject, t_s, Verdict.VIOLATED, " and ".join(reasons), final=self.over)
         return self._standing(t_s, self.trace.progress.letter)
 
-    def _standing(self, t_s: float, letter: Letter) -> Standing:
+    def _standing(self, t_s: float, letter: Letter) -> InstantVerdict:
         if letter == "f":
-            return Standing(self.subject, t_s, Verdict.INCONCLUSIVE, PENDING)
-        return Standing(self.subject, t_s, Verdict.SATISFIED, "is accepted", final=letter == "T")
+            return InstantVerdict(self.subject, t_s, Verdict.INCONCLUSIVE, PENDING)
+        return InstantVerdict(self.subject, t_s, Verdict.SATISFIED, "is accepted", final=letter == "T")

@@ -37,10 +37,10 @@ from ariac_score import (
     Expression,
     Finding,
     FormulaError,
+    InstantVerdict,
     OnlineWatch,
     SignalNeed,
     Span,
-    Standing,
     Trial,
     Verdict,
     check_parameters,
@@ -79,7 +79,7 @@ Columns = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Judged:
+class FormulaValues:
     """A formula on columns.
 
     Attributes:
@@ -93,7 +93,7 @@ class Judged:
     limit: FloatArray | None = None
 
 
-def judge_columns(formula: Expression, values: Columns, rows: int) -> Judged:
+def judge_columns(formula: Expression, values: Columns, rows: int) -> FormulaValues:
     """Truth and margin of a formula, row by row.
 
     The margin of a comparison is the difference of its sides; of `and` the least, of
@@ -106,26 +106,26 @@ def judge_columns(formula: Expression, values: Columns, rows: int) -> Judged:
     return _judge(formula, formula.root, values, rows)
 
 
-def _judge(formula: Expression, node: ast.expr, values: Columns, rows: int) -> Judged:
+def _judge(formula: Expression, node: ast.expr, values: Columns, rows: int) -> FormulaValues:
     if isinstance(node, ast.Compare):
         return _compare(formula, node, values, rows)
     if isinstance(node, ast.BoolOp):
         return _either(formula, node, values, rows)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
         inner = _judge(formula, node.operand, values, rows)
-        return Judged(~inner.true, -inner.margin)
+        return FormulaValues(~inner.true, -inner.margin)
     if isinstance(node, ast.IfExp):
         test = _judge(formula, node.test, values, rows).true
         true, margin = np.zeros(rows, dtype=bool), np.zeros(rows)
         for part, chosen in ((node.body, test), (node.orelse, ~test)):
             found = _judge(formula, part, _only(values, chosen), int(chosen.sum()))
             true[chosen], margin[chosen] = found.true, found.margin
-        return Judged(true, margin)
+        return FormulaValues(true, margin)
     true = _column(formula, node, values, rows) != 0
-    return Judged(true, np.where(true, 1.0, -1.0))
+    return FormulaValues(true, np.where(true, 1.0, -1.0))
 
 
-def _either(formula: Expression, node: ast.BoolOp, values: Columns, rows: int) -> Judged:
+def _either(formula: Expression, node: ast.BoolOp, values: Columns, rows: int) -> FormulaValues:
     """`and`, `or`: the further ones are asked only where the earlier ones leave it open."""
     either = isinstance(node.op, ast.Or)
     first = _judge(formula, node.values[0], values, rows)
@@ -135,10 +135,10 @@ def _either(formula: Expression, node: ast.BoolOp, values: Columns, rows: int) -
         further = _judge(formula, operand, _only(values, open_rows), int(open_rows.sum()))
         choose = np.maximum if either else np.minimum
         true[open_rows], margin[open_rows] = further.true, choose(margin[open_rows], further.margin)
-    return Judged(true, margin)
+    return FormulaValues(true, margin)
 
 
-def _compare(formula: Expression, node: ast.Compare, values: Columns, rows: int) -> Judged:
+def _compare(formula: Expression, node: ast.Compare, values: Columns, rows: int) -> FormulaValues:
     sides = [_column(formula, side, values, rows) for side in (node.left, *node.comparators)]
     true, margin = np.ones(rows, dtype=bool), np.full(rows, np.inf)
     for op, a, b in zip(node.ops, sides, sides[1:], strict=False):
@@ -152,7 +152,7 @@ def _compare(formula: Expression, node: ast.Compare, values: Columns, rows: int)
         strict = isinstance(op, ast.Gt | ast.Lt | ast.NotEq)
         true &= way > 0 if strict else way >= 0
         np.minimum(margin, way, out=margin)
-    return Judged(true, margin, sides[1] if len(sides) == 2 else None)
+    return FormulaValues(true, margin, sides[1] if len(sides) == 2 else None)
 
 
 def _column(formula: Expression, node: ast.expr, values: Columns, rows: int) -> FloatArray:
@@ -306,7 +306,7 @@ class Formula:
         """Everything about a subject; the formula is evaluated before anything is stated."""
         raise NotImplementedError
 
-    def _of(self, text: str, watched: Values, rows: int) -> Judged:
+    def _of(self, text: str, watched: Values, rows: int) -> FormulaValues:
         values: dict[str, Any] = dict(self._numbers)
         for name, source in self._sources.items():
             column = watched[source.template]
@@ -357,23 +357,23 @@ class Always(Formula, LimitMonitor):
             watch=self.watch,
         )
 
-    def _standing(self, subject: str, t_s: float, values: Mapping[str, Any]) -> Standing:
+    def _standing(self, subject: str, t_s: float, values: Mapping[str, Any]) -> InstantVerdict:
         """What holds at one instant."""
         try:
             now = self._bound({template: np.array([value]) for template, value in values.items()}, 1)
         except FormulaError as wrong:
             message = f"the formula has no value: {wrong.cause}"
-            return Standing(subject, t_s, Verdict.INCONCLUSIVE, message)
+            return InstantVerdict(subject, t_s, Verdict.INCONCLUSIVE, message)
         margin, holds = float(now.margin[0]), not now.broken[0]
         words = f"{self._says} {'holds' if holds else 'does not hold'} by {abs(margin):.3f}{self._unit}"
         verdict = Verdict.SATISFIED if holds else Verdict.VIOLATED
-        return Standing(subject, t_s, verdict, words, margin, self.unit)
+        return InstantVerdict(subject, t_s, verdict, words, margin, self.unit)
 
     @property
     def _unit(self) -> str:
         return "" if self.unit == "1" else f" {self.unit}"
 
-    def _sided(self, found: Judged) -> Judged:
+    def _sided(self, found: FormulaValues) -> FormulaValues:
         """What the formula says, as what has to hold."""
         return found
 
@@ -420,7 +420,7 @@ class Always(Formula, LimitMonitor):
 class _FormulaBound(Bound):
     """What a formula says, as a limit: margin and truth are those of the formula."""
 
-    judged: Judged
+    judged: FormulaValues
 
     @cached_property
     def margin(self) -> FloatArray:
@@ -452,8 +452,8 @@ class Never(Always):
         "unit": "m/s",
     }
 
-    def _sided(self, found: Judged) -> Judged:
-        return Judged(~found.true, -found.margin, found.limit)
+    def _sided(self, found: FormulaValues) -> FormulaValues:
+        return FormulaValues(~found.true, -found.margin, found.limit)
 
     @property
     def _says(self) -> str:

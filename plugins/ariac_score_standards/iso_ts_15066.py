@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ariac_score import Body, Course, Finding, OnlineWatch, Standing, Trial, Verdict, parameter
+from ariac_score import Body, Chart, Finding, InstantVerdict, OnlineWatch, Trial, Verdict, parameter
 from ariac_score_standards.online import PairsOnline
 from ariac_score_standards.severity import (
     Bound,
@@ -89,10 +89,10 @@ class SsmSeparation(SsmFormula, LimitMonitor):
             optional=self._optional,
         )
 
-    def courses(self, trial: Trial) -> Iterator[Course]:
+    def charts(self, trial: Trial) -> Iterator[Chart]:
         """Distance and required distance of every pair; without a requirement where none applies."""
         for pair, watched in watched_subjects(trial, pairs_of(trial), self._wanted, max_gap_s=self.max_gap_s):
-            yield JudgedLimit(pair.name, watched, self._bound(watched)).course
+            yield JudgedLimit(pair.name, watched, self._bound(watched)).chart
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that says of every instant whether the distance is enough there."""
@@ -100,17 +100,17 @@ class SsmSeparation(SsmFormula, LimitMonitor):
             self._wanted, bodies, max_gap_s=self.max_gap_s, judge=self._standing, watch=self.watch
         )
 
-    def _standing(self, subject: str, t_s: float, now: Values) -> Standing:
+    def _standing(self, subject: str, t_s: float, now: Values) -> InstantVerdict:
         """What holds at one instant, whatever comes: episodes are for the findings."""
         bound = self._bound(now)
         if not bound.limited:
-            return Standing(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
+            return InstantVerdict(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
         margin_m, required_m = float(bound.margin), float(bound.limit)
         if margin_m < 0:
             words = f"{-margin_m:.3f} m nearer than the required {required_m:.3f} m"
-            return Standing(subject, t_s, Verdict.VIOLATED, words, margin_m, "m")
+            return InstantVerdict(subject, t_s, Verdict.VIOLATED, words, margin_m, "m")
         words = f"{margin_m:.3f} m more than the required {required_m:.3f} m"
-        return Standing(subject, t_s, Verdict.SATISFIED, words, margin_m, "m")
+        return InstantVerdict(subject, t_s, Verdict.SATISFIED, words, margin_m, "m")
 
     def _bound(self, watched: Values) -> Bound:
         now = self.moments(watched)
@@ -223,15 +223,15 @@ class SsmSpeedCap(SsmFormula, LimitMonitor):
             self._wanted, bodies, max_gap_s=self.max_gap_s, judge=self._standing, watch=self.watch
         )
 
-    def _standing(self, subject: str, t_s: float, now: Values) -> Standing:
+    def _standing(self, subject: str, t_s: float, now: Values) -> InstantVerdict:
         bound = self._bound(now)
         if bound.applies is not None and not bound.applies:
-            return Standing(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
+            return InstantVerdict(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
         if not bound.limited:
-            return Standing(subject, t_s, Verdict.NOT_APPLICABLE, "any speed is permitted here")
+            return InstantVerdict(subject, t_s, Verdict.NOT_APPLICABLE, "any speed is permitted here")
         margin_m_s = float(bound.margin)
         words = f"{bound.actual:.3f} m/s where {bound.limit:.3f} m/s are permitted"
-        return Standing(subject, t_s, Verdict.of(margin_m_s), words, margin_m_s, "m/s")
+        return InstantVerdict(subject, t_s, Verdict.of(margin_m_s), words, margin_m_s, "m/s")
 
     def _bound(self, watched: Values) -> Bound:
         now = self.moments(watched)

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ariac_score import Alignment, Arrivals, Body, Event, Finding, Sample, Standing, Trial
+from ariac_score import Alignment, Arrivals, Body, Event, Finding, InstantVerdict, Sample, Trial
 
-Judge = Callable[[str, float, Mapping[str, Any]], Standing]
+Judge = Callable[[str, float, Mapping[str, Any]], InstantVerdict]
 """What holds at one instant, given a subject, the time, and its values by template.
 
 Numbers, not columns of one row: a formula takes both, and arrays of one number take ten times as long.
@@ -55,7 +55,7 @@ class SubjectsOnline:
         for subject, names in subjects.items():
             self._follow(subject, names)
 
-    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[InstantVerdict]:
         """Take samples, and judge every instant that all signals have reached by now."""
         del events  # nothing depends on them
         self._arrivals.take(samples)

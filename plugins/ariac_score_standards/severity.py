@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from ariac_score import Course, Finding, Sample, Span, Trial, Verdict, episodes_where, exact_sum
+from ariac_score import Chart, Finding, Sample, Span, Trial, Verdict, episodes_where, exact_sum
 from ariac_score_standards.watching import BoolArray, FloatArray, Watched
 
 if TYPE_CHECKING:
@@ -156,11 +156,11 @@ class JudgedLimit:
     bound: Bound
 
     @property
-    def course(self) -> Course:
+    def chart(self) -> Chart:
         """Both over time; without a limit where it does not apply."""
         bound = self.bound
         limit = np.where(bound.limited, bound.limit, np.nan)
-        return Course(
+        return Chart(
             self.subject,
             bound.what,
             bound.unit,
@@ -259,9 +259,9 @@ class LimitMonitor:
         """Findings about every subject: its violations, or its closest moment."""
         return (one for one in self.statements(trial) if isinstance(one, Finding))
 
-    def margins(self, trial: Trial) -> Iterator[Course]:
+    def margins(self, trial: Trial) -> Iterator[Chart]:
         """What was beside what may be at every sample, for every subject and limit."""
-        return (one.course for one in self.statements(trial) if isinstance(one, JudgedLimit))
+        return (one.chart for one in self.statements(trial) if isinstance(one, JudgedLimit))
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
         """Everything there is to say of a trial."""

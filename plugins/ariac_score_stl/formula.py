@@ -12,7 +12,7 @@ import numpy as np
 
 from ariac_score import (
     Body,
-    Course,
+    Chart,
     Finding,
     FormulaError,
     MissingSignalError,
@@ -22,7 +22,7 @@ from ariac_score import (
     Trial,
     align,
 )
-from ariac_score_stl.judging import Judged
+from ariac_score_stl.judging import JudgedFormula
 from ariac_score_stl.margins import Beyond
 from ariac_score_stl.online import FormulaOnline
 from ariac_score_stl.outcome import Outcome
@@ -161,16 +161,16 @@ class StlFormula:
                 yield from outcome.findings()
             del outcome  # the columns of one subject go before those of the next one are made
 
-    def margins(self, trial: Trial) -> Iterator[Course]:
+    def margins(self, trial: Trial) -> Iterator[Chart]:
         """The robustness at every sample that is judged, where all predicates share a unit.
 
         Dense time has moments of its own between the samples, so it tells none.
         """
         for outcome in self._outcomes(trial) if self.time == "discrete" else ():
-            course = outcome.course if isinstance(outcome, Outcome) else None
-            if course is not None:
-                yield course
-            del outcome, course  # likewise
+            chart = outcome.chart if isinstance(outcome, Outcome) else None
+            if chart is not None:
+                yield chart
+            del outcome, chart  # likewise
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that judges every instant once what the formula looks at there has come."""
@@ -222,7 +222,7 @@ class StlFormula:
             message = "there is no sample during the competition"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)
         try:
-            judged = Judged(self, t, dict(zip(found, values, strict=True)), span)
+            judged = JudgedFormula(self, t, dict(zip(found, values, strict=True)), span)
         except FormulaError as error:
             message = f"the formula has no value: {error.cause}"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)

@@ -21,10 +21,10 @@ from ariac_score_stl.syntax import Node
 if TYPE_CHECKING:
     from ariac_score_stl.formula import StlFormula
 
-__all__ = ["Judged"]
+__all__ = ["JudgedFormula"]
 
 
-class Judged:
+class JudgedFormula:
     """A formula, judged.
 
     Args:

@@ -21,8 +21,8 @@ from ariac_score import (
     Event,
     Finding,
     FormulaError,
+    InstantVerdict,
     Sample,
-    Standing,
     Trial,
     Verdict,
 )
@@ -70,7 +70,7 @@ class FormulaOnline:
         if not self._subjects:
             self.undecided = self.undecided or "whom it is about is not known before the trial"
 
-    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[InstantVerdict]:
         """Take samples, and judge every instant of which all is known by now."""
         self._arrivals.take(samples)
         for event in events:
@@ -112,7 +112,7 @@ class _Followed:
         elif event.kind == COMPETITION_ENDED:
             self.window = from_s, event.t_s
 
-    def judged(self, first_s: float) -> Iterator[Standing]:
+    def judged(self, first_s: float) -> Iterator[InstantVerdict]:
         """What can be said by now."""
         for t_s, values in self.aligned.rows():
             from_s, to_s = self.window
@@ -141,7 +141,7 @@ class _Followed:
             found[name] = np.array([value])
         return found
 
-    def _row(self, t_s: float, hole: bool, lower: float, upper: float) -> Iterator[Standing]:
+    def _row(self, t_s: float, hole: bool, lower: float, upper: float) -> Iterator[InstantVerdict]:
         tree = self.monitor.tree
         if self.over:
             return
@@ -162,7 +162,7 @@ class _Followed:
             if not hole:
                 yield self._of_instant(t_s, lower, upper)
 
-    def _whole(self, t_s: float) -> Standing:
+    def _whole(self, t_s: float) -> InstantVerdict:
         """What the formula comes to, once the bounds of its `always` have passed."""
         brief = self.worst is Verdict.VIOLATED and self.monitor.t_on_s > 0
         words = {
@@ -172,7 +172,7 @@ class _Followed:
         }
         return self._standing(t_s, self.worst, words[self.worst], not brief)
 
-    def _of_instant(self, t_s: float, lower: float, upper: float, *, final: bool = False) -> Standing:
+    def _of_instant(self, t_s: float, lower: float, upper: float, *, final: bool = False) -> InstantVerdict:
         verdict = _verdict(lower, upper)
         text = self.body.text
         if verdict is Verdict.INCONCLUSIVE:
@@ -183,7 +183,7 @@ class _Followed:
         known = bool(unit) and isfinite(margin)
         by = f" by {abs(margin):.6g} {unit}" if known else ""
         words = f"{text!r} {'fails' if verdict is Verdict.VIOLATED else 'holds'}{by}"
-        return Standing(
+        return InstantVerdict(
             self.subject, t_s, verdict, words, margin if known else None, unit if known else "", final
         )
 
@@ -193,8 +193,8 @@ class _Followed:
         units = {*self.monitor.margin_units.values()}
         return units.pop() if len(units) == 1 else ""
 
-    def _standing(self, t_s: float, verdict: Verdict, words: str, final: bool) -> Standing:
-        return Standing(self.subject, t_s, verdict, words, final=final)
+    def _standing(self, t_s: float, verdict: Verdict, words: str, final: bool) -> InstantVerdict:
+        return InstantVerdict(self.subject, t_s, verdict, words, final=final)
 
 
 def _verdict(lower: float, upper: float) -> Verdict:

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ariac_score import Course, Finding, Sample, Signal, Span, Verdict, exact_sum
+from ariac_score import Chart, Finding, Sample, Signal, Span, Verdict, exact_sum
 from ariac_score_stl.explain import Cause
-from ariac_score_stl.judging import Judged
+from ariac_score_stl.judging import JudgedFormula
 from ariac_score_stl.rows import TOLERANCE_S
 from ariac_score_stl.syntax import reach_s
 
@@ -26,7 +26,7 @@ class Outcome:
         signals: The signals by the names that the formula has for them.
     """
 
-    def __init__(self, judged: Judged, subject: str, signals: Mapping[str, Signal]) -> None:
+    def __init__(self, judged: JudgedFormula, subject: str, signals: Mapping[str, Signal]) -> None:
         self.judged, self.subject, self.signals = judged, subject, signals
         self.monitor, self.span = judged.monitor, judged.span
 
@@ -43,14 +43,14 @@ class Outcome:
             yield self._kept()
 
     @property
-    def course(self) -> Course | None:
+    def chart(self) -> Chart | None:
         """The robustness of what is judged, over time; `None` where its unit changes or nothing is judged."""
         units, judged = {*self.monitor.margin_units.values()}, self.judged
         if len(units) != 1 or not len(judged.begin):
             return None
         margin = np.where(judged.upper < 0, judged.upper, judged.lower)
         known = np.isfinite(margin) & ~judged.open
-        return Course(
+        return Chart(
             self.subject,
             f"robustness of {judged.body.text}",
             units.pop(),

@@ -14,12 +14,12 @@ from typing import NoReturn
 from ariac_score.batch import worker
 from ariac_score.batch.isolated import measure_apart
 from ariac_score.batch.local import lost
-from ariac_score.batch.tasks import Setting, Task
+from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.errors import PluginError
 
 
-def dies_at_first(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def dies_at_first(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """Killed by a strange hand the first three times, half-way through; then it does its work."""
     if _tried(task, report) < 3:
         report.with_suffix(".part").write_bytes(b'{"address": "half of')
@@ -27,49 +27,49 @@ def dies_at_first(task: Task, setting: Setting, out: Path | None, report: Path) 
     worker.perform_into(task, setting, out, report)
 
 
-def crashes(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def crashes(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """A fault in a library, for one log only."""
     if "bad" in task.trial:
         _when_asked(lambda: os.kill(os.getpid(), signal.SIGSEGV))
     worker.perform_into(task, setting, out, report)
 
 
-def leaves(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def leaves(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """Ends without a word, as a plugin might."""
     if "bad" in task.trial:
         _when_asked(lambda: os._exit(0))
     worker.perform_into(task, setting, out, report)
 
 
-def never_ends(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def never_ends(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """Waits for ever on one log."""
     if "bad" in task.trial:
         _when_asked(threading.Event().wait)
     worker.perform_into(task, setting, out, report)
 
 
-def devours(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def devours(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """Asks for more memory than there may be, for one log only."""
     if "bad" in task.trial:
         worker.score_trial = lambda *_, **__: bytearray(setting.limits.memory_bytes)  # type: ignore[assignment]
     worker.perform_into(task, setting, out, report)
 
 
-def raises(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def raises(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """A fault of the scorer, for one log only."""
     if "bad" in task.trial:
         worker.score_trial = lambda *_, **__: 1 / 0  # type: ignore[assignment]
     worker.perform_into(task, setting, out, report)
 
 
-def dies_when_asked(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def dies_when_asked(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """A fault in a library while one log is scored."""
     if "bad" in task.trial:
         _when_asked(lambda: os.kill(os.getpid(), signal.SIGSEGV))
     worker.perform_into(task, setting, out, report)
 
 
-def dies_of_both(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def dies_of_both(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """Killed by strange hands before and between faults of its own, for one log only."""
     if "bad" in task.trial:
         own = _tried(task, report) in (1, 4)
@@ -77,21 +77,21 @@ def dies_of_both(task: Task, setting: Setting, out: Path | None, report: Path) -
     worker.perform_into(task, setting, out, report)
 
 
-def takes_its_server_along(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def takes_its_server_along(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """The server it came from is killed, once; the process itself lives on and leaves its report late."""
     if "bad" in task.trial and _tried(task, report) == 0:
         os.kill(os.getppid(), signal.SIGKILL)
     worker.perform_into(task, setting, out, report)
 
 
-def is_killed_often(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def is_killed_often(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """Killed by strange hands five times, for one log only."""
     if "bad" in task.trial and _tried(task, report) < 5:
         os.kill(os.getpid(), signal.SIGKILL)
     worker.perform_into(task, setting, out, report)
 
 
-def is_always_killed(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def is_always_killed(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """Killed whenever it is tried, at the twelfth time with its server."""
     if _tried(task, report) == 11:
         os.kill(os.getppid(), signal.SIGKILL)
@@ -99,21 +99,21 @@ def is_always_killed(task: Task, setting: Setting, out: Path | None, report: Pat
     worker.perform_into(task, setting, out, report)
 
 
-def finds_no_room(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def finds_no_room(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """The disk is full when one log is scored."""
     if "bad" in task.trial:
         worker.report_of = full  # type: ignore[assignment]
     worker.perform_into(task, setting, out, report)
 
 
-def has_a_plugin_without_room(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def has_a_plugin_without_room(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """A plugin cannot write what it wants to."""
     if "bad" in task.trial:
         worker.score_trial = lambda *_, **__: broken_by(full)  # type: ignore[assignment]
     worker.perform_into(task, setting, out, report)
 
 
-def has_a_devouring_plugin(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def has_a_devouring_plugin(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """A plugin asks for more memory than there may be, for one log only."""
     if "bad" in task.trial:
         held = setting.limits.memory_bytes
@@ -121,7 +121,7 @@ def has_a_devouring_plugin(task: Task, setting: Setting, out: Path | None, repor
     worker.perform_into(task, setting, out, report)
 
 
-def tells_its_alarm(task: Task, setting: Setting, out: Path | None, report: Path) -> None:
+def tells_its_alarm(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """Says in how many seconds it will be ended whoever is left to do so."""
 
     def told(*_: object, **__: object) -> None:
@@ -131,14 +131,14 @@ def tells_its_alarm(task: Task, setting: Setting, out: Path | None, report: Path
     worker.perform_into(task, setting, out, report)
 
 
-def takes_its_worker_along(task: Task, setting: Setting, earlier: bytes) -> Done:
+def takes_its_worker_along(task: RunTask, setting: BatchSetting, earlier: bytes) -> Done:
     """One run kills the worker of the cluster that scores it."""
     if "bad" in task.trial:
         os.kill(os.getpid(), signal.SIGKILL)
     return measure_apart(task, setting, earlier)
 
 
-def is_killed_beside_others(task: Task, setting: Setting, earlier: bytes) -> Done:
+def is_killed_beside_others(task: RunTask, setting: BatchSetting, earlier: bytes) -> Done:
     """The process of one run is killed as often as it is tried, until it is tried once more."""
     mark = Path(task.path).with_suffix(".tried")
     if "bad" in task.trial and not mark.exists():
@@ -147,7 +147,7 @@ def is_killed_beside_others(task: Task, setting: Setting, earlier: bytes) -> Don
     return measure_apart(task, setting, earlier)
 
 
-def cannot_work(_task: Task, _setting: Setting, _earlier: bytes) -> Done:
+def cannot_work(_task: RunTask, _setting: BatchSetting, _earlier: bytes) -> Done:
     """A worker whose disk is full."""
     return full()
 
@@ -157,7 +157,7 @@ def _when_asked(does: Callable[[], object]) -> None:
     worker.score_trial = lambda *_, **__: does()  # type: ignore[assignment,return-value]
 
 
-def _tried(task: Task, report: Path) -> int:
+def _tried(task: RunTask, report: Path) -> int:
     """How often it was tried before."""
     marks = report.parent.parent / f"marks-{task.trial}"
     marks.mkdir(exist_ok=True)

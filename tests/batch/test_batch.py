@@ -32,7 +32,7 @@ from ariac_score.batch.merge import merge_batches
 from ariac_score.batch.outcomes import OUTCOMES, Summary, summary_of
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Report, run_batch
-from ariac_score.batch.tasks import Limits, Setting, Task, of_shard, plan_batch, shard
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask, of_shard, plan_batch, shard
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
 from ariac_score.engine import measure
@@ -59,7 +59,7 @@ class Inline:
     def __init__(self, out: Path) -> None:
         self.out = out
 
-    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+    def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         """One after the other."""
         for task in tasks:
             yield perform(task, setting, self.out)
@@ -108,7 +108,7 @@ def batch(
     with store.working() as work:
         chosen = executor(out, work) if executor else Inline(out)
         tasks = of_shard(plan.tasks, *part)
-        setting = Setting.of(rule_set, limits)
+        setting = BatchSetting.of(rule_set, limits)
         return run_batch(tasks, rule_set, setting, store, work, chosen, about=about, again=again)
 
 
@@ -227,7 +227,7 @@ def test_whatever_changes_among_the_files_of_a_run_changes_its_signature(tmp_pat
     run = tmp_path / "run"
     (run / "below").mkdir(parents=True)
     (run / "below" / "log.txt").write_text("one")
-    task = Task("", "run", 1, str(run))
+    task = RunTask("", "run", 1, str(run))
     told = [address.signature_of(task)]
 
     def tell() -> None:
@@ -259,7 +259,7 @@ def test_a_signature_is_told_of_a_relative_path_by_the_folder_it_is_in(
     told = []
     for name in ("here", "there"):
         monkeypatch.chdir(tmp_path / name)
-        told.append(address.signature_of(Task("", "a", 1, "log.txt")))
+        told.append(address.signature_of(RunTask("", "a", 1, "log.txt")))
 
     assert told[0] != told[1]
 
@@ -633,7 +633,7 @@ def test_a_process_for_prices_ends_when_nobody_is_left_to_ask(
 ) -> None:
     monkeypatch.setattr(pricing.signal, "signal", lambda *_: None)
     ours, its = multiprocessing.Pipe()
-    setting = Setting.of(load_rule_set(RULES), LIMITS)
+    setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
     ours.send([(("", "a", 1), "ab" * 32, "none.json", "")])
     ours.close()
 
@@ -738,7 +738,7 @@ def _other_log_map(trials: Path, _out: Path, _patch: pytest.MonkeyPatch) -> None
 class Interrupted(Inline):
     """Somebody presses Ctrl-C after two runs."""
 
-    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+    def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         """One after the other, and no more than two."""
         yield from islice(super().run(tasks, setting), 2)
         raise KeyboardInterrupt
@@ -939,9 +939,9 @@ def test_a_worker_that_sees_no_folder_asks_only_the_checks_that_changed(trials: 
     document = (tmp_path / "out" / row.object).read_bytes()
     assert said in document
     document = document.replace(said, ours)
-    task = Task("", "a.jsonl", 1, str(trials / "a.jsonl"), earlier=row.object)
+    task = RunTask("", "a.jsonl", 1, str(trials / "a.jsonl"), earlier=row.object)
     task = replace(task, earlier_sha256=sha256(document).hexdigest())
-    setting = replace(Setting.of(second, LIMITS), earlier_basis=address.basis_of(prepare(first)))
+    setting = replace(BatchSetting.of(second, LIMITS), earlier_basis=address.basis_of(prepare(first)))
 
     with_it, without = (measure_apart(task, setting, earlier).document for earlier in (document, b""))
     other = measure_apart(replace(task, earlier_sha256="0" * 64), setting, document).document
@@ -954,8 +954,8 @@ def test_a_worker_that_sees_no_folder_asks_only_the_checks_that_changed(trials: 
 def test_what_is_stored_already_is_not_made_by_a_worker_that_is_sent_it(trials: Path, tmp_path: Path) -> None:
     batch(trials, tmp_path / "out")
     row = rows(tmp_path / "out")["/a.jsonl/1"]
-    task = Task("", "a.jsonl", 1, str(trials / "a.jsonl"), earlier=row.object, earlier_sha256=row.sha256)
-    setting = Setting.of(load_rule_set(RULES), LIMITS)
+    task = RunTask("", "a.jsonl", 1, str(trials / "a.jsonl"), earlier=row.object, earlier_sha256=row.sha256)
+    setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
     done = measure_apart(task, setting, earlier_document(task, tmp_path / "out"))
 
@@ -1012,9 +1012,9 @@ def test_a_run_named_by_a_uri_is_fetched_where_it_is_scored(
     trials: Path, tmp_path: Path, name: str, outcome: str
 ) -> None:
     pytest.importorskip("fsspec", reason="the extra 'remote' is not installed")
-    setting = Setting.of(load_rule_set(RULES), LIMITS)
+    setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
-    done = measure_apart(Task("", name, 1, f"file://{trials / name}"), setting)
+    done = measure_apart(RunTask("", name, 1, f"file://{trials / name}"), setting)
 
     assert done.document is not None
     found = summary_of(done.document)
@@ -1087,7 +1087,7 @@ def test_what_is_no_shard_is_refused(text: str) -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 50])
 def test_every_task_is_in_exactly_one_shard(count: int) -> None:
-    tasks = [Task("", str(number), 1, str(number)) for number in range(23)]
+    tasks = [RunTask("", str(number), 1, str(number)) for number in range(23)]
     parts = [list(of_shard(tasks, number, count)) for number in range(1, count + 1)]
 
     assert sorted(task.trial for part in parts for task in part) == sorted(task.trial for task in tasks)

@@ -26,7 +26,7 @@ from ariac_score.batch.remote import Storage, Stored, shown, signature_of_stored
 from ariac_score.batch.remote_plans import plan_elsewhere, plan_list
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Report, run_batch
-from ariac_score.batch.tasks import Limits, Plan, Setting, Task, plan_batch
+from ariac_score.batch.tasks import BatchPlan, BatchSetting, Limits, RunTask, plan_batch
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError, UsageError
@@ -56,7 +56,7 @@ LIMITS = Limits(wall_s=120.0)
 class Inline:
     """Scores in this process, one run after the other."""
 
-    def run(self, tasks: Iterable[Task], setting: Setting) -> Iterator[Done]:
+    def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         for task in tasks:
             yield perform(task, setting)
 
@@ -87,17 +87,17 @@ def trials(web: Web) -> Path:
 
 
 def score(
-    plan: Plan, out: Path, *, ranges: bool = False, executor: Callable[[Path], Any] | None = None
+    plan: BatchPlan, out: Path, *, ranges: bool = False, executor: Callable[[Path], Any] | None = None
 ) -> Report:
     rule_set = load_rule_set(plan.rules)
     store = Store(out)
-    setting = Setting.of(rule_set, LIMITS, ranges=ranges)
+    setting = BatchSetting.of(rule_set, LIMITS, ranges=ranges)
     with store.working() as work:
         chosen = executor(work) if executor else Inline()
         return run_batch(plan.tasks, rule_set, setting, store, work, chosen, about={"batch": plan.id})
 
 
-def elsewhere(uri: str, tmp_path: Path, rules: str = RULES, *, ranges: bool = False) -> Plan:
+def elsewhere(uri: str, tmp_path: Path, rules: str = RULES, *, ranges: bool = False) -> BatchPlan:
     work = tmp_path / f"laid_out_{len(list(tmp_path.glob('laid_out_*')))}"
     work.mkdir()
     return plan_elsewhere(uri, rules, work, ranges=ranges)
@@ -124,8 +124,8 @@ def outcomes(out: Path) -> dict[str, str]:
 
 
 def one(uri: str, *, ranges: bool = False) -> Done:
-    setting = Setting.of(load_rule_set(RULES), LIMITS, ranges=ranges)
-    return perform(Task("", uri.rpartition("/")[2], 1, uri), setting)
+    setting = BatchSetting.of(load_rule_set(RULES), LIMITS, ranges=ranges)
+    return perform(RunTask("", uri.rpartition("/")[2], 1, uri), setting)
 
 
 def document(done: Done) -> dict[str, Any]:
@@ -391,7 +391,7 @@ def _scored(web: Web, out: Path, tmp_path: Path, *, ranges: bool) -> Path:
     rule_set, store = load_rule_set(RULES), Store(out)
     about: dict[str, object] = {"batch": plan.id} | ({"read": "parts"} if ranges else {})
     with store.working() as work:
-        setting = Setting.of(rule_set, LIMITS, ranges=ranges)
+        setting = BatchSetting.of(rule_set, LIMITS, ranges=ranges)
         run_batch(plan.tasks, rule_set, setting, store, work, Inline(), about=about)
     return out
 
@@ -447,9 +447,9 @@ def test_a_bag_whose_index_is_wrong_ends_as_it_does_here(bag: bytes, web: Web, d
     content = bytearray(bag)
     damaged_bag(content, damage)
     (web.root / "run.bag").write_bytes(content)
-    setting = Setting.of(load_rule_set(RULES), LIMITS)
+    setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
-    expected = document(perform(Task("", "run.bag", 1, str(web.root / "run.bag")), setting))
+    expected = document(perform(RunTask("", "run.bag", 1, str(web.root / "run.bag")), setting))
     told = document(one(f"{web.url}/run.bag", ranges=True))
 
     for result in (told, expected):
@@ -479,8 +479,8 @@ def test_what_has_no_good_index_ends_as_it_does_here(web: Web, damage: str) -> N
     else:
         del content[-100_000:]
     (web.root / "run.mcap").write_bytes(content)
-    setting = Setting.of(load_rule_set(RULES), LIMITS)
-    here = perform(Task("", "run.mcap", 1, str(web.root / "run.mcap")), setting)
+    setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
+    here = perform(RunTask("", "run.mcap", 1, str(web.root / "run.mcap")), setting)
 
     there = one(f"{web.url}/run.mcap", ranges=True)
 
@@ -646,7 +646,7 @@ def test_a_run_of_a_list_whose_storage_never_answers_is_unreachable_and_the_othe
     plan = plan_list(tmp_path / "runs.txt", RULES)
 
     assert [bool(task.signature) for task in plan.tasks] == [True, False]
-    found = document(perform(plan.tasks[1], Setting.of(load_rule_set(RULES), LIMITS)))
+    found = document(perform(plan.tasks[1], BatchSetting.of(load_rule_set(RULES), LIMITS)))
     assert (found["outcome"], "no answer within 0.5 s" in found["reason"]) == ("unreachable", True)
 
 
@@ -660,9 +660,9 @@ def test_a_run_with_more_bytes_than_a_run_may_have_is_not_fetched(
     (web.root / "run/notes.txt").write_bytes(bytes(1000))
     size = EXAMPLE.stat().st_size + 1000
     limits = Limits(120.0, 0, input_bytes=size + spare_bytes)
-    setting = Setting.of(load_rule_set(RULES), limits, ranges=ranges)
+    setting = BatchSetting.of(load_rule_set(RULES), limits, ranges=ranges)
 
-    done = perform(Task("", "run", 1, f"{web.url}/run/"), setting)
+    done = perform(RunTask("", "run", 1, f"{web.url}/run/"), setting)
 
     if spare_bytes == 0:
         assert document(done)["schema"] == "ariac-score/result/2"
@@ -690,9 +690,9 @@ def test_a_process_that_dies_leaves_the_hash_of_what_it_read(web: Web, tmp_path:
 
 def test_a_keeper_on_a_worker_fetches_as_everybody_does(web: Web) -> None:
     shutil.copyfile(EXAMPLE, web.root / "run.mcap")
-    setting = Setting.of(load_rule_set(RULES), LIMITS)
+    setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
-    done = measure_apart(Task("", "run.mcap", 1, f"{web.url}/run.mcap"), setting)
+    done = measure_apart(RunTask("", "run.mcap", 1, f"{web.url}/run.mcap"), setting)
 
     assert done.document == as_json(score_trial(web.root / "run.mcap", RULES)).encode()
 
@@ -793,7 +793,7 @@ def test_a_worker_is_bound_to_the_size_of_a_result_only_when_all_is_fetched(web:
         log.write(bytes(5 << 20))  # longer than a result may be
     plan = elsewhere(f"{web.url}/t/", tmp_path)
     store, rule_set = Store(tmp_path / "out"), load_rule_set(RULES)
-    setting = Setting.of(rule_set, Limits(wall_s=120.0, output_bytes=1 << 20))
+    setting = BatchSetting.of(rule_set, Limits(wall_s=120.0, output_bytes=1 << 20))
     with store.working() as work:
         executor = LocalExecutor(1, None, work)
         run_batch(plan.tasks, rule_set, setting, store, work, executor, about={"batch": plan.id})

@@ -25,7 +25,7 @@ from ariac_score.batch import address, local, patience, store
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.outcomes import summary_of
 from ariac_score.batch.patience import Patience
-from ariac_score.batch.tasks import Limits, Setting, Task
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.batch.worker import Done, parse_report, report_of
 from ariac_score.cli import main
 from ariac_score.errors import BatchError, PluginError
@@ -108,8 +108,8 @@ def test_a_season_of_kills_on_a_cluster_gives_the_bytes_of_one_machine(
 def run_here(target: Callable[..., None], names: list[str], trials: Path, work: Path) -> dict[str, Done]:
     """What comes of some logs when processes do what `target` says."""
     work.mkdir()
-    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
-    tasks = [Task("", name, 1, str(trials / name)) for name in names]
+    setting = BatchSetting.of(load_rule_set(RULES), Limits(120.0, 0))
+    tasks = [RunTask("", name, 1, str(trials / name)) for name in names]
     return {done.task.trial: done for done in LocalExecutor(1, None, work, target).run(tasks, setting)}
 
 
@@ -149,11 +149,16 @@ def test_how_a_run_died_is_told_by_what_happened_mostly(trials: Path, tmp_path: 
 
 
 def test_a_report_about_another_run_is_none() -> None:
-    one, other = Task("", "a", 1, "/x/a"), Task("", "b", 1, "/x/b")
+    one, other = RunTask("", "a", 1, "/x/a"), RunTask("", "b", 1, "/x/b")
     report = report_of(Done(one, "ab", "cd", "ef", b"document"))
 
     assert parse_report(one, report).document == b"document"
-    for task in (other, Task("", "a", 1, "/y/a"), Task("", "a", 2, "/x/a"), Task("team", "a", 1, "/x/a")):
+    for task in (
+        other,
+        RunTask("", "a", 1, "/y/a"),
+        RunTask("", "a", 2, "/x/a"),
+        RunTask("team", "a", 1, "/x/a"),
+    ):
         with pytest.raises(ValueError, match="it is about"):
             parse_report(task, report)
 
@@ -304,7 +309,7 @@ def test_a_file_that_may_not_be_read_costs_its_run_alone_and_is_not_passed_over(
     (trials / "run").mkdir()
     shutil.copyfile(trials / "a.jsonl", trials / "run/log.jsonl")
     (trials / "run/secret.yaml").write_text("orders: []\n", encoding="utf-8")
-    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+    setting = BatchSetting.of(load_rule_set(RULES), Limits(120.0, 0))
     opened = {"io.open": io.open, "os.open": os.open}
 
     def refusing(name: str) -> Callable[..., Any]:
@@ -322,7 +327,7 @@ def test_a_file_that_may_not_be_read_costs_its_run_alone_and_is_not_passed_over(
     monkeypatch.setattr(Path, "open", refusing("io.open"))
     told = {}
     for name in ("a.jsonl", "secret.jsonl", "run"):
-        done = hands.worker.perform(Task("", name, 1, str(trials / name)), setting)
+        done = hands.worker.perform(RunTask("", name, 1, str(trials / name)), setting)
         told[name] = summary_of(done.document or b"")
 
     assert told["a.jsonl"].outcome == "scored"
@@ -350,10 +355,10 @@ def test_rules_whose_plugin_is_broken_are_said_once_and_not_for_every_run(
 def test_a_worker_without_the_plugin_of_a_rule_set_says_so(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+    setting = BatchSetting.of(load_rule_set(RULES), Limits(120.0, 0))
     monkeypatch.setattr(hands.worker, "prepared", lambda _setting: hands.broken_by(hands.full))
 
-    done = hands.worker.perform(Task("", "a.jsonl", 1, str(trials / "a.jsonl")), setting)
+    done = hands.worker.perform(RunTask("", "a.jsonl", 1, str(trials / "a.jsonl")), setting)
 
     found = summary_of(done.document or b"")
     assert (found.outcome, done.address) == ("failed", "")
@@ -492,7 +497,9 @@ def test_the_files_of_a_run_may_have_exactly_as_many_bytes_as_the_limit_says(
     size = (run / "log.jsonl").stat().st_size
     limits = Limits(120.0, 0, input_bytes=size + 1000 + spare_bytes)
 
-    done = hands.worker.perform(Task("", "run", 1, str(run)), Setting.of(load_rule_set(RULES), limits))
+    done = hands.worker.perform(
+        RunTask("", "run", 1, str(run)), BatchSetting.of(load_rule_set(RULES), limits)
+    )
 
     found = summary_of(done.document or b"")
     if spare_bytes == 0:
@@ -567,7 +574,7 @@ def test_more_entries_than_a_run_has_are_not_looked_at(trials: Path, monkeypatch
     shutil.copyfile(trials / "a.jsonl", run / "log.jsonl")
     for number in range(8):
         (run / "below" / f"{number}.png").touch()
-    task, setting = Task("", "many", 1, str(run)), Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+    task, setting = RunTask("", "many", 1, str(run)), BatchSetting.of(load_rule_set(RULES), Limits(120.0, 0))
 
     monkeypatch.setattr(address, "MOST_ENTRIES", 10)
     assert address.signature_of(task)
@@ -606,8 +613,8 @@ def cluster(workers: int) -> Iterator[Any]:
 def on_a_cluster(scheduler: str, names: list[str], trials: Path, work: Path) -> Iterator[Done]:
     from ariac_score.batch.dask import dask_executor  # noqa: PLC0415  # of an extra
 
-    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
-    tasks = [Task("", name, 1, str(trials / name)) for name in names]
+    setting = BatchSetting.of(load_rule_set(RULES), Limits(120.0, 0))
+    tasks = [RunTask("", name, 1, str(trials / name)) for name in names]
     return dask_executor(jobs=0, scheduler=scheduler, out=work, work=work).run(tasks, setting)
 
 
@@ -724,7 +731,7 @@ def looked(
     """What is said when a cluster is looked at, at some times after the last thing came."""
     clock = [0.0]
     monkeypatch.setattr(patience.time, "monotonic", lambda: clock[0])
-    one = Patience("tcp://here:1", seen, Setting.of(load_rule_set(RULES), Limits(wall_s)))
+    one = Patience("tcp://here:1", seen, BatchSetting.of(load_rule_set(RULES), Limits(wall_s)))
     one.came()
     try:
         for clock[0] in times_s:

@@ -18,7 +18,7 @@ import pytest
 from ariac_score import load_rule_set, score_trial
 from ariac_score.batch import remote
 from ariac_score.batch.remote import Storage
-from ariac_score.batch.tasks import Limits, Setting, Task
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
 from ariac_score.results.result_file import as_json
@@ -81,8 +81,8 @@ def batch(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def one(uri: str, *, ranges: bool = False) -> Done:
-    setting = Setting.of(load_rule_set(RULES), Limits(wall_s=120.0), ranges=ranges)
-    return perform(Task("", uri.rpartition("/")[2], 1, uri), setting)
+    setting = BatchSetting.of(load_rule_set(RULES), Limits(wall_s=120.0), ranges=ranges)
+    return perform(RunTask("", uri.rpartition("/")[2], 1, uri), setting)
 
 
 def document(done: Done) -> dict[str, Any]:

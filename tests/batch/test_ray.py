@@ -19,7 +19,7 @@ from ariac_score.batch.index import Row
 from ariac_score.batch.isolated import measure_apart
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Executor, Report, run_batch
-from ariac_score.batch.tasks import Limits, Setting, Task, plan_batch
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask, plan_batch
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
 from ariac_score.errors import BatchError, UsageError
@@ -68,7 +68,7 @@ def trials(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class Inline:
     """Scores in this process, one run after the other."""
 
-    def run(self, tasks: Any, setting: Setting) -> Iterator[Done]:
+    def run(self, tasks: Any, setting: BatchSetting) -> Iterator[Done]:
         for task in tasks:
             yield perform(task, setting)
 
@@ -76,7 +76,7 @@ class Inline:
 class Staying(executors.RayExecutor):
     """As it is, but the cluster stays for the next test."""
 
-    def run(self, tasks: Any, setting: Setting) -> Iterator[Done]:
+    def run(self, tasks: Any, setting: BatchSetting) -> Iterator[Done]:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(ray, "shutdown", lambda: None)
             yield from super().run(tasks, setting)
@@ -84,7 +84,7 @@ class Staying(executors.RayExecutor):
 
 def score(trials: Path, out: Path, executor: Executor) -> Report:
     plan, rule_set, store = plan_batch(trials, RULES), load_rule_set(RULES), Store(out)
-    setting = Setting.of(rule_set, Limits(wall_s=120.0))
+    setting = BatchSetting.of(rule_set, Limits(wall_s=120.0))
     with store.working() as work:
         return run_batch(plan.tasks, rule_set, setting, store, work, executor, about={"batch": plan.id})
 
@@ -103,10 +103,10 @@ def same(first: Path, second: Path) -> bool:
     return not differing and not errors
 
 
-def dying(marks: Path, which: str, times: int) -> Callable[[Task, Setting, bytes], Done]:
+def dying(marks: Path, which: str, times: int) -> Callable[[RunTask, BatchSetting, bytes], Done]:
     """What a worker does whose machine is lost with some runs, so many times each."""
 
-    def measure(task: Task, setting: Setting, earlier: bytes) -> Done:
+    def measure(task: RunTask, setting: BatchSetting, earlier: bytes) -> Done:
         tried = len(list(marks.glob(f"{task.trial}-*")))
         if which in task.trial and tried < times:
             (marks / f"{task.trial}-{tried}").touch()
@@ -158,10 +158,10 @@ def test_a_cluster_without_a_machine_that_works_ends_the_batch_by_name(
     monkeypatch.setattr(executors, "LOOK_S", 0.2)
     monkeypatch.setattr(patience, "LOOK_S", 0.2)
     monkeypatch.setattr(patience, "WITHOUT_WORKERS_S", 1.0)
-    setting = Setting.of(load_rule_set(RULES), Limits(120.0))
+    setting = BatchSetting.of(load_rule_set(RULES), Limits(120.0))
 
     with pytest.raises(BatchError, match=r"the cluster at \S+ has had no worker for 1 s") as caught:
-        list(Staying().run([Task("", "a.jsonl", 1, str(trials / "a.jsonl"))], setting))
+        list(Staying().run([RunTask("", "a.jsonl", 1, str(trials / "a.jsonl"))], setting))
 
     assert caught.value.exit_code == 7
 

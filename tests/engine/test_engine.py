@@ -82,7 +82,7 @@ def without(trial: Trial, *names: str) -> Trial:
 
 
 def keeping_apart(trial: Trial, distance_m: Any) -> Trial:
-    """The trial with another course of the distance, and both at the robot's pace all the time."""
+    """The trial with another chart of the distance, and both at the robot's pace all the time."""
     t = trial.signals["speed/human"].t
     pace = np.full(len(t), NEAR_MISS.robot_speed_m_s)
     columns = {"centre_distance/robot/human": ("m", distance_m), "speed/human": ("m/s", pace)}
@@ -349,7 +349,7 @@ THIN = replace(
 """The example at 25 Hz: 0.04 s between samples are allowed, and laws need many trials."""
 
 
-def course(*dips: tuple[float, float, float]) -> Any:
+def chart(*dips: tuple[float, float, float]) -> Any:
     """9 m apart, but for dips (when, half their width, closest); 4.35 m are required at this pace."""
     t = THIN.signals["speed/human"].t
     distance = np.full(len(t), 9.0)
@@ -367,7 +367,7 @@ def test_coming_closer_never_raises_the_score(dip: tuple[float, float, float], s
     when_s, half_s, closest_m = dip
     closer = (when_s, half_s, closest_m * share)
 
-    assert score(keeping_apart(THIN, course(closer))) <= score(keeping_apart(THIN, course(dip)))
+    assert score(keeping_apart(THIN, chart(closer))) <= score(keeping_apart(THIN, chart(dip)))
 
 
 @given(dips, st.floats(1.0, 3.0))
@@ -378,7 +378,7 @@ def test_staying_close_for_longer_never_raises_the_score(
     when_s, half_s, closest_m = dip
     longer = (when_s, half_s * factor, closest_m)
 
-    assert score(keeping_apart(THIN, course(longer))) <= score(keeping_apart(THIN, course(dip)))
+    assert score(keeping_apart(THIN, chart(longer))) <= score(keeping_apart(THIN, chart(dip)))
 
 
 @given(dips, st.floats(22.0, 36.0))
@@ -387,7 +387,7 @@ def test_one_more_near_miss_never_raises_the_score(dip: tuple[float, float, floa
     # The second is at least a second after the first: closer ones would be one episode.
     again = (when_s, 1.0, 4.0)
 
-    assert score(keeping_apart(THIN, course(dip, again))) <= score(keeping_apart(THIN, course(dip)))
+    assert score(keeping_apart(THIN, chart(dip, again))) <= score(keeping_apart(THIN, chart(dip)))
 
 
 # Broken checks -------------------------------------------------------------------------

@@ -17,10 +17,10 @@ from ariac_score import (
     Body,
     Event,
     Finding,
+    InstantVerdict,
     OnlineWatch,
     Sample,
     SignalNeed,
-    Standing,
     Trial,
     Verdict,
     load_rule_set,
@@ -328,7 +328,7 @@ def test_a_monitor_whose_signals_have_to_be_derived_judges_at_the_end() -> None:
 class Scripted:
     """An online monitor that says what it is told to, sample by sample."""
 
-    said: tuple[Standing | Exception, ...]
+    said: tuple[InstantVerdict | Exception, ...]
 
     def needs(self) -> Iterator[SignalNeed]:
         yield SignalNeed("centre_distance", "m")
@@ -339,7 +339,7 @@ class Scripted:
     def begin(self, _bodies: Sequence[Body] = ()) -> OnlineWatch:
         left = list(self.said)
 
-        def step(_samples: list[Sample], _events: Sequence[Event] = ()) -> Iterator[Standing]:
+        def step(_samples: list[Sample], _events: Sequence[Event] = ()) -> Iterator[InstantVerdict]:
             said = left.pop(0)
             if isinstance(said, Exception):
                 raise said
@@ -348,7 +348,7 @@ class Scripted:
         return SimpleNamespace(step=step, end=lambda _trial: ())  # type: ignore[return-value]
 
 
-def judge_of(*said: Standing | Exception) -> Judge:
+def judge_of(*said: InstantVerdict | Exception) -> Judge:
     """A judge under rules whose only monitor is scripted."""
     paper = load_rule_set("paper2020")
     rules = replace(paper, checks={"separation": paper.checks["separation"]})
@@ -362,8 +362,8 @@ def judge_of(*said: Standing | Exception) -> Judge:
     return RulesBench(Rules(**vars(rules)), Registry()).judge()
 
 
-def standing(verdict: Verdict, *, final: bool = False) -> Standing:
-    return Standing("robot/human", 1.0, verdict, "so it is", final=final)
+def standing(verdict: Verdict, *, final: bool = False) -> InstantVerdict:
+    return InstantVerdict("robot/human", 1.0, verdict, "so it is", final=final)
 
 
 @pytest.mark.parametrize(
@@ -377,7 +377,7 @@ def standing(verdict: Verdict, *, final: bool = False) -> Standing:
         (standing(Verdict.SATISFIED, final=True), "true"),
     ],
 )
-def test_standings_become_the_words_of_the_protocol(said: Standing, word: str) -> None:
+def test_standings_become_the_words_of_the_protocol(said: InstantVerdict, word: str) -> None:
     assert judge_of(said).take(snapshot(1.0)).verdict == word
 
 
@@ -412,12 +412,12 @@ class Spec:
         return iter(())
 
     def begin_events(self) -> Any:
-        def take(event: Mapping[str, object]) -> Standing:
+        def take(event: Mapping[str, object]) -> InstantVerdict:
             assert "verdict" not in event
             if "data" not in event:
                 raise ValueError("no data")
             bad = event["data"] == "bad"
-            return Standing(
+            return InstantVerdict(
                 "trace", 0.0, Verdict.VIOLATED if bad else Verdict.SATISFIED, "it is bad", final=bad
             )
 

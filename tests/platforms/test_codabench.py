@@ -19,7 +19,7 @@ import pytest
 import yaml
 
 from ariac_score import load_rule_set, score_trial
-from ariac_score.batch.tasks import Limits, Setting
+from ariac_score.batch.tasks import BatchSetting, Limits
 from ariac_score.cli import main
 from ariac_score.errors import BatchError, UsageError
 from ariac_score.platforms import codabench, submission
@@ -45,7 +45,7 @@ def log_text(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def reference(folder: Path, *trials: str, limits: Limits | None = None, config: str = "") -> Path:
     rule_set = load_rule_set(RULES)
-    setting = Setting.of(rule_set, limits or Limits(120.0, 0))
+    setting = BatchSetting.of(rule_set, limits or Limits(120.0, 0))
     (folder / "ref").mkdir(parents=True)
     (folder / "res").mkdir()
     names = dict.fromkeys(trials, "trial.yaml" if config else "")
@@ -203,7 +203,7 @@ def test_a_broken_scorer_is_a_failure_and_never_a_score(
     elif damage == "other schema":
         phase.write_text(phase.read_text().replace("phase/1", "phase/9"), encoding="utf-8")
     else:
-        setting = Setting.of(load_rule_set("ariac2024.official"), Limits())
+        setting = BatchSetting.of(load_rule_set("ariac2024.official"), Limits())
         phase.write_text(phase_text("practice", setting, {"kit": ""}), encoding="utf-8")
         (inputs / "ref/ruleset.yaml").write_text(setting.rules, encoding="utf-8")
 
@@ -290,7 +290,7 @@ def bundle(folder: Path, **changes: Any) -> Path:
     write_bundle(
         Bundle(**values),
         rule_set,
-        Setting.of(rule_set, Limits(120.0, 0)),
+        BatchSetting.of(rule_set, Limits(120.0, 0)),
         {"kit": None},
         folder / "bundle.zip",
     )
@@ -447,7 +447,7 @@ def test_a_bundle_without_traps_has_no_problem(tmp_path: Path) -> None:
 def test_rules_that_compare_teams_are_refused_for_a_platform(tmp_path: Path) -> None:
     rule_set = load_rule_set("ariac2024.official")
     with pytest.raises(UsageError, match="compares teams"):
-        write_bundle(BUNDLE, rule_set, Setting.of(rule_set, Limits()), {}, tmp_path / "b.zip")
+        write_bundle(BUNDLE, rule_set, BatchSetting.of(rule_set, Limits()), {}, tmp_path / "b.zip")
     assert not list(tmp_path.iterdir())
 
 
@@ -466,7 +466,7 @@ def test_a_bundle_that_cannot_work_is_not_written(
     rule_set = load_rule_set(RULES)
     one = Bundle(**{**vars(BUNDLE), **changes})
     with pytest.raises(UsageError, match=words):
-        write_bundle(one, rule_set, Setting.of(rule_set, Limits()), trials, tmp_path / "b.zip")
+        write_bundle(one, rule_set, BatchSetting.of(rule_set, Limits()), trials, tmp_path / "b.zip")
     assert not list(tmp_path.iterdir())
 
 
@@ -643,7 +643,7 @@ def test_a_configuration_under_which_nobody_could_score_is_refused_before_the_up
     tmp_path: Path, config: str, words: str
 ) -> None:
     (tmp_path / "trial.yaml").write_text(config, encoding="utf-8")
-    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+    setting = BatchSetting.of(load_rule_set(RULES), Limits(120.0, 0))
 
     with pytest.raises(UsageError, match=words) as refused:
         write_bundle(

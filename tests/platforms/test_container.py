@@ -17,7 +17,7 @@ from typing import NoReturn
 import pytest
 
 from ariac_score import load_rule_set
-from ariac_score.batch.tasks import Limits, Setting
+from ariac_score.batch.tasks import BatchSetting, Limits
 from ariac_score.cli import main
 from ariac_score.platforms.codabench import Bundle, score, write_bundle
 
@@ -167,7 +167,7 @@ def test_patterns_of_what_is_not_sent_mean_what_the_reference_says(
 def _phase(folder: Path) -> Path:
     """What the worker of Codabench mounts: the program, the reference, and a submission."""
     rule_set = load_rule_set("ariac2020.as_coded")
-    setting = Setting.of(rule_set, Limits(120.0, 4 << 30))
+    setting = BatchSetting.of(rule_set, Limits(120.0, 4 << 30))
     bundle = Bundle("Practice", f"example.org/scorer@sha256:{'a' * 64}", "2026-09-01", "2026-10-01")
     write_bundle(bundle, rule_set, setting, {"kitting": None}, folder / "bundle.zip")
     with zipfile.ZipFile(folder / "bundle.zip") as whole:

@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 from ariac_score import load_rule_set, score_trial
-from ariac_score.batch.tasks import Limits, Setting
+from ariac_score.batch.tasks import BatchSetting, Limits
 from ariac_score.cli import main
 from ariac_score.platforms.evalai import (
     Api,
@@ -160,7 +160,7 @@ def log_text(tmp_path_factory: pytest.TempPathFactory) -> str:
 def phase(tmp_path: Path) -> Phase:
     folder = tmp_path / "reference"
     folder.mkdir()
-    setting = Setting.of(load_rule_set(RULES), Limits(120.0, 0))
+    setting = BatchSetting.of(load_rule_set(RULES), Limits(120.0, 0))
     (folder / "phase.json").write_text(
         phase_text("The finals of 2026", setting, {"kit": ""}), encoding="utf-8"
     )

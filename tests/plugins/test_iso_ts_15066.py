@@ -617,8 +617,8 @@ TICK_S = 1 / 64  # sums of these are exact in float64
 
 
 @dataclass(frozen=True)
-class Course:
-    """A random course of events on a grid of ticks, with the parameters to watch it by."""
+class Chart:
+    """A random chart of events on a grid of ticks, with the parameters to watch it by."""
 
     ticks: tuple[int, ...]
     distance_m: tuple[float, ...]
@@ -684,7 +684,7 @@ class Course:
 
 
 @st.composite
-def courses(draw: st.DrawFn) -> Course:
+def charts(draw: st.DrawFn) -> Chart:
     steps = draw(st.lists(st.sampled_from([1, 1, 1, 2, 3, 4, 5, 9]), min_size=1, max_size=60))
     ticks = [0, *np.cumsum(steps).tolist()]
     n = len(ticks)
@@ -695,7 +695,7 @@ def courses(draw: st.DrawFn) -> Course:
     # The catalogue does not say whether an episode outlives a hole: quiet on both sides of each.
     beside = {i + side for i, step in enumerate(steps) if step > 4 for side in (0, 1)}
     start, end = sorted(draw(st.tuples(*[st.integers(0, ticks[-1])] * 2)))
-    course = Course(
+    chart = Chart(
         tuple(ticks),
         (),
         tuple(human),
@@ -709,10 +709,10 @@ def courses(draw: st.DrawFn) -> Course:
         towards=(draw(_towards(ticks)), draw(_towards(ticks))),
     )
     distance = [
-        course.required_m(i) + (-depth[i] / 8 if near[i] and i not in beside else depth[i] / 8)
+        chart.required_m(i) + (-depth[i] / 8 if near[i] and i not in beside else depth[i] / 8)
         for i in range(n)
     ]
-    return replace(course, distance_m=tuple(max(d, 0.0) for d in distance))
+    return replace(chart, distance_m=tuple(max(d, 0.0) for d in distance))
 
 
 @st.composite
@@ -730,7 +730,7 @@ class Episode:
 
 
 def reference_episodes(
-    ticks: Sequence[int], near: Sequence[bool], lasts: Sequence[int], course: Course
+    ticks: Sequence[int], near: Sequence[bool], lasts: Sequence[int], chart: Chart
 ) -> list[Episode]:
     """Catalogue, section 1.2, sample by sample: open after t_on of truth, close after t_off of none."""
     closed: list[Episode] = []
@@ -741,9 +741,9 @@ def reference_episodes(
             held = []
             continue
         # A hole in the samples ends a run: nothing is known to have held in it.
-        first_of_run = i == 0 or not near[i - 1] or tick - ticks[i - 1] > course.max_gap
+        first_of_run = i == 0 or not near[i - 1] or tick - ticks[i - 1] > chart.max_gap
         held = [] if first_of_run else held
-        if opened is not None and first_of_run and tick - opened.end >= course.t_off:
+        if opened is not None and first_of_run and tick - opened.end >= chart.t_off:
             closed.append(opened)
             opened = None
         if opened is not None:
@@ -751,17 +751,17 @@ def reference_episodes(
             opened.end = tick + lasts[i]
             continue
         held.append(i)
-        if tick + lasts[i] - ticks[held[0]] >= course.t_on:
+        if tick + lasts[i] - ticks[held[0]] >= chart.t_on:
             opened, held = Episode(held, tick + lasts[i]), []
     return closed + ([opened] if opened is not None else [])
 
 
-def reference_blame(course: Course, rows: Sequence[int], inside: Sequence[int]) -> dict[str, str]:
+def reference_blame(chart: Chart, rows: Sequence[int], inside: Sequence[int]) -> dict[str, str]:
     """Catalogue, section 1.5."""
-    labels = {"robot_moving": "yes" if any(course.robot[inside[i]] > 0.01 for i in rows) else "no"}
-    if not course.blames:
+    labels = {"robot_moving": "yes" if any(chart.robot[inside[i]] > 0.01 for i in rows) else "no"}
+    if not chart.blames:
         return labels
-    speeds = [course.towards_at(which, course.ticks[inside[rows[0]]]) for which in (0, 1)]
+    speeds = [chart.towards_at(which, chart.ticks[inside[rows[0]]]) for which in (0, 1)]
     if None in speeds:
         return {**labels, "closing_by": "unknown"}
     closing = [v is not None and v > 0.01 for v in speeds]
@@ -778,23 +778,23 @@ SEVERITIES = (
 )
 
 
-def reference(course: Course) -> Iterator[tuple[Any, ...]]:
+def reference(chart: Chart) -> Iterator[tuple[Any, ...]]:
     """What the monitor has to say, by plain Python: verdict, start, end, numbers, words."""
-    inside = [i for i, tick in enumerate(course.ticks) if course.start <= tick <= course.end]
-    ticks = [course.ticks[i] for i in inside]
-    marks = [course.start, *ticks, course.end]
-    gaps = [(a, b) for a, b in pairwise(marks) if b - a > course.max_gap]
+    inside = [i for i, tick in enumerate(chart.ticks) if chart.start <= tick <= chart.end]
+    ticks = [chart.ticks[i] for i in inside]
+    marks = [chart.start, *ticks, chart.end]
+    gaps = [(a, b) for a, b in pairwise(marks) if b - a > chart.max_gap]
     if not ticks:
-        gaps = [(course.start, course.end)]
+        gaps = [(chart.start, chart.end)]
     for a, b in gaps:
         yield INCONCLUSIVE, a * TICK_S, b * TICK_S, {}, {}
-    required = [course.required_m(i) for i in inside]
-    short = [r - course.distance_m[i] for r, i in zip(required, inside, strict=True)]
-    lasts = [min(b - a, course.max_gap) for a, b in pairwise(ticks)] + [0]
-    episodes = reference_episodes(ticks, [s > 0 for s in short], lasts, course)
+    required = [chart.required_m(i) for i in inside]
+    short = [r - chart.distance_m[i] for r, i in zip(required, inside, strict=True)]
+    lasts = [min(b - a, chart.max_gap) for a, b in pairwise(ticks)] + [0]
+    episodes = reference_episodes(ticks, [s > 0 for s in short], lasts, chart)
     exposed_s = 0.0
     for last, i in zip(lasts, inside, strict=False):
-        if course.distance_m[i] <= 3.0 and course.robot[i] > 0.01:
+        if chart.distance_m[i] <= 3.0 and chart.robot[i] > 0.01:
             exposed_s += last * TICK_S
     for episode in episodes:
         seconds_of = {i: lasts[i] * TICK_S for i in episode.rows}
@@ -806,21 +806,21 @@ def reference(course: Course) -> Iterator[tuple[Any, ...]]:
             "relative_depth_max": max(relative.values()),
             "relative_depth_integral_s": sum(relative[i] * seconds_of[i] for i in episode.rows),
         }
-        if course.blames:
+        if chart.blames:
             numbers["exposure_s"] = exposed_s
-        words = reference_blame(course, episode.rows, inside)
+        words = reference_blame(chart, episode.rows, inside)
         yield VIOLATED, ticks[episode.rows[0]] * TICK_S, episode.end * TICK_S, numbers, words
     if ticks and not episodes and not gaps:
         clean = {**dict.fromkeys(SEVERITIES, 0.0), "exposure_s": exposed_s}
-        yield SATISFIED, None, None, clean if course.blames else {}, {}
+        yield SATISFIED, None, None, clean if chart.blames else {}, {}
 
 
-@given(courses())
+@given(charts())
 @LAWS
-def test_a_slow_implementation_in_plain_python_agrees(course: Course) -> None:
-    assume(course.start < course.end)  # an instant is no competition: then all of the log is watched
-    found = list(course.monitor.watch(course.trial()))
-    wanted = list(reference(course))
+def test_a_slow_implementation_in_plain_python_agrees(chart: Chart) -> None:
+    assume(chart.start < chart.end)  # an instant is no competition: then all of the log is watched
+    found = list(chart.monitor.watch(chart.trial()))
+    wanted = list(reference(chart))
 
     assert [(f.verdict, f.span and f.span.start_s, f.span and f.span.end_s) for f in found] == [
         row[:3] for row in wanted
@@ -848,35 +848,35 @@ def moved(finding: Finding, shift_s: float) -> dict[str, Any]:
     }
 
 
-@given(courses(), st.integers(-640, 6400))
+@given(charts(), st.integers(-640, 6400))
 @LAWS
-def test_a_shift_in_time_moves_the_spans_and_nothing_else(course: Course, shift: int) -> None:
-    here = course.monitor.watch(course.trial())
-    there = course.monitor.watch(course.trial(shift_s=shift * TICK_S))
+def test_a_shift_in_time_moves_the_spans_and_nothing_else(chart: Chart, shift: int) -> None:
+    here = chart.monitor.watch(chart.trial())
+    there = chart.monitor.watch(chart.trial(shift_s=shift * TICK_S))
 
     assert [moved(f, 0.0) for f in here] == [moved(f, shift * TICK_S) for f in there]
 
 
-@given(courses(), st.permutations(["centre_distance/robot/human", "speed/human", "speed/robot"]))
+@given(charts(), st.permutations(["centre_distance/robot/human", "speed/human", "speed/robot"]))
 @LAWS
-def test_the_order_of_signals_and_bodies_does_not_matter(course: Course, names: list[str]) -> None:
-    trial = course.trial()
+def test_the_order_of_signals_and_bodies_does_not_matter(chart: Chart, names: list[str]) -> None:
+    trial = chart.trial()
     shuffled = replace(
         trial,
         signals={name: trial.signals[name] for name in names} | dict(trial.signals),
         bodies=trial.bodies[::-1],
     )
 
-    assert list(course.monitor.watch(shuffled)) == list(course.monitor.watch(trial))
+    assert list(chart.monitor.watch(shuffled)) == list(chart.monitor.watch(trial))
 
 
-@given(courses(), st.floats(0.0, 5.0))
+@given(charts(), st.floats(0.0, 5.0))
 @LAWS
-def test_asking_for_more_distance_never_shortens_the_time_in_violation(course: Course, more_m: float) -> None:
-    trial = course.trial()
-    stricter = replace(course.monitor, delta_m=course.monitor.allowance_m + more_m, t_on_s=0.0)
+def test_asking_for_more_distance_never_shortens_the_time_in_violation(chart: Chart, more_m: float) -> None:
+    trial = chart.trial()
+    stricter = replace(chart.monitor, delta_m=chart.monitor.allowance_m + more_m, t_on_s=0.0)
 
-    assert seconds(of(VIOLATED, stricter, trial)) >= seconds(of(VIOLATED, course.monitor, trial)) - 1e-9
+    assert seconds(of(VIOLATED, stricter, trial)) >= seconds(of(VIOLATED, chart.monitor, trial)) - 1e-9
 
 
 # Parameters ----------------------------------------------------------------------------

@@ -106,23 +106,23 @@ def test_a_margin_that_an_event_has_not_is_missing_there_alone() -> None:
     text = "a matches {topic: 's', x: v} with v >= 0 && v ^ 0.5 > 0.9; Main = a*;"
     trial = steps_of_100_ms([1.0, 0.25, 1.0, 1.0, 4.0, 9.0, -1.0, 1.0])
     measured, without = spec(text).watch(trial)
-    (course,) = spec(text).margins(trial)
+    (chart,) = spec(text).margins(trial)
 
     assert measured.robustness == pytest.approx(0.5 - 0.9)
     assert without.robustness is None
     assert [f.span and f.span.start_s for f in (measured, without)] == pytest.approx([0.1, 0.6])
-    assert np.isnan(course.limit).tolist() == [False] * 6 + [True, False]
+    assert np.isnan(chart.limit).tolist() == [False] * 6 + [True, False]
 
 
 def test_where_one_event_cannot_be_judged_no_event_has_a_margin() -> None:
     text = "a matches {topic: 's', x: v} with v ^ 0.5 > 0.9; Main = a*;"
     trial = steps_of_100_ms([1.0, 0.25, 1.0, 1.0, 4.0, 9.0, -1.0, 1.0])
     rejected, open_ = spec(text).watch(trial)
-    courses = list(spec(text).margins(trial))
+    charts = list(spec(text).margins(trial))
 
     assert (rejected.verdict, rejected.robustness) == (Verdict.VIOLATED, None)
     assert (open_.verdict, open_.span) == (Verdict.INCONCLUSIVE, Span(0.6, 0.7))
-    assert courses == []
+    assert charts == []
 
 
 def test_an_event_stands_until_the_next_one_of_its_topic() -> None:

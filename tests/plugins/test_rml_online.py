@@ -17,11 +17,11 @@ from ariac_score import (
     Body,
     Event,
     EventMonitor,
+    InstantVerdict,
     OnlineMonitor,
     Sample,
     Signal,
     Span,
-    Standing,
     Trial,
     Verdict,
     align,
@@ -84,7 +84,7 @@ def trials(draw: st.DrawFn) -> Trial:
     return trial_of(t, [draw(values) for _ in t], t_arm, [draw(values) for _ in t_arm])
 
 
-def stepped(monitor: RmlSpec, trial: Trial) -> tuple[list[Standing], list[Any]]:
+def stepped(monitor: RmlSpec, trial: Trial) -> tuple[list[InstantVerdict], list[Any]]:
     watch = monitor.begin(trial.bodies)
     said = [standing for sample in samples(trial) for standing in watch.step([sample])]
     return said, list(watch.end(replace(trial, signals={})))

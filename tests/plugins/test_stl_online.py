@@ -16,11 +16,11 @@ from ariac_score import (
     COMPETITION_STARTED,
     Body,
     Event,
+    InstantVerdict,
     OnlineMonitor,
     Sample,
     Signal,
     Span,
-    Standing,
     Trial,
     Verdict,
     uncovered_spans,
@@ -211,7 +211,7 @@ def samples(trial: Trial) -> list[Sample]:
     return sorted(found, key=lambda sample: (sample.t_s, sample.signal))
 
 
-def said(monitor: StlFormula, trial: Trial) -> list[tuple[float, Standing]]:
+def said(monitor: StlFormula, trial: Trial) -> list[tuple[float, InstantVerdict]]:
     """What is said, each with the time at which it was."""
     watch = monitor.begin(trial.bodies)
     return [(s.t_s, standing) for s in samples(trial) for standing in watch.step([s])]

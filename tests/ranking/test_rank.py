@@ -20,7 +20,7 @@ from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.evaluation import strict_evaluation
-from ariac_score.ranking.rank import Cell, Ranking, Standing, rank_results, remarks_on_team
+from ariac_score.ranking.rank import Cell, Ranking, TeamRank, rank_results, remarks_on_team
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.ranking import ranking_text
@@ -381,7 +381,7 @@ def test_remarks_on_a_team_are_not_those_on_its_trials_whatever_these_are_called
         "kit_1": Cell(Decimal(3), "scored", "", (1,), 1),
     }
     remarks = ("no value heat: no_run: no run was made", "disqualified: a second robot")
-    team = Standing(None, "a", "A", None, Decimal(3), None, {}, cells, remarks)
+    team = TeamRank(None, "a", "A", None, Decimal(3), None, {}, cells, remarks)
 
     assert remarks_on_team(team) == ("disqualified: a second robot",)
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, Standing
+from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.resampling import (
     RandomBits,
     draw,
@@ -76,7 +76,7 @@ def ranking(scores: Scores, of: Spec, judges: Mapping[str, float] | None = None)
         totals.append({"execution": execution, "judges": marks})
         standings.append((team, cells, execution, marks))
     made = [
-        Standing(None, team, team, value, execution, marks, {}, cells)
+        TeamRank(None, team, team, value, execution, marks, {}, cells)
         for (team, cells, execution, marks), value in zip(standings, of.values(totals), strict=True)
     ]
     made.sort(key=lambda s: -(s.value or 0) if of.highest else (s.value or 0))

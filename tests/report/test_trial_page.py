@@ -21,7 +21,7 @@ from msgspec import structs
 
 from ariac_score import (
     Body,
-    Course,
+    Chart,
     Finding,
     Limit,
     OfficialOrder,
@@ -43,7 +43,7 @@ from ariac_score.report.html.trial import embedded_result, trial_page
 from ariac_score.report.html.waterfall import waterfall_of
 from ariac_score.results.adjustments import adjust, load_adjustments
 from ariac_score.results.result_file import measured_sha256
-from ariac_score.results.sketch import Curve, Route, Sketch, sketch_of
+from ariac_score.results.sketch import DrawnChart, DrawnPath, Sketch, sketch_of
 from ariac_score.scoring.ledger import Line
 from ariac_score.testing import kitting_trial, write_trial_log
 
@@ -123,8 +123,8 @@ def test_a_ten_minute_trial_with_noise_everywhere_stays_below_two_megabytes(exam
     draw = np.random.default_rng(5)
     t = np.arange(60_000) / 100.0
     bodies = (Body("gantry", "robot"), *(Body(f"person_{i}", "human") for i in range(4)))
-    courses = [
-        Course(
+    charts = [
+        Chart(
             f"gantry/person_{i}",
             "distance",
             "m",
@@ -138,9 +138,9 @@ def test_a_ten_minute_trial_with_noise_everywhere_stays_below_two_megabytes(exam
         ("separation", f"gantry/person_{i}"): [Span(60.0 * k, 60.0 * k + 3) for k in range(9)]
         for i in range(4)
     }
-    sketch = sketch_of(Trial("long", bodies=bodies), {"separation": courses}, moments)
+    sketch = sketch_of(Trial("long", bodies=bodies), {"separation": charts}, moments)
     routes = tuple(
-        Route(
+        DrawnPath(
             body.id, body.kind, tuple(range(1200)), *(tuple(draw.normal(0, 9, 1200).round(4)) for _ in "xy")
         )
         for body in bodies
@@ -357,9 +357,11 @@ def test_the_steps_of_the_example_are_those_of_its_ledger(example: Result) -> No
 # Charts and plan -----------------------------------------------------------------------
 
 
-def _curve(actual: list[float], limit: list[float | None], **more: Any) -> Curve:
+def _curve(actual: list[float], limit: list[float | None], **more: Any) -> DrawnChart:
     t = tuple(float(i) for i in range(len(actual)))
-    return Curve("separation", "a/b", "distance", "m", False, len(t), t, tuple(actual), tuple(limit), **more)
+    return DrawnChart(
+        "separation", "a/b", "distance", "m", False, len(t), t, tuple(actual), tuple(limit), **more
+    )
 
 
 def _shapes(chart: Any) -> list[list[tuple[float, float]]]:

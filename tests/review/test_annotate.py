@@ -33,7 +33,7 @@ from ariac_score.cli import main
 from ariac_score.engine.prepared import prepare
 from ariac_score.review.annotate import messages_of, origin_ns
 from ariac_score.review.annotation_messages import mcap_bytes
-from ariac_score.review.margins import Moment, Track, read_again, tracks
+from ariac_score.review.margins import MarginSeries, Moment, read_again, tracks
 from ariac_score.scoring.ruleset import Check
 from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
@@ -365,7 +365,7 @@ HOSTILE = ["../../etc", "a b", "1st", "<script>", "\u202eabc", "x" * 5000, "", "
 def test_any_subject_makes_a_topic_that_ros_allows(subject: str) -> None:
     result = scored(EXAMPLE)
     found = [
-        Track.of("separation", text, "m", (Moment(1.0, Verdict.SATISFIED, 1.0, text),))
+        MarginSeries.of("separation", text, "m", (Moment(1.0, Verdict.SATISFIED, 1.0, text),))
         for text in (subject, f"{subject}'", f'{subject}"')
     ]
     messages = read(mcap_bytes(messages_of(result, Trial("t"), found, frame="world")))
@@ -377,7 +377,7 @@ def test_any_subject_makes_a_topic_that_ros_allows(subject: str) -> None:
 
 
 def test_a_margin_that_is_none_is_not_a_number() -> None:
-    track = Track.of("c", "s", "", (Moment(1.0, Verdict.INCONCLUSIVE, None, "unknown"),))
+    track = MarginSeries.of("c", "s", "", (Moment(1.0, Verdict.INCONCLUSIVE, None, "unknown"),))
     messages = read(mcap_bytes(messages_of(scored(EXAMPLE), Trial("t"), [track], frame="")))
 
     assert math.isnan(next(m for m in messages if m.topic == "/ariac_score/c/s").message.margin)
@@ -385,7 +385,7 @@ def test_a_margin_that_is_none_is_not_a_number() -> None:
 
 @given(st.integers(0, 2_000_000_000 * 10**9), st.integers(0, 86_400 * 10**9))
 def test_a_stamp_of_the_log_comes_back_to_the_nanosecond(origin: int, since_ns: int) -> None:
-    track = Track.of("c", "s", "", (Moment(since_ns / 1e9, Verdict.SATISFIED, 0.0),))
+    track = MarginSeries.of("c", "s", "", (Moment(since_ns / 1e9, Verdict.SATISFIED, 0.0),))
     trial = Trial("t", clock=f"log time, origin {origin} ns")
     (state, *_) = [
         m for m in messages_of(_empty(), trial, [track], frame="") if m.topic == "/ariac_score/c/s"
@@ -478,7 +478,7 @@ def test_an_edited_result_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_time_before_the_clocks_zero_is_refused() -> None:
-    track = Track.of("c", "s", "", (Moment(-1.0, Verdict.SATISFIED, 0.0),))
+    track = MarginSeries.of("c", "s", "", (Moment(-1.0, Verdict.SATISFIED, 0.0),))
 
     with pytest.raises(Exception, match="before the zero of the log's clock"):
         messages_of(_empty(), Trial("t"), [track], frame="")
@@ -487,7 +487,7 @@ def test_a_time_before_the_clocks_zero_is_refused() -> None:
 def test_a_time_that_ros_cannot_count_is_refused() -> None:
     # sec of builtin_interfaces/Time is an int32: 2038-01-19, 03:14:07 UTC is the last one.
     def stamps(t_s: float) -> list[int]:
-        track = Track.of("c", "s", "", (Moment(t_s, Verdict.SATISFIED, 0.0),))
+        track = MarginSeries.of("c", "s", "", (Moment(t_s, Verdict.SATISFIED, 0.0),))
         messages = messages_of(_empty(), Trial("t"), [track], frame="")
         return [m.t_ns for m in messages if m.topic == "/ariac_score/c/s"]
 

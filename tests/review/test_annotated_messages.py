@@ -19,13 +19,13 @@ from hypothesis import strategies as st
 from ariac_score import (
     Body,
     Finding,
+    InstantVerdict,
     Measured,
     Result,
     Sample,
     Signal,
     SignalNeed,
     Span,
-    Standing,
     Trial,
     Verdict,
     load_result,
@@ -36,7 +36,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import PreparedCheck, prepare
 from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.review.annotate import messages_of
-from ariac_score.review.margins import Moment, Track, tracks
+from ariac_score.review.margins import MarginSeries, Moment, tracks
 from ariac_score.scoring.ruleset import Check, RuleSet
 from ariac_score.trial.derive import Derivation, derive_signals
 
@@ -60,7 +60,7 @@ def rules_of(*uses: str, **parameters: Any) -> RuleSet:
     return replace(RULES, checks=checks)
 
 
-def found_of(trial: Trial, rules: RuleSet) -> tuple[Result, Trial, list[Track]]:
+def found_of(trial: Trial, rules: RuleSet) -> tuple[Result, Trial, list[MarginSeries]]:
     """What monitors find, and what they say over time."""
     prepared = prepare(rules, registry=REGISTRY)
     trial = prepared.derived(trial)
@@ -126,18 +126,18 @@ class Limited:
     def begin(self, _bodies: Sequence[Body] = ()) -> Limited:
         return self
 
-    def step(self, samples: Sequence[Sample], _events: object = ()) -> Iterator[Standing]:
+    def step(self, samples: Sequence[Sample], _events: object = ()) -> Iterator[InstantVerdict]:
         for sample in samples:
             if sample.signal == "speed/r":
                 margin = 1.0 - float(np.max(sample.value))
                 verdict = SATISFIED if margin >= 0 else VIOLATED
-                yield Standing("r", sample.t_s, verdict, f"{sample.value} m/s", margin, sample.unit)
+                yield InstantVerdict("r", sample.t_s, verdict, f"{sample.value} m/s", margin, sample.unit)
 
     def end(self, trial: Trial) -> Iterator[Finding]:
         return self.watch(trial)
 
 
-def limited(trial: Trial) -> list[Track]:
+def limited(trial: Trial) -> list[MarginSeries]:
     plugin = REGISTRY.find("ariac_score.monitors", "ariac.human_contact")
     limited = PreparedCheck("limited", plugin, Limited(), ())
     rules = replace(prepare("paper2020", registry=REGISTRY), checks={"limited": limited})
@@ -173,10 +173,10 @@ MOMENTS = st.lists(
 )
 
 
-def track_of(number: int, steps: Sequence[tuple[int, Verdict | None, float | None, str]]) -> Track:
+def track_of(number: int, steps: Sequence[tuple[int, Verdict | None, float | None, str]]) -> MarginSeries:
     times_ns = np.cumsum([step for step, *_ in steps]).tolist()
     moments = (Moment(t_ns / 1e9, *said) for t_ns, (_, *said) in zip(times_ns, steps, strict=True))
-    return Track.of(f"c{number}", "r/h", "m" * number, list(moments))
+    return MarginSeries.of(f"c{number}", "r/h", "m" * number, list(moments))
 
 
 @settings(max_examples=60, derandomize=True, deadline=None)
@@ -199,7 +199,7 @@ def test_messages_are_in_order_of_time_then_of_topic(made: list[Any], number: in
     assert [(m.t_ns, m.topic) for m in messages] == sorted((m.t_ns, m.topic) for m in messages)
 
 
-def payload(track: Track, moment: Moment) -> bytes:
+def payload(track: MarginSeries, moment: Moment) -> bytes:
     """As rosbags serializes one message."""
     store = bundled_typestore(2)
     kinds: Any = store.types

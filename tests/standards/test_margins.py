@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from ariac_score import (
     Body,
-    Course,
+    Chart,
     Event,
     Finding,
     Margined,
@@ -113,8 +113,8 @@ def derived(monitor: Any, trial: Trial) -> Trial:
 
 def margins(monitor: Any, trial: Trial, subject: str, what: str = "") -> dict[float, float]:
     """The margin at each time, where a limit applies."""
-    (course,) = [c for c in monitor.margins(trial) if c.subject == subject and c.what.startswith(what)]
-    return {t: m for t, m in zip(course.t.tolist(), course.margin.tolist(), strict=True) if not np.isnan(m)}
+    (chart,) = [c for c in monitor.margins(trial) if c.subject == subject and c.what.startswith(what)]
+    return {t: m for t, m in zip(chart.t.tolist(), chart.margin.tolist(), strict=True) if not np.isnan(m)}
 
 
 # Who tells -----------------------------------------------------------------------------
@@ -317,15 +317,15 @@ def wild_trial(seed: int, *, hole: bool, step: float) -> Trial:
     )
 
 
-def law_holds(finding: Finding, courses: Iterable[Course]) -> bool:
+def law_holds(finding: Finding, charts: Iterable[Chart]) -> bool:
     """The least margin within the finding's span (without one: of all) is its robustness."""
-    for course in courses:
-        if (course.subject, course.unit) != (finding.subject, finding.unit):
+    for chart in charts:
+        if (chart.subject, chart.unit) != (finding.subject, finding.unit):
             continue
         span = finding.span or Span(-1e9, 1e9)
         inside = [
             margin
-            for t_s, margin in zip(course.t.tolist(), course.margin.tolist(), strict=True)
+            for t_s, margin in zip(chart.t.tolist(), chart.margin.tolist(), strict=True)
             if span.start_s <= t_s <= span.end_s and not np.isnan(margin)
         ]
         if inside and min(inside) == finding.robustness:
@@ -341,11 +341,11 @@ def test_the_least_margin_of_a_finding_is_its_robustness(
 ) -> None:
     monitor = MARGINED[name]
     trial = wild_trial(seed, hole=hole, step=step)
-    courses = list(monitor.margins(trial))
+    charts = list(monitor.margins(trial))
 
     for finding in monitor.watch(trial):
         if finding.robustness is not None and (finding.span or finding.evidence):
-            assert law_holds(finding, courses), finding
+            assert law_holds(finding, charts), finding
 
 
 @each_margined
@@ -369,8 +369,8 @@ def test_stamps_are_those_of_samples(name: str) -> None:
     trial = wild_trial(7, hole=True, step=0.3)
     times = {t for s in trial.signals.values() for t in s.t.tolist()}
 
-    for course in monitor.margins(trial):
-        assert set(course.t.tolist()) <= times
+    for chart in monitor.margins(trial):
+        assert set(chart.t.tolist()) <= times
 
 
 @each_margined
@@ -419,14 +419,14 @@ class Telling:
             evidence=(Sample("speed/robot", float(signal.t[worst]), speed, "m/s"),),
         )
 
-    def margins(self, trial: Trial) -> Iterable[Course]:
+    def margins(self, trial: Trial) -> Iterable[Chart]:
         signal = trial.signal("speed/robot", unit="m/s")
         off = self.off_m_s
         if self.forgets:
             self.asked.append(1)
             off = len(self.asked) * 0.0 if len(self.asked) < 2 else 1.0
         limit = np.full(len(signal.t), 1.0 + off)
-        yield Course("robot", "speed", self.unit, signal.t + self.late_s, signal.values, limit, at_most=True)
+        yield Chart("robot", "speed", self.unit, signal.t + self.late_s, signal.values, limit, at_most=True)
 
 
 def margin_check(monitor: Any) -> Any:

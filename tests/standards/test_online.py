@@ -11,7 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Event, OnlineMonitor, Sample, Signal, Span, Standing, Trial, Verdict, align
+from ariac_score import (
+    Body,
+    Event,
+    InstantVerdict,
+    OnlineMonitor,
+    Sample,
+    Signal,
+    Span,
+    Trial,
+    Verdict,
+    align,
+)
 from ariac_score.testing import SNAPSHOT_SIGNALS, contract_checks, kitting_trial, made_trial
 from ariac_score_ariac.safety import HumanContact, NoEvent
 from ariac_score_standards import SsmSeparation, SsmSpeedCap
@@ -53,7 +64,7 @@ def rows_of(trial: Trial) -> list[tuple[float, str, float]]:
     return sorted(found)
 
 
-def stepped(monitor: SsmSeparation, rows: Rows) -> tuple[list[Standing], object]:
+def stepped(monitor: SsmSeparation, rows: Rows) -> tuple[list[InstantVerdict], object]:
     watch = monitor.begin()
     said = [s for t, name, v in rows for s in watch.step([Sample(name, t, v, UNITS[name])])]
     return said, watch
@@ -239,7 +250,7 @@ CHOICES = st.fixed_dictionaries(
 )
 
 
-def whole(trial: Trial, monitor: SsmSeparation) -> list[Standing]:
+def whole(trial: Trial, monitor: SsmSeparation) -> list[InstantVerdict]:
     watch = monitor.begin(trial.bodies)
     every = (signal.sample(i) for signal in trial.signals.values() for i in range(len(signal)))
     return [s for sample in sorted(every, key=lambda one: one.t_s) for s in watch.step([sample])]

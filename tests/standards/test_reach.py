@@ -41,9 +41,9 @@ def between(trial: Trial, start_s: float, end_s: float) -> Trial:
 def margins_at(monitor: Any, trial: Trial, t_s: float) -> dict[tuple[str, str], float]:
     """The margin of every subject and limit at one time."""
     return {
-        (course.subject, course.what): float(course.margin[course.t == t_s][0])
-        for course in monitor.margins(trial)
-        if (course.t == t_s).any()
+        (chart.subject, chart.what): float(chart.margin[chart.t == t_s][0])
+        for chart in monitor.margins(trial)
+        if (chart.t == t_s).any()
     }
 
 

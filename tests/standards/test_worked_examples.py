@@ -262,7 +262,7 @@ def directed(told: Inputs) -> Outputs:
 
 
 def breaks_of(told: Any) -> list[tuple[float, float]]:
-    """A course as words: `3.0 to 1.0 m linearly in 4 s, back to 3.0 in 4 s, hold 2 s`; or as [t, value]."""
+    """A chart as words: `3.0 to 1.0 m linearly in 4 s, back to 3.0 in 4 s, hold 2 s`; or as [t, value]."""
     if isinstance(told, list):
         return [(float(t), float(v)) for t, v in told]
     number = r"(-?[\d.]+)"
@@ -280,8 +280,8 @@ def breaks_of(told: Any) -> list[tuple[float, float]]:
 
 @runs("M1.episode")
 def episode(told: Inputs) -> Outputs:
-    course = breaks_of(told["d_profile"])
-    t, (distance,) = sampled(course, rate_hz=told.get("rate_hz", 100))
+    chart = breaks_of(told["d_profile"])
+    t, (distance,) = sampled(chart, rate_hz=told.get("rate_hz", 100))
     columns = {"centre_distance/r/h": ("m", distance), "speed/h": ("m/s", 0.0), "speed/r": ("m/s", 0.0)}
     limits = {name: told[key] for key, name in {"t_on": "t_on_s", "t_off": "t_off_s"}.items() if key in told}
     found = violations(SsmSeparation(delta_m=told["S_p"], **limits).watch(trial_of(t, columns)))
@@ -395,12 +395,12 @@ def contact(told: Inputs) -> Outputs:
     lasts = float(told.get("contact_s", 0.1 if told.get("phase") != "quasi-static" else 1.0))
     end = 1.0 + lasts
     breaks = [(0.0, 0.0), (1.0, 0.0), (1.0, force), (end, force), (end, 0.0), (end + 2.0, 0.0)]
-    t, (course,) = sampled(breaks)
-    columns = {"contact_force/r/h": ("N", course)}
+    t, (chart,) = sampled(breaks)
+    columns = {"contact_force/r/h": ("N", chart)}
     if "area_cm2" in told:
         columns["contact_area/r/h"] = ("m2", np.full_like(t, told["area_cm2"] * 1e-4))
     if "pressure_N_cm2" in told:
-        columns["contact_pressure/r/h"] = ("Pa", np.where(course > 0, told["pressure_N_cm2"] * 1e4, 0.0))
+        columns["contact_pressure/r/h"] = ("Pa", np.where(chart > 0, told["pressure_N_cm2"] * 1e4, 0.0))
     said = list(monitor.watch(trial_of(t, columns)))
     found = violations(said)
     phases = {"transient": np.array([True]), "quasi-static": np.array([False])}
@@ -735,13 +735,13 @@ def space(told: Inputs) -> Outputs:
     value = first_of(told, "x", "x_m", "position", "position_m", "value", *angles[:-1])
     limit = first_of(told, "limit", "limit_rad", "limit_m", "joint_limit", "joint_limit_rad", "box")
     lasts = first_of(told, "duration", "duration_s")
-    t, (course,) = sampled(steps([[value, lasts]]))
+    t, (chart,) = sampled(steps([[value, lasts]]))
     if joint:
         monitor = SpaceLimit(joint="j", joint_low_rad=-limit, joint_high_rad=limit)
-        columns = {"joint_position/r::j": ("rad", course)}
+        columns = {"joint_position/r::j": ("rad", chart)}
     else:
         monitor = SpaceLimit(box_low_m=(-limit, -9.0), box_high_m=(limit, 9.0))
-        columns = {"position/r": ("m", np.stack([course, 0 * course, 0 * course], axis=1))}
+        columns = {"position/r": ("m", np.stack([chart, 0 * chart, 0 * chart], axis=1))}
     found = violations(monitor.watch(trial_of(t, columns)))
     unit = "rad" if joint else "m"
     return {

@@ -18,10 +18,10 @@ from ariac_score import (
     Body,
     Event,
     Finding,
+    InstantVerdict,
     Sample,
     SignalNeed,
     Span,
-    Standing,
     Trial,
     Verdict,
 )
@@ -526,7 +526,7 @@ class Fastest:
     fault: str
     seen: list[tuple[float, float]] = dataclasses.field(default_factory=list)
 
-    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[Standing]:
+    def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[InstantVerdict]:
         del events
         for sample in samples:
             if sample.signal != "speed/robot":
@@ -537,9 +537,9 @@ class Fastest:
             self.seen = [*([] if self.fault == "forgets" else self.seen), (sample.value, sample.t_s)]
             yield from self._said(sample.value, sample.t_s, len(samples))
 
-    def _said(self, value: float, t_s: float, together: int) -> Iterator[Standing]:
+    def _said(self, value: float, t_s: float, together: int) -> Iterator[InstantVerdict]:
         verdict = Verdict.VIOLATED if value > MEDIAN_M_S else Verdict.SATISFIED
-        said = Standing("robot", t_s, verdict, f"{value} m/s", value, "m/s")
+        said = InstantVerdict("robot", t_s, verdict, f"{value} m/s", value, "m/s")
         match self.fault:
             case "sees what is to come":
                 said = replace(said, t_s=t_s + 1.0)

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Course, Signal, Span, Trial, as_json, load_result, score_trial
+from ariac_score import Body, Chart, Signal, Span, Trial, as_json, load_result, score_trial
 from ariac_score.errors import ResultError
 from ariac_score.results import sketch as sketch_module
 from ariac_score.results.sketch import DECIMALS, extremes, sketch_of
@@ -23,15 +23,15 @@ from ariac_score.testing import NEAR_MISS, kitting_trial, write_trial_log
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
 
 
-def _course(t: Any, actual: Any, limit: Any = None, **more: Any) -> Course:
+def _chart(t: Any, actual: Any, limit: Any = None, **more: Any) -> Chart:
     t, actual = np.asarray(t, dtype=float), np.asarray(actual, dtype=float)
     limit = np.full(len(t), np.nan) if limit is None else np.asarray(limit, dtype=float)
-    return Course("robot/human", "distance", "m", t, actual, limit, **more)
+    return Chart("robot/human", "distance", "m", t, actual, limit, **more)
 
 
-def _curve(course: Course, *moments: Span) -> Any:
+def _curve(chart: Chart, *moments: Span) -> Any:
     (curve,) = sketch_of(
-        Trial("made"), {"separation": [course]}, {("separation", "robot/human"): moments}
+        Trial("made"), {"separation": [chart]}, {("separation", "robot/human"): moments}
     ).curves
     return curve
 
@@ -69,7 +69,7 @@ def test_a_curve_keeps_every_extreme_of_value_limit_and_margin(seed: int, steps:
     t = np.cumsum(draw.uniform(0.005, 0.02, steps))
     actual, limit = draw.normal(3, 1, steps), draw.normal(2, 1, steps)
 
-    curve = _curve(_course(t, actual, limit))
+    curve = _curve(_chart(t, actual, limit))
 
     a, b = np.round(actual, DECIMALS), np.round(limit, DECIMALS)
     assert (min(curve.actual), max(curve.actual)) == (a.min(), a.max())
@@ -87,7 +87,7 @@ def test_one_sample_of_a_breach_among_sixty_thousand_stays() -> None:
     actual = np.full(60_000, 5.0)
     actual[34_567] = 1.25
 
-    curve = _curve(_course(t, actual, np.full(60_000, 2.0)))
+    curve = _curve(_chart(t, actual, np.full(60_000, 2.0)))
 
     assert len(curve.t_s) < 5000
     assert (curve.t_s[curve.actual.index(1.25)], curve.samples) == (345.67, 60_000)
@@ -97,7 +97,7 @@ def test_around_a_violation_the_curve_is_finer() -> None:
     t = np.arange(60_000) / 100.0
     actual = np.random.default_rng(1).normal(5, 1, 60_000)
 
-    plain, finer = _curve(_course(t, actual)), _curve(_course(t, actual), Span(300.0, 301.0))
+    plain, finer = _curve(_chart(t, actual)), _curve(_chart(t, actual), Span(300.0, 301.0))
 
     def near(curve: Any) -> int:
         return sum(298.0 <= moment <= 303.0 for moment in curve.t_s)
@@ -108,14 +108,14 @@ def test_around_a_violation_the_curve_is_finer() -> None:
 def test_a_hole_is_kept_as_a_hole() -> None:
     t = [0.0, 0.01, 0.02, 5.0, 5.01]
 
-    curve = _curve(_course(t, [1.0, 1.0, 1.0, 1.0, 1.0], max_gap_s=0.05))
+    curve = _curve(_chart(t, [1.0, 1.0, 1.0, 1.0, 1.0], max_gap_s=0.05))
 
     assert curve.holes_s == (0.02,)
     assert {0.02, 5.0} <= set(curve.t_s)
 
 
 def test_where_no_limit_applies_there_is_none() -> None:
-    curve = _curve(_course([0.0, 1.0, 2.0, 3.0], [4.0, 3.0, 2.0, 1.0], [np.nan, 2.5, 2.5, np.nan]))
+    curve = _curve(_chart([0.0, 1.0, 2.0, 3.0], [4.0, 3.0, 2.0, 1.0], [np.nan, 2.5, 2.5, np.nan]))
 
     assert curve.limit == (None, 2.5, 2.5, None)
 
@@ -201,11 +201,11 @@ def test_without_contents_it_is_not_said_that_nothing_came() -> None:
 def test_many_curves_share_the_room() -> None:
     t = np.arange(20_000) / 100.0
     draw = np.random.default_rng(7)
-    courses = {
-        f"check_{i}": [_course(t, draw.normal(3, 1, len(t)), draw.normal(2, 1, len(t)))] for i in range(60)
+    charts = {
+        f"check_{i}": [_chart(t, draw.normal(3, 1, len(t)), draw.normal(2, 1, len(t)))] for i in range(60)
     }
 
-    sketch = sketch_of(Trial("made"), courses, {})
+    sketch = sketch_of(Trial("made"), charts, {})
 
     assert len(sketch.curves) == 60
     assert sum(len(curve.t_s) for curve in sketch.curves) < 60 * 40 * 6 + 60 * 2 + 1
@@ -219,9 +219,9 @@ def test_many_curves_share_the_room() -> None:
         ([1.0, 1.0], [1.0, 1.0], [1.0, 1.0], "do not increase"),
     ],
 )
-def test_a_course_that_makes_no_sense_is_refused(t: Any, actual: Any, limit: Any, words: str) -> None:
+def test_a_chart_that_makes_no_sense_is_refused(t: Any, actual: Any, limit: Any, words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        _course(t, actual, limit)
+        _chart(t, actual, limit)
 
 
 # In a result ---------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 
 from ariac_score.logs.columnar.columns import UNDECODABLE, Column, Columns, Defect, ranges
-from ariac_score.logs.columnar.plan import Definitions, Field, Plan, Stream, compile_plan
+from ariac_score.logs.columnar.plan import DecodePlan, Definitions, Field, Stream, compile_plan
 from ariac_score.logs.columnar.walk_many import Interned, walk
 from ariac_score.logs.columnar.walk_one import Layout, MisfitError, lay_out
 from ariac_score.logs.containers.items import Bytes, IntArray, Payloads
@@ -83,7 +83,7 @@ class _Pattern:
 class _Known:
     """A layout made ready to be compared with many messages and to be copied from."""
 
-    def __init__(self, layout: Layout, message: bytes, plan: Plan, interned: Interned) -> None:
+    def __init__(self, layout: Layout, message: bytes, plan: DecodePlan, interned: Interned) -> None:
         self.size, self.big = len(message), layout.big
         self._pattern: _Pattern | None = None
         self._deciding, self._message = layout.deciding, message

@@ -20,9 +20,9 @@ from ariac_score.logs.containers.items import IntArray
 
 __all__ = [
     "Block",
+    "DecodePlan",
     "Definitions",
     "Field",
-    "Plan",
     "PlanError",
     "Repeat",
     "Step",
@@ -172,7 +172,7 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Plan:
+class DecodePlan:
     """How the messages of one type are decoded.
 
     Attributes:
@@ -192,7 +192,9 @@ class Plan:
     longest_sequence: int
 
 
-def compile_plan(store: Definitions, type_: str, *, cdr: bool, wanted: Iterable[str] | None = None) -> Plan:
+def compile_plan(
+    store: Definitions, type_: str, *, cdr: bool, wanted: Iterable[str] | None = None
+) -> DecodePlan:
     """Compile the definition of a type.
 
     Args:
@@ -207,7 +209,7 @@ def compile_plan(store: Definitions, type_: str, *, cdr: bool, wanted: Iterable[
     """
     compiler = _Compiler(store, cdr=cdr, wanted=None if wanted is None else frozenset(wanted))
     steps, fields = compiler.message(type_, (), (), keep=wanted is None)
-    return Plan(type_, cdr, tuple(steps), tuple(compiler.streams), fields, store.max_sequence_length)
+    return DecodePlan(type_, cdr, tuple(steps), tuple(compiler.streams), fields, store.max_sequence_length)
 
 
 @dataclass

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.logs.columnar.columns import ranges
-from ariac_score.logs.columnar.plan import Block, Plan, Repeat, Step, Text
+from ariac_score.logs.columnar.plan import Block, DecodePlan, Repeat, Step, Text
 from ariac_score.logs.containers.items import Bytes, IntArray, Payloads
 
 __all__ = ["Interned", "Walked", "gathered", "typed", "walk"]
@@ -77,7 +77,7 @@ def typed(raw: NDArray[Any], dtype: np.dtype[Any], *, big: bool) -> NDArray[Any]
     return raw.view(stored).astype(dtype.newbyteorder("="), copy=False)
 
 
-def walk(plan: Plan, payloads: Payloads, interned: Interned, *, big: bool) -> Walked:
+def walk(plan: DecodePlan, payloads: Payloads, interned: Interned, *, big: bool) -> Walked:
     """Walk messages of one byte order.
 
     Args:
@@ -93,7 +93,7 @@ def walk(plan: Plan, payloads: Payloads, interned: Interned, *, big: bool) -> Wa
 
 
 class _Walker:
-    def __init__(self, plan: Plan, payloads: Payloads, interned: Interned, *, big: bool) -> None:
+    def __init__(self, plan: DecodePlan, payloads: Payloads, interned: Interned, *, big: bool) -> None:
         head = 4 if plan.cdr else 0
         self._plan, self._interned, self._big = plan, interned, big
         self._passing = Interned()  # of texts that nobody wants, which must be sound all the same

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ariac_score.logs.columnar.plan import Block, Plan, Repeat, Step, Text
+from ariac_score.logs.columnar.plan import Block, DecodePlan, Repeat, Step, Text
 from ariac_score.logs.containers.items import IntArray
 
 __all__ = ["Layout", "MisfitError", "lay_out"]
@@ -41,7 +41,7 @@ class Layout:
     texts: dict[int, list[str]] = field(default_factory=dict)
 
 
-def lay_out(plan: Plan, message: bytes) -> Layout:
+def lay_out(plan: DecodePlan, message: bytes) -> Layout:
     """Walk a message.
 
     Raises:
@@ -60,7 +60,7 @@ def lay_out(plan: Plan, message: bytes) -> Layout:
 
 
 class _Walker:
-    def __init__(self, plan: Plan, message: bytes, head: int, big: bool) -> None:
+    def __init__(self, plan: DecodePlan, message: bytes, head: int, big: bool) -> None:
         self._plan, self._message, self._head = plan, message, head
         self._order = "big" if big else "little"
         self._size = len(message) - head

@@ -23,7 +23,7 @@ from ariac_score.trial.spans import FloatArray
 __all__ = [
     "Decoded",
     "Needs",
-    "Together",
+    "PoseBatch",
     "by_header",
     "clock_key",
     "columns_for",
@@ -198,7 +198,7 @@ _Part = tuple[NDArray[Any], ...]
 
 
 @dataclass
-class Together:
+class PoseBatch:
     """Poses from several connections, before they are put into recorded order."""
 
     _names: _Names = field(default_factory=_Names)

@@ -22,7 +22,7 @@ from ariac_score.logs.gather.clocks import CLOCK_TOPIC, CLOCK_TYPE, Clocks, Tria
 from ariac_score.logs.gather.collected_columns import (
     Decoded,
     Needs,
-    Together,
+    PoseBatch,
     by_header,
     clock_key,
     columns_for,
@@ -36,7 +36,7 @@ from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Eve
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
-__all__ = ["Gathering", "Route"]
+__all__ = ["Gathering", "MessageRoute"]
 
 _STATES = frozenset({COMPETITION_STARTED, COMPETITION_ENDED})
 """Simulators publish the state ten times a second, and several states mean that the competition runs, or is
@@ -74,7 +74,7 @@ class Gathering:
         channels = [self._stamped(channel) for channel in log_map.channels_for(wanted.quantities)]
         self._intakes = [_Intake(channel, wanted) for channel in channels]
         self._ticks = _Ticks(self._clocks) if any(map(by_header, channels)) else None
-        self._routes: dict[Connection, Route] = {}
+        self._routes: dict[Connection, MessageRoute] = {}
         self._pending = Pending()
         self._number = 0
         self.share = 0.0
@@ -129,7 +129,7 @@ class Gathering:
             for intake in intakes:
                 intake.unknown[connection.type] = str(error)
             return
-        self._routes[connection] = Route(intakes, decode, columns, connection.topic, alone)
+        self._routes[connection] = MessageRoute(intakes, decode, columns, connection.topic, alone)
 
     def flush(self) -> None:
         """Decode what waits."""
@@ -137,7 +137,7 @@ class Gathering:
 
     def _decode_waiting(self, waiting: Mapping[Connection, Waiting]) -> None:
         alone = self._one_by_one(waiting)
-        together = Together()
+        together = PoseBatch()
         for connection, messages in waiting.items():
             if connection not in alone:
                 self._decode_columns(connection, messages, together)
@@ -160,7 +160,7 @@ class Gathering:
             alone |= {c for c in waiting if not kept.isdisjoint(self._routes[c].things())}
         return [c for c in waiting if c in alone]
 
-    def _decode_columns(self, connection: Connection, messages: Waiting, together: Together) -> None:
+    def _decode_columns(self, connection: Connection, messages: Waiting, together: PoseBatch) -> None:
         route = self._routes[connection]
         assert route.columns is not None
         decoded = Decoded.of(route.columns, messages)
@@ -192,7 +192,7 @@ class Gathering:
             message = Message(connection, int(messages.stamps_ns[i]), messages.payloads.one(i))
             self._decode(message, number, route)
 
-    def _decode(self, item: Message, number: int, route: Route) -> None:
+    def _decode(self, item: Message, number: int, route: MessageRoute) -> None:
         try:
             message = route.decode(item.payload)
         except UnknownTypeError as error:
@@ -310,7 +310,7 @@ def _when_needed(connection: Connection) -> Decode:
 
 
 @dataclass(frozen=True)
-class Route:
+class MessageRoute:
     """Where the messages of a connection go, and how they are decoded.
 
     Attributes:

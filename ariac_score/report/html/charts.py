@@ -8,7 +8,7 @@ from itertools import groupby
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.scale import Scale, ticks
-from ariac_score.results.sketch import Curve
+from ariac_score.results.sketch import DrawnChart
 
 __all__ = ["Chart", "Mark", "chart_of"]
 
@@ -56,7 +56,7 @@ class Chart:
         findings: Ids of the violations it shows.
     """
 
-    curve: Curve
+    curve: DrawnChart
     x: Scale
     height: float
     peak: float
@@ -73,7 +73,7 @@ class Chart:
         return max(round((self.x.end - self.x.start) * 1000), 1)
 
 
-def chart_of(curve: Curve, findings: Mapping[str, Finding]) -> Chart | None:
+def chart_of(curve: DrawnChart, findings: Mapping[str, Finding]) -> Chart | None:
     """The drawing of a curve; `None` where it is a single moment."""
     if len(curve.t_s) < 2:
         return None
@@ -136,7 +136,7 @@ def _path(t_s: Sequence[float], values: Sequence[float | None], holes_s: Sequenc
     return "".join(pieces)
 
 
-def _areas(curve: Curve, flip: _Flip) -> str:
+def _areas(curve: DrawnChart, flip: _Flip) -> str:
     """Closed shapes between both lines wherever the limit is broken."""
     shapes = []
     for of_actual, of_limit in _broken(curve):
@@ -146,7 +146,7 @@ def _areas(curve: Curve, flip: _Flip) -> str:
     return "".join(shapes)
 
 
-def _broken(curve: Curve) -> Iterator[tuple[list[Point], list[Point]]]:
+def _broken(curve: DrawnChart) -> Iterator[tuple[list[Point], list[Point]]]:
     """The runs of samples beyond their limit, from where the lines part to where they meet."""
     for stretch in _known(curve):
         for beyond, run in groupby(_with_crossings(stretch), key=lambda row: row.margin <= 0):
@@ -165,7 +165,7 @@ class _Row:
     margin: float
 
 
-def _known(curve: Curve) -> Iterator[list[_Row]]:
+def _known(curve: DrawnChart) -> Iterator[list[_Row]]:
     """The stretches without a hole in which a limit applies."""
     sign, holes = (-1.0 if curve.at_most else 1.0), frozenset(curve.holes_s)
     stretch: list[_Row] = []
@@ -188,7 +188,7 @@ def _with_crossings(rows: Sequence[_Row]) -> Iterator[_Row]:
         yield row
 
 
-def _marks(curve: Curve, x: Scale, flip: _Flip) -> Iterator[Mark]:
+def _marks(curve: DrawnChart, x: Scale, flip: _Flip) -> Iterator[Mark]:
     rows = range(len(curve.t_s))
     sign = -1.0 if curve.at_most else 1.0
     closest = min(rows, key=lambda i: sign * curve.actual[i])

@@ -14,7 +14,7 @@ from ariac_score.scoring.scope import Scope
 
 __all__ = ["OrderShown", "PartShown", "TaskShown", "grouped", "orders_of"]
 
-Told = tuple[str, Finding]
+NamedFinding = tuple[str, Finding]
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class PartShown:
 
     slot: str
     wanted: str
-    found: tuple[Told, ...]
+    found: tuple[NamedFinding, ...]
     points: Decimal | None
 
 
@@ -35,7 +35,7 @@ class TaskShown:
     asked: AskedTask | None
     brought: tuple[Brought, ...]
     parts: tuple[PartShown, ...]
-    found: tuple[Told, ...]
+    found: tuple[NamedFinding, ...]
     points: Decimal | None
 
 
@@ -47,7 +47,7 @@ class OrderShown:
     announced_s: float | None
     points: Decimal | None
     tasks: tuple[TaskShown, ...]
-    found: tuple[Told, ...]
+    found: tuple[NamedFinding, ...]
 
 
 def orders_of(result: Result) -> tuple[OrderShown, ...]:
@@ -72,12 +72,12 @@ def orders_of(result: Result) -> tuple[OrderShown, ...]:
 _SHOWN = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED)
 
 
-def grouped(found: tuple[Told, ...]) -> list[tuple[Verdict, str, list[Told]]]:
+def grouped(found: tuple[NamedFinding, ...]) -> list[tuple[Verdict, str, list[NamedFinding]]]:
     """Findings that say the same together, what costs something first.
 
     A check that was kept and measured nothing needs no words.
     """
-    groups: dict[tuple[int, str], list[Told]] = {}
+    groups: dict[tuple[int, str], list[NamedFinding]] = {}
     for key, finding in found:
         silent = finding.verdict is Verdict.SATISFIED and finding.robustness is None
         words = "" if silent else finding.message
@@ -87,7 +87,7 @@ def grouped(found: tuple[Told, ...]) -> list[tuple[Verdict, str, list[Told]]]:
     return [(alike[0][1].verdict, words, alike) for (_, words), alike in sorted(groups.items(), key=_place)]
 
 
-def _place(group: tuple[tuple[int, str], list[Told]]) -> int:
+def _place(group: tuple[tuple[int, str], list[NamedFinding]]) -> int:
     return group[0][0]
 
 
@@ -95,7 +95,7 @@ def _task(
     task: Scope,
     asked: AskedTask | None,
     brought: tuple[Brought, ...],
-    found: Mapping[str, list[Told]],
+    found: Mapping[str, list[NamedFinding]],
     points: Mapping[str, Decimal],
 ) -> TaskShown:
     name = task.path.rpartition("/")[2]
@@ -119,8 +119,8 @@ def _task(
     )
 
 
-def _by_subject(findings: Mapping[str, Finding]) -> dict[str, list[Told]]:
-    found: dict[str, list[Told]] = {}
+def _by_subject(findings: Mapping[str, Finding]) -> dict[str, list[NamedFinding]]:
+    found: dict[str, list[NamedFinding]] = {}
     for key, finding in findings.items():
         if finding.verdict is not Verdict.NOT_APPLICABLE:
             found.setdefault(finding.subject, []).append((key, finding))

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.scale import ticks
-from ariac_score.results.sketch import Route, Sketch
+from ariac_score.results.sketch import DrawnPath, Sketch
 
-__all__ = ["Pin", "Plan", "Way", "plan_of"]
+__all__ = ["FloorPlan", "Pin", "Way", "plan_of"]
 
 MOST_PINS = 40
 APART = 3.2
@@ -50,7 +50,7 @@ class Pin:
 
 
 @dataclass(frozen=True)
-class Plan:
+class FloorPlan:
     """A drawing of `width` by `height` m, y downwards.
 
     Attributes:
@@ -93,14 +93,14 @@ def _short(value: float) -> str:
     return f"{value:.3f}".rstrip("0").rstrip(".") or "0"
 
 
-def plan_of(sketch: Sketch, findings: Mapping[str, Finding]) -> Plan | None:
+def plan_of(sketch: Sketch, findings: Mapping[str, Finding]) -> FloorPlan | None:
     """The plan; `None` where the log records no positions."""
     if not sketch.routes:
         return None
     box = _box(sketch.routes)
     pins, unpinned = _pins(sketch.routes, findings, box)
     right, bottom = box.left + box.width, box.top - box.height
-    return Plan(
+    return FloorPlan(
         round(box.width, 4),
         round(box.height, 4),
         tuple(_way(route, box) for route in sketch.routes),
@@ -111,7 +111,7 @@ def plan_of(sketch: Sketch, findings: Mapping[str, Finding]) -> Plan | None:
     )
 
 
-def _box(routes: Sequence[Route]) -> _Box:
+def _box(routes: Sequence[DrawnPath]) -> _Box:
     xs = [x for route in routes for x in route.x_m]
     ys = [y for route in routes for y in route.y_m]
     width, height = max(xs) - min(xs), max(ys) - min(ys)
@@ -122,7 +122,7 @@ def _box(routes: Sequence[Route]) -> _Box:
     return _Box(middle_x - wide / 2, middle_y + high / 2, wide, high)
 
 
-def _way(route: Route, box: _Box) -> Way:
+def _way(route: DrawnPath, box: _Box) -> Way:
     holes, pieces, drawing = frozenset(route.holes_s), [], False
     for t, x, y in zip(route.t_s, route.x_m, route.y_m, strict=True):
         pieces.append(("L" if drawing else "M") + box.units(x, y))
@@ -136,7 +136,7 @@ def _way(route: Route, box: _Box) -> Way:
     )
 
 
-def _pins(routes: Sequence[Route], findings: Mapping[str, Finding], box: _Box) -> tuple[list[Pin], int]:
+def _pins(routes: Sequence[DrawnPath], findings: Mapping[str, Finding], box: _Box) -> tuple[list[Pin], int]:
     broken = sorted(
         (
             (finding.span.start_s, key)
@@ -163,7 +163,7 @@ def _beside(pins: Sequence[Pin], pin: Pin) -> Pin:
     return replace(pin, left=round(left, 3)) if left < 100 else pin
 
 
-def _places(routes: Sequence[Route], finding: Finding) -> Iterator[tuple[float, float]]:
+def _places(routes: Sequence[DrawnPath], finding: Finding) -> Iterator[tuple[float, float]]:
     """Where the bodies of a finding were at its worst moment."""
     assert finding.span is not None  # only violations with a time are asked about
     at_s = finding.evidence[0].t_s if finding.evidence else finding.span.start_s
@@ -174,7 +174,7 @@ def _places(routes: Sequence[Route], finding: Finding) -> Iterator[tuple[float, 
                 break
 
 
-def _place(route: Route, at_s: float) -> tuple[float, float]:
+def _place(route: DrawnPath, at_s: float) -> tuple[float, float]:
     """Where a body was, on the straight line between the two samples around a moment."""
     after = min(max(bisect_left(route.t_s, at_s), 0), len(route.t_s) - 1)
     before = max(after - 1, 0)

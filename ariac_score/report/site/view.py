@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ariac_score.ranking.changes import Changes
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication
-from ariac_score.ranking.rank import OUTCOMES, Cell, Ranking, RunOutcome, Standing
+from ariac_score.ranking.rank import OUTCOMES, Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.statistics import Pair, Statistics, TeamOdds
 from ariac_score.ranking.violations import Tally
 from ariac_score.review.sensitivity import RankSensitivity, RankShift
@@ -34,13 +34,13 @@ class TeamRow:
         automatic: The team without the decisions of stewards, where there are any.
     """
 
-    standing: Standing
+    standing: TeamRank
     rank: str
     odds: TeamOdds | None
     groups: tuple[str, ...]
     made: int
     counted: int
-    automatic: Standing | None = None
+    automatic: TeamRank | None = None
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ def _decisions(
     )
 
 
-def _row(standing: Standing, publication: Publication) -> TeamRow:
+def _row(standing: TeamRank, publication: Publication) -> TeamRow:
     ranking, statistics = publication.final, publication.final_statistics
     same = sum(1 for other in ranking.standings if other.rank == standing.rank)
     rank = "" if standing.rank is None else f"{standing.rank}{'=' if same > 1 else ''}"

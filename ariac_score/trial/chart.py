@@ -9,11 +9,11 @@ import numpy as np
 
 from ariac_score.trial.spans import FloatArray
 
-__all__ = ["Course"]
+__all__ = ["Chart"]
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class Chart:
     """A measured quantity beside its limit over time, as a monitor saw it.
 
     Attributes:
@@ -46,8 +46,8 @@ class Course:
 
     def __post_init__(self) -> None:
         if not self.t.shape == self.actual.shape == self.limit.shape == (len(self.t),):
-            raise ValueError(f"the course of {self.what} has columns of different length")
+            raise ValueError(f"the chart of {self.what} has columns of different length")
         if not (np.isfinite(self.t).all() and np.isfinite(self.actual).all()):
-            raise ValueError(f"the course of {self.what} holds what is no number")
+            raise ValueError(f"the chart of {self.what} holds what is no number")
         if (np.diff(self.t) <= 0).any():
-            raise ValueError(f"the times of the course of {self.what} do not increase")
+            raise ValueError(f"the times of the chart of {self.what} do not increase")

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ariac_score import Charting, Course, Finding, SignalNeed, Trial, load_rule_set
+from ariac_score import Chart, Charting, Finding, SignalNeed, Trial, load_rule_set
 from ariac_score.checks.registry import Plugin, Registry
-from ariac_score.engine.ask import courses_of, margins_of
+from ariac_score.engine.ask import charts_of, margins_of
 from ariac_score.errors import PluginError
 from ariac_score.testing import NEAR_MISS, kitting_trial
 
@@ -33,18 +33,18 @@ class Showing:
     def watch(self, _trial: Trial) -> Iterator[Finding]:
         yield Finding.satisfied("trial", "fine")
 
-    def courses(self, trial: Trial) -> Iterable[Any]:
+    def charts(self, trial: Trial) -> Iterable[Any]:
         return self.show(trial)
 
     def margins(self, trial: Trial) -> Iterable[Any]:
         return self.show(trial)
 
 
-def _raise(_trial: Trial) -> Iterator[Course]:
+def _raise(_trial: Trial) -> Iterator[Chart]:
     raise RuntimeError("out of ink")
 
 
-def _break_in(trial: Trial) -> Iterator[Course]:
+def _break_in(trial: Trial) -> Iterator[Chart]:
     object.__setattr__(trial, "events", ())
     return iter(())
 
@@ -54,11 +54,11 @@ def _break_in(trial: Trial) -> Iterator[Course]:
     [
         (_raise, "raised RuntimeError when asked what it saw: out of ink"),
         (lambda _trial: None, "raised TypeError when asked what it saw"),
-        (lambda _trial: ["a line"], "shows a str instead of a Course"),
+        (lambda _trial: ["a line"], "shows a str instead of a Chart"),
         (_break_in, "changed the trial it was asked about"),
     ],
 )
-@pytest.mark.parametrize("asked", [courses_of, margins_of])
+@pytest.mark.parametrize("asked", [charts_of, margins_of])
 def test_a_monitor_that_cannot_show_what_it_saw_is_named(asked: Any, show: Any, words: str) -> None:
     with pytest.raises(PluginError, match=words):
         asked(PLUGIN, "separation", Showing(show), TRIAL)
@@ -67,33 +67,33 @@ def test_a_monitor_that_cannot_show_what_it_saw_is_named(asked: Any, show: Any, 
 def test_a_signal_that_is_missing_leaves_nothing_to_draw() -> None:
     showing = Showing(lambda trial: [trial.signal("nothing/robot", unit="m")])
 
-    assert courses_of(PLUGIN, "separation", showing, TRIAL) == []
+    assert charts_of(PLUGIN, "separation", showing, TRIAL) == []
     assert margins_of(PLUGIN, "separation", showing, TRIAL) == []
 
 
 def test_a_check_that_shows_nothing_is_not_asked() -> None:
-    assert courses_of(PLUGIN, "part_type", RULES.build(REGISTRY)["part_type"], TRIAL) == []
+    assert charts_of(PLUGIN, "part_type", RULES.build(REGISTRY)["part_type"], TRIAL) == []
 
 
 def test_the_separation_monitor_shows_the_distance_it_judges_and_the_one_it_asks_for() -> None:
     check = RULES.build(REGISTRY)["separation"]
     assert isinstance(check, Charting)
 
-    (course,) = courses_of(PLUGIN, "separation", check, TRIAL)
+    (chart,) = charts_of(PLUGIN, "separation", check, TRIAL)
 
     window = TRIAL.window
     assert window is not None
-    assert (course.t[0], course.t[-1]) == (window.start_s, window.end_s)
-    assert course.actual.min() == pytest.approx(NEAR_MISS.closest_m, abs=0.005)
+    assert (chart.t[0], chart.t[-1]) == (window.start_s, window.end_s)
+    assert chart.actual.min() == pytest.approx(NEAR_MISS.closest_m, abs=0.005)
     # By hand: 0.943 m/s (1.0 s + 1.5 s) + 0.5 m/s 1.0 s + 2.6 m while nearing.
-    assert course.limit.max() == pytest.approx(NEAR_MISS.required_m)
-    assert int((course.actual < course.limit).sum()) == 240  # 2.4 s at 100 Hz
+    assert chart.limit.max() == pytest.approx(NEAR_MISS.required_m)
+    assert int((chart.actual < chart.limit).sum()) == 240  # 2.4 s at 100 Hz
 
 
 def test_a_monitor_without_pairs_shows_nothing() -> None:
     check = RULES.build(REGISTRY)["separation"]
 
-    assert courses_of(PLUGIN, "separation", check, Trial("empty")) == []
+    assert charts_of(PLUGIN, "separation", check, Trial("empty")) == []
 
 
 def test_where_the_robot_may_come_near_because_it_stands_no_distance_is_required() -> None:
@@ -104,6 +104,6 @@ def test_where_the_robot_may_come_near_because_it_stands_no_distance_is_required
     speed = still["speed/robot"]
     still["speed/robot"] = replace(speed, values=np.zeros(len(speed)))
 
-    (course,) = check.courses(replace(TRIAL, signals=still))
+    (chart,) = check.charts(replace(TRIAL, signals=still))
 
-    assert np.isnan(course.limit).all()
+    assert np.isnan(chart.limit).all()
