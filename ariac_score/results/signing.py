@@ -42,7 +42,7 @@ class Signed:
     """A signature that holds.
 
     Attributes:
-        key_id: Of the key that signed, as minisign writes it: 16 hexadecimal digits.
+        key_id: Of the key that signed, as minisign prints it: hexadecimal, without leading zeros.
         comment: What the signer said, which is signed too.
     """
 
@@ -225,8 +225,9 @@ def _public_key(library: Any, told: str) -> Any:
 
 def _key_id(public: Any) -> str:
     name: bytes = public.to_base64()
-    # Two bytes of algorithm, eight of the id, which minisign shows as a little-endian number.
-    return base64.b64decode(name)[2:10][::-1].hex().upper()
+    # Two bytes of algorithm, eight of the id, which minisign prints as a little-endian number, so without
+    # leading zeros: one key in sixteen has fewer than 16 digits.
+    return f"{int.from_bytes(base64.b64decode(name)[2:10], 'little'):X}"
 
 
 def check_signature(result: Path, public_key: str, signature: Path | None = None) -> tuple[bool, str]:

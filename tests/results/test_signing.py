@@ -74,6 +74,13 @@ def test_a_key_has_the_id_that_minisign_gives_it() -> None:
     assert _key_id(PublicKey.from_base64(MINISIGN_KEY)) == MINISIGN_KEY_ID
 
 
+def test_the_id_of_a_key_has_no_leading_zero_as_minisign_prints_none() -> None:
+    # Made by `minisign -G`, whose comment in the file of the key is "minisign public key C6633217BD76783".
+    key = "RWSDZ9d7ITNmDA9bi+4LYO39zJvj/worPXmYr9U2mjXy1ssCaeqt6em9"
+
+    assert _key_id(PublicKey.from_base64(key)) == "C6633217BD76783"
+
+
 def test_the_layout_is_that_of_minisign(result: Path, keys: tuple[Path, Path]) -> None:
     untrusted, signature, trusted, whole = sign_result(result, keys[0]).decode().splitlines()
     public = base64.b64decode(keys[1].read_text().splitlines()[1])
