@@ -21,11 +21,11 @@ __all__ = [
     "check_parameters",
     "parameter",
     "parameter_facts",
-    "unit_told_by",
 ]
 
-Status = Literal["verified", "from memory", "our choice"]
-"""verified: seen in the named public source. from memory: not confirmed. our choice: nobody prescribes it."""
+Status = Literal["verified", "from memory", "our choice", ""]
+"""verified: seen in the named public source. from memory: not confirmed. our choice: nobody prescribes it.
+Empty: the plugin does not say, as where rule sets are expected to give the number themselves."""
 
 _KEY = "ariac_score"
 
@@ -44,7 +44,7 @@ class ParameterFacts:
     """
 
     unit: str = ""
-    status: Status | Literal[""] = ""
+    status: Status = ""
     source: str = ""
     above: float = -math.inf
     at_least: float = -math.inf
@@ -108,32 +108,6 @@ def facts_of(declared: Field[Any]) -> ParameterFacts:
 def parameter_facts(kind: Any) -> dict[str, ParameterFacts]:
     """The facts about every parameter of a plugin class (or of a plugin), by name."""
     return {declared.name: facts_of(declared) for declared in fields(kind) if declared.init}
-
-
-_UNITS: Mapping[str, str] = {
-    "_rad_s": "rad/s",
-    "_m_s2": "m/s2",
-    "_m_s": "m/s",
-    "_rad": "rad",
-    "_m2": "m2",
-    "_kg": "kg",
-    "_pa": "Pa",
-    "_hz": "Hz",
-    "_n": "N",
-    "_j": "J",
-    "_m": "m",
-    "_s": "s",
-}
-"""Units as names of numbers end in them, the longer ones first."""
-
-
-def unit_told_by(name: str) -> str:
-    """The SI unit that the name of a number ends in; empty for a name without one.
-
-    >>> unit_told_by("max_speed_m_s"), unit_told_by("max_distance_m"), unit_told_by("passes")
-    ('m/s', 'm', '')
-    """
-    return next((unit for ending, unit in _UNITS.items() if name.lower().endswith(ending)), "")
 
 
 def check_parameters(plugin: Any) -> None:

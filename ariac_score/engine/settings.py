@@ -11,7 +11,7 @@ from typing import Any
 from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import Resolving
 from ariac_score.checks.guarded import broken
-from ariac_score.checks.parameters import ParameterFacts, unit_told_by
+from ariac_score.checks.parameters import ParameterFacts
 from ariac_score.checks.registry import Plugin, parameters_of
 from ariac_score.engine.prepared import Prepared
 from ariac_score.results.result import Setting, Settings, canonical
@@ -46,7 +46,7 @@ def _settings(plugin: Plugin, name: str, check: Any, given: Mapping[str, Any]) -
         if parameter in resolved and resolved[parameter] != value:
             value, origin = resolved[parameter], "derived"
         plain = plain_value(value)
-        unit = facts.unit or unit_told_by(parameter) if _has_numbers(plain) else ""
+        unit = facts.unit if _has_numbers(plain) else ""
         settings.append(Setting(parameter, plain, unit, origin, facts.status, facts.source))
     return settings
 
