@@ -105,8 +105,9 @@ def sensitivity_json(
     rules = Pinned(rule_set.id, rule_set.sha256)
     scores = tuple(_score_number(each) for each in found if isinstance(each, ScoreSensitivity))
     ranks = tuple(_rank_number(each) for each in found if isinstance(each, RankSensitivity))
-    kind, numbers = (_Scores, scores) if scores else (_Ranks, ranks)
-    document = kind(_FORMAT, _VERSION, of, rules, numbers)
+    of_scores = _Scores(_FORMAT, _VERSION, of, rules, scores)
+    of_ranks = _Ranks(_FORMAT, _VERSION, of, rules, ranks)
+    document = of_scores if scores else of_ranks
     # Not the canonical text of `Format`: this document is older, and files of it are published.
     return json.dumps(msgspec.to_builtins(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 

@@ -57,7 +57,7 @@ def penalties_page(*, cases: int = 120, seed: int = 0) -> str:
     """`docs/penalties.md`, with the table and the smallest counter-examples."""
     found = [
         (
-            load_penalty(name, beside=Path()),
+            load_penalty(name, folder=Path()),
             check_laws(reference_rules(name), cases=cases, seed=seed, events=REFERENCE_EVENTS),
         )
         for name in sorted(penalty_names(), key=lambda name: (name != DEFAULT, name))
