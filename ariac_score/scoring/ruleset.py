@@ -335,7 +335,7 @@ def _text_of(document: YamlDocument, place: Sequence[str], name: str) -> str:
 
 
 def _from_folder_of(file: str, name: str) -> str:
-    """A name in a rule set file, so that another rule set can use it: a path is made relative to its folder."""
+    """A name in a rule set file, usable from another one: a path is joined to its folder."""
     return str(Path(file).parent / name) if name.endswith((".yaml", ".yml")) else name
 
 

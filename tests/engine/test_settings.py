@@ -339,9 +339,9 @@ def test_any_default_can_stand_in_a_result(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("come_to", "words"),
     [
-        (lambda: 1 / 0, "raised ZeroDivisionError when asked what its parameters come to"),
-        (lambda: None, "raised TypeError when asked what its parameters come to"),
-        (lambda: {"rech_m": 1.0}, "says what 'rech_m' comes to, which is no parameter of it"),
+        (lambda: 1 / 0, "raised ZeroDivisionError when it resolved its parameters"),
+        (lambda: None, "raised TypeError when it resolved its parameters"),
+        (lambda: {"rech_m": 1.0}, "resolves 'rech_m', which is no parameter of it"),
     ],
 )
 def test_a_plugin_that_cannot_say_what_its_parameters_come_to_is_named(
