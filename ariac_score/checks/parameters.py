@@ -1,4 +1,4 @@
-"""Parameters of plugins that say what they are: unit, range, and how sure their default is.
+"""Parameters of plugins with their unit, their range, and how sure their default is.
 
 A number taken from a standard is only as good as its source, so it carries both:
 
@@ -32,7 +32,7 @@ _KEY = "ariac_score"
 
 @dataclass(frozen=True)
 class ParameterFacts:
-    """What is known about a parameter besides its type and default.
+    """What a plugin declares about a parameter besides its type and default.
 
     Attributes:
         unit: SI unit, or 1; empty when it is not a number.
@@ -40,7 +40,7 @@ class ParameterFacts:
         source: Where the default comes from.
         above: It must be larger than this.
         at_least: It must not be smaller than this.
-        at_most: It must not be larger; what is larger is a slip, most often of the unit.
+        at_most: It must not be larger; a larger value is a slip, most often of the unit.
     """
 
     unit: str = ""
@@ -57,6 +57,7 @@ class ParameterFacts:
         'but must be at most 60 s (is it given in thousandths of s?)'
         """
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        # "not a > b" instead of "a <= b", so that NaN is refused as well.
         if not value > self.above:
             return (
                 "but must be positive" if self.above == 0 else f"but must be more than {self.above:g}{unit}"
@@ -118,6 +119,7 @@ def check_parameters(plugin: Any) -> None:
     """
     for name, facts in parameter_facts(type(plugin)).items():
         value = getattr(plugin, name)
+        # A bool is an int to Python, and a parameter without a number has no range.
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
         if not math.isfinite(value):
