@@ -255,8 +255,8 @@ def test_every_documented_edition_needs_a_cohort_and_has_a_task_score_without(na
 
     assert sheet.needs_cohort
     assert sheet.task is not None
-    assert {"order_time", "sensor_cost"} <= sheet.asked(sheet.score)
-    assert not {"order_time", "sensor_cost"} & sheet.asked(sheet.task)
+    assert {"order_time", "sensor_cost"} <= sheet.checks_in(sheet.score)
+    assert not {"order_time", "sensor_cost"} & sheet.checks_in(sheet.task)
 
 
 @given(st.integers(1, 50), st.integers(1, 50))

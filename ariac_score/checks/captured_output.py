@@ -13,7 +13,7 @@ from typing import IO
 __all__ = ["quiet"]
 
 _STDOUT = 1
-"""The descriptor that everything ends in which a process prints, whichever way it takes."""
+"""The file descriptor of standard output, which libraries in C and other processes write to."""
 
 
 def _to_stderr(words: str) -> None:
@@ -22,31 +22,31 @@ def _to_stderr(words: str) -> None:
 
 @contextmanager
 def quiet(origin: str, say: Callable[[str], None] = _to_stderr, *, deep: bool = False) -> Iterator[None]:
-    """Hold back what is printed meanwhile, and say who printed it.
+    """Hold back what is printed in the body, and say which plugin printed it.
 
     Args:
-        origin: The plugin that has the word, with its distribution and version.
+        origin: The plugin that runs in the body, with its distribution and version.
         say: Where the notice goes; by default to standard error.
-        deep: Whether what goes past `print` is held back too: libraries in C, other
-            processes. It takes a temporary file, so not for every message of a log.
+        deep: Whether output that bypasses `print` is held back too: of libraries in C, of
+            other processes. It takes a temporary file, so not for every message of a log.
 
-    >>> said = []
-    >>> with quiet("loud.rule (loud-rules 1.0)", said.append):
+    >>> notices = []
+    >>> with quiet("loud.rule (loud-rules 1.0)", notices.append):
     ...     print("hello")
-    >>> said
+    >>> notices
     ["plugin loud.rule (loud-rules 1.0) printed 'hello'; plugins speak through findings alone"]
     """
-    heard = io.StringIO()
-    below: list[str] = []
+    printed = io.StringIO()
+    diverted: list[str] = []
     try:
-        with redirect_stdout(heard):
+        with redirect_stdout(printed):
             if deep:
-                with _diverted(below):
+                with _diverted(diverted):
                     yield
             else:
                 yield
-    finally:
-        lines = [line for line in [*heard.getvalue().splitlines(), *below] if line.strip()]
+    finally:  # also where the plugin raised: what it printed may say why
+        lines = [line for line in [*printed.getvalue().splitlines(), *diverted] if line.strip()]
         if lines:
             more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
             first = lines[0].strip()[:80]
@@ -55,14 +55,14 @@ def quiet(origin: str, say: Callable[[str], None] = _to_stderr, *, deep: bool = 
 
 @contextmanager
 def _diverted(lines: list[str]) -> Iterator[None]:
-    """What reaches the descriptor of standard output, as lines; nothing where there is none."""
+    """Collect what reaches the descriptor of standard output, as lines; nothing where it is closed."""
     try:
         kept = os.dup(_STDOUT)
     except OSError:  # closed, as for a daemon
         yield
         return
     with _file_without_name() as below:
-        _flush()
+        _flush()  # what was printed before belongs to the result, not into the file
         os.dup2(below.fileno(), _STDOUT)
         try:
             yield
@@ -81,6 +81,6 @@ def _file_without_name() -> IO[bytes]:
 
 
 def _flush() -> None:
-    """What was printed so far goes where it belongs."""
+    """Write out what Python still buffers."""
     if sys.__stdout__ is not None and not sys.__stdout__.closed:
         sys.__stdout__.flush()

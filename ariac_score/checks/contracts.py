@@ -1,4 +1,4 @@
-"""Who may say something about a trial: the contracts of plugins, kept by structure, not by inheritance.
+"""The contracts of plugins, kept by structure, not by inheritance.
 
 A plugin is a class. Rules and monitors are built with the `with:` block of a rule
 set as keyword arguments, called, and forgotten; readers and decoders are built
@@ -72,8 +72,8 @@ class Rule(Protocol):
     """Judges an order: entry-point group `ariac_score.rules`.
 
     A rule that rests on the official result alone says so with a class attribute
-    `reads_official = True`; only such rules are asked about an order of which
-    nothing but its official score is known (`Order.outline`).
+    `reads_official = True`; only such rules judge an order of which nothing but its
+    official score is known (`Order.outline`).
     """
 
     def judge(self, trial: Trial, order: Order) -> Iterable[Finding]:
@@ -96,17 +96,17 @@ class Monitor(Protocol):
 
 @dataclass(frozen=True)
 class InstantVerdict:
-    """What a monitor can say of one instant, as soon as it can be said.
+    """The verdict of a monitor about one instant, given as soon as it is certain.
 
     Attributes:
         subject: As in its findings.
-        t_s: The instant it speaks of, s of trial time; earlier than the newest sample
-            where a monitor has to wait for what comes.
+        t_s: The instant it is about, s of trial time; earlier than the newest sample
+            where a monitor has to wait for later ones.
         verdict: What holds there.
         message: One sentence for people, without full stop.
         robustness: Signed margin in `unit`, negative when violated; `None` without one.
         unit: Unit of the robustness.
-        final: Whether nothing that may come changes it.
+        final: Whether no later sample can change it.
     """
 
     subject: str
@@ -121,20 +121,20 @@ class InstantVerdict:
 class OnlineWatch(Protocol):
     """One trial, watched while it goes on; made by an `OnlineMonitor`, used once.
 
-    A watch of which it is known at once that it says nothing before the end says why,
-    in an attribute `undecided`; absent or empty, it speaks.
+    A watch that can give no verdict before the end of this trial says why in an
+    attribute `undecided`; where that is absent or empty, it gives verdicts.
     """
 
     def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterable[InstantVerdict]:
-        """Take what has just come, and say what can be said now.
+        """Take new samples and events, and give the verdicts that are certain now.
 
-        The cost of a step does not grow with what came before. Every instant is spoken
-        of once, in order of time for each subject. What a monitor can never say before
-        the trial is over it leaves to `end`.
+        The cost of a step does not grow with what came before. Every instant gets one
+        verdict, in order of time for each subject. What cannot be decided before the
+        trial is over is left to `end`.
 
         Args:
             samples: Of the signals the monitor needs.
-            events: What happened besides.
+            events: New events, such as submissions.
 
         Raises:
             ValueError: The times of a signal do not increase.
@@ -145,7 +145,7 @@ class OnlineWatch(Protocol):
         """The findings: those `watch` gives for the same samples, to the bit.
 
         Args:
-            trial: All but the signals: bodies, events, the recording's ends.
+            trial: Everything but the signals: bodies, events, start and end.
         """
         ...
 
@@ -154,30 +154,30 @@ class OnlineWatch(Protocol):
 class OnlineMonitor(Protocol):
     """A monitor that can also watch a trial while it goes on.
 
-    Whoever has `begin` claims so, and is held to it: stepped through a recording, one
-    sample at a time or many, it finds what it finds in the whole log.
+    A class that has `begin` is held to it by the contract checks: stepped through a recording,
+    one sample at a time or many, it finds what it finds in the whole log.
     """
 
     def needs(self) -> Iterable[SignalNeed]:
-        """As of a `Monitor`; these are the samples it is stepped with."""
+        """Like those of a `Monitor`; the watch gets samples of these signals."""
         ...
 
     def watch(self, trial: Trial) -> Iterable[Finding]:
-        """As of a `Monitor`."""
+        """Like that of a `Monitor`."""
         ...
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch for one trial; the monitor itself stays as it is.
 
         Args:
-            bodies: Those known beforehand; others may only show by their signals.
+            bodies: Those known beforehand; others are known only once their signals come.
         """
         ...
 
 
 @runtime_checkable
 class Charting(Protocol):
-    """A monitor that also shows what it judged: what was, beside what may be, over time."""
+    """A monitor that also shows what it judged: the measured number and its limit over time."""
 
     def charts(self, trial: Trial) -> Iterable[Chart]:
         """A chart for each subject that can be drawn; decides nothing."""
@@ -186,24 +186,24 @@ class Charting(Protocol):
 
 @runtime_checkable
 class Margined(Protocol):
-    """A monitor that tells its margin at every sample it judged.
+    """A monitor that gives its margin at every sample it judged.
 
-    Whoever has `margins` is held to it: they stand at times of samples, and the least
-    one within the span of a violation (of a subject without any: the least of all) is
-    the robustness of the finding.
+    A class that has `margins` is held to it by the contract checks: they stand at times of
+    samples, and the least one within the span of a violation (of a subject without any: the
+    least of all) is the robustness of the finding.
     """
 
     def margins(self, trial: Trial) -> Iterable[Chart]:
-        """What was beside what may be, for each subject and limit; without a limit where none applies."""
+        """The measured number and its limit, for each subject and limit; NaN where no limit applies."""
         ...
 
 
 @runtime_checkable
 class Resolving(Protocol):
-    """A plugin some of whose parameters leave the choice to another: it says what they come to."""
+    """A plugin with parameters whose values follow from others, such as those of a profile."""
 
     def resolved(self) -> Mapping[str, object]:
-        """The value really used, by name of the parameter; decides nothing."""
+        """The value in force, by name of the parameter; decides nothing."""
         ...
 
 
@@ -211,7 +211,7 @@ class EventWatch(Protocol):
     """One trace, judged event by event; made by an `EventMonitor`, used once."""
 
     def take(self, event: Mapping[str, object]) -> InstantVerdict:
-        """Judge the trace up to and including an event, which is as its recorder wrote it.
+        """Judge the trace up to and including an event, given as its recorder wrote it.
 
         Raises:
             ValueError: The event cannot be judged; the trace stands as before.
@@ -230,7 +230,7 @@ class EventMonitor(Protocol):
 
 @dataclass(frozen=True)
 class TopicDescription:
-    """What a recording holds on one topic (or of one model).
+    """What a recording holds on one topic (or about one model).
 
     Attributes:
         name: Topic.
@@ -264,7 +264,7 @@ class LogDescription:
         format: In words, such as `ROS 2 bag (MCAP)`.
         topics: Sorted by name.
         clock: Which clock the stamps come from, in words.
-        facts: Further numbers by name, such as `states`.
+        facts: Further numbers and words by name, such as `states`.
         defects: What is wrong with it.
         damage: Why it cannot be scored, in one sentence; empty for a whole log.
         duration_s: From the first to the last stamp, s.
@@ -316,18 +316,18 @@ class KitFinder(Protocol):
 
         Args:
             t_s: Time of each frame, shape (n,), s of trial time, as recorded.
-            tracks: The models and links that `follows` answers for.
+            tracks: The models and links for which `follows` is true.
             kits: The section of the log map.
             pauses: Whether the log leaves out what does not change, so that its last frame
                 holds until the next one, however late that is.
-            until_s: After this nothing is known, s; infinite where the log shows everything.
+            until_s: Nothing is known after this time, s; infinite where the log shows everything.
         """
         ...
 
 
 @runtime_checkable
 class Competition(Protocol):
-    """What a competition knows of its editions: entry-point group `ariac_score.competitions`."""
+    """What a competition knows about its editions: entry-point group `ariac_score.competitions`."""
 
     def unknown_products(self, orders: Sequence[Order], edition: int) -> Iterable[LogDefect]:
         """A defect for each product that is ordered although that edition has none of its type.
@@ -363,7 +363,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class ReaderFacts:
-    """What a reader says of the files it reads.
+    """What a reader states about the files it reads.
 
     Attributes:
         role: What such a file is in a trial: `log`, `trial_config`, `team_config`, `official`, or a
@@ -384,11 +384,11 @@ class ReaderFacts:
 
 @dataclass(frozen=True)
 class Likeness:
-    """What a file looks like to a reader, which may know of it although it cannot read it.
+    """What a file looks like to a reader, which may recognise it although it cannot read it.
 
     Attributes:
-        words: That end `it looks like …`. No value of the file is part of them: files hold access tokens.
-        editions: The years whose form the file has; empty where the form says none.
+        words: Complete `it looks like …`. No value of the file is part of them: files hold access tokens.
+        editions: The years that use this form; empty where the form does not say.
     """
 
     words: str
@@ -397,7 +397,7 @@ class Likeness:
 
 @runtime_checkable
 class Likening(Protocol):
-    """A reader of configurations that knows a file by its form."""
+    """A reader of configurations that recognises a file by its form."""
 
     def likeness(self, path: Path) -> Likeness:
         """What the file looks like; never an error."""
@@ -414,7 +414,7 @@ class HoldsRuns(Protocol):
 
 
 def reader_facts(reader: object) -> ReaderFacts:
-    """What a reader says of its files; one that says nothing reads logs."""
+    """What a reader states about its files; one without `facts` reads logs."""
     facts = getattr(reader, "facts", None)
     return facts if isinstance(facts, ReaderFacts) else ReaderFacts()
 
@@ -423,7 +423,8 @@ def reader_facts(reader: object) -> ReaderFacts:
 class Reader(Protocol):
     """Reads one kind of log: entry-point group `ariac_score.readers`.
 
-    A class attribute `facts` (`ReaderFacts`) says what its files are in a trial; without one they are logs.
+    A class attribute `facts` (`ReaderFacts`) states what its files are in a trial; without one they are
+    logs.
     """
 
     def can_read(self, path: Path) -> bool:
@@ -431,7 +432,7 @@ class Reader(Protocol):
         ...
 
     def describe(self, path: Path) -> LogDescription:
-        """What the log holds; of a damaged log, what is readable."""
+        """What the log holds; for a damaged log, what is readable."""
         ...
 
     def read(self, path: Path, wanted: Wanted) -> Trial:

@@ -33,7 +33,7 @@ COUNT = "count"
 
 SIGNIFICANT_DIGITS = 12
 """Measured numbers keep so many digits: fewer than float64 has, so that the last bits,
-in which two machines may differ, never reach a result; more than any sensor means."""
+in which two machines may differ, never reach a result; more than any sensor resolves."""
 
 
 def canonical(value: float) -> float:
@@ -44,6 +44,7 @@ def canonical(value: float) -> float:
     """
     if not math.isfinite(value):
         raise ValueError(f"{value!r} cannot stand in a result")
+    # + 0.0 turns a negative zero, which JSON would keep, into a positive one.
     return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0
 
 
@@ -119,7 +120,7 @@ class Finding:
     """One statement of one check about one subject.
 
     Attributes:
-        subject: Whom it is about: `order/task/slot` for rules, `robot/human` for
+        subject: What it is about: `order/task/slot` for rules, `robot/human` for
             pairs, a signal name where one is missing.
         verdict: What the check says.
         message: One sentence for people, without full stop.
@@ -159,6 +160,7 @@ class Finding:
         for sample in self.evidence:
             if not all(math.isfinite(v) for v in _components(sample.value)):
                 raise ValueError(f"evidence {sample.signal!r} is {sample.value!r}")
+        # Copied and frozen: findings are hashed into results, and plugins keep the mappings they passed.
         object.__setattr__(self, "quantities", FrozenMap(dict(self.quantities)))
         object.__setattr__(self, "labels", FrozenMap(dict(self.labels)))
         object.__setattr__(self, "units", FrozenMap(dict(self.units)))
@@ -192,19 +194,19 @@ class Finding:
     def from_limits(cls, subject: str, *limits: Limit, clause: str = "", message: str = "") -> Finding:
         """Satisfied when every limit is kept; the message names those that are not.
 
-        The robustness is that of the worst limit, relative limits being of
-        different units: the first broken one, else the first.
+        Margins of different units cannot be compared, so the robustness is that of the
+        first broken limit, or of the first limit where all are kept.
         """
         broken = [limit for limit in limits if not limit.kept]
         shown: Iterable[Limit] = broken or limits
-        telling = broken[0] if broken else limits[0]
+        decisive = broken[0] if broken else limits[0]
         names = [f"{limit.what.replace(' ', '_')}_{limit.unit}" for limit in limits]
         return cls(
             subject,
             Verdict.VIOLATED if broken else Verdict.SATISFIED,
             message or "; ".join(str(limit) for limit in shown),
-            robustness=telling.margin,
-            unit=telling.unit,
+            robustness=decisive.margin,
+            unit=decisive.unit,
             quantities={name: limit.value for name, limit in zip(names, limits, strict=True)},
             clause=clause,
             units={name: limit.unit for name, limit in zip(names, limits, strict=True)},
@@ -212,7 +214,7 @@ class Finding:
 
 
 def canonical_number(value: int | float | None) -> int | float | None:
-    """A number with the declared digits; whole ones and none as they are."""
+    """A number with the declared digits; integers and `None` stay as they are."""
     return canonical(value) if isinstance(value, float) else value
 
 

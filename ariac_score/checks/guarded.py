@@ -1,4 +1,4 @@
-"""Plugins held at arm's length: whatever a reader or decoder raises is named, never a traceback."""
+"""Readers and decoders whose failures name the plugin instead of ending in a traceback."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def broken(plugin: Plugin, what: str, *, of: str = "") -> PluginError:
     """The error for a plugin that does not do what its contract says.
 
     Args:
-        plugin: Whose fault it is.
-        what: What it does, such as `raised KeyError: 'x'`.
+        plugin: The plugin at fault.
+        what: What it did, such as `raised KeyError: 'x'`.
         of: The check that uses it.
     """
     check = f"check {of!r}: " if of else ""
@@ -48,14 +48,14 @@ class GuardedReader:
 
     @property
     def facts(self) -> ReaderFacts:
-        """What the reader says of its files."""
+        """What the reader states about its files."""
         return reader_facts(self.reader)
 
     def can_read(self, path: Path) -> bool:
-        """What the reader says.
+        """Whether the reader recognises the file.
 
         Raises:
-            PluginError: It raised, which this question never should.
+            PluginError: It raised, which `can_read` never may.
         """
         try:
             with quiet(self.plugin.origin):
@@ -64,7 +64,7 @@ class GuardedReader:
             raise self._failed(cause, path) from cause
 
     def describe(self, path: Path) -> LogDescription:
-        """What the reader finds.
+        """What the log holds, by the reader.
 
         Raises:
             PluginError: It raised something other than an error for the user.
@@ -78,11 +78,11 @@ class GuardedReader:
             raise self._failed(cause, path) from cause
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
-        """The trial the reader finds.
+        """The trial that the reader reads.
 
         Raises:
             PluginError: It raised something other than an error for the user, or
-                brought something other than a trial.
+                returned something other than a trial.
         """
         try:
             with quiet(self.plugin.origin, deep=True):
@@ -96,10 +96,10 @@ class GuardedReader:
         return trial
 
     def likeness(self, path: Path) -> Likeness | None:
-        """What the file looks like to the reader; `None` where it knows nothing by its form.
+        """What the file looks like to the reader; `None` for a reader that recognises no forms.
 
         Raises:
-            PluginError: It raised, which this question never should.
+            PluginError: It raised, which `likeness` never may.
         """
         if not isinstance(self.reader, Likening):
             return None
@@ -110,7 +110,7 @@ class GuardedReader:
             raise self._failed(cause, path) from cause
 
     def runs(self, path: Path) -> list[tuple[int, str, str]]:
-        """Number, team and trial of every run in a file; none where the reader knows of one run only.
+        """Number, team and trial of every run in a file; none for readers of single runs.
 
         Raises:
             PluginError: It raised something other than an error for the user.
@@ -143,7 +143,7 @@ class GuardedDecoder:
             PluginError: It raised anything else, or made something else.
         """
         try:
-            with quiet(self.plugin.origin):
+            with quiet(self.plugin.origin):  # not deep: this runs once for each message
                 decoded = self.decoder.decode(msgtype, message, t_s)
         except (ScoreError, ValueError):
             raise
@@ -167,8 +167,8 @@ def _misfits(message: object, cause: BaseException) -> bool:
 def open_readers(registry: Registry) -> tuple[dict[str, GuardedReader], tuple[PluginError, ...]]:
     """Every installed reader that can be used, by name, and why the others cannot.
 
-    A broken reader stops only the logs that need it, so nobody's log may depend on
-    it being quietly absent: callers say the problems when no reader knows a file.
+    A broken reader stops only the logs that need it. Callers name the broken ones when no
+    reader recognises a file, for one of them might have.
     """
     readers: dict[str, GuardedReader] = {}
     problems: list[PluginError] = []

@@ -1,4 +1,4 @@
-"""Parameters of plugins that say what they are: unit, range, and how sure their default is.
+"""Parameters of plugins with their unit, their range, and how sure their default is.
 
 A number taken from a standard is only as good as its source, so it carries both:
 
@@ -21,18 +21,18 @@ __all__ = [
     "check_parameters",
     "parameter",
     "parameter_facts",
-    "unit_told_by",
 ]
 
-Status = Literal["verified", "from memory", "our choice"]
-"""verified: seen in the named public source. from memory: not confirmed. our choice: nobody prescribes it."""
+Status = Literal["verified", "from memory", "our choice", ""]
+"""verified: seen in the named public source. from memory: not confirmed. our choice: nobody prescribes it.
+Empty: the plugin does not say, as where rule sets are expected to give the number themselves."""
 
 _KEY = "ariac_score"
 
 
 @dataclass(frozen=True)
 class ParameterFacts:
-    """What is known about a parameter besides its type and default.
+    """What a plugin declares about a parameter besides its type and default.
 
     Attributes:
         unit: SI unit, or 1; empty when it is not a number.
@@ -40,11 +40,11 @@ class ParameterFacts:
         source: Where the default comes from.
         above: It must be larger than this.
         at_least: It must not be smaller than this.
-        at_most: It must not be larger; what is larger is a slip, most often of the unit.
+        at_most: It must not be larger; a larger value is a slip, most often of the unit.
     """
 
     unit: str = ""
-    status: Status | Literal[""] = ""
+    status: Status = ""
     source: str = ""
     above: float = -math.inf
     at_least: float = -math.inf
@@ -57,6 +57,7 @@ class ParameterFacts:
         'but must be at most 60 s (is it given in thousandths of s?)'
         """
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        # "not a > b" instead of "a <= b", so that NaN is refused as well.
         if not value > self.above:
             return (
                 "but must be positive" if self.above == 0 else f"but must be more than {self.above:g}{unit}"
@@ -110,32 +111,6 @@ def parameter_facts(kind: Any) -> dict[str, ParameterFacts]:
     return {declared.name: facts_of(declared) for declared in fields(kind) if declared.init}
 
 
-_UNITS: Mapping[str, str] = {
-    "_rad_s": "rad/s",
-    "_m_s2": "m/s2",
-    "_m_s": "m/s",
-    "_rad": "rad",
-    "_m2": "m2",
-    "_kg": "kg",
-    "_pa": "Pa",
-    "_hz": "Hz",
-    "_n": "N",
-    "_j": "J",
-    "_m": "m",
-    "_s": "s",
-}
-"""Units as names of numbers end in them, the longer ones first."""
-
-
-def unit_told_by(name: str) -> str:
-    """The SI unit that the name of a number ends in; empty for a name without one.
-
-    >>> unit_told_by("max_speed_m_s"), unit_told_by("max_distance_m"), unit_told_by("passes")
-    ('m/s', 'm', '')
-    """
-    return next((unit for ending, unit in _UNITS.items() if name.lower().endswith(ending)), "")
-
-
 def check_parameters(plugin: Any) -> None:
     """Refuse numbers outside their range.
 
@@ -144,6 +119,7 @@ def check_parameters(plugin: Any) -> None:
     """
     for name, facts in parameter_facts(type(plugin)).items():
         value = getattr(plugin, name)
+        # A bool is an int to Python, and a parameter without a number has no range.
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
         if not math.isfinite(value):

@@ -153,7 +153,7 @@ def not_by_name(kind: Any) -> str:
     """
     try:
         parameters = inspect.signature(kind).parameters.values()
-    except (TypeError, ValueError):  # not every class tells
+    except (TypeError, ValueError):  # classes written in C often have no signature
         return ""
     for parameter in parameters:
         if parameter.kind is parameter.POSITIONAL_ONLY:
@@ -167,7 +167,7 @@ class Parameter:
 
     Attributes:
         type: Its type, resolved.
-        default: Its default; `none` in words when it has none.
+        default: Its default; the word `none` when it has none.
         facts: Its unit, range, status and source, as far as the plugin declares them.
     """
 
@@ -204,11 +204,15 @@ def _default_of(declared: dataclasses.Field[Any]) -> Any:
 
 
 def _as_type(value: Any, wanted: Any) -> Any:
-    """A YAML value as the type a field declares; strict about booleans and text."""
+    """A YAML value as the type a field declares; strict about booleans and text.
+
+    Raises:
+        ValueError: It is not of that type.
+    """
     origin = get_origin(wanted)
     if origin is Literal:
         if isinstance(value, bool) and {"yes", "no"} <= set(get_args(wanted)):
-            return "yes" if value else "no"  # which YAML reads as true and false where it is not quoted
+            return "yes" if value else "no"  # YAML 1.1 reads an unquoted yes as true
         if value not in get_args(wanted):
             raise ValueError(f"{value!r} is not one of {', '.join(map(str, get_args(wanted)))}")
         return value
@@ -245,7 +249,7 @@ _NUMBER = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
 _LARGEST = sys.float_info.max
 
 OURS = "ariac_score."
-"""How the name of every entry-point group begins that anything of ours looks into."""
+"""Prefix of every entry-point group of this project."""
 
 
 class Registry:
@@ -255,7 +259,7 @@ class Registry:
         self._providers: dict[tuple[str, str], list[Plugin]] = {}
         for plugin in _installed():
             known = self._providers.setdefault((plugin.group, plugin.name), [])
-            # An editable install beside its own sources shows one distribution twice.
+            # An editable install found next to its own sources shows one distribution twice.
             if all((p.distribution, p.target) != (plugin.distribution, plugin.target) for p in known):
                 known.append(plugin)
 
@@ -302,18 +306,18 @@ class Registry:
 
 
 def _installed() -> Iterator[Plugin]:
-    """Every entry point of a group of ours, sorted, so that no order of `sys.path` shows."""
+    """Every entry point of our groups, sorted, so that the order of `sys.path` has no influence."""
     everything = entry_points()
     points = [
         p for group in everything.groups if group.startswith(OURS) for p in everything.select(group=group)
     ]
-    origins = cache(origin_of)  # one distribution brings many, and reading its metadata takes time
+    origins = cache(origin_of)  # one distribution has many entry points, and reading its metadata takes time
     found = [Plugin(p.name, p.group, p.value, *origins(p.dist)) for p in points]
     yield from sorted(found, key=lambda plugin: (plugin.group, plugin.name, plugin.target))
 
 
 def origin_of(distribution: Distribution | None) -> tuple[str, str]:
-    """Normalised name and version of a distribution; `?` where its metadata do not say."""
+    """Normalised name and version of a distribution; `?` where its metadata lack them."""
     try:
         metadata = distribution.metadata if distribution else None
     except (TypeError, FileNotFoundError):  # what Python makes of missing metadata depends on its version
@@ -322,18 +326,19 @@ def origin_of(distribution: Distribution | None) -> tuple[str, str]:
         return "?", "?"
     stated = {key: metadata[key] for key in ("Name", "Version") if key in metadata}
     name, version = stated.get("Name", "?"), stated.get("Version", "?")
+    # PEP 503: `Ariac_Score` and `ariac-score` are one distribution, and results compare names.
     return re.sub(r"[-_.]+", "-", name).lower(), version
 
 
 _DATA_PACKAGES = frozenset({"rules", "schemas"})
-"""Hashed by what is used of them; and a wheel has them inside the package, a checkout does not."""
+"""Left out: what is used of them is hashed by itself, and only a wheel has them inside the package."""
 
 
 @cache
 def package_sha256(package: str) -> str:
     """Hash of every Python file of an import package, by relative name and content.
 
-    It tells two versions of a plugin apart even when their version number does not.
+    It differs between two states of a plugin even when their version number does not.
 
     Raises:
         PluginError: The package cannot be found on disk.
@@ -350,7 +355,9 @@ def package_sha256(package: str) -> str:
         raise PluginError(f"package {package!r} is not on disk")
     digest = hashlib.sha256()
     for file in files:
+        # A checkout on Windows may have other line ends than the wheel made from it.
         content = file.read_bytes().replace(b"\r\n", b"\n")
+        # With name and length, so that no two sets of files can run into the same bytes.
         digest.update(f"{file.relative_to(root).as_posix()}\0{len(content)}\0".encode())
         digest.update(content)
     return digest.hexdigest()

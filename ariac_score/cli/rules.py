@@ -20,8 +20,8 @@ from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.ranking import changes_text
 from ariac_score.report.text import amount_text
 from ariac_score.results.result_file import load_result
-from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws
-from ariac_score.review.laws.reference import reference_rules
+from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws, event_checks
+from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
 from ariac_score.review.laws.words import outcome_lines
 from ariac_score.scoring.penalties import PREFIX, penalty_names
 from ariac_score.scoring.ruleset import differences, expanded_yaml, load_rule_set, rule_set_names
@@ -177,9 +177,9 @@ def run_check(arguments: argparse.Namespace) -> int:
     for name in arguments.names or [*rule_set_names(), *penalty_names()]:
         is_penalty = name.startswith(PREFIX) and not name.endswith((".yaml", ".yml"))
         rule_set = reference_rules(name) if is_penalty else load_rule_set(name)
-        outcomes = check_laws(
-            rule_set, cases=arguments.cases or DEFAULT_CASES, seed=arguments.seed, registry=registry
-        )
+        events = REFERENCE_EVENTS if is_penalty else event_checks(rule_set, registry)
+        cases = arguments.cases or DEFAULT_CASES
+        outcomes = check_laws(rule_set, cases=cases, seed=arguments.seed, events=events)
         tried = sum(outcome.cases for outcome in outcomes)
         where = f"{name} on the made competition of docs/penalties.md" if is_penalty else rule_set.id
         print(f"{where}: {tried} random cases, seed {arguments.seed}")

@@ -20,8 +20,8 @@ from ariac_score.review.sensitivity import (
     ScoreSensitivity,
     rank_sensitivity,
     score_sensitivity,
-    sensitivity_json,
 )
+from ariac_score.review.sensitivity_file import sensitivity_json
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_from_text
 from ariac_score.terminal.output import refuse_inputs, write
 

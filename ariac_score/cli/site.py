@@ -21,7 +21,8 @@ from ariac_score.ranking.statistics import rank_statistics
 from ariac_score.ranking.stored import results_folder, write_results
 from ariac_score.report.site.site import Site, write_site
 from ariac_score.results.result import Result
-from ariac_score.review.sensitivity import RankSensitivity, load_rank_sensitivity, rank_sensitivity
+from ariac_score.review.sensitivity import RankSensitivity, rank_sensitivity
+from ariac_score.review.sensitivity_file import load_rank_sensitivity
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.terminal.output import counting_bar, write
 

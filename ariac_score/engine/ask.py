@@ -1,4 +1,4 @@
-"""Asking one check about a trial: what it says, with its failures named and never swallowed."""
+"""Running one check on a trial: its findings, its failures named and never swallowed."""
 
 from __future__ import annotations
 
@@ -6,22 +6,20 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import Charting, Margined, Monitor, Rule
-from ariac_score.checks.findings import Finding
+from ariac_score.checks.findings import Finding, settled
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Plugin
 from ariac_score.errors import MissingSignalError, PluginError
-from ariac_score.results.result import settled
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 
 __all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
 
-Heard = Callable[[str], None]
-_Made = TypeVar("_Made")
+Notice = Callable[[str], None]
 
 BUDGET_S = 30.0
 """Processor time a plugin may take for a million samples, s. Generous: a vectorised monitor takes 0.1 s."""
@@ -42,34 +40,35 @@ def budget_of(trial: Trial, budget_s: float = BUDGET_S) -> float:
 
 
 def ask(
-    plugin: Plugin, name: str, check: Rule | Monitor, trial: Trial, *, heard: Heard | None = None
+    plugin: Plugin, name: str, check: Rule | Monitor, trial: Trial, *, notice: Notice | None = None
 ) -> list[Finding]:
-    """Everything one check says about a trial, in order, with the numbers as they will be stored.
+    """All findings of one check about a trial, in order, with the numbers as they will be stored.
 
     Args:
-        plugin: Whose fault it is when something goes wrong.
+        plugin: Named when something goes wrong.
         name: Name of the check.
         check: The built plugin.
         trial: With the derived signals.
-        heard: Told when the plugin prints; by default a notice goes to standard error.
+        notice: Called when the plugin prints; by default a notice goes to standard error.
 
     Raises:
-        PluginError: The plugin raised, said nothing, yielded something else, or changed the trial.
+        PluginError: The plugin raised, yielded nothing or something else, or changed the trial.
     """
     trial = replace(trial)  # its own, so that nothing it sets reaches another check
     before = _marks(trial)
-    said: list[Finding] = []
-    began_s = time.process_time()
-    with quiet(plugin.origin, heard, deep=True) if heard else quiet(plugin.origin, deep=True):
+    findings: list[Finding] = []
+    began_s = time.process_time()  # not the clock on the wall: other processes are not the plugin's fault
+    with quiet(plugin.origin, notice, deep=True) if notice else quiet(plugin.origin, deep=True):
         try:
             for finding in _answers(plugin, name, check, trial):
                 if not isinstance(finding, Finding):
                     raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
-                said.append(finding)
+                findings.append(finding)
         except MissingSignalError as missing:
-            said.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
+            findings.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
         except PluginError:
             raise
+        # SystemExit and GeneratorExit are no Exception; either would end the program, or pass unseen.
         except (Exception, SystemExit, GeneratorExit) as cause:
             raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
     taken_s, allowed_s = time.process_time() - began_s, budget_of(trial)
@@ -80,14 +79,15 @@ def ask(
         )
     if _marks(trial) != before:
         raise broken(plugin, "changed the trial it was asked about", of=name)
-    if not said:
+    if not findings:
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
-    units = _units(plugin, name, said)
-    return sorted((_stored(plugin, name, finding, units) for finding in said), key=_order_of_findings)
+    units = _units(plugin, name, findings)
+    # Sorted here, because ids of findings are numbers in this order and decisions of stewards name them.
+    return sorted((_stored(plugin, name, finding, units) for finding in findings), key=_order_of_findings)
 
 
 def charts_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Chart]:
-    """What a monitor has to show of a trial; nothing for a check that shows nothing.
+    """The charts of a monitor; none for a check that is not `Charting`.
 
     Raises:
         PluginError: It raised, or shows something that is no `Chart`.
@@ -96,7 +96,7 @@ def charts_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Chart
 
 
 def margins_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Chart]:
-    """The margins of a monitor at every sample; nothing for a check that tells none.
+    """The margins of a monitor at every sample; none for a check that is not `Margined`.
 
     Raises:
         PluginError: It raised, or gives something that is no `Chart`.
@@ -110,7 +110,7 @@ def _charts(plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Chart]],
     try:
         with quiet(plugin.origin):
             charts = list(show(trial))
-    except MissingSignalError:
+    except MissingSignalError:  # its finding says so already
         return []
     except (Exception, SystemExit) as cause:
         raise broken(
@@ -124,10 +124,10 @@ def _charts(plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Chart]],
     return charts
 
 
-def _units(plugin: Plugin, name: str, said: Iterable[Finding]) -> dict[str, str]:
+def _units(plugin: Plugin, name: str, findings: Iterable[Finding]) -> dict[str, str]:
     """The unit of each quantity of a check, where one of its findings declares it."""
     units: dict[str, str] = {}
-    for finding in said:
+    for finding in findings:
         for quantity, unit in finding.units.items():
             if units.setdefault(quantity, unit) != unit:
                 words = f"gives the quantity {quantity!r} in {units[quantity]!r} and in {unit!r}"
@@ -148,7 +148,7 @@ def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
 
 
 def _marks(trial: Trial) -> tuple[object, ...]:
-    """What tells that a trial is still the same; its arrays cannot be written to at all."""
+    """Values that differ once a trial was changed; its arrays are read-only, so their identity is enough."""
     small = (trial.orders, trial.submissions, trial.events, trial.bodies, trial.witnessed, trial.recorded)
     same = (trial.signals, trial.facts, trial.team, trial.official, trial.kits)
     arrays = [(name, id(s), s.identity, s.unit) for name, s in trial.signals.items()]
@@ -159,17 +159,17 @@ def _marks(trial: Trial) -> tuple[object, ...]:
     return small_mark, *map(id, same), trial.id, trial.clock, trial.unrecorded, trial.log_defects, *arrays
 
 
-def _some(answer: Any) -> Any:
-    """What a plugin gave back, where that is anything."""
+def _not_none(answer: Any) -> Any:
+    """What a plugin returned; a method without `return` or `yield` is refused with the remedy."""
     if answer is None:
         raise TypeError("None was returned; yield each, or return a list of them")
     return answer
 
 
 def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Finding]:
-    """What a rule says about each order, or a monitor about the trial."""
+    """The findings of a rule about each order, or of a monitor about the trial."""
     if plugin.group != "ariac_score.rules":
-        yield from _some(check.watch(trial))
+        yield from _not_none(check.watch(trial))
     elif not trial.orders:
         yield Finding.not_applicable("trial", "no order was announced")
     for order in trial.orders if plugin.group == "ariac_score.rules" else ():
@@ -177,7 +177,7 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Fi
             yield Finding.inconclusive(order.id, "what it asked for is not recorded, only its official score")
             continue
         spoken = False
-        for finding in _some(check.judge(trial, order)):
+        for finding in _not_none(check.judge(trial, order)):
             spoken = True
             yield finding
         if not spoken and not order.tasks:

@@ -1,4 +1,4 @@
-"""Every check of a rule set put to a trial."""
+"""Every check of a rule set run on a trial."""
 
 from __future__ import annotations
 
@@ -6,18 +6,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from ariac_score.checks.contracts import SignalNeed
-from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.engine.ask import ask, charts_of
 from ariac_score.engine.prepared import Prepared
-from ariac_score.errors import (
-    LogError,
-)
-from ariac_score.results.result import (
-    Coverage,
-    Measured,
-    Result,
-    canonical,
-)
+from ariac_score.errors import LogError
+from ariac_score.results.result import Coverage, Measured, Result
 from ariac_score.results.sketch import Sketch, sketch_of
 from ariac_score.scoring.ruleset import Check
 from ariac_score.scoring.scope import Scope
@@ -31,7 +24,7 @@ __all__ = ["decidable", "measure_trial", "needs_alike", "sketch_trial", "stored_
 
 
 def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = None) -> Measured:
-    """Put every check to a trial.
+    """Run every check on a trial.
 
     Args:
         trial: With the derived signals.
@@ -39,7 +32,7 @@ def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = No
         known: A result whose findings hold for this trial; checks that it has are not run.
 
     Raises:
-        PluginError: A plugin raised, said nothing, or yielded something else.
+        PluginError: A plugin raised, or yielded nothing or something else.
         LogError: A signal is recorded in another unit than a check reads it in.
     """
     findings: dict[str, Finding] = {}
@@ -48,10 +41,10 @@ def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = No
         wanted = prepared.rule_set.checks[name]
         before = stored_name(known, wanted) if known else None
         if known and before is not None:
-            said = stored_findings(known, before, wanted)
+            found = stored_findings(known, before, wanted)
         else:
-            said = ask(each.plugin, name, each.check, trial)
-        for number, finding in enumerate(said, start=1):
+            found = ask(each.plugin, name, each.check, trial)
+        for number, finding in enumerate(found, start=1):
             findings[f"{name}#{number}"] = finding
     return Measured(
         trial=trial.id,
@@ -70,7 +63,10 @@ def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = No
 
 
 def stored_name(known: Result, check: Check) -> str | None:
-    """What a check was called in a stored result; `None` when it was not asked there."""
+    """The name of a check in a stored result; `None` when it did not run there.
+
+    It is the same check when plugin and parameters are: names are only labels of a rule set.
+    """
     for name, stored in known.checks.items():
         if stored["use"] == check.use and stored["with"] == dict(check.parameters):
             return name
@@ -79,12 +75,12 @@ def stored_name(known: Result, check: Check) -> str | None:
 
 def stored_findings(known: Result, name: str, check: Check) -> list[Finding]:
     """What a check of a stored result found, as findings of this one."""
-    said = known.measured.of(name).values()
-    return [f if f.check == check.name else replace(f, check=check.name) for f in said]
+    found = known.measured.of(name).values()
+    return [f if f.check == check.name else replace(f, check=check.name) for f in found]
 
 
 def needs_alike(first: Prepared, second: Prepared) -> bool:
-    """Whether two rule sets make the same trial of the same files: what one measured holds for the other."""
+    """Whether two rule sets read the same trial from the same files, so that findings hold for both."""
     return (
         first.rule_set.edition == second.rule_set.edition
         and first.log_map.sha256 == second.log_map.sha256
@@ -114,9 +110,10 @@ def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch
         measured: What they found.
 
     Raises:
-        PluginError: A monitor cannot show what it saw.
+        PluginError: A monitor failed to draw its charts.
     """
     charts = {name: charts_of(each.plugin, name, each.check, trial) for name, each in prepared.checks.items()}
+    # The worst first: only the first few of a chart are drawn finer.
     found = sorted(
         (f for f in measured.findings.values() if f.robustness is not None and (f.span or f.evidence)),
         key=lambda f: f.robustness or 0.0,
@@ -140,7 +137,7 @@ def _scopes(trial: Trial) -> Scope:
             "index": index[order.id],
             "parts": sum(len(task.products) for task in order.tasks),
         }
-        if order.priority_said:
+        if order.priority_said:  # else unknown: a formula that names it then has no value, not a default
             facts["priority"] = order.priority
         orders.append(Scope("order", order.id, facts, tuple(tasks)))
     whole: dict[str, float] = {"duration_s": canonical(trial.duration_s), "orders": len(orders)}
@@ -148,11 +145,12 @@ def _scopes(trial: Trial) -> Scope:
 
 
 def _announced_as(trial: Trial) -> dict[str, int]:
-    """Which order came first, by id: 0 for the first one announced, whatever changed it afterwards.
+    """The place of each order by first announcement, by id: 0 for the first one.
 
-    Those that were never announced come after the others; where no times are known, and
-    among equals, they come as the log or the configuration lists them.
+    Those that were never announced come after the others. Where no times are known, and
+    among equals, the order of the log or the configuration counts.
     """
+    # The event counts before `announced_s`, which an update of the order may have moved.
     first_s: dict[str, float] = {}
     for event in trial.events_of(ORDER_ANNOUNCED):
         first_s.setdefault(event.subject, event.t_s)

@@ -1,4 +1,4 @@
-"""A rule set ready to be put to trials: its checks built, what they need known, its log map loaded."""
+"""A rule set ready to score trials: its checks built, their needs known, its log map loaded."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PreparedCheck:
 
     Attributes:
         name: As in the rule set.
-        plugin: What it is an instance of, to name it when it fails.
+        plugin: Where it comes from, to name it when it fails.
         check: The rule or monitor, with its parameters.
         needs: The signals it reads; none for a rule.
     """
@@ -40,7 +40,7 @@ class PreparedCheck:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A rule set with all that measuring by it takes; made once, by `prepare`.
+    """A rule set with everything that measuring takes; made once, by `prepare`.
 
     Attributes:
         rule_set: As loaded.
@@ -74,13 +74,13 @@ class Prepared:
         return derive_signals(trial, self.derivations, speed_window_s=self.log_map.speed_window_s)
 
     def only(self, names: Iterable[str]) -> Prepared:
-        """The same with some of its checks alone."""
+        """The same with only some of its checks."""
         return replace(self, checks={name: self.checks[name] for name in names})
 
     def refuse_unknown_quantities(self) -> None:
-        """Find monitors that ask for quantities nobody has heard of, before a log is read.
+        """Refuse monitors that need unknown quantities, before a log is read.
 
-        A log may measure quantities that its map does not declare, so scoring does not ask this.
+        Scoring does not call this: a log may measure quantities that its map does not declare.
 
         Raises:
             RuleSetError: Naming the check and the quantity.
@@ -98,7 +98,7 @@ class Prepared:
                     )
 
     def refuse_other_units(self) -> None:
-        """Refuse a monitor that would read a quantity in another unit than it is measured in.
+        """Refuse a monitor that reads a quantity in another unit than it is measured in.
 
         Raises:
             RuleSetError: Naming the check, its plugin and both units.
@@ -121,10 +121,10 @@ class Prepared:
 def prepare(
     rules: str | RuleSet | Prepared, *, log_map: str = "", registry: Registry | None = None
 ) -> Prepared:
-    """Build the checks of a rule set, learn what they need, and load its log map.
+    """Build the checks of a rule set, collect what they need, and load its log map.
 
     Args:
-        rules: A rule set or its name; one that is prepared already is taken as it is.
+        rules: A rule set or its name; one that is prepared already is returned as it is.
         log_map: Log map to use instead of the rule set's own.
         registry: The installed plugins, where the caller has them already.
 
@@ -145,7 +145,7 @@ def prepare(
 
 
 def log_map_of(rule_set: RuleSet, instead: str = "") -> LogMap:
-    """The log map of a rule set, which may lie beside its file, or another one instead of it.
+    """The log map of a rule set, named relative to the folder of its file, or another one instead.
 
     Raises:
         LogMapError: There is no such log map, or it is malformed.

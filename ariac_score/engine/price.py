@@ -1,4 +1,4 @@
-"""What was measured, priced: at once, or again under other rules."""
+"""Pricing what was measured: at once, or again under other rules."""
 
 from __future__ import annotations
 
@@ -7,18 +7,8 @@ from dataclasses import replace
 from ariac_score.checks.findings import Finding
 from ariac_score.engine.measure import stored_findings, stored_name
 from ariac_score.engine.provenance import engine_code
-from ariac_score.errors import (
-    FormulaError,
-    RuleSetError,
-)
-from ariac_score.results.result import (
-    Code,
-    Measured,
-    Pinned,
-    Provenance,
-    Result,
-    Settings,
-)
+from ariac_score.errors import FormulaError, RuleSetError
+from ariac_score.results.result import Code, Measured, Pinned, Provenance, Result, Settings
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.ruleset import RuleSet, expanded_yaml
@@ -92,21 +82,22 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
         FormulaError: A formula has no value here.
     """
     findings: dict[str, Finding] = {}
-    known = result.measured.settings
+    known = result.measured.settings  # None in results of versions that kept none
     settings: dict[str, Settings] | None = None if known is None else {}
     for check in rule_set.checks.values():
-        said = stored_name(result, check)
-        if said is None:
+        stored = stored_name(result, check)
+        if stored is None:
             raise RuleSetError(
                 f"check {check.name!r} ({check.use} with these parameters) was not measured",
                 file=rule_set.file,
                 place=check.place.get("use", check.name),
                 hint="score the log under this rule set instead; only prices can change without it",
             )
-        for number, finding in enumerate(stored_findings(result, said, check), start=1):
+        for number, finding in enumerate(stored_findings(result, stored, check), start=1):
             findings[f"{check.name}#{number}"] = finding
-        if settings is not None and known is not None and said in known:
-            settings[check.name] = known[said]
+        if settings is not None and known is not None and stored in known:
+            settings[check.name] = known[stored]
+    # The engine that prices may be another version than the one that measured; both are named.
     code = tuple(sorted({Code(*engine_code()), *result.provenance.code}))
     pinned = Pinned(rule_set.id, rule_set.sha256)
     provenance = replace(result.provenance, rule_set=pinned, code=code)

@@ -1,4 +1,4 @@
-"""Where a result comes from: every input, rule and line of code with its hash."""
+"""Where a result comes from: every input file, rule set and code package with its hash."""
 
 from __future__ import annotations
 
@@ -13,35 +13,38 @@ from threading import Event
 
 from ariac_score.checks.registry import package_sha256
 from ariac_score.engine.prepared import Prepared
-from ariac_score.errors import (
-    LogError,
-)
+from ariac_score.errors import LogError
 from ariac_score.logs.bundle import Bundle, Part, name_from
 from ariac_score.logs.containers.ranged import ranged
 from ariac_score.results.result import Code, Pinned, Provenance, Source
 
 __all__ = ["code_of", "engine_code", "file_hashes", "hashing_files", "provenance_of", "refuse_other_contents"]
 
-
 _WORTH_A_THREAD_BYTES = 1 << 23
-
+"""Bundles smaller than this are hashed after reading, without a thread."""
 
 _HASHED_BLOCK_BYTES = 1 << 18
 
 
 @contextmanager
-def hashing_files(bundle: Bundle, *, beside: bool) -> Iterator[Callable[[], tuple[Source, ...]]]:
-    """The hashes of a bundle's files, computed on another thread where they are large and it may."""
+def hashing_files(bundle: Bundle, *, threaded: bool) -> Iterator[Callable[[], tuple[Source, ...]]]:
+    """The hashes of a bundle's files, computed while the body reads them.
+
+    Args:
+        bundle: Whose files.
+        threaded: Whether another thread may be used, which is done where they are large.
+    """
+    # Of ranged files only the bytes that were read are hashed, and which these are is known afterwards.
     files = [file for part in bundle.parts for file in _files(part)]
     size = sum(file.stat().st_size for file in files)
-    if not beside or size < _WORTH_A_THREAD_BYTES or any(ranged(file) for file in files):
+    if not threaded or size < _WORTH_A_THREAD_BYTES or any(ranged(file) for file in files):
         yield partial(file_hashes, bundle)
         return
     stopped = Event()
-    with ThreadPoolExecutor(1) as pool:
+    with ThreadPoolExecutor(1) as pool:  # hashlib releases the GIL, so decoding goes on meanwhile
         try:
             yield pool.submit(file_hashes, bundle, stopped).result
-        finally:
+        finally:  # where reading failed, nobody waits for the hash of a large log
             stopped.set()
 
 
@@ -70,8 +73,8 @@ def provenance_of(bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared
 def code_of(prepared: Prepared) -> tuple[tuple[str, str, str, str], ...]:
     """All code a measurement may depend on: distribution, version, package, SHA-256.
 
-    That is the engine, the plugins of the checks, and every reader and decoder, for each of them
-    may take part in the reading.
+    That is the engine, the plugins of the checks, and every reader and decoder: which of them
+    take part is known only when the log is read.
     """
     registry = prepared.registry
     plugins = [each.plugin for each in prepared.checks.values()]
@@ -85,20 +88,20 @@ def file_hashes(bundle: Bundle, stopped: Event | None = None) -> tuple[Source, .
 
     Args:
         bundle: Whose files.
-        stopped: Once it is set nobody wants the hashes any more, and they are not those of the files.
+        stopped: Once it is set, hashing ends early and the hashes are worthless.
     """
     found = (s for part in bundle.parts for s in _sources(part, bundle.root, stopped))
     return tuple(sorted(found, key=_by_role))
 
 
 def refuse_other_contents(bundle: Bundle, inputs: Sequence[Source]) -> None:
-    """Hold what was read against the checksums that `bundle.yaml` states.
+    """Compare what was read with the checksums that `bundle.yaml` states.
 
     Raises:
-        LogError: A file is another one, or none of this trial.
+        LogError: A file has another checksum, or is no file of this trial.
     """
-    base = bundle.root if bundle.root.is_dir() else bundle.root.parent
-    read = {base / source.name.partition("#run=")[0]: source for source in inputs}
+    files = {_source_name(bundle.root, part, file): file for part in bundle.parts for file in _files(part)}
+    read = {files[source.name]: source for source in inputs}
     for path, stated in bundle.stated:
         source = read.get(path)
         if source is None:
@@ -107,6 +110,7 @@ def refuse_other_contents(bundle: Bundle, inputs: Sequence[Source]) -> None:
                 file=bundle.file,
                 hint="state those of logs, configurations and official results",
             )
+        # A hash of the parts that were read cannot be compared with that of the whole.
         if source.read_bytes is None and source.sha256 != stated:
             raise LogError(
                 f"its SHA-256 is {source.sha256}, and {stated} is stated",
@@ -115,9 +119,9 @@ def refuse_other_contents(bundle: Bundle, inputs: Sequence[Source]) -> None:
             )
 
 
-@cache  # like the hash of the code, what is loaded does not change any more
+@cache  # the code that is loaded does not change any more
 def engine_code() -> tuple[str, str, str, str]:
-    """The code that prices, whoever measured."""
+    """The code that prices: distribution, version, package, SHA-256."""
     name, package = "ariac-score", "ariac_score"
     return name, version(name), package, package_sha256(package)
 
@@ -128,17 +132,22 @@ def _by_role(source: Source) -> tuple[str, str]:
 
 def _sources(part: Part, root: Path, stopped: Event | None) -> list[Source]:
     """The files of a part, hashed."""
-    base = root if root.is_dir() else root.parent
-    run = "" if part.run is None else f"#run={part.run}"
     return [
         Source(
             part.role,
-            name_from(base, file) + run,
+            _source_name(root, part, file),
             file.stat().st_size,
             *_hashed(file, stopped),
         )
         for file in _files(part)
     ]
+
+
+def _source_name(root: Path, part: Part, file: Path) -> str:
+    """The name of a file in a result: relative to the bundle's folder, with the run that was read of it."""
+    base = root if root.is_dir() else root.parent
+    run = "" if part.run is None else f"#run={part.run}"
+    return name_from(base, file) + run
 
 
 def _files(part: Part) -> list[Path]:

@@ -44,7 +44,7 @@ ENDED_WITHOUT_SCORE: Mapping[str, str] = {
     "crashed": "the simulator died during this run, and no score was recorded",
     "cancelled": "the run was cancelled by its user, and no score was recorded",
 }
-"""The outcomes after which the official text holds no score."""
+"""The outcomes after which an official text holds no score, in words."""
 
 
 def no_progress(_done: float) -> None:
@@ -52,7 +52,7 @@ def no_progress(_done: float) -> None:
 
 
 def refuse_other_years(bundle: Bundle, readers: Mapping[str, Reader], rule_set: RuleSet) -> None:
-    """Refuse a configuration of another edition: its words mean other things there.
+    """Refuse a configuration of another edition, in which the same keys mean other things.
 
     Raises:
         DataFileError: Saying what the configuration looks like.
@@ -69,13 +69,13 @@ def refuse_other_years(bundle: Bundle, readers: Mapping[str, Reader], rule_set: 
 
 
 def with_names(trial: Trial, trial_id: str, team: str) -> Trial:
-    """The trial under the names its caller knows it and its team by; empty where the files know better."""
+    """The trial with the names its caller gives to it and its team; empty names leave those of the files."""
     setup = replace(trial.team or TeamSetup(), name=team) if team else trial.team
     return replace(trial, id=trial_id or trial.id, team=setup)
 
 
 def with_unknown_products(trial: Trial, rule_set: RuleSet, registry: Registry) -> Trial:
-    """The trial with the product types nobody knows among its defects, unless its reader has named them."""
+    """The trial with unknown product types among its defects, unless its reader has named them already."""
     named = any(defect.kind == "unknown_product_type" for defect in trial.log_defects)
     if named or rule_set.edition is None:
         return trial
@@ -85,17 +85,17 @@ def with_unknown_products(trial: Trial, rule_set: RuleSet, registry: Registry) -
 
 
 def topics_read(prepared: Prepared) -> frozenset[str]:
-    """The topics whose messages a rule set reads of a recording, with and without leading slash."""
+    """The topics that a rule set reads from a recording, with and without leading slash."""
     channels = prepared.log_map.channels_for(source_quantities(prepared.quantities))
     names = {channel.topic.lstrip("/") for channel in channels}
     return frozenset(name for plain in names for name in (plain, f"/{plain}"))
 
 
 def find_trial(path: Path, registry: Registry) -> tuple[Bundle, dict[str, GuardedReader]]:
-    """The parts of the trial at a path, and the readers that know them.
+    """The parts of the trial at a path, and the readers that can read them.
 
     Raises:
-        NothingToScoreError: There is nothing, or no reader knows it; readers that
+        NothingToScoreError: There is nothing, or no reader recognises it; readers that
             could not be loaded are named.
         LogError: The parts contradict each other.
     """
@@ -105,7 +105,7 @@ def find_trial(path: Path, registry: Registry) -> tuple[Bundle, dict[str, Guarde
     except NothingToScoreError as error:
         if problems:
             words = "; ".join(problem.cause for problem in problems)
-            error.hint = f"{error.hint}; these readers could not be asked: {words}"
+            error.hint = f"{error.hint}; these readers could not be loaded: {words}"
         raise
 
 
@@ -120,17 +120,17 @@ def read_trial(
     jobs: int = 0,
     orders: bool = True,
 ) -> Trial:
-    """The one trial that the parts of a bundle tell of.
+    """The one trial that the parts of a bundle record.
 
     Args:
         bundle: What to read.
         readers: By name.
         log_map: Which topic and field is which signal.
         registry: For the decoders that the log map names.
-        quantities: The quantities checks ask for; what they derive from is read too.
+        quantities: The quantities that checks need; what they derive from is read too.
         progress: Called with the share done.
         jobs: Threads that read a recording, one of which decodes; 0: as many as there are processors.
-        orders: Whether a trial without any order is none.
+        orders: Whether a trial without any order is refused.
 
     Raises:
         LogError: A part is damaged, or two parts contradict each other.
@@ -154,6 +154,7 @@ def read_trial(
         wanted = Wanted(log_map, sources, decoders, step, part.run, jobs, kits)
         trials.append(readers[part.reader].read(part.path, wanted))
     trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
+    # Before the orders are missed: a run that crashed has none, and a ranking counts it as 0.
     if not trial.orders and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
         raise RunEndedError(
             ENDED_WITHOUT_SCORE[trial.official.outcome],
@@ -161,6 +162,7 @@ def read_trial(
             file=bundle.root,
             hint="repeat the run; a ranking counts it as 0, by name",
         )
+    # After merging: submissions may come from one log and the poses of what lay on trays from another.
     trial = with_contents(trial, max_age_s=log_map.kits.max_age_s)
     if orders and not trial.orders:
         raise NothingToScoreError(
@@ -181,7 +183,7 @@ def read_needed(
     jobs: int = 0,
     orders: bool | None = None,
 ) -> Trial:
-    """The trial of a bundle, with whatever the checks of a rule set need of it; nothing is derived yet.
+    """The trial of a bundle, with the signals that the checks of a rule set need; nothing is derived yet.
 
     Args:
         bundle: What to read.
@@ -189,7 +191,7 @@ def read_needed(
         prepared: The rule set.
         progress: Called with the share done.
         jobs: Threads that read a recording; see `read_trial`.
-        orders: Whether a trial without any order is none; by default where the rules are about orders.
+        orders: Whether a trial without any order is refused; by default where the rules are about orders.
 
     Raises:
         LogError: A part is damaged, or two parts contradict each other.
@@ -220,9 +222,9 @@ def _decoders(log_map: LogMap, registry: Registry) -> dict[str, Decoder]:
 
 
 def _kit_finder(log_map: LogMap, registry: Registry) -> KitFinder | None:
-    """What finds kits in poses, where the log map says where trays lie.
+    """The plugin that finds kits in poses, where the log map says where trays lie.
 
-    A log map need not name the only one that is installed.
+    A log map need not name it where only one is installed.
     """
     if not log_map.kits.trays:
         return None

@@ -58,14 +58,14 @@ def score_trial(
         progress: Called with the share done, 0 to 1.
         also: Configurations of the trial or team that lie elsewhere; where the path has
             one of its own, that one counts.
-        binding: Whether those of `also` count even then, as for whoever does not trust the path.
+        binding: Whether those of `also` count even then, for callers who do not trust the path.
         root: Folder that file names in the result are relative to; needed with `also`.
         trial_id: Name of the trial, where the caller knows it better than the files.
         team: Name of the team, likewise.
         jobs: Threads that read a recording, one of which decodes; 0: as many as there are processors. The
             result does not depend on it.
         known: A result of the same files by the same code, whose checks ask for the same
-            signals (`needs_alike`): what they found is taken from it, and only others are asked.
+            signals (`needs_alike`): their findings are taken from it, and only the others run.
 
     Raises:
         ScoreError: For everything a user can act on; see `ariac_score.errors`.
@@ -75,7 +75,7 @@ def score_trial(
     bundle, readers = find_trial(path, registry)
     bundle = with_parts(bundle, also, root or path, readers, binding=binding)
     refuse_other_years(bundle, readers, rule_set)
-    with hashing_files(bundle, beside=jobs != 1) as hashes:
+    with hashing_files(bundle, threaded=jobs != 1) as hashes:
         trial = read_needed(bundle, readers, prepared, progress=progress, jobs=jobs)
         trial = with_unknown_products(with_names(trial, trial_id, team), rule_set, registry)
         trial = prepared.derived(trial)
@@ -83,15 +83,16 @@ def score_trial(
         sketch = sketch_trial(trial, prepared, measured)
         inputs = hashes()
     refuse_other_contents(bundle, inputs)
+    # After the checks: neither may influence a finding.
     measured = replace(measured, sketch=sketch, settings=settings_of(prepared))
     return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared))
 
 
 def check_configuration(path: Path, rule_set: RuleSet) -> None:
-    """See that a file can be the configuration of trials under a rule set, before there is a log.
+    """Check that a file can be the configuration of trials under a rule set, before there is a log.
 
     Raises:
-        LogError: No reader knows it, or it is damaged.
+        LogError: No reader recognises it, or it is damaged.
         DataFileError: It is of another edition.
     """
     readers, _ = open_readers(Registry())

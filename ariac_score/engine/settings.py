@@ -1,4 +1,4 @@
-"""What every check was set to: each parameter with its value, its unit and where that is from."""
+"""The settings of every check: each parameter in force with its value, its unit and its origin."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import Any
 
 from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import Resolving
+from ariac_score.checks.findings import canonical
 from ariac_score.checks.guarded import broken
-from ariac_score.checks.parameters import ParameterFacts, unit_told_by
+from ariac_score.checks.parameters import ParameterFacts
 from ariac_score.checks.registry import Plugin, parameters_of
 from ariac_score.engine.prepared import Prepared
-from ariac_score.results.result import Setting, Settings, canonical
+from ariac_score.results.result import Setting, Settings
 
 __all__ = ["plain_value", "settings_of"]
 
@@ -25,7 +26,7 @@ def settings_of(prepared: Prepared) -> dict[str, Settings]:
     """Every parameter in force, by check.
 
     Raises:
-        PluginError: A plugin cannot say what its parameters come to.
+        PluginError: A plugin failed to resolve its parameters.
     """
     found = {}
     for name, each in prepared.checks.items():
@@ -40,13 +41,14 @@ def _settings(plugin: Plugin, name: str, check: Any, given: Mapping[str, Any]) -
     for parameter, declared in parameters_of(type(check)).items():
         facts, origin = declared.facts, "default"
         if parameter in given:
+            # Status and source are those of the default, which is not in force here.
             value, facts, origin = given[parameter], ParameterFacts(facts.unit), "rule_set"
         else:
             value = getattr(check, parameter, declared.default)
         if parameter in resolved and resolved[parameter] != value:
             value, origin = resolved[parameter], "derived"
         plain = plain_value(value)
-        unit = facts.unit or unit_told_by(parameter) if _has_numbers(plain) else ""
+        unit = facts.unit if _has_numbers(plain) else ""
         settings.append(Setting(parameter, plain, unit, origin, facts.status, facts.source))
     return settings
 
@@ -58,22 +60,25 @@ def _resolved(plugin: Plugin, name: str, check: Any) -> dict[str, Any]:
         with quiet(plugin.origin):
             resolved = dict(check.resolved())
     except (Exception, SystemExit) as cause:
-        words = f"raised {type(cause).__name__} when asked what its parameters come to: {cause}"
+        words = f"raised {type(cause).__name__} when it resolved its parameters: {cause}"
         raise broken(plugin, words, of=name) from cause
     strange = sorted(set(map(str, resolved)) - set(parameters_of(type(check))))
     if strange:
-        raise broken(plugin, f"says what {strange[0]!r} comes to, which is no parameter of it", of=name)
+        raise broken(plugin, f"resolves {strange[0]!r}, which is no parameter of it", of=name)
     return resolved
 
 
 def _source(check: Any) -> str:
-    """What the plugin says that it rests on, as one paragraph."""
+    """The section `Source:` of the plugin's docstring, as one paragraph."""
     found = _SOURCE.search(inspect.cleandoc(type(check).__doc__ or "") + "\n")
     return "" if found is None else " ".join(found[1].split())
 
 
 def plain_value(value: Any) -> Any:
-    """A value as JSON can hold it; of what it cannot hold, the kind."""
+    """A value as JSON can hold it; for anything else the name of its type.
+
+    Never its `repr`, which may hold an address and so differ from run to run.
+    """
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
@@ -86,7 +91,7 @@ def plain_value(value: Any) -> Any:
 
 
 def _has_numbers(value: Any) -> bool:
-    """Whether a unit says something about a value."""
+    """Whether a value has numbers, to which a unit can belong."""
     if isinstance(value, list):
         return any(_has_numbers(inner) for inner in value)
     return isinstance(value, int | float) and not isinstance(value, bool)

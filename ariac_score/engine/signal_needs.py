@@ -13,19 +13,19 @@ __all__ = ["needs_of"]
 
 
 def needs_of(plugin: Plugin, name: str, check: Any) -> list[SignalNeed]:
-    """What a monitor needs; nothing for a rule.
+    """The signals a monitor needs; none for a rule.
 
     Raises:
-        PluginError: It raised, or asks for something that is no `SignalNeed`.
+        PluginError: It raised, or yields something that is no `SignalNeed`.
     """
     if not isinstance(check, Monitor):
         return []
     try:
         with quiet(plugin.origin):
-            asked = check.needs()
-            if asked is None:
+            stated = check.needs()
+            if stated is None:
                 raise TypeError("None was returned; yield each, or return a list of them")
-            needs = list(asked)
+            needs = list(stated)
     except (Exception, SystemExit) as cause:
         raise broken(
             plugin, f"raised {type(cause).__name__} when asked what it needs: {cause}", of=name

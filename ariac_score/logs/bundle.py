@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 
 from ariac_score.checks.contracts import Likening, Reader, ReaderFacts, reader_facts
-from ariac_score.documents.schema import validate
+from ariac_score.documents.schema import schema, schema_errors, validate
 from ariac_score.documents.yaml import YamlDocument, is_there, load_yaml
-from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.errors import DataFileError, LogError, NothingToScoreError, did_you_mean
 
 __all__ = ["MAX_DEPTH", "MAX_FILES", "Bundle", "Part", "find_parts", "name_from", "with_parts"]
 
@@ -25,14 +25,8 @@ MAX_FILES = 2000
 """Files that are looked at before the folder is taken for something else than a trial."""
 
 _RUN = re.compile(r"(?P<file>.+)#run=(?P<run>\d{1,15})")
-_A_FILE = {
-    "log": "a log",
-    "trial_config": "a trial configuration",
-    "team_config": "a team configuration",
-    "official": "an official result",
-    "sensor_cost": "an official sensor cost",
-}
-"""The roles that `bundle.yaml` can name, in words."""
+_CORE_ROLES = ("trial_config", "team_config", "official")
+"""The roles every competition has; readers may state further ones."""
 _SHOWN = 5
 
 
@@ -343,15 +337,15 @@ def _refuse_two_trials(parts: list[Part], where: Path) -> None:
 def _named_parts(file: Path, readers: Mapping[str, Reader]) -> Bundle:
     """The parts that `bundle.yaml` names."""
     document = load_yaml(file)
+    roles = _roles(readers)
+    _refuse_unknown_keys(document, roles)
     validate(document, "bundle")
     named = document.data
     parts = [
         _named_part(document, file, path, "log", ("logs", i), readers) for i, path in enumerate(named["logs"])
     ]
     parts += [
-        _named_part(document, file, named[role], role, (role,), readers)
-        for role in ("trial_config", "team_config", "official", "sensor_cost")
-        if role in named
+        _named_part(document, file, named[role], role, (role,), readers) for role in roles if role in named
     ]
     if "run" in named:
         place = document.place(("run",))
@@ -366,6 +360,40 @@ def _named_parts(file: Path, readers: Mapping[str, Reader]) -> Bundle:
     stated = tuple(sorted((file.parent / name, digest) for name, digest in named.get("sha256", {}).items()))
     name = named.get("id") or _folder_name(file.parent)
     return Bundle(name, file.parent, tuple(parts), stated=stated, file=file)
+
+
+def _roles(readers: Mapping[str, Reader]) -> list[str]:
+    """The roles that `bundle.yaml` can name besides `logs`: those of every trial, then those of readers."""
+    own = {reader_facts(reader).role for reader in readers.values()}
+    # A role called like another key of the file, such as `run`, could not be told from it.
+    return [*_CORE_ROLES, *sorted(own - {"log", *schema("bundle")["properties"]})]
+
+
+def _a_file(role: str, readers: Mapping[str, Reader]) -> str:
+    """A file of a role in words, as its reader states them."""
+    stated = (reader_facts(reader) for _, reader in sorted(readers.items()))
+    return next((facts.a_file for facts in stated if facts.role == role), f"a file of role {role!r}")
+
+
+def _refuse_unknown_keys(document: YamlDocument, roles: Sequence[str]) -> None:
+    """Refuse a misspelt key; the schema cannot, for it does not know which readers are installed.
+
+    Raises:
+        DataFileError: A key is neither of the schema nor a role of an installed reader.
+    """
+    if not isinstance(document.data, dict):
+        return  # the schema says what is wrong
+    known = dict.fromkeys([*schema("bundle")["properties"], *roles])
+    unknown = sorted(str(key) for key in document.data if key not in known)
+    if unknown:
+        rest = {key: value for key, value in document.data.items() if key in known}
+        others = len(schema_errors(rest, "bundle")) + len(unknown) - 1
+        raise DataFileError(
+            f"unknown key {unknown[0]!r}" + (f" (and {others} more)" if others else ""),
+            file=document.file,
+            place=document.place([unknown[0]]),
+            hint=did_you_mean(unknown[0], known, what="known keys"),
+        )
 
 
 def _named_part(
@@ -398,7 +426,7 @@ def _named_part(
     if part is None or part.role != role:
         found = "is not recognised" if part is None else f"is {part.facts.a_file}"
         raise LogError(
-            f"{name!r} {found}, not {_A_FILE[role]}",
+            f"{name!r} {found}, not {_a_file(role, readers)}",
             file=file,
             place=where,
             hint=f"known formats: {known_formats(readers)}",

@@ -74,23 +74,24 @@ def _with_times(document: YamlDocument) -> Any:
     }
 
 
-def _time(document: YamlDocument, number: int, told: Any) -> Any:
-    if isinstance(told, str):
+def _time(document: YamlDocument, number: int, value: Any) -> Any:
+    """A time as text in UTC; anything that is no time as it is, for the schema to refuse."""
+    if isinstance(value, str):
         try:
-            told = datetime.fromisoformat(told.replace("Z", "+00:00"))
+            value = datetime.fromisoformat(value.replace("Z", "+00:00"))  # Python 3.10 takes no Z
         except ValueError:
-            return told  # the schema says what is wrong with it
-    if isinstance(told, datetime) and told.tzinfo is not None:
-        return told.astimezone(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
-    if isinstance(told, date):
+            return value  # the schema says what is wrong with it
+    if isinstance(value, datetime) and value.tzinfo is not None:
+        return value.astimezone(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+    if isinstance(value, date):
         raise DataFileError(
-            f"{str(told)!r} is no point in time: it lacks "
-            + ("its time zone" if isinstance(told, datetime) else "the time of day"),
+            f"{str(value)!r} is no point in time: it lacks "
+            + ("its time zone" if isinstance(value, datetime) else "the time of day"),
             file=document.file,
             place=document.place(["adjustments", number, "time"]),
             hint="write such as 2024-05-12T14:30:00Z, or with an offset: 2024-05-12T16:30:00+02:00",
         )
-    return told
+    return value
 
 
 def _decision(document: YamlDocument, number: int, entry: Mapping[str, Any]) -> Adjustment:
@@ -123,6 +124,7 @@ def _decision(document: YamlDocument, number: int, entry: Mapping[str, Any]) -> 
 
 
 def _amount(value: float | int | None) -> Decimal | None:
+    # `repr`, so that 0.1 in the file is the decimal 0.1 and not the binary number nearest to it.
     return None if value is None else Decimal(repr(value))
 
 
@@ -130,11 +132,11 @@ def _amount(value: float | int | None) -> Decimal | None:
 
 
 def adjust(result: Result, adjustments: Adjustments, *, measured: str) -> tuple[Result, int]:
-    """A result with the decisions that are about it on top.
+    """A result with the decisions that are about it applied on top.
 
     Args:
         result: An automatic result.
-        adjustments: The file, which may speak of other results as well.
+        adjustments: The file, which may hold decisions about other results as well.
         measured: SHA-256 of what was measured (`result_json.measured_sha256`).
 
     Returns:
@@ -149,6 +151,7 @@ def adjust(result: Result, adjustments: Adjustments, *, measured: str) -> tuple[
             file=adjustments.file,
             hint="put all decisions into one file, and apply it to the automatic result",
         )
+    # The hash decides: names of trials and findings stay the same when a log is scored again.
     own = [decision for decision in adjustments.decisions if decision.measured == measured]
     if not own:
         first = adjustments.decisions[0]
@@ -170,13 +173,13 @@ def check_targets(own: Sequence[Adjustment], result: Result, rule_set: RuleSet) 
         DataFileError: Naming the decision.
     """
     for decision in own:
-        for what, told, has in (
+        for what, named, actual in (
             ("trial", decision.trial, result.measured.trial),
             ("team", decision.team, result.measured.team),
         ):
-            if told and told != has:
+            if named and named != actual:
                 raise decision.refuse(
-                    f"the result it was made for is of {what} {has!r}, not {told!r}", f"correct '{what}:'"
+                    f"the result it was made for is of {what} {actual!r}, not {named!r}", f"correct '{what}:'"
                 )
         if decision.finding and decision.finding not in result.measured.findings:
             raise decision.refuse(
@@ -187,7 +190,7 @@ def check_targets(own: Sequence[Adjustment], result: Result, rule_set: RuleSet) 
 
 
 def apply(result: Result, own: Sequence[Adjustment], rule_set: RuleSet, *, sha256: str) -> Adjusted:
-    """What decisions make of a result, priced by a rule set.
+    """The score of a result after decisions, priced by a rule set.
 
     Args:
         result: An automatic result.
@@ -196,7 +199,7 @@ def apply(result: Result, own: Sequence[Adjustment], rule_set: RuleSet, *, sha25
         sha256: Of the file they come from.
 
     Raises:
-        DataFileError: One of them needs a score that there is not.
+        DataFileError: One of them needs a score, and there is none.
     """
 
     def priced(findings: Mapping[str, Finding]) -> Priced:
@@ -218,7 +221,7 @@ _DECIDABLE = (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
 
 
 def adjustments_template(result: Result, *, measured: str) -> str:
-    """An `adjustments.yaml` to begin with: the target filled in, what can be decided as comments."""
+    """A first `adjustments.yaml`: the target filled in, the findings that can be decided as comments."""
     team = f"team: {_quoted(result.measured.team)}, " if result.measured.team else ""
     lines = [
         "adjustments:",
@@ -252,4 +255,5 @@ def _escape(character: str) -> str:
 
 
 def _one_line(text: str) -> str:
+    # A line break in a message would end the comment and become YAML.
     return "".join(c if c.isprintable() else " " for c in text)[:200]

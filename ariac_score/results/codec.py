@@ -33,7 +33,7 @@ MAX_BYTES = 64 << 20
 
 
 def _as_plain(value: Any) -> Any:
-    """What msgspec does not know of: kinds of numbers and mappings that are not Python's own."""
+    """Values of types that msgspec does not know: numbers of numpy, mappings that are no `dict`."""
     if isinstance(value, float):  # those of numpy
         return float(value)
     if isinstance(value, Mapping):
@@ -78,11 +78,11 @@ def as_text(value: Any, tag: str = "") -> str:
 
 
 def _refuse_no_number(value: Any) -> None:
-    """msgspec writes null for a number that is none, in JSON but not in MessagePack."""
+    """Refuse NaN and infinity, for which msgspec writes null in JSON, but not in MessagePack."""
     packed = msgspec.msgpack.encode(value, enc_hook=_as_plain)
     if not _NO_NUMBER.search(packed):
         return
-    # It may also be a text that looks so, which only a comparison tells.
+    # A text may hold the same bytes; only a comparison shows which it is.
     if msgspec.json.decode(msgspec.json.encode(value, enc_hook=_as_plain)) != msgspec.msgpack.decode(packed):
         raise ValueError("a number is not finite")
 
@@ -114,9 +114,9 @@ class Format(Generic[T]):
         name: Of the format, such as `result`.
         version: That is written.
         kind: The class of the document.
-        made_by: Which command writes such a file; it is the remedy for one that is none.
-        before: For each older version that is read: what makes its plain values those of the next.
-        error: What a file that is not one raises.
+        made_by: Which command writes such a file; the remedy in error messages.
+        before: For each older version that is read: a function from its plain values to those of the next.
+        error: Raised for a file that is not such a document.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Format(Generic[T]):
 
     @property
     def tag(self) -> str:
-        """Name and version, as the field `schema` of a document says them."""
+        """Name and version, as in the field `schema` of a document."""
         return f"ariac-score/{self.name}/{self.version}"
 
     @cached_property
@@ -142,7 +142,7 @@ class Format(Generic[T]):
         return msgspec.json.Decoder(self.kind)
 
     def schema(self) -> dict[str, Any]:
-        """The JSON Schema of a document, with what the docstrings of its classes say."""
+        """The JSON Schema of a document; descriptions come from the docstrings of its classes."""
         whole = msgspec.json.schema(self.kind)
         parts = {name: _described(part) for name, part in sorted(whole["$defs"].items())}
         own = parts.pop(whole["$ref"].rpartition("/")[2])
@@ -168,7 +168,7 @@ class Format(Generic[T]):
 
         Args:
             file: Where it is.
-            known: Whether it is one that we wrote and that nobody has changed since, by its hash.
+            known: Whether its hash is that of a file we wrote, so that it need not be checked.
 
         Raises:
             ScoreError: Of the kind of this format: missing, or not such a document.
@@ -201,6 +201,7 @@ class Format(Generic[T]):
         return self.error(words, file=file, hint=f"is this a {self.name}?")
 
     def _checked(self, document: bytes, file: Path, *, known: bool) -> T:
+        # Only the text that we write begins so; a document edited by hand is decoded the long way.
         current = document.startswith(f'{{\n "schema": "{self.tag}"'.encode())
         if known and current:
             return self._decoder.decode(document)
@@ -216,7 +217,7 @@ class Format(Generic[T]):
         return found
 
     def _stated(self, data: Any, file: Path) -> int:
-        """The version of a document that can be read."""
+        """The version that a document states, where it is one that can be read."""
         tag = data.get("schema") if isinstance(data, dict) else None
         readable = {f"ariac-score/{self.name}/{version}": version for version in (*self.before, self.version)}
         if isinstance(tag, str) and tag in readable:
@@ -231,7 +232,7 @@ class Format(Generic[T]):
         )
 
     def newer(self, data: Any) -> str:
-        """What to say of a document that a newer version wrote; empty for any other."""
+        """What is wrong with a document that a newer version wrote; empty for any other."""
         stated = data.get("schema") if isinstance(data, dict) else None
         name, _, number = str(stated).rpartition("/")
         if name != f"ariac-score/{self.name}" or not number.isdecimal():
@@ -256,6 +257,7 @@ class Format(Generic[T]):
         return found
 
     def _fault(self, cause: msgspec.ValidationError, data: Any, file: Path) -> DataFileError | ResultError:
+        # msgspec gives the place of a fault nowhere but in its message.
         words, _, path = str(cause).partition(" - at `")
         place = _exact_place(path.rstrip("`") or "$", data, self.kind)
         words = words.replace("`", "'")
@@ -268,7 +270,7 @@ class Format(Generic[T]):
         return f"it was edited or damaged: get it again, or make it again with {self.made_by}"
 
     def _refuse_unknown(self, data: dict[str, Any], found: T, file: Path) -> None:
-        """msgspec passes over a key that a dataclass has no field for, and takes text for an amount."""
+        """Refuse what msgspec accepts: a key without a field in a dataclass, and text for a decimal."""
         own = {key: value for key, value in data.items() if key != "schema"}
         for place, words in _strange(own, plain(found), "$"):
             raise self.error(words, file=file, place=place, hint=self._hint)
@@ -281,14 +283,16 @@ _FIELD = re.compile(r"^    (\w+): (.+(?:\n {8,}.+)*)", re.MULTILINE)
 
 
 def _described(part: dict[str, Any]) -> dict[str, Any]:
-    """A class in a schema: closed, and each field with what the docstring says of it."""
-    said, _, fields = cleandoc(part.get("description", "")).partition("\n\nAttributes:\n")
-    told = {name: " ".join(words.split()) for name, words in _FIELD.findall(fields)}
+    """A class in a schema: closed, each field described by the docstring."""
+    summary, _, fields = cleandoc(part.get("description", "")).partition("\n\nAttributes:\n")
+    descriptions = {name: " ".join(words.split()) for name, words in _FIELD.findall(fields)}
     made: dict[str, Any] = {"title": part["title"]}
-    if said:
-        made["description"] = _for_readers(" ".join(said.split()))
+    if summary:
+        made["description"] = _for_readers(" ".join(summary.split()))
     properties = {
-        name: {"description": _for_readers(told[name]), **_simple(field)} if name in told else _simple(field)
+        name: {"description": _for_readers(descriptions[name]), **_simple(field)}
+        if name in descriptions
+        else _simple(field)
         for name, field in part.get("properties", {}).items()
     }
     kept = {key: _simple(value) for key, value in part.items() if key not in ("properties", *made)}
@@ -300,7 +304,7 @@ def _for_readers(words: str) -> str:
 
 
 def _simple(part: Any) -> Any:
-    """A part of a schema, put as a reader of JSON would: amounts are numbers, few words are listed."""
+    """A part of a schema in the terms of JSON: amounts are numbers, a choice of words is an enum."""
     if isinstance(part, list):
         return [_simple(inner) for inner in part]
     if not isinstance(part, dict):
@@ -323,7 +327,7 @@ def _first_line(cause: BaseException) -> str:
 
 
 def _strange(data: Any, known: Any, place: str) -> Iterator[tuple[str, str]]:
-    """Where a file says something that the document read from it does not."""
+    """Where a file holds something that the document read from it does not: place and cause."""
     if isinstance(data, dict) and isinstance(known, dict):
         for key, value in data.items():
             if key in known:

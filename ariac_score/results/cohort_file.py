@@ -72,7 +72,7 @@ class Cohort:
         Args:
             trial: Its name in the competition. Where the cohort has no such trial, the one
                 trial with the same orders is taken.
-            measured: The trial to price, for its orders.
+            measured: The trial to price, whose orders are compared.
 
         Raises:
             UsageError: The cohort has no such trial.
@@ -98,6 +98,7 @@ class Cohort:
 
 
 def _sha256(rule_set: Pinned, trials: Mapping[str, Mapping[str, Mapping[str, CohortMean]]]) -> str:
+    # Written out and not taken from COHORT: published hashes stay valid when the format moves on.
     content = {"schema": "ariac-score/cohort/1", "rule_set": plain(rule_set), "trials": plain(trials)}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode("utf-8")).hexdigest()
 
@@ -124,8 +125,8 @@ def make_cohort(rule_set: RuleSet, trials: Mapping[str, Sequence[Contributed]]) 
 
     Args:
         rule_set: Which values there are, and what each is when no team counts.
-        trials: For each trial what each team with a run brings, in the order of the teams;
-            the means are added up in that order.
+        trials: For each trial what each team with a run brings, in the order of the teams, in
+            which the means are added up: another order could round differently.
     """
     return Cohort.of(
         Pinned(rule_set.id, rule_set.sha256),

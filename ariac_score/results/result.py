@@ -1,4 +1,4 @@
-"""What is stored: the measured trial, its price, and where everything came from."""
+"""What is stored of a scored trial: findings, price, and where everything came from."""
 
 from __future__ import annotations
 
@@ -93,10 +93,10 @@ class Setting(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=Tru
     Attributes:
         name: Its name.
         value: Number, text, list or mapping; `None` where there is none.
-        unit: SI unit; empty where the plugin tells none.
+        unit: SI unit; empty where the plugin declares none.
         origin: `rule_set`, `default` of the plugin, or `derived` from other parameters, as by a profile.
-        status: How sure the default is, where the plugin says so.
-        source: Where the default comes from, where the plugin says so.
+        status: How sure the default is, where the plugin declares it.
+        source: Where the default comes from, where the plugin declares it.
     """
 
     name: str
@@ -109,10 +109,10 @@ class Setting(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=Tru
 
 @dataclass(frozen=True)
 class Settings:
-    """What a check was set to.
+    """The settings of a check.
 
     Attributes:
-        source: What its plugin says that it rests on.
+        source: The standard or document its plugin rests on, in the plugin's words.
         parameters: Every parameter, in the order the plugin has them.
     """
 
@@ -127,7 +127,7 @@ def _settled_scope(scope: Scope) -> Scope:
 
 @dataclass(frozen=True)
 class Measured:
-    """Everything the checks said about a trial; enough to price it without its log.
+    """Everything the checks found about a trial; enough to price it without its log.
 
     Attributes:
         trial: Name of the trial.
@@ -138,12 +138,13 @@ class Measured:
         coverage: Of each signal.
         log_defects: What was wrong with the logs.
         unrecorded: What was looked for and is not in the logs.
-        witnessed: What the logs would have shown.
+        witnessed: What the logs would have shown, had it happened.
         clock: Which clock the times come from.
         official: The official scorer's result, when the bundle holds it.
         team: Name of the team; empty when unknown.
-        sketch: What a page draws beside this; `None` where none was made. Nothing is priced by it.
-        settings: What every check was set to, by its name; `None` where it was not kept. Prices nothing.
+        sketch: What a page draws of the trial; `None` where none was made. It has no influence on prices.
+        settings: The settings of every check, by its name; `None` where none were kept. They have no
+            influence on prices.
     """
 
     trial: str
@@ -238,7 +239,7 @@ class Result:
         measured: What was found.
         rule_set_title: One line about the rules.
         checks: Which plugin each check is, with its parameters.
-        notes: What the rule set wants a referee to know.
+        notes: What a referee should know about the rule set.
         rules: The whole rule set as YAML, so that a result can be checked on its own.
         status: `scored`; `incomplete` when something needed was undecided; `needs_cohort`
             when the score asks for values across teams that were not given.
@@ -246,14 +247,14 @@ class Result:
         possible: What the trial could have earned with every finding satisfied; `None`
             when that has no value.
         ledger: The score taken apart; `None` unless scored.
-        assumptions: What was made of undecided findings.
+        assumptions: What undecided findings counted as.
         digits: Decimal digits of score and ledger.
         provenance: Where it came from.
         task: The task score taken apart, before any value across teams enters; `None`
             when the rule set has none, or it is withheld.
         cohort: The values across teams it was priced with.
-        missing: What the score needs from all teams, or what no record states, in words.
-        adjusted: What stewards made of it; all the rest is the automatic result, untouched.
+        missing: In words, what the score needs from all teams or what no record states.
+        adjusted: The score after decisions of stewards; all the rest is the automatic result, untouched.
     """
 
     measured: Measured
@@ -275,7 +276,7 @@ class Result:
 
     @property
     def automatic(self) -> Result:
-        """The result without what stewards made of it."""
+        """The result without the decisions of stewards."""
         return replace(self, adjusted=None)
 
     @property
@@ -284,6 +285,7 @@ class Result:
         return self.score if self.adjusted is None else self.adjusted.score
 
     def __post_init__(self) -> None:
+        # Checked whenever a result is made, so also when one is read from a file that was edited.
         if (self.score is None) != (self.status != "scored") or (self.ledger is None) != (self.score is None):
             raise ResultError(
                 f"status {self.status!r} does not go with score {self.score}, or the ledger is missing",

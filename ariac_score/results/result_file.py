@@ -1,4 +1,4 @@
-"""Stored results: the file of a result, read, checked, and read when an older version wrote it."""
+"""Stored results: written, read and checked, also those that an older version wrote."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def as_json(result: Result) -> str:
 
 
 def findings_json(measured: Measured) -> str:
-    """What was measured alone, by finding: `measured.findings` of a result."""
+    """Only the findings, by id: `measured.findings` of a result."""
     return as_text(measured.findings)
 
 
@@ -71,10 +71,10 @@ _HASHED_OF_FINDING = (
 
 
 def measured_sha256(result: Result) -> str:
-    """SHA-256 of what was measured, and from which files: what a steward's decision is made for.
+    """SHA-256 of what was measured, and from which files: a steward's decision names it.
 
-    Prices, values across teams and versions of the code leave it as it is. So does the format: the
-    hash is of the text that `result/1` had, because files of decisions repeat it and outlive formats.
+    Prices, values across teams and versions of the code do not change it. Neither does the format: the
+    hash is of the text that `result/1` had, because files of decisions hold it and outlive formats.
     """
     measured = plain(replace(result.measured, sketch=None, settings=None))
     stated = {
@@ -115,7 +115,7 @@ def _from_1(data: dict[str, Any]) -> dict[str, Any]:
         "sketch": data.pop("sketch", None),
         "settings": _settings(data.pop("settings", None)),
     }
-    # A version kept no such source yet.
+    # `result/1` kept no source of a signal.
     measured["coverage"] = [{"source": ""} | dict(one) for one in measured["coverage"]]
     if data.get("adjusted") is not None:
         adjustments = [decision_from_1(one) for one in data["adjusted"]["adjustments"]]
@@ -124,11 +124,11 @@ def _from_1(data: dict[str, Any]) -> dict[str, Any]:
 
 
 _NO_POINTS = ("_s", "_m", "_m_s", "_rad", "_hz", "_n", "_factor", "dollars")
-"""How names of quantities ended that were no points before units were declared."""
+"""Before units were declared, quantities were taken for points unless their name ended so."""
 
 
 def _units(finding: Mapping[str, Any], declared: Mapping[str, Mapping[str, str]] | None) -> dict[str, str]:
-    """Declared units; in a result that does not keep them, points as its version took them by name."""
+    """Declared units; for a result without any, points by the names of quantities, as its version had it."""
     names = finding["quantities"]
     if declared is None:
         return {name: POINTS for name in names if not name.endswith(_NO_POINTS)}
@@ -155,13 +155,13 @@ def _span(ends: list[float] | None) -> dict[str, float] | None:
 
 
 def decision_from_1(data: Mapping[str, Any]) -> dict[str, Any]:
-    """A decision of a steward, of which `result/1` and `ranking/2` kept target and effect apart."""
+    """A decision of a steward; `result/1` and `ranking/2` stored target and effect as objects."""
     own = {key: value for key, value in data.items() if key not in ("target", "effect")}
     return {**own, **data["target"], **data["effect"]}
 
 
 def _priced(data: dict[str, Any], digits: int) -> dict[str, Any]:
-    """A part of a result with its amounts as decimals of the declared digits, which `result/1` left out."""
+    """A part of a result with its amounts padded to the declared digits, which `result/1` did not store."""
     unit = Decimal(1).scaleb(-digits)
     for name in ("score", "possible", "amount"):
         if isinstance(data.get(name), int | float):
@@ -190,8 +190,8 @@ def load_result(path: Path, *, known: bool = False) -> Result:
 
     Args:
         path: The file.
-        known: Whether it has the hash of one that was read before, so that it need not be
-            looked at again for keys that do not belong there.
+        known: Whether its hash is that of a result that was read before, so that its keys need
+            not be checked again.
 
     Raises:
         ResultError: Missing, not JSON, no result, its ledger does not add
@@ -211,7 +211,7 @@ def read_result(path: Path, *, known: bool = False) -> Result:
 
     Args:
         path: The file.
-        known: Whether it has the hash of one that was read before, as in `load_result`.
+        known: As in `load_result`.
 
     Raises:
         ResultError: Missing, not JSON, no result, or its ledger does not add up to its score.
@@ -224,7 +224,7 @@ def result_in(document: bytes, path: Path, *, known: bool = False) -> Result:
 
     Args:
         document: What the file holds.
-        path: The file, to be named.
+        path: The file, for error messages.
         known: As in `load_result`.
 
     Raises:
@@ -236,7 +236,7 @@ def result_in(document: bytes, path: Path, *, known: bool = False) -> Result:
 def check_follows(result: Result) -> None:
     """Price the findings again by the rules in the result, and compare every line.
 
-    What stewards decided is applied again as well.
+    Decisions of stewards are applied again as well.
 
     Raises:
         ResultError: Score or ledger do not follow from the findings, or the adjusted

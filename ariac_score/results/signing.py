@@ -1,8 +1,8 @@
 """Signed results: who vouches for the bytes of a file, in the format of minisign.
 
-A result can be recomputed by anyone who has its log. A signature is for those who have not: it says
+A result can be recomputed by anyone who has its log. A signature is for those who do not: it says
 whose result it is. Keys and signatures are those of `minisign`, so that its own program verifies them
-too. A signature lies beside its result; nothing of a key is ever written into a result.
+too. A signature is a file next to its result; nothing of a key is ever written into a result.
 
 Source: https://jedisct1.github.io/minisign, version 0.12; signatures of BLAKE2b hashes.
 """
@@ -43,7 +43,7 @@ class Signed:
 
     Attributes:
         key_id: Of the key that signed, as minisign prints it: hexadecimal, without leading zeros.
-        comment: What the signer said, which is signed too.
+        comment: The signer's comment, which is signed too.
     """
 
     key_id: str
@@ -51,7 +51,7 @@ class Signed:
 
 
 def signature_file(result: Path) -> Path:
-    """Where the signature of a result lies unless told otherwise.
+    """The default path of the signature of a result.
 
     >>> signature_file(Path("results/team_a.json")).name
     'team_a.json.minisig'
@@ -60,7 +60,7 @@ def signature_file(result: Path) -> Path:
 
 
 def make_keys(file: Path, password: str = "") -> tuple[Path, Path]:
-    """Make a pair of keys: the secret one at the path, for nobody else to read; the public one beside it.
+    """Make a pair of keys: the secret one at the path, for nobody else to read; the public one next to it.
 
     Args:
         file: Of the secret key; the public one has `.pub` after its name.
@@ -76,6 +76,7 @@ def make_keys(file: Path, password: str = "") -> tuple[Path, Path]:
             raise UsageError(
                 "the file exists", file=taken, hint="a key is never written over; name another file"
             )
+    # Checked here for a plain message; `_write` refuses an existing file even if one appears meanwhile.
     pair = library.KeyPair.generate()
     # The library would write the id the other way round than minisign does.
     pair.public_key.untrusted_comment = f"minisign public key {_key_id(pair.public_key)}"
@@ -93,7 +94,7 @@ def make_keys(file: Path, password: str = "") -> tuple[Path, Path]:
 
 
 def _write(file: Path, content: bytes, mode: int) -> None:
-    # Born with its rights: a key that is private only afterwards was readable for a moment.
+    # Created with its rights: a key made private afterwards would be readable for a moment.
     with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as out:
         out.write(content)
 
@@ -104,8 +105,8 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
     Args:
         result: As `score --output-format json` wrote it. It is checked to be whole first.
         key: The secret key.
-        comment: What the signer wants to say; its name by default. It is signed too.
-        password: Asked for the password of an encrypted key.
+        comment: The signer's comment; by default the name of the file. It is signed too.
+        password: Called for the password of an encrypted key.
 
     Raises:
         ResultError: The result is not whole.
@@ -147,7 +148,7 @@ def _secret_key(library: Any, key: Path) -> Any:
         secret.is_encrypted()
         return secret
     except ValueError:
-        # Not a word of the cause, which might quote the key.
+        # Nothing of the cause, which might quote the key.
         raise UsageError(
             "not a secret key of minisign", file=key, hint="make one: ariac-score sign --new-key FILE"
         ) from None
@@ -172,7 +173,7 @@ def verify_signature(result: Path, public_key: str, signature: Path | None = Non
     Args:
         result: Any file.
         public_key: The file of a public key, or the key itself, as `minisign -P` takes it.
-        signature: Where it lies; beside the result by default.
+        signature: Its file; by default next to the result.
 
     Raises:
         ResultError: The signature is missing or damaged, made by another key, or of other bytes.
@@ -196,8 +197,9 @@ def verify_signature(result: Path, public_key: str, signature: Path | None = Non
         raise ResultError(f"not a whole signature: {cause}", file=file, hint=_SIGN_AGAIN) from None
     try:
         public.verify(signed, read)
-    except library.VerifyError as cause:
-        what = "another key signed it" if "key id" in str(cause) else "the signature is not of these bytes"
+    except library.VerifyError:
+        same_key = _id_of(raw.splitlines()[1]) == _key_id(public)
+        what = "the signature is not of these bytes" if same_key else "another key signed it"
         raise ResultError(
             what, file=result, hint="do not trust it: get result and signature from their source again"
         ) from None
@@ -207,27 +209,32 @@ def verify_signature(result: Path, public_key: str, signature: Path | None = Non
 _SIGN_AGAIN = "ask for the signature again"
 
 
-def _public_key(library: Any, told: str) -> Any:
-    file = Path(told)
+def _public_key(library: Any, key: str) -> Any:
+    """A public key from its file, or from its text."""
+    file = Path(key)
     try:
-        if len(told) < 256 and file.is_file():
+        if len(key) < 256 and file.is_file():
             return library.PublicKey.from_bytes(_key_bytes(file))
-        return library.PublicKey.from_base64(told)
+        return library.PublicKey.from_base64(key)
     except ScoreError:
         raise
     except (ValueError, OSError):
         raise UsageError(
             "not a public key of minisign: neither such a file nor the key itself",
-            file=told[:80],
+            file=key[:80],
             hint="name the file that ends in .pub",
         ) from None
 
 
 def _key_id(public: Any) -> str:
-    name: bytes = public.to_base64()
+    return _id_of(public.to_base64())
+
+
+def _id_of(encoded: bytes) -> str:
+    """The id of a key, from the base64 line of the key itself or of a signature made by it."""
     # Two bytes of algorithm, eight of the id, which minisign prints as a little-endian number, so without
     # leading zeros: one key in sixteen has fewer than 16 digits.
-    return f"{int.from_bytes(base64.b64decode(name)[2:10], 'little'):X}"
+    return f"{int.from_bytes(base64.b64decode(encoded)[2:10], 'little'):X}"
 
 
 def check_signature(result: Path, public_key: str, signature: Path | None = None) -> tuple[bool, str]:

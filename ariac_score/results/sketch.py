@@ -1,8 +1,8 @@
-"""What a page draws of a trial beyond its findings, small enough to be taken along in a result.
+"""What a page draws of a trial beyond its findings, small enough to be stored in a result.
 
 Series are reduced for drawing: of each stretch as wide as a pixel the smallest and the
-largest value stay, so that no extreme is lost however much is left out; where something
-was violated or nearly so, the stretches are finer. Nothing is decided by a sketch.
+largest value are kept, so that no extreme is lost however much is left out. Stretches are
+finer where something was violated or nearly so. Nothing is decided by a sketch.
 """
 
 from __future__ import annotations
@@ -22,48 +22,38 @@ from ariac_score.trial.spans import FloatArray, Span, distinct
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["AskedPart", "AskedTask", "Brought", "DrawnChart", "DrawnPath", "Sketch", "extremes", "sketch_of"]
+__all__ = [
+    "DrawnChart",
+    "DrawnPath",
+    "OrderedPart",
+    "OrderedTask",
+    "Sketch",
+    "Submitted",
+    "extremes",
+    "sketch_of",
+]
 
 
 DECIMALS = 4
 """Of seconds and of SI units: finer than anything drawn."""
 
-
 STRETCHES = 2400
-
-
+"""All curves share the stretches, so that a result stays small however many pairs there are."""
 MOST_STRETCHES, FEWEST_STRETCHES = 800, 40
 
-
-"""All curves share the stretches, so that a result stays small however many pairs there are."""
-
-
 DETAILS, AROUND_S = 8, 2.0
-
-
-"""So many violations of a curve are kept finer, with so much time before and after."""
-
-
+"""So many violations of a curve are drawn finer, with so much time before and after."""
 DETAIL_STRETCHES = 2400
-
-
+"""The finer stretches are shared by all curves as well."""
 MOST_DETAIL_STRETCHES, FEWEST_DETAIL_STRETCHES = 100, 10
 
-
-"""Those around violations are shared by all curves as well."""
-
-
 ROUTE_STRETCHES = 300
-
-
 _ROUTE_HOLE_S = 1.0
-
-
+"""After a longer silence a route is drawn as interrupted."""
 MOST_HOLES = 500
 
-
 DISTANCES = ("separation", "centre_distance", "centre_distance_2d")
-"""What is drawn of a pair that no monitor has a limit for: the first of these that is known."""
+"""For a pair without a limit, the first of these that is known is drawn."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +68,9 @@ class DrawnChart:
         at_most: Whether the limit is an upper one.
         samples: Number of samples it was reduced from.
         t_s: Times, s.
-        actual: What was.
-        limit: What may be; `None` where there is no limit.
-        holes_s: Times of samples after which nothing is known until the next.
+        actual: The measured values.
+        limit: Their limits; `None` where there is none.
+        holes_s: Times of samples after which nothing is known until the next one.
     """
 
     check: str
@@ -100,7 +90,7 @@ class DrawnChart:
 
 @dataclass(frozen=True)
 class DrawnPath:
-    """Where a body went, seen from above, reduced.
+    """The route of a body, seen from above, reduced.
 
     Attributes:
         body: Its id, or the name of the link that stands for it.
@@ -108,7 +98,7 @@ class DrawnPath:
         t_s: Times, s.
         x_m: Places, m.
         y_m: Places, m.
-        holes_s: Times of samples after which it is not known where it went.
+        holes_s: Times of samples after which its place is unknown until the next one.
     """
 
     body: str
@@ -128,7 +118,7 @@ def _refuse_uneven(*columns: Sequence[object]) -> None:
 
 
 @dataclass(frozen=True)
-class AskedPart:
+class OrderedPart:
     """One part as ordered.
 
     Attributes:
@@ -143,14 +133,14 @@ class AskedPart:
 
 
 @dataclass(frozen=True)
-class AskedTask:
+class OrderedTask:
     """One task as ordered.
 
     Attributes:
         order: Id of the order.
         task: Its path.
         kind: Such as `kitting`.
-        agv: Where it was wanted; empty when nothing says.
+        agv: Where it was wanted; empty when the order names none.
         station: Likewise.
         parts: What was wanted.
     """
@@ -160,17 +150,17 @@ class AskedTask:
     kind: str
     agv: str
     station: str
-    parts: tuple[AskedPart, ...]
+    parts: tuple[OrderedPart, ...]
 
 
 @dataclass(frozen=True)
-class Brought:
+class Submitted:
     """One submission.
 
     Attributes:
         task: Path of the task.
         submitted_s: When, s.
-        agv: Where; empty when nothing says.
+        agv: Where; empty when the submission names none.
         station: Likewise.
         parts: Types of its parts; `None` when the log does not show them.
     """
@@ -187,16 +177,16 @@ class Sketch:
     """What a page draws of a trial beyond its findings.
 
     Attributes:
-        curves: Quantities beside their limits.
-        routes: Where bodies went.
-        asked: What was ordered.
-        brought: What was handed in.
+        curves: Measured quantities with their limits.
+        routes: Routes of bodies.
+        asked: The ordered tasks.
+        brought: The submissions.
     """
 
     curves: tuple[DrawnChart, ...] = ()
     routes: tuple[DrawnPath, ...] = ()
-    asked: tuple[AskedTask, ...] = ()
-    brought: tuple[Brought, ...] = ()
+    asked: tuple[OrderedTask, ...] = ()
+    brought: tuple[Submitted, ...] = ()
 
 
 def sketch_of(
@@ -206,39 +196,39 @@ def sketch_of(
 
     Args:
         trial: With the derived signals.
-        charts: What each check saw, by its name.
+        charts: The charts of each check, by its name.
         moments: Where each check found something out of the ordinary about a subject, the worst first.
     """
-    told = {(check, chart.subject): chart for check, found in charts.items() for chart in found}
-    limited = {chart.subject for chart in told.values()}
+    drawn = {(check, chart.subject): chart for check, found in charts.items() for chart in found}
+    limited = {chart.subject for chart in drawn.values()}
     for robot, human in trial.pairs():
         plain = None if f"{robot.id}/{human.id}" in limited else _plain_distance(trial, robot.id, human.id)
         if plain is not None:
-            told["", plain.subject] = plain
-    many = max(len(told), 1)
+            drawn["", plain.subject] = plain
+    many = max(len(drawn), 1)
     stretches = _share(STRETCHES // many, FEWEST_STRETCHES, MOST_STRETCHES)
     finer = _share(DETAIL_STRETCHES // (many * DETAILS), FEWEST_DETAIL_STRETCHES, MOST_DETAIL_STRETCHES)
     curves = (
-        _curve(check, told[check, subject], moments.get((check, subject), ()), stretches, finer)
-        for check, subject in sorted(told)
+        _curve(check, drawn[check, subject], moments.get((check, subject), ()), stretches, finer)
+        for check, subject in sorted(drawn)
     )
     return Sketch(
         curves=tuple(curve for curve in curves if curve is not None),
         routes=tuple(_routes(trial)),
         asked=tuple(
-            AskedTask(
+            OrderedTask(
                 order.id,
                 task.id,
                 task.kind,
                 task.agv,
                 task.station,
-                tuple(AskedPart(part.slot, part.type, part.quadrant) for part in task.products),
+                tuple(OrderedPart(part.slot, part.type, part.quadrant) for part in task.products),
             )
             for order in trial.orders
             for task in order.tasks
         ),
         brought=tuple(
-            Brought(
+            Submitted(
                 one.task_id,
                 _rounded(one.submitted_s),
                 one.agv,
@@ -255,7 +245,7 @@ def _rounded(value: float) -> float:
 
 
 def _plain_distance(trial: Trial, robot: str, human: str) -> Chart | None:
-    """The distance of a pair that nobody has a limit for."""
+    """The distance of a pair for which no check has a limit."""
     for quantity in DISTANCES:
         signal = trial.signals.get(f"{quantity}/{robot}/{human}")
         if signal is not None and len(signal):
@@ -283,6 +273,7 @@ def _curve(
     t = chart.t
     if not len(t):
         return None
+    # Rounded before reducing, so that the extremes are those of the numbers that are stored.
     actual, limit = np.round(chart.actual, DECIMALS) + 0.0, np.round(chart.limit, DECIMALS) + 0.0
     known = np.isfinite(limit)
     columns = [actual, np.where(known, limit, actual), np.where(known, actual - limit, 0.0)]
@@ -290,8 +281,8 @@ def _curve(
     for moment in moments[:DETAILS]:
         near = _inside(t, Span(moment.start_s - AROUND_S, moment.end_s + AROUND_S))
         kept.append(near.start + extremes(t[near], [column[near] for column in columns], finer))
-    beside = _beside_holes(t, chart.max_gap_s)
-    rows = distinct(np.concatenate([*kept, beside, beside + 1]))
+    holes = _holes(t, chart.max_gap_s)
+    rows = distinct(np.concatenate([*kept, holes, holes + 1]))
     return DrawnChart(
         check,
         chart.subject,
@@ -302,7 +293,7 @@ def _curve(
         _numbers(t[rows]),
         _numbers(actual[rows]),
         tuple(float(v) if math.isfinite(v) else None for v in limit[rows]),
-        _numbers(t[beside]),
+        _numbers(t[holes]),
     )
 
 
@@ -312,10 +303,11 @@ def _edges(known: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.concatenate([changes[:MOST_HOLES], changes[:MOST_HOLES] + 1])
 
 
-def _beside_holes(t: FloatArray, max_gap_s: float) -> NDArray[np.intp]:
-    """The samples after which too long nothing comes; of very many the longest."""
+def _holes(t: FloatArray, max_gap_s: float) -> NDArray[np.intp]:
+    """The last samples before gaps that are too long; of very many the longest."""
     gaps = np.diff(t)
     (holes,) = np.nonzero(gaps > max_gap_s + 1e-9)
+    # Stable, so that among equal gaps every machine keeps the same ones.
     longest = np.argsort(-gaps[holes], kind="stable")[:MOST_HOLES]
     return np.sort(holes[longest])
 
@@ -325,7 +317,7 @@ def _numbers(values: FloatArray) -> tuple[float, ...]:
 
 
 def extremes(t: FloatArray, columns: Iterable[FloatArray], stretches: int) -> NDArray[np.intp]:
-    """The rows that a drawing needs: of each stretch of time the least and the largest of every column.
+    """The rows that a drawing needs: in each stretch of time the least and the largest of every column.
 
     Args:
         t: Sample times, shape (n,), s, increasing.
@@ -357,6 +349,7 @@ def extremes(t: FloatArray, columns: Iterable[FloatArray], stretches: int) -> ND
 
 
 def _routes(trial: Trial) -> Iterable[DrawnPath]:
+    # A body that moves by its links has no position of its own; its first link with samples stands for it.
     for body in sorted(trial.bodies, key=lambda b: (b.kind, b.id)):
         points = [body.id, *(f"{body.id}::{link}" for link in body.links)]
         name = next((p for p in points if len(trial.signals.get(f"position/{p}", ()))), None)
@@ -368,12 +361,12 @@ def _routes(trial: Trial) -> Iterable[DrawnPath]:
 
 
 def _route(name: str, kind: str, signal: Signal, window: Span | None) -> DrawnPath | None:
-    """Where something went, reduced; `None` where it has no sample."""
+    """The route of a body, reduced; `None` where it has no sample."""
     inside = _inside(signal.t, window)
     t, places = signal.t[inside], np.round(signal.values[inside], DECIMALS) + 0.0
     if not len(t):
         return None
     x, y = places[:, 0], places[:, 1]
-    beside = _beside_holes(t, _ROUTE_HOLE_S)
-    rows = distinct(np.concatenate([extremes(t, [x, y], ROUTE_STRETCHES), beside, beside + 1]))
-    return DrawnPath(name, kind, _numbers(t[rows]), _numbers(x[rows]), _numbers(y[rows]), _numbers(t[beside]))
+    holes = _holes(t, _ROUTE_HOLE_S)
+    rows = distinct(np.concatenate([extremes(t, [x, y], ROUTE_STRETCHES), holes, holes + 1]))
+    return DrawnPath(name, kind, _numbers(t[rows]), _numbers(x[rows]), _numbers(y[rows]), _numbers(t[holes]))

@@ -7,7 +7,6 @@ own numbers need the log, to measure again.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -21,7 +20,6 @@ from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import reprice
 from ariac_score.engine.read import find_trial, read_needed
 from ariac_score.errors import (
-    DataFileError,
     FormulaError,
     PluginError,
     ResultError,
@@ -32,7 +30,7 @@ from ariac_score.logs.bundle import with_parts
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.spec import ranking_spec
-from ariac_score.results.result import Measured, Pinned, Result
+from ariac_score.results.result import Measured, Result
 from ariac_score.scoring.ledger import rounded
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet
@@ -45,10 +43,8 @@ __all__ = [
     "RankShift",
     "ScoreSensitivity",
     "knobs_of",
-    "load_rank_sensitivity",
     "rank_sensitivity",
     "score_sensitivity",
-    "sensitivity_json",
 ]
 
 NEEDS_LOG = "needs the log, to measure again"
@@ -476,97 +472,3 @@ def _shifts(knob: Knob, ranks: Callable[[float], Ranks | None]) -> Iterator[Rank
             before, after = ranks(at), ranks(value)
             yield RankShift(value, before or {}, after or {})
             at, count = value, count + 1
-
-
-# As JSON -------------------------------------------------------------------------------
-
-
-def sensitivity_json(
-    found: list[ScoreSensitivity] | list[RankSensitivity], rule_set: RuleSet, of: str
-) -> str:
-    """The findings as canonical JSON."""
-    data = {
-        "format": "ariac-score sensitivity",
-        "version": 1,
-        "of": of,
-        "rule_set": {"id": rule_set.id, "sha256": rule_set.sha256},
-        "numbers": [_as_data(each) for each in found],
-    }
-    return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _as_data(each: ScoreSensitivity | RankSensitivity) -> dict[str, Any]:
-    knob = each.knob
-    data: dict[str, Any] = {
-        "name": knob.name,
-        "value": knob.base,
-        "low": knob.low,
-        "high": knob.high,
-        "declared": knob.declared,
-    }
-    if each.skipped:
-        return {**data, "skipped": each.skipped}
-    if isinstance(each, ScoreSensitivity):
-        return {
-            **data,
-            "score": {"low": each.low, "base": each.base, "high": each.high},
-            "elasticity": each.elasticity,
-            "changes_below": each.changes_below,
-            "changes_above": each.changes_above,
-        }
-    shifts = [{"value": s.value, "before": dict(s.before), "after": dict(s.after)} for s in each.shifts]
-    return {**data, "shifts": shifts}
-
-
-def load_rank_sensitivity(path: Path, of: str, rule_set: Pinned) -> list[RankSensitivity]:
-    """Read back what `sensitivity_json` wrote about a ranking.
-
-    Args:
-        path: The file.
-        of: The competition it must be of.
-        rule_set: Id and SHA-256 of the rules it must be of.
-
-    Raises:
-        DataFileError: Missing, something else, or of another competition or other rules.
-    """
-    hint = "give what 'sensitivity COMPETITION --output-format json' wrote for this competition"
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as cause:
-        raise DataFileError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
-    except (ValueError, RecursionError) as cause:
-        raise DataFileError(f"not a sensitivity: {cause}", file=path, hint=hint) from None
-    try:
-        rules = Pinned(data["rule_set"]["id"], data["rule_set"]["sha256"])
-        if data["format"] != "ariac-score sensitivity" or data["version"] != 1:
-            raise DataFileError("not a sensitivity of this version", file=path, hint=hint)
-        if data["of"] != of or rules != rule_set:
-            raise DataFileError(
-                f"it is of {data['of']!r} under {rules.id} ({str(rules.sha256)[:12]}…), "
-                f"not of {of!r} under {rule_set.id} ({rule_set.sha256[:12]}…)",
-                file=path,
-                hint=hint,
-            )
-        return [_rank_sensitivity_of(each) for each in data["numbers"]]
-    except (KeyError, TypeError, ValueError, AttributeError) as cause:
-        told = f"{type(cause).__name__}: {cause}"
-        raise DataFileError(f"not the sensitivity of a ranking: {told}", file=path, hint=hint) from None
-
-
-def _rank_sensitivity_of(data: Mapping[str, Any]) -> RankSensitivity:
-    name = str(data["name"])
-    base, low, high = (float(data[key]) for key in ("value", "low", "high"))
-    knob = Knob(name, base, low, high, bool(data["declared"]), name.rpartition(".")[0])
-    if "skipped" in data:
-        return RankSensitivity(knob, skipped=str(data["skipped"]))
-    return RankSensitivity(
-        knob,
-        tuple(
-            RankShift(float(shift["value"]), _ranks_of(shift["before"]), _ranks_of(shift["after"]))
-            for shift in data["shifts"]
-        ),
-    )
-
-
-def _ranks_of(data: Mapping[str, Any]) -> Ranks:
-    return {str(team): None if rank is None else int(rank) for team, rank in data.items()}

@@ -22,9 +22,9 @@ def charge(
     end. At each moment the heaviest violation of a subject counts and no other; the
     time so weighed, divided by `again_after_s`, is what the subject pays. So one
     violation of length L alone costs its weight times 1 + L / `again_after_s`: one
-    demerit, and one more for every 5 s it lasts, as the rule of 2025 has it. Two that
-    are at least 5 s apart cost what each costs alone; two that are nearer share the
-    time they both cover. A violation without a time costs its weight.
+    demerit, and one more for every `again_after_s` it lasts. Two that are at least so far
+    apart cost what each costs alone; two that are nearer share the time they both cover.
+    A violation without a time costs its weight.
 
     Why not 1 + (integral of relative depth) / tau for each episode, as the monitor
     catalogue suggests: there, violating in the pause between two episodes makes one
@@ -67,6 +67,7 @@ def charge(
             shares[key] = weight
             continue
         shares[key] = 0.0
+        # `robot/human` and `human/robot` are one pair, in whichever order a monitor names it.
         pair = tuple(sorted(finding.subject.split("/")))
         end_s = finding.span.end_s + again_after_s
         subjects.setdefault(pair, []).append(_Weighing(-weight, key, finding.span.start_s, end_s))
@@ -80,6 +81,9 @@ def charge(
 class _Weighing:
     """One violation while it weighs; the heaviest sorts first, then the lowest id."""
 
+    # The order of the fields is the sort order; of equal weights the id decides, so that the
+    # ledger does not depend on the order in which findings come.
+
     minus_weight: Number
     key: str
     start_s: float
@@ -87,7 +91,7 @@ class _Weighing:
 
 
 def _envelope(weighings: Sequence[_Weighing]) -> list[tuple[str, Number]]:
-    """The pieces of the upper envelope: whose they are, and weight times duration."""
+    """The pieces of the upper envelope: the finding each belongs to, and weight times duration."""
     marks = sorted({t for each in weighings for t in (each.start_s, each.end_s)})
     coming = sorted(weighings, key=lambda each: each.start_s, reverse=True)
     active: list[_Weighing] = []
@@ -95,6 +99,7 @@ def _envelope(weighings: Sequence[_Weighing]) -> list[tuple[str, Number]]:
     for from_s, to_s in pairwise(marks):
         while coming and coming[-1].start_s <= from_s:
             heapq.heappush(active, coming.pop())
+        # Only the top has to be current: what has ended further down is dropped once it gets there.
         while active and active[0].end_s <= from_s:
             heapq.heappop(active)
         if active:

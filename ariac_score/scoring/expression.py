@@ -51,7 +51,7 @@ class Traced(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True
         children: The numbers it was made of, in order.
         subject: Scope or subject it belongs to; empty for the trial.
         findings: Ids of the findings it rests on directly.
-        checks: For `check` the checks it asks about, whether or not they have something in it.
+        checks: For `check` the checks it is a function of, whether or not they have a share in it.
         unit: For `check` the unit of the number, where one is declared.
     """
 
@@ -107,6 +107,7 @@ def add_up(values: Iterable[Any]) -> Any:
 
 
 def _clip(value: Any, low: Any, high: Any) -> Any:
+    # With low > high, high wins, as in `np.clip`.
     return min(max(value, low), high)
 
 
@@ -124,7 +125,7 @@ _COLUMN_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "min": (None, lambda *v: np.minimum.reduce(np.broadcast_arrays(*v))),
     "max": (None, lambda *v: np.maximum.reduce(np.broadcast_arrays(*v))),
     "abs": (1, abs),
-    "clip": (3, lambda value, low, high: np.clip(value, low, high)),  # noqa: PLW0108  # numpy loads later
+    "clip": (3, np.clip),
     "sum": (None, lambda *v: add_up(v)),
     "mean": (None, lambda *v: add_up(v) / len(v)),
     "any": (None, lambda *v: np.logical_or.reduce(np.broadcast_arrays(*v)).astype(float)),
@@ -166,9 +167,10 @@ class Expression:
         >>> Expression.parse("1 + max(a, 2)").source
         '1 + max(a, 2)'
         """
+        # First, because `str` raises ValueError for an integer of more than 4300 digits.
         if isinstance(source, int) and abs(source) > LARGEST_INTEGER:
             raise FormulaError("so large a number is not allowed in a formula", place=where, hint=_LANGUAGE)
-        text = " ".join(str(source).split())
+        text = " ".join(str(source).split())  # YAML may break a formula into lines, `ast` takes one
         if len(text) > MAX_LENGTH:
             raise FormulaError(
                 f"a formula of {len(text)} characters is longer than {MAX_LENGTH}",
@@ -177,6 +179,7 @@ class Expression:
             )
         try:
             root = ast.parse(text, mode="eval").body
+        # The parser of CPython raises MemoryError, too, where brackets are nested too deeply.
         except (SyntaxError, ValueError, MemoryError, RecursionError) as cause:
             column = getattr(cause, "offset", None)
             at = f" at column {column}" if column else ""
@@ -232,7 +235,7 @@ class Expression:
             result = _ColumnEvaluator(self, values, first).visit(self._root)
             return np.array(np.broadcast_to(result, shape))
         found = np.empty(shape)
-        for at in range(0, shape[0], _BLOCK_ROWS):
+        for at in range(0, shape[0], _BLOCK_ROWS):  # elementwise, so blocks give the same bits
             rows = slice(at, at + _BLOCK_ROWS)
             here = {name: column[rows] if np.ndim(column) else column for name, column in values.items()}  # type: ignore[index]  # what has a dimension is an array
             found[rows] = _ColumnEvaluator(self, here, first + at).visit(self._root)
@@ -304,6 +307,7 @@ def _problem(node: ast.expr) -> str:
         return "this comparison"
     if isinstance(node, ast.Attribute) and not isinstance(node.value, ast.Name | ast.Attribute):
         return "an attribute of anything but a name"
+    # Names such as `__class__` are the usual way out of a sandbox; no evaluator shall ever see one.
     if isinstance(node, ast.Attribute | ast.Name) and _dotted(node).startswith("_"):
         return "a name with a leading underscore"
     if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
@@ -351,13 +355,14 @@ class _Evaluator:
         return self._op(symbol, node, apply(left.value, right.value), left, right)
 
     def _power(self, base: Number, exponent: Number, node: ast.expr) -> Number:
+        # As floats: whole numbers would be computed exactly, and 10**10**9 fills the memory.
         try:
             power = float(base) ** float(exponent)
         except OverflowError:
             raise self.error("overflow", node) from None
         except ZeroDivisionError:
             raise self.error("division by zero", node) from None
-        if isinstance(power, complex):
+        if isinstance(power, complex):  # how Python answers (-8) ** 0.5
             raise self.error("root of a negative number", node)
         whole = isinstance(base, int) and isinstance(exponent, int) and power.is_integer()
         return int(power) if whole and abs(power) < LARGEST_INTEGER else power
@@ -372,6 +377,7 @@ class _Evaluator:
 
     def visit_boolop(self, node: ast.BoolOp) -> Traced:
         stop = isinstance(node.op, ast.Or)
+        # As in Python, the rest is not evaluated: `count(x) and 1 / count(x)` guards its division.
         seen: list[Traced] = []
         for operand in node.values:
             seen.append(self.visit(operand))
@@ -419,7 +425,7 @@ class _Evaluator:
     def _checked(self, value: Number, node: ast.expr) -> Number:
         if (isinstance(value, int) and abs(value) > LARGEST_INTEGER) or not math.isfinite(value):
             raise self.error("the result is too large to be a score", node)
-        return int(value) if isinstance(value, bool) else value
+        return int(value) if isinstance(value, bool) else value  # JSON would store `true`
 
 
 class _ColumnEvaluator:
@@ -478,6 +484,7 @@ class _ColumnEvaluator:
         symbol, apply = _BINARY[type(node.op)]
         left, right = self.visit(node.left), self.visit(node.right)
         if symbol == "/":
+            # Named before dividing: the quotient alone shows infinity, or NaN for 0 / 0.
             self.refuse("division by zero", right == 0, node)
         with np.errstate(all="ignore"):  # what goes wrong shows as a number that is not finite
             return self.finite(apply(left, right), node)
@@ -504,6 +511,7 @@ class _ColumnEvaluator:
         return _number(holds)
 
     def visit_ifexp(self, node: ast.IfExp) -> Any:
+        # Both branches are computed for all rows; `only` lets each fail where it counts alone.
         test = self.visit(node.test) != 0
         return np.where(test, self.only(test, node.body), self.only(~test, node.orelse))
 

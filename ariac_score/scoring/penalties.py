@@ -59,15 +59,19 @@ def penalty_names() -> list[str]:
     return [name for name in sorted(shipped_rules()) if name.startswith(PREFIX) and name != _CLASSES]
 
 
-def load_penalty(name: str, *, beside: Path) -> Penalty:
-    """A penalty by name, or from a file by its path relative to a folder.
+def load_penalty(name: str, *, folder: Path) -> Penalty:
+    """A penalty by name, or from a file.
+
+    Args:
+        name: Of a shipped penalty, or the path of a `.yaml` file.
+        folder: What a path is relative to.
 
     Raises:
         RuleSetError: There is none of that name, or it breaks the schema.
     """
     shipped = shipped_rules()
     if name.endswith((".yaml", ".yml")) or "/" in name:
-        path = beside / name
+        path = folder / name
     elif name in penalty_names():
         path = shipped[name]
     else:
@@ -118,13 +122,13 @@ def with_penalty(document: YamlDocument) -> YamlDocument:
     if included is None or not _checks_of(safety):
         key, other = ("safety", "include") if included is None else ("include", "safety")
         raise RuleSetError(
-            f"{key!r} needs {other!r} beside it",
+            f"{key!r} needs {other!r} as well",
             file=document.file,
             place=document.place([key]),
             hint="include one penalty, and name under 'safety' the checks it charges",
         )
     try:
-        penalty = load_penalty(included[0], beside=Path(document.file).parent)
+        penalty = load_penalty(included[0], folder=Path(document.file).parent)
     except RuleSetError as error:
         error.file, error.place = error.file or document.file, error.place or document.place(["include", 0])
         raise
@@ -132,6 +136,7 @@ def with_penalty(document: YamlDocument) -> YamlDocument:
     data["parameters"] = _parameters(document, penalty, charged, safety.get("scale", 1))
     data["terms"] = {**data.get("terms", {}), "trial": _terms(document, penalty, charged)}
     data["score"] = _FINAL
+    # The words between the hashes keep `includes` and `extends` of the same two files apart.
     sha256 = hashlib.sha256(f"{document.sha256} includes {penalty.sha256}".encode()).hexdigest()
     return YamlDocument(data, document.file, sha256, document.lines)
 
@@ -183,6 +188,7 @@ def _terms(document: YamlDocument, penalty: Penalty, charged: list[_Charged]) ->
     for name in penalty.terms:
         if name in document.data.get("parameters", {}):
             raise _clash(document, ["parameters", name], f"parameter {name!r} is also a term of {penalty.id}")
+    # Formulas may name only terms above them: `earned` rests on the rule set's own, the penalty on `earned`.
     before = {name: formula for name, formula in own.items() if name not in penalty.terms}
     after = {name: own.get(name, _written(template, charged)) for name, template in penalty.terms.items()}
     return {**before, EARNED: document.data["score"], **after}
@@ -193,8 +199,8 @@ def _written(template: Any, charged: list[_Charged]) -> Any:
     if not isinstance(template, Mapping):
         return template
     kept = [each for each in charged if _concerns(template.get("of", "all"), each)]
-    if not kept:
-        return 1
+    if not kept:  # of nothing a product is 1 and a sum 0; so is what a function of no checks charges
+        return 1 if template["join"].strip() == "*" else 0
     each = template["join"].join(
         template["each"].replace("CHECK", one.check).replace("WEIGHT", one.parameter) for one in kept
     )

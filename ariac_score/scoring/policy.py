@@ -16,7 +16,7 @@ POLICIES = {
     "withhold": "no score until it is decided",
     "zero": "the trial scores 0",
     "worst_case": "counted as a critical violation, at full depth for all of the time",
-    "exclude": "left out, as though nobody had asked",
+    "exclude": "left out, as if the check had not run",
 }
 Policy = Annotated[str, Meta(pattern=f"^({'|'.join(POLICIES)})$")]
 
@@ -27,7 +27,7 @@ class Assumption:
 
     Attributes:
         finding: Its id.
-        check: That it is of.
+        check: The check that made it.
         policy: What it counts as, one of `POLICIES`.
         message: Why it is undecided.
     """
@@ -90,6 +90,7 @@ def assume(findings: Mapping[str, Finding], policies: Mapping[str, str], *, pric
 
 
 def _worst(finding: Finding) -> Finding:
+    # A relative depth is at most 1, so its integral over a stretch is at most the stretch's length.
     duration_s = finding.span.duration_s if finding.span else 0.0
     quantities = {
         **finding.quantities,
@@ -100,7 +101,7 @@ def _worst(finding: Finding) -> Finding:
 
 
 def ideal(findings: Mapping[str, Finding]) -> dict[str, Finding]:
-    """The same findings had everything gone right: what the trial could have earned."""
+    """The same findings, had everything gone right: what the trial could have earned."""
     return {
         key: replace(finding, verdict=Verdict.SATISFIED)
         if finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)

@@ -26,13 +26,13 @@ class Priced:
 
     Attributes:
         status: `scored`; `incomplete` when an undecided finding withholds the score;
-            `needs_cohort` when it asks for values across teams that are not given.
+            `needs_cohort` when it takes values across teams that are not given.
         ledger: The score taken apart; `None` unless scored.
         task: The task score taken apart; `None` when the sheet has none, or it is withheld.
         possible: What the trial could have earned with every finding satisfied; `None`
             when that has no value, as when a time to be divided by is not known.
         assumptions: What was made of undecided findings.
-        missing: What the score needs from all teams, or what no record states, in words.
+        missing: In words, what the score needs from all teams or what no record states.
     """
 
     status: str
@@ -59,7 +59,7 @@ class Contributed:
 def contribute(
     findings: Mapping[str, Finding], scopes: Scope, sheet: ScoreSheet, policies: Mapping[str, str]
 ) -> Contributed:
-    """What a trial brings to the values across teams; of what is undecided, nothing.
+    """What a trial brings to the values across teams; nothing where a value is undecided.
 
     Args:
         findings: By id.
@@ -73,8 +73,8 @@ def contribute(
     values: list[Contribution] = []
     undecided: dict[str, str] = {}
     for name, term in sheet.cohort.items():
-        asked = frozenset[str]().union(*(sheet.asked(formula, term.level) for formula in term.formulas))
-        assumed = assume(findings, policies, priced=asked)
+        used = frozenset[str]().union(*(sheet.checks_in(formula, term.level) for formula in term.formulas))
+        assumed = assume(findings, policies, priced=used)
         if assumed.withheld:
             undecided[name] = assumed.withheld[0].message
         else:
@@ -107,6 +107,7 @@ def price(
     cohort = cohort or CohortValues()
     assumed = assume(findings, policies, priced=sheet.priced)
     task = _task(scopes, sheet, assumed, digits)
+    # Before any score is refused: a withheld result still says what it could have been.
     possible = _possible(findings, scopes, sheet, cohort, digits)
     if _withheld(assumed, sheet.scored):
         return Priced("incomplete", None, task, possible, assumed.assumptions)
@@ -133,8 +134,7 @@ def value_of(
     Raises:
         FormulaError: It has no value here.
     """
-    asked = sheet.scored
-    assumed = assume(findings, policies, priced=asked)
+    assumed = assume(findings, policies, priced=sheet.scored)
     if assumed.withheld:
         return None
     if assumed.zeroed:
@@ -142,25 +142,25 @@ def value_of(
     return sheet.evaluate(scopes, assumed.findings, cohort or CohortValues()).value
 
 
-def _withheld(assumed: Assumed, asked: frozenset[str]) -> bool:
-    return any(assumption.check in asked for assumption in assumed.withheld)
+def _withheld(assumed: Assumed, used: frozenset[str]) -> bool:
+    return any(assumption.check in used for assumption in assumed.withheld)
 
 
 def _task(scopes: Scope, sheet: ScoreSheet, assumed: Assumed, digits: int) -> Ledger | None:
-    if sheet.task is None or _withheld(assumed, sheet.asked_by_task):
+    if sheet.task is None or _withheld(assumed, sheet.priced_by_task):
         return None
     try:
         task = sheet.evaluate_task(scopes, assumed.findings)
     except UnknownFactError:
         return None
     assert task is not None  # the sheet has one
-    return _zeroed(make_ledger(task, digits=digits, root="task"), assumed, sheet.asked_by_task)
+    return _zeroed(make_ledger(task, digits=digits, root="task"), assumed, sheet.priced_by_task)
 
 
 def _possible(
     findings: Mapping[str, Finding], scopes: Scope, sheet: ScoreSheet, cohort: CohortValues, digits: int
 ) -> Decimal | None:
-    """The best score; where better findings would have brought numbers nobody measured, there is none."""
+    """The best score; `None` where better findings would bring numbers that nobody measured."""
     if sheet.needs_cohort:  # a faster run is not among the findings, and would move the means as well
         return None
     try:
@@ -169,9 +169,9 @@ def _possible(
         return None
 
 
-def _zeroed(ledger: Ledger, assumed: Assumed, asked: frozenset[str]) -> Ledger:
+def _zeroed(ledger: Ledger, assumed: Assumed, used: frozenset[str]) -> Ledger:
     """The ledger, with a line that takes everything where the rule set gives 0 for what is undecided."""
-    zeroed = tuple(assumption.finding for assumption in assumed.zeroed if assumption.check in asked)
+    zeroed = tuple(assumption.finding for assumption in assumed.zeroed if assumption.check in used)
     if not zeroed:
         return ledger
     reasons = ", ".join(zeroed)
@@ -181,8 +181,9 @@ def _zeroed(ledger: Ledger, assumed: Assumed, asked: frozenset[str]) -> Ledger:
         "factor",
         -ledger.amount,
         0,
-        findings=zeroed or (),
+        findings=zeroed,
     )
+    # Not Decimal(0): a difference keeps the declared digits, which the ledger shows.
     zero = ledger.amount - ledger.amount
     before = replace(ledger, path=f"{ledger.path}/before")
     return Line(ledger.path, ledger.label, "sum", zero, 0, children=(before, taken))

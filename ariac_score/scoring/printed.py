@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 RELATIONS: Mapping[str, str] = {"equal": "is", "at_most": "is at most", "at_least": "is at least"}
-"""How a printed number may be held against what the others make of it."""
+"""How a printed number may relate to what the others make of it."""
 
 FACTS_OF_TEXT: Mapping[str, frozenset[str]] = {
     "trial": frozenset({"final_score"}),
@@ -32,7 +32,7 @@ FACTS_OF_TEXT: Mapping[str, frozenset[str]] = {
     "submission": frozenset(),
     "part": frozenset(),
 }
-"""Labels of what readers take out of a text's heading and summary, beside the items printed in detail."""
+"""Labels of what readers take out of a text's heading and summary, besides the items printed in detail."""
 
 _TRUTH = {"true": 1, "yes": 1, "false": 0, "no": 0}
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
@@ -53,9 +53,9 @@ class PrintedItem:
     Attributes:
         name: What formulas over printed numbers call it.
         level: One of `LEVELS`.
-        labels: As readers spell it; the first that is printed is meant.
+        labels: As readers spell it; the first one that is printed counts.
         formula: What it is in our terms; `None` when we have no counterpart.
-        kind: The kind of task it is so for; empty for every kind.
+        kind: The kind of task it holds for; empty for every kind.
         within: Largest difference that still agrees; `None`: half of the last printed digit.
         because: Why that tolerance, or why there is no counterpart.
     """
@@ -71,15 +71,15 @@ class PrintedItem:
 
 @dataclass(frozen=True)
 class PrintedSum:
-    """What the other printed numbers say that one must be.
+    """What one printed number must be by the others.
 
     Attributes:
-        name: Of the item that must be so.
+        name: Of the item.
         level: One of `LEVELS`.
         formula: Over printed items of its level and aggregates of those inside.
         kind: The kind of task it holds for; empty for every kind.
         relation: One of `RELATIONS`.
-        because: Where that is said.
+        because: Which source requires it.
     """
 
     name: str
@@ -161,7 +161,7 @@ class PrintedText:
         settled: set[str] = set()
         for one in self.sums:
             fits = one.level == block.level and one.kind in ("", block.kind)
-            if fits and one.name not in settled and self._can_be_had(block, one):
+            if fits and one.name not in settled and self._is_printed(block, one):
                 settled.add(one.name)
                 yield one
 
@@ -175,13 +175,13 @@ class PrintedText:
 
     def rests_on(self, block: PrintedBlock, one: PrintedSum) -> Iterator[tuple[str, str, str]]:
         """Path, label and text of every printed number that a sum is made of, in the order of the formula."""
-        told = set()
+        seen = set()
         for dotted in _names(one.formula):
             level, _, name = dotted.rpartition(".")
             for inner in block.each(level) if level else [block]:
                 line = (inner.path, *self.printed(inner, name))
-                if line not in told:
-                    told.add(line)
+                if line not in seen:
+                    seen.add(line)
                     yield line
 
     def knows(self, block: PrintedBlock) -> bool:
@@ -196,7 +196,7 @@ class PrintedText:
     def _of(self, block: PrintedBlock) -> Iterator[PrintedItem]:
         return (i for i in self.items if i.level == block.level and i.kind in ("", block.kind))
 
-    def _can_be_had(self, block: PrintedBlock, one: PrintedSum) -> bool:
+    def _is_printed(self, block: PrintedBlock, one: PrintedSum) -> bool:
         here = [(block, one.name)]
         for dotted in _names(one.formula):
             level, _, name = dotted.rpartition(".")
@@ -227,6 +227,7 @@ def number_of(text: str) -> Number | None:
         return _TRUTH[word]
     if not _NUMBER.fullmatch(word):
         return None
+    # 15 digits stay below 2**53; formulas refuse a larger integer.
     return int(word) if re.fullmatch(r"-?\d{1,15}", word) else float(word)
 
 

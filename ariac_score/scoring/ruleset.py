@@ -1,4 +1,4 @@
-"""Rule sets: loading and checking the YAML that says what is looked at and what it is worth."""
+"""Rule sets: loading and checking the YAML that says which checks run and what their findings are worth."""
 
 from __future__ import annotations
 
@@ -70,12 +70,12 @@ class Check:
 
 @dataclass(frozen=True)
 class RuleDifference:
-    """One point in which two rule sets of an edition part.
+    """One point in which two rule sets of an edition differ.
 
     Attributes:
         name: Its name in the rule set, such as `wrong_tray_type`.
-        terms: The terms it shows in, such as `submission.bonus`; also `score` and `task`.
-        checks: The checks it shows in.
+        terms: The terms it affects, such as `submission.bonus`; also `score` and `task`.
+        checks: The checks it affects.
         coded: What the code does, in words, whichever of the two rule sets follows it.
         documented: What the document says, in words.
         source: Where both are found.
@@ -91,7 +91,7 @@ class RuleDifference:
 
 @dataclass(frozen=True)
 class Differences:
-    """In what, and why, a rule set differs from another one.
+    """How, and why, a rule set differs from another one.
 
     Attributes:
         other: Name of the other rule set.
@@ -118,12 +118,12 @@ class RuleSet:
         file: Where it was loaded from.
         sha256: Hash of the file, of those it extends or includes, and of texts that parameters name.
         expanded: The whole as plain values, after `extends` and `include`.
-        ranking: How runs become a ranking, as the file says it; empty when it does not.
+        ranking: How runs become a ranking, as in the file; empty when it does not say.
         edition: Year of the competition; `None` when the file does not say.
         printed: What the official text of the edition prints, and how it adds up.
-        differs: In what it differs from another rule set, as the file names it; `None` when it does not.
-        ranges: Lowest and highest reasonable value of parameters, as the file says them.
-        breaks: Why a law of `rules check` is known not to be kept, by its name.
+        differs: How it differs from another rule set, as in the file; `None` when it does not say.
+        ranges: Lowest and highest reasonable value of parameters, as in the file.
+        breaks: Why a law of `rules check` is known to be broken, by name of the law.
     """
 
     id: str
@@ -156,7 +156,7 @@ class RuleSet:
 
     @property
     def about_orders(self) -> bool:
-        """Whether it judges or prices orders; what watches bodies alone needs none in the log."""
+        """Whether it judges or prices orders; rules that only watch bodies need no order in the log."""
         judged = any(check.group == "ariac_score.rules" for check in self.checks.values())
         return judged or self.sheet.about_orders
 
@@ -223,7 +223,7 @@ def rule_set_from_text(text: str, *, file: str) -> RuleSet:
 
 @lru_cache(maxsize=8)
 def _alone(text: str, file: str) -> RuleSet:
-    """Kept, because the results of a competition all hold the same text."""
+    """Cached, because the results of a competition all hold the same text."""
     document = _from_text(text, file)
     for key in ("extends", "include", "safety"):
         if key in document.data:
@@ -252,10 +252,10 @@ def expanded_yaml(rule_set: RuleSet) -> str:
     return rule_set.text
 
 
-def _path_of(name: str, beside: Path) -> Path:
+def _path_of(name: str, folder: Path) -> Path:
     """The file of a rule set, by name or by path relative to a folder."""
     if name.endswith((".yaml", ".yml")) or "/" in name:
-        return beside / name
+        return folder / name
     shipped = _shipped()
     if name not in shipped:
         raise UsageError(
@@ -269,7 +269,7 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
     """A rule set file with what it extends merged in, checked against the schema."""
     document = load_yaml(path, error=RuleSetError)
     validate(document, "ruleset", error=RuleSetError)
-    document = _with_texts(document)
+    document = _with_texts(document)  # before merging: names of files are relative to this file's folder
     base_name = document.data.pop("extends", None)
     if base_name is None:
         return document
@@ -287,7 +287,8 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
     if "log_map" not in document.data and base.data["log_map"].endswith((".yaml", ".yml")):
         base.data["log_map"] = str(Path(base.file).parent / base.data["log_map"])
-    base.data["include"] = [_beside(base.file, name) for name in base.data.get("include", [])]
+    base.data["include"] = [_from_folder_of(base.file, name) for name in base.data.get("include", [])]
+    # The hash covers the base, or an edit there would change scores under an unchanged hash.
     both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
     return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
 
@@ -310,11 +311,12 @@ def _with_texts(document: YamlDocument) -> YamlDocument:
 
 
 def _is_text_file(value: str) -> bool:
+    # The parameter may also hold the specification itself, which has a `;` or several lines.
     return value.strip().endswith(TEXT_FILES) and "\n" not in value.strip() and ";" not in value
 
 
 def _text_of(document: YamlDocument, place: Sequence[str], name: str) -> str:
-    """The text of a file that lies beside the rule set.
+    """The text of a file named relative to the folder of the rule set.
 
     Raises:
         RuleSetError: It cannot be read, is too large, or is no UTF-8 text.
@@ -332,14 +334,14 @@ def _text_of(document: YamlDocument, place: Sequence[str], name: str) -> str:
         ) from error
 
 
-def _beside(file: str, name: str) -> str:
-    """What a file of a rule set names, so that it can be found from elsewhere."""
+def _from_folder_of(file: str, name: str) -> str:
+    """A name in a rule set file, usable from another one: a path is joined to its folder."""
     return str(Path(file).parent / name) if name.endswith((".yaml", ".yml")) else name
 
 
 def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     """The base with what is new or changed; a check moved between rules and monitors moves."""
-    # What a base differs in, and which laws it breaks, is said of the base alone.
+    # `differs` and `breaks` are statements about the base alone; the new rules may not fit them.
     merged = {**{key: value for key, value in base.items() if key not in ("differs", "breaks")}, **own}
     merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
     for key in ("parameters", "rules", "monitors", "cohort"):
@@ -357,7 +359,7 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     for key in ("printed", "adds_up"):
         if key in merged:
             merged[key] = _merged_levels(base, own, key)
-    if "layouts" in own.get("printed", {}):  # which text is of this edition is its own to say
+    if "layouts" in own.get("printed", {}):  # replaced whole: another edition prints other layouts
         merged["printed"]["layouts"] = own["printed"]["layouts"]
     return merged
 
@@ -400,6 +402,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
         printed = _printed_text(data, sheet)
     except FormulaError as error:
         error.file = document.file
+        # Formulas are named by their path in the document, which becomes a line here.
         error.place = document.place(error.place.removeprefix("$.").split("."))
         raise
     return RuleSet(
@@ -457,6 +460,7 @@ def _printed_item(name: str, level: str, body: Mapping[str, Any], sheet: ScoreSh
     formula = None
     if "formula" in body:
         formula = Expression.parse(body["formula"], where=f"$.printed.{level}.{name}")
+        # `score` in a text of an edition that compares teams is what one team alone can know: the task score.
         if level == "trial" and formula.as_name == _SCORE and _SCORE not in sheet.terms.get(level, {}):
             formula = (sheet.task if sheet.needs_cohort else None) or sheet.score
         sheet.check_formula(formula, level)
@@ -466,9 +470,9 @@ def _printed_item(name: str, level: str, body: Mapping[str, Any], sheet: ScoreSh
     )
 
 
-def _differs(told: Mapping[str, Any]) -> Differences:
+def _differs(stated: Mapping[str, Any]) -> Differences:
     return Differences(
-        told["from"],
+        stated["from"],
         tuple(
             RuleDifference(
                 name=each["name"],
@@ -478,7 +482,7 @@ def _differs(told: Mapping[str, Any]) -> Differences:
                 documented=each["documented"],
                 source=each["source"],
             )
-            for each in told["because"]
+            for each in stated["because"]
         ),
     )
 
@@ -488,7 +492,7 @@ def _ranges(document: YamlDocument, checks: Mapping[str, Check]) -> dict[str, tu
     parameters = document.data.get("parameters", {})
     for name, (low, high) in document.data.get("ranges", {}).items():
         place = document.place(["ranges", name])
-        check, dot, _ = name.partition(".")
+        check, dot, _ = name.partition(".")  # `check.parameter`, or a parameter of the formulas
         known: Iterable[str] = checks if dot else parameters
         if (check if dot else name) not in known:
             what = "check" if dot else "parameter"

@@ -10,18 +10,28 @@ from msgspec import Meta
 
 from ariac_score.checks.findings import FrozenMap
 
-__all__ = ["LEVELS", "Level", "Scope"]
+__all__ = ["LEVELS", "Level", "Scope", "is_inside"]
 
 LEVELS = ("part", "submission", "order", "trial")
 """From the innermost outwards, which is the order of evaluation."""
 Level = Annotated[str, Meta(pattern=f"^({'|'.join(LEVELS)})$")]
 
 
+def is_inside(subject: str, path: str) -> bool:
+    """Whether a subject is what a path names, or lies inside it; everything lies in the empty path.
+
+    >>> is_inside("order_1/task_0", "order_1"), is_inside("order_10", "order_1")
+    (True, False)
+    """
+    return not path or subject == path or subject.startswith(f"{path}/")
+
+
 @dataclass(frozen=True)
 class Scope:
     """One order, one submission of it, one wanted part, or the whole trial.
 
-    A submission exists in here for every task of an order, handed in or not.
+    There is a submission for every task of an order, handed in or not, so that what was
+    never delivered is priced like what was delivered wrong.
 
     Attributes:
         level: One of `LEVELS`.
@@ -40,7 +50,7 @@ class Scope:
 
     def contains(self, subject: str) -> bool:
         """Whether a finding's subject lies in this scope."""
-        return not self.path or subject == self.path or subject.startswith(f"{self.path}/")
+        return is_inside(subject, self.path)
 
     def each(self, level: str) -> Iterator[Scope]:
         """The scopes of a level inside this one, in order."""

@@ -1,4 +1,4 @@
-"""The score sheet: named formulas for each scope, and the functions they may ask of checks."""
+"""The score sheet: named formulas for each scope, and the functions on checks they may use."""
 
 from __future__ import annotations
 
@@ -70,8 +70,13 @@ _OPTIONS: Mapping[str, frozenset[str]] = {
 }
 _UNITS: Mapping[str, str] = {"points": POINTS, "count": COUNT, "seconds": "s"}
 """Units of what functions on checks give; `measure` gives what the quantity is in."""
+_DEFAULT_S = 5.0
+"""After how long a violation that goes on costs the same again, unless a formula says otherwise.
+
+Source: ARIAC 2025, penalties; monitor catalogue, section 3.
+"""
 VIOLATION_FUNCTIONS = frozenset(CHECK_FUNCTIONS) - {"points", "measure"}
-"""The functions that ask about violations, rather than about points or numbers."""
+"""The functions of violations, rather than of points or measured numbers."""
 _AGGREGATES = ("sum", "mean", "min", "max", "any", "all", "count")
 
 
@@ -82,7 +87,7 @@ class ScoreSheet:
     Attributes:
         terms: For each level its named formulas, in the order of the file.
         score: The formula of the trial's score.
-        checks: The names of the checks the formulas may speak of.
+        checks: The names of the checks the formulas may name.
         parameters: Named numbers an organiser may turn.
         cohort: The values across teams that formulas may name as `cohort.…`.
         task: What the trial is worth before any value across teams enters, where that has a name.
@@ -113,7 +118,7 @@ class ScoreSheet:
 
     @cached_property
     def about_orders(self) -> bool:
-        """Whether any formula speaks of orders, their submissions or parts."""
+        """Whether any formula names orders, their submissions or parts."""
         below = LEVELS[:-1]
         formulas = [self.score, *([self.task] if self.task else [])]
         formulas += [formula for term in self.cohort.values() for formula in term.formulas]
@@ -125,22 +130,22 @@ class ScoreSheet:
 
     @cached_property
     def scored(self) -> frozenset[str]:
-        """The checks the score really asks about."""
-        return self.asked(self.score)
+        """The checks the score depends on."""
+        return self.checks_in(self.score)
 
     @cached_property
-    def asked_by_task(self) -> frozenset[str]:
-        """The checks the task score asks about; none where there is no task score."""
-        return self.asked(self.task) if self.task else frozenset()
+    def priced_by_task(self) -> frozenset[str]:
+        """The checks the task score depends on; none where there is no task score."""
+        return self.checks_in(self.task) if self.task else frozenset()
 
     @cached_property
     def priced(self) -> frozenset[str]:
-        """The checks the score or the task score really asks about."""
-        return self.scored | self.asked_by_task
+        """The checks the score or the task score depends on."""
+        return self.scored | self.priced_by_task
 
     @cached_property
     def needs_cohort(self) -> bool:
-        """Whether the score asks for values across teams."""
+        """Whether the score takes values across teams."""
         return any(level == _COHORT for level, _ in self._reached(self.score, "trial"))
 
     @property
@@ -154,18 +159,18 @@ class ScoreSheet:
                 if level != _COHORT
             ),
         ]
-        asked = [name for formula in formulas for name in _names(formula, self.checks)]
-        return tuple(dict.fromkeys(n.removeprefix(f"{_RUNS}.") for n in asked if n.startswith(f"{_RUNS}.")))
+        named = (dotted.rpartition(".") for each in formulas for dotted in _names(each, self.checks))
+        return tuple(dict.fromkeys(name for prefix, _, name in named if prefix == _RUNS))
 
-    def asked(self, formula: Expression, level: str = "trial") -> frozenset[str]:
-        """The checks a formula asks about, itself or through the terms it names."""
+    def checks_in(self, formula: Expression, level: str = "trial") -> frozenset[str]:
+        """The checks a formula depends on, itself or through the terms it names."""
         reached = [self.terms[at][name] for at, name in self._reached(formula, level) if at != _COHORT]
-        return frozenset(name for each in (formula, *reached) for _, name in self._questions(each))
+        return frozenset(name for each in (formula, *reached) for _, name in self._uses(each))
 
-    def questions(self, formula: Expression, level: str = "trial") -> list[tuple[str, str, str]]:
-        """What a formula asks of checks, itself or through terms: level, function, check."""
+    def uses(self, formula: Expression, level: str = "trial") -> list[tuple[str, str, str]]:
+        """Every use of a check, in a formula or the terms it rests on: level, function, check."""
         reached = [(at, self.terms[at][name]) for at, name in self._reached(formula, level) if at != _COHORT]
-        return [(at, *asked) for at, each in ((level, formula), *reached) for asked in self._questions(each)]
+        return [(at, *use) for at, each in ((level, formula), *reached) for use in self._uses(each)]
 
     def reached(self, formula: Expression, level: str = "trial") -> list[Expression]:
         """A formula and those of all terms it rests on."""
@@ -178,13 +183,13 @@ class ScoreSheet:
         named = (name for each in self.reached(formula, level) for name in _names(each, self.checks))
         return frozenset(named) & known
 
-    def _questions(self, formula: Expression) -> Iterator[tuple[str, str]]:
-        """What a formula itself asks of checks: function and check."""
+    def _uses(self, formula: Expression) -> Iterator[tuple[str, str]]:
+        """Every use of a check in the formula itself: function and check."""
         for call in formula.walk():
             if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name)):
                 continue
             function, first = call.func.id, call.args[0] if call.args else None
-            if function == "charged":
+            if function == "charged":  # names its checks by keyword, each with its weight
                 yield from ((function, str(k.arg)) for k in call.keywords if k.arg in self.checks)
             elif function in CHECK_FUNCTIONS and isinstance(first, ast.Name) and first.id in self.checks:
                 yield function, first.id
@@ -200,7 +205,7 @@ class ScoreSheet:
             cohort: Values across teams, for formulas that name `cohort.…`.
 
         Raises:
-            NeedsCohortError: The score asks for a value across teams that is not given.
+            NeedsCohortError: The score needs a value across teams that is not given.
             FormulaError: Naming the term and the scope in which it cannot be evaluated.
         """
         return _Pricing(self, trial, findings, cohort).root(self.score, "score")
@@ -300,6 +305,7 @@ class ScoreSheet:
 
     def _validate(self, formula: Expression, level: str, known: Sequence[str]) -> None:
         """Find misspelt names when the rule set is loaded, not when a trial is scored."""
+        # Nodes that are not names of their own: functions, checks as arguments, the `order` of `order.x`.
         consumed: set[int] = set()
         for node in formula.walk():
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
@@ -325,9 +331,9 @@ class ScoreSheet:
         # count() is an aggregate as well, but never of a bare name.
         if function in CHECK_FUNCTIONS and (function not in _AGGREGATES or isinstance(first, ast.Name)):
             if name not in self.checks:
-                asked = ast.unparse(first) if first else "nothing"
+                given = ast.unparse(first) if first else "nothing"
                 raise FormulaError(
-                    f"{function}() asks about {asked!r}, which is no check",
+                    f"{function}() asks about {given!r}, which is no check",
                     place=formula.where,
                     hint=did_you_mean(name, self.checks, what="checks of this rule set"),
                 )
@@ -357,6 +363,7 @@ class ScoreSheet:
 
     def _validate_name(self, formula: Expression, dotted: str, level: str, known: Sequence[str]) -> None:
         prefix, _, name = dotted.rpartition(".")
+        # What may be named is above in the file (so no term rests on itself), or further in.
         if prefix == _RUNS and level == "trial":
             names = [*known]
         elif prefix == _COHORT:
@@ -397,6 +404,7 @@ class _Pricing:
         self, sheet: ScoreSheet, trial: Scope, findings: Mapping[str, Finding], cohort: CohortValues
     ) -> None:
         self.sheet, self.trial, self.cohort = sheet, trial, cohort
+        # Sorted, so that sums and traces do not depend on the order in which findings were stored.
         self.findings = {key: findings[key] for key in sorted(findings)}
         self._terms: dict[tuple[str, str], Traced] = {}
         self._by_check: dict[str, list[tuple[str, Finding]]] = {}
@@ -452,6 +460,7 @@ class _Environment:
             return Traced(dotted, scope.facts[name], "fact", subject=scope.path)
         if name in sheet.terms.get(scope.level, {}) and scope is self.scope:
             return self.pricing.term(scope, name, self.outer)
+        # A fact the sheet knows and this trial lacks is unknown: never 0, and never a misspelt name.
         if name in FACTS[scope.level]:
             raise UnknownFactError(
                 f"nothing says the {name} of {scope.path or 'the trial'}",
@@ -460,7 +469,7 @@ class _Environment:
         raise FormulaError(f"{dotted!r} has no value in {scope.path or 'the trial'}")
 
     def _across_runs(self, name: str, dotted: str) -> Traced:
-        """A term summed over all runs of the team; of a run on its own, its own."""
+        """A term summed over all runs of the team; for a run scored alone, that of the run."""
         values = self.pricing.cohort.values.get(dotted, {})
         if "" in values:
             return Traced(dotted, values[""], "fact")
@@ -496,15 +505,16 @@ class _Environment:
         if function == "charged":
             return self._charged(options)
         if function in CHECK_FUNCTIONS and first in self.pricing.sheet.checks:
-            return self._ask(function, first, arguments[1:], options)
+            return self._of_check(function, first, arguments[1:], options)
         level = self._inner_level(arguments) if len(arguments) == 1 else ""
         if function in _AGGREGATES and level:
             return self._aggregate(function, arguments[0], level)
         return None
 
     def _inner_level(self, arguments: Iterable[Expression]) -> str:
-        """The outermost level below this one that the argument speaks of."""
+        """The outermost level below this one that the argument names."""
         inner = LEVELS[: LEVELS.index(self.scope.level)]
+        # The outermost, because an aggregate over orders may itself hold one over their parts.
         named = {
             text_of(node).split(".")[0]
             for argument in arguments
@@ -539,20 +549,21 @@ class _Environment:
         }
         return Traced(label, combine[function](values), "each", function, scoped, subject=self.scope.path)
 
-    def _ask(
+    def _of_check(
         self, function: str, check: str, rest: Sequence[Expression], options: Mapping[str, Number]
     ) -> Traced:
-        findings = self._said_by(check)
+        findings = self._findings_of(check)
         shown = ", ".join([check, *(r.source for r in rest), *(f"{k}={v:g}" for k, v in options.items())])
         label = f"{function}({shown})"
-        value, parts = self._answer(function, findings, rest, options, label)
+        value, parts = self._value_and_shares(function, findings, rest, options, label)
+        # `measure(check, quantity)` alone has a unit of its own: that of the quantity.
         unit = _unit_of(findings, rest[0].source) if function == "measure" else _UNITS.get(function, "")
-        return self._asked(function, (check,), label, value, parts, findings, unit)
+        return self._trace(function, (check,), label, value, parts, findings, unit)
 
     def _charged(self, options: Mapping[str, Number]) -> Traced:
         """What the violations of several checks cost, each moment under its heaviest."""
         weights = {name: weight for name, weight in options.items() if name not in _OPTIONS["charged"]}
-        again_after_s = options.get("again_after_s", 5.0)
+        again_after_s = options.get("again_after_s", _DEFAULT_S)
         label = f"charged({', '.join(f'{name}={value:g}' for name, value in options.items())})"
         for name, weight in weights.items():
             if weight < 0:
@@ -560,15 +571,20 @@ class _Environment:
                     f"{label}: the weight of {name!r} is negative", hint="a violation never brings points"
                 )
         if not again_after_s > 0:
-            raise FormulaError(f"{label}: again_after_s must be positive", hint="5 s is the rule of 2025")
-        findings = {key: f for name in weights for key, f in self._said_by(name).items()}
+            raise FormulaError(f"{label}: again_after_s must be positive", hint="give a time in s, such as 5")
+        findings = {key: f for name in weights for key, f in self._findings_of(name).items()}
         shares = charge(findings, weights, again_after_s=again_after_s)
         value = add_up(share for _, share in shares)
-        return self._asked("charged", tuple(weights), label, value, shares, findings)
+        return self._trace("charged", tuple(weights), label, value, shares, findings)
 
-    def _said_by(self, check: str) -> dict[str, Finding]:
-        """The findings of a check within this scope; there are some."""
+    def _findings_of(self, check: str) -> dict[str, Finding]:
+        """The findings of a check within this scope.
+
+        Raises:
+            FormulaError: There are none.
+        """
         findings = self.pricing.of_check(check, self.scope)
+        # No finding is not "no violation": a gate on it would open for want of evidence.
         if not findings:
             raise FormulaError(
                 f"check {check!r} says nothing about {self.scope.path or 'the trial'}",
@@ -576,7 +592,7 @@ class _Environment:
             )
         return findings
 
-    def _asked(
+    def _trace(
         self,
         function: str,
         checks: tuple[str, ...],
@@ -586,7 +602,7 @@ class _Environment:
         findings: Mapping[str, Finding],
         unit: str = "",
     ) -> Traced:
-        """The trace of an answer, with what each finding has in it."""
+        """The trace of a function on checks, with the share of each finding."""
         children = tuple(
             Traced(findings[key].message, part, "finding", subject=findings[key].subject, findings=(key,))
             for key, part in parts
@@ -603,7 +619,7 @@ class _Environment:
             unit=unit,
         )
 
-    def _answer(
+    def _value_and_shares(
         self,
         function: str,
         findings: Mapping[str, Finding],
@@ -618,11 +634,11 @@ class _Environment:
         elif function == "seconds":
             shares = _seconds(findings)
         elif function == "demerits":
-            shares = _demerits(findings, options.get("tau_s", 5.0), label)
+            shares = _demerits(findings, options.get("tau_s", _DEFAULT_S), label)
         elif function == "measure":
             shares = _measures(findings, rest[0].source, label)
         elif function == "occurrences":
-            shares = _occurrences(findings, options.get("every_s", 5.0), label)
+            shares = _occurrences(findings, options.get("every_s", _DEFAULT_S), label)
         elif function == "gate":
             critical = [(key, one) for key, one in violations if findings[key].critical]
             return int(not critical), critical
@@ -635,9 +651,10 @@ class _Environment:
         return add_up(share for _, share in shares), shares
 
 
+# 5 s as the default of all three: ARIAC 2025, penalties; monitor catalogue, section 3.
 def _occurrences(findings: Mapping[str, Finding], every_s: Number, label: str) -> list[tuple[str, Number]]:
     if not every_s > 0:
-        raise FormulaError(f"{label}: every_s must be positive", hint="5 s is the rule of 2025")
+        raise FormulaError(f"{label}: every_s must be positive", hint="give a time in s, such as 5")
     return [
         (key, 1 + math.floor(f.span.duration_s / every_s + _WHOLE) if f.span else 1)
         for key, f in findings.items()
@@ -646,11 +663,11 @@ def _occurrences(findings: Mapping[str, Finding], every_s: Number, label: str) -
 
 
 _WHOLE = 1e-9
-"""A length of 5 s is one, however its ends were rounded."""
+"""A length of 5 s counts as 5 s, however its ends were rounded."""
 
 
 def _names(formula: Expression, checks: frozenset[str]) -> Iterator[str]:
-    """The dotted names of a formula that are neither functions nor arguments of questions to a check."""
+    """The dotted names of a formula, without functions and their arguments where these are checks."""
     consumed: set[int] = set()
     for node in formula.walk():
         if isinstance(node, ast.Call):
@@ -708,7 +725,7 @@ def _unit_of(findings: Mapping[str, Finding], quantity: str) -> str:
 
 def _demerits(findings: Mapping[str, Finding], tau_s: Number, label: str) -> list[tuple[str, Number]]:
     if not tau_s > 0:
-        raise FormulaError(f"{label}: tau_s must be positive", hint="5 s is the catalogue's default")
+        raise FormulaError(f"{label}: tau_s must be positive", hint="give a time in s, such as 5")
     return [
         (key, 1 + finding.quantities.get("relative_depth_integral_s", 0.0) / tau_s)
         for key, finding in findings.items()

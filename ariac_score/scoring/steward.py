@@ -82,7 +82,7 @@ class Adjustment(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=
 
     @property
     def settles(self) -> bool:
-        """Whether it says what the score is, whatever it was."""
+        """Whether it sets the score, whatever it was."""
         return self.disqualified or self.score is not None
 
     def refuse(self, cause: str, hint: str) -> DataFileError:
@@ -154,6 +154,7 @@ def check_effects(
         _check_amount(adjustment, digits)
         if adjustment.finding:
             _check_verdict(adjustment, findings, priced)
+        # "$score" cannot be the id of a finding; points have no key, for they may be given many times.
         key = adjustment.finding or ("$score" if adjustment.settles else "")
         if key and key in seen:
             what = f"finding {key!r}" if adjustment.finding else "the score of this trial"
@@ -226,6 +227,7 @@ def adjusted_ledger(
         DataFileError: A decision needs a score that there is not, or the rules have no
             value for a verdict.
     """
+    # Verdicts first, since they are priced anew; what settles the score last, since nothing can follow.
     ordered = sorted(adjustments, key=lambda a: 0 if a.finding else 2 if a.settles else 1)
     running, lines = automatic, []
     if automatic is not None:
@@ -250,7 +252,7 @@ def _after(
     price: Callable[[Mapping[str, Finding]], Priced],
     digits: int,
 ) -> Decimal | None:
-    unit = Decimal(1).scaleb(-digits)
+    unit = Decimal(1).scaleb(-digits)  # decisions are written `-1`, amounts of a ledger `-1.000000`
     if adjustment.settles:
         return (adjustment.score or Decimal(0)).quantize(unit)
     if adjustment.points is not None:

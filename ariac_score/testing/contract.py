@@ -153,7 +153,7 @@ class _Checked:
                     "contract",
                     self.check if check is None else check,
                     trial,
-                    heard=self.heard.append,
+                    notice=self.heard.append,
                 )
         except OutOfTime:
             raise self.broken(

@@ -19,6 +19,7 @@ from ariac_score import (
     OnlineWatch,
     SignalNeed,
     Trial,
+    parameter,
 )
 from ariac_score_rml.faults import RmlError, RmlRunError
 from ariac_score_rml.guards import TOLERANCE
@@ -76,9 +77,9 @@ class RmlSpec:
     after_violation: AfterViolation = "resume"
     dialect: Dialect = "2024"
     exact: bool = False
-    max_gap_s: float = 0.05
-    t_on_s: float = 0.0
-    t_off_s: float = 1.0
+    max_gap_s: float = parameter(0.05, unit="s", status="")
+    t_on_s: float = parameter(0.0, unit="s", status="")
+    t_off_s: float = parameter(1.0, unit="s", status="")
     max_state: int = MAX_STATE
 
     def __post_init__(self) -> None:

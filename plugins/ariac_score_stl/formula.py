@@ -21,6 +21,7 @@ from ariac_score import (
     SignalNeed,
     Trial,
     align,
+    parameter,
 )
 from ariac_score_stl.judging import JudgedFormula
 from ariac_score_stl.margins import Beyond
@@ -84,9 +85,9 @@ class StlFormula:
     constants: Mapping[str, float] = field(default_factory=lambda: _NO_NUMBERS)
     time: Literal["discrete", "dense"] = "discrete"
     beyond: Beyond = "undecided"
-    max_gap_s: float = 0.05
-    t_on_s: float = 0.0
-    t_off_s: float = 0.0
+    max_gap_s: float = parameter(0.05, unit="s", status="")
+    t_on_s: float = parameter(0.0, unit="s", status="")
+    t_off_s: float = parameter(0.0, unit="s", status="")
     clause: str = ""
     critical: bool = False
 

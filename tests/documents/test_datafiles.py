@@ -400,6 +400,10 @@ def test_every_shipped_schema_is_a_valid_schema_of_draft_2020_12(name: str) -> N
     Draft202012Validator.check_schema(schema(name))
 
 
+CLOSED_BY_CODE = {"bundle": ["$"]}
+"""Its further keys are the roles that installed readers state; any other is refused when it is read."""
+
+
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_every_shipped_schema_is_closed(name: str) -> None:
     open_ones = [
@@ -408,7 +412,7 @@ def test_every_shipped_schema_is_closed(name: str) -> None:
         if node.get("additionalProperties") is not False and node.get("unevaluatedProperties") is not False
     ]
 
-    assert open_ones == []
+    assert open_ones == CLOSED_BY_CODE.get(name, [])
 
 
 @pytest.mark.parametrize("name", SCHEMAS)

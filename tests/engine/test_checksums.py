@@ -40,6 +40,14 @@ def test_a_bundle_whose_checksums_are_right_is_scored_as_without_them(trial: Pat
     assert score_trial(trial / "bundle.yaml", RULES).score == alone
 
 
+def test_a_file_whose_name_looks_like_that_of_a_run_has_its_checksum_compared(trial: Path) -> None:
+    log = (trial / "logs/log.jsonl").rename(trial / "logs/day#run=1.jsonl")
+    text = 'logs: ["logs/day#run=1.jsonl"]\nsha256:\n  "logs/day#run=1.jsonl": "{}"\n'
+    (trial / "bundle.yaml").write_text(text.format(sha256(log.read_bytes()).hexdigest()), encoding="utf-8")
+
+    assert score_trial(trial, RULES).status == "scored"
+
+
 def test_a_bundle_with_a_wrong_checksum_is_not_scored(
     trial: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -21,6 +21,7 @@ from ariac_score import (
     as_json,
     load_result,
     load_rule_set,
+    parameter,
     reprice,
     score_trial,
 )
@@ -154,6 +155,25 @@ def test_no_parameter_of_any_shipped_plugin_is_left_out(result: Result) -> None:
         assert given == dict(check["with"])
 
 
+_ENDINGS = {
+    "_rad_s": "rad/s",
+    "_m_s2": "m/s2",
+    "_m_s": "m/s",
+    "_rad": "rad",
+    "_kg": "kg",
+    "_m": "m",
+    "_s": "s",
+}
+
+
+@pytest.mark.parametrize("group", ["ariac_score.rules", "ariac_score.monitors"])
+def test_every_shipped_number_with_a_unit_in_its_name_declares_that_unit(group: str) -> None:
+    for plugin in REGISTRY.all(group):
+        for name, declared in parameters_of(plugin.load()).items():
+            wanted = next((unit for ending, unit in _ENDINGS.items() if name.endswith(ending)), None)
+            assert wanted in (None, declared.facts.unit), f"{plugin.name}: {name}"
+
+
 # It prices nothing ---------------------------------------------------------------------
 
 
@@ -275,7 +295,8 @@ class Strange:
     reach_m: float = math.inf
     words: object = field(default_factory=object)
     names: tuple[str, ...] = ("a", "b")
-    grid_m: tuple[tuple[float, ...], ...] = ((0.1 + 0.2, 1.0),)
+    grid_m: tuple[tuple[float, ...], ...] = parameter(((0.1 + 0.2, 1.0),), unit="m")
+    limit_m: float = 0.5
     strict: bool = True
     come_to: Any = None
 
@@ -310,6 +331,7 @@ def test_any_default_can_stand_in_a_result(tmp_path: Path) -> None:
     assert told["words"] == ("(object)", "")  # never an address: it would differ from run to run
     assert told["names"] == (["a", "b"], "")
     assert told["grid_m"] == ([[0.3, 1.0]], "m")
+    assert told["limit_m"] == (0.5, "")  # a unit is declared, never guessed from a name
     assert told["strict"] == (True, "")
     assert [one.name for one in found.parameters] == [f.name for f in fields(Strange)]
 
@@ -317,9 +339,9 @@ def test_any_default_can_stand_in_a_result(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("come_to", "words"),
     [
-        (lambda: 1 / 0, "raised ZeroDivisionError when asked what its parameters come to"),
-        (lambda: None, "raised TypeError when asked what its parameters come to"),
-        (lambda: {"rech_m": 1.0}, "says what 'rech_m' comes to, which is no parameter of it"),
+        (lambda: 1 / 0, "raised ZeroDivisionError when it resolved its parameters"),
+        (lambda: None, "raised TypeError when it resolved its parameters"),
+        (lambda: {"rech_m": 1.0}, "resolves 'rech_m', which is no parameter of it"),
     ],
 )
 def test_a_plugin_that_cannot_say_what_its_parameters_come_to_is_named(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ariac_score.checks.contracts import LogDescription, Reader, ReaderFacts, Wanted
-from ariac_score.errors import DataFileError, LogError, NothingToScoreError
+from ariac_score.errors import DataFileError, LogError, NothingToScoreError, ScoreError
 from ariac_score.logs import bundle
 from ariac_score.logs.bundle import Bundle, find_parts
 from ariac_score.logs.gazebo import GazeboStateReader
@@ -244,6 +244,55 @@ def test_a_malformed_bundle_yaml_is_refused(tmp_path: Path, text: str) -> None:
 
     with pytest.raises(DataFileError):
         named(tmp_path, text)
+
+
+class TideReader(BagReader):
+    """A reader of another competition, whose trials have a part of their own."""
+
+    facts = ReaderFacts(role="tide_table", a_file="a tide table")
+
+    def can_read(self, path: Path) -> bool:
+        return path.suffix == ".tide"
+
+
+def test_bundle_yaml_can_name_a_part_of_any_role_that_a_reader_states(tmp_path: Path) -> None:
+    put(tmp_path, "run.bag")
+    (tmp_path / "north.tide").write_text("", encoding="utf-8")
+    (tmp_path / "bundle.yaml").write_text("logs: [run.bag]\ntide_table: north.tide\n", encoding="utf-8")
+
+    found = find_parts(tmp_path, {**READERS, "tide": TideReader()})
+    assert [(part.role, part.path.name) for part in found.parts] == [
+        ("log", "run.bag"),
+        ("tide_table", "north.tide"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "words"),
+    [
+        ("logs: [run.bag]\ntide_tabel: run.bag\n", DataFileError, "unknown key 'tide_tabel'"),
+        ("logs: [run.bag]\ntide_table: [run.bag]\n", DataFileError, "is not of type 'string'"),
+        ("logs: [run.bag]\ntide_table: run.bag\n", LogError, "'run.bag' is a log, not a tide table"),
+        ("logs: [run.bag]\ntide_table: ../a.tide\n", LogError, "leads out of the bundle's folder"),
+    ],
+)
+def test_a_part_of_a_readers_own_role_is_checked_like_any_other(
+    tmp_path: Path, text: str, error: type[ScoreError], words: str
+) -> None:
+    put(tmp_path, "run.bag")
+    (tmp_path / "bundle.yaml").write_text(text, encoding="utf-8")
+
+    with pytest.raises(error) as caught:
+        find_parts(tmp_path, {**READERS, "tide": TideReader()})
+    assert words in str(caught.value)
+
+
+def test_without_the_reader_of_a_role_its_key_is_unknown(tmp_path: Path) -> None:
+    put(tmp_path, "run.bag")
+    (tmp_path / "bundle.yaml").write_text("logs: [run.bag]\ntide_table: a.tide\n", encoding="utf-8")
+
+    with pytest.raises(DataFileError, match="unknown key 'tide_table'"):
+        find_parts(tmp_path, READERS)
 
 
 def test_a_bundle_that_names_nothing_is_nothing_to_score(tmp_path: Path) -> None:

@@ -25,7 +25,8 @@ from ariac_score.report.site.run_pages import page_name
 from ariac_score.report.site.site import Site, competition_page
 from ariac_score.report.site.tables import Table, cell_text, table_csv, table_json
 from ariac_score.results.result_file import measured_sha256
-from ariac_score.review.sensitivity import Knob, RankSensitivity, RankShift, sensitivity_json
+from ariac_score.review.sensitivity import Knob, RankSensitivity, RankShift
+from ariac_score.review.sensitivity_file import sensitivity_json
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/competition/2024"

@@ -119,7 +119,7 @@ def test_every_shipped_penalty_is_priced_by_hand_above_and_is_no_rule_set() -> N
     }
     assert not set(penalty_names()) & set(rule_set_names())
     for name in penalty_names():
-        assert load_penalty(name, beside=ROOT).id == name
+        assert load_penalty(name, folder=ROOT).id == name
 
 
 # On a real log -------------------------------------------------------------------------
@@ -220,6 +220,29 @@ def test_a_check_that_is_not_critical_leaves_the_gate_open(tmp_path: Path) -> No
     assert sheet["safety_gate"] == "gate(human_contact)"
 
 
+@pytest.mark.parametrize(
+    ("join", "score"),
+    [
+        (" + ", 28.0),  # a sum over no checks is 0
+        (" * ", 27.0),  # a product over no checks is 1
+        (", ", 28.0),  # and a function of no checks charges nothing
+    ],
+)
+def test_where_no_check_is_left_a_sum_takes_nothing(tmp_path: Path, join: str, score: float) -> None:
+    each = "WEIGHT * count(CHECK)" if join != ", " else "CHECK=WEIGHT"
+    _file(
+        tmp_path,
+        "id: penalty.ours\ntitle: Ours\nsource: a test\nin_words: less what violations weigh\nterms:\n"
+        f'  ours: {{each: {each}, join: "{join}", of: weighty}}\n'
+        "  penalised_score: earned - ours\n",
+        "ours.yaml",
+    )
+    safety = "safety: {separation: {class: informational}}\n"
+
+    result = score_trial(EXAMPLE, _file(tmp_path, HEAD + "include: [ours.yaml]\n" + safety))
+    assert float(result.score or 0) == pytest.approx(score)
+
+
 # Refused -------------------------------------------------------------------------------
 
 
@@ -231,9 +254,9 @@ def test_a_check_that_is_not_critical_leaves_the_gate_open(tmp_path: Path) -> No
         ("include: [./nowhere.yaml]\n" + SAFETY, "no such file", "check the path"),
         ("include: []\n" + SAFETY, "should be non-empty", ""),
         ("include: [penalty.gate, penalty.product]\n" + SAFETY, "too long", ""),
-        (INCLUDE, "'include' needs 'safety' beside it", "include one penalty"),
-        (INCLUDE + "safety: {scale: 2}\n", "'include' needs 'safety' beside it", "checks it charges"),
-        (SAFETY, "'safety' needs 'include' beside it", "include one penalty"),
+        (INCLUDE, "'include' needs 'safety' as well", "include one penalty"),
+        (INCLUDE + "safety: {scale: 2}\n", "'include' needs 'safety' as well", "checks it charges"),
+        (SAFETY, "'safety' needs 'include' as well", "include one penalty"),
         (
             INCLUDE + "safety: {seperation: {class: separation}}\n",
             "'seperation', which is no check",

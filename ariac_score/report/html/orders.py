@@ -8,7 +8,7 @@ from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.results.result import Result
-from ariac_score.results.sketch import AskedTask, Brought
+from ariac_score.results.sketch import OrderedTask, Submitted
 from ariac_score.scoring.ledger import Ledger
 from ariac_score.scoring.scope import Scope
 
@@ -32,8 +32,8 @@ class TaskShown:
     """One task: as ordered, as brought, its parts, and what the checks found about it as a whole."""
 
     name: str
-    asked: AskedTask | None
-    brought: tuple[Brought, ...]
+    asked: OrderedTask | None
+    brought: tuple[Submitted, ...]
     parts: tuple[PartShown, ...]
     found: tuple[NamedFinding, ...]
     points: Decimal | None
@@ -93,8 +93,8 @@ def _place(group: tuple[tuple[int, str], list[NamedFinding]]) -> int:
 
 def _task(
     task: Scope,
-    asked: AskedTask | None,
-    brought: tuple[Brought, ...],
+    asked: OrderedTask | None,
+    brought: tuple[Submitted, ...],
     found: Mapping[str, list[NamedFinding]],
     points: Mapping[str, Decimal],
 ) -> TaskShown:

@@ -109,7 +109,7 @@ class World:
     def asked(self) -> dict[str, list[tuple[str, str]]]:
         """For each check the score asks about: at which level and with which function."""
         found: dict[str, list[tuple[str, str]]] = {}
-        for level, function, check in self.rule_set.sheet.questions(self.rule_set.sheet.score):
+        for level, function, check in self.rule_set.sheet.uses(self.rule_set.sheet.score):
             found.setdefault(check, []).append((level, function))
         return {check: found[check] for check in sorted(found)}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Set
 from dataclasses import dataclass
 from random import Random
 
@@ -13,7 +13,7 @@ from ariac_score.review.laws.cases import World
 from ariac_score.review.laws.laws import LAWS, Broken, Law, Situation, simpler
 from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["DEFAULT_CASES", "Outcome", "check_laws"]
+__all__ = ["DEFAULT_CASES", "Outcome", "check_laws", "event_checks"]
 
 DEFAULT_CASES = 400
 """Random cases for each law."""
@@ -48,7 +48,7 @@ def check_laws(
     *,
     cases: int = DEFAULT_CASES,
     seed: int = 0,
-    registry: Registry | None = None,
+    events: Set[str] = frozenset(),
     only: Collection[str] = (),
     smallest: bool = True,
 ) -> tuple[Outcome, ...]:
@@ -58,18 +58,23 @@ def check_laws(
         rule_set: What findings are worth.
         cases: How many for each law.
         seed: Where the random numbers start.
-        registry: The installed plugins, asked which monitors watch signals; without one
-            every monitor is taken to.
+        events: The checks that speak of single events (`event_checks`); every other monitor
+            is taken to watch stretches of time.
         only: Names of the laws to try; empty: all.
         smallest: Whether a counter-example is made as small as it can be, which takes time.
     """
-    world = World(rule_set, frozenset() if registry is None else _events(rule_set, registry))
+    world = World(rule_set, frozenset(events))
     laws = [law for law in LAWS if not only or law.name in only]
     return tuple(_tried(law, world, cases, seed, smallest=smallest) for law in laws)
 
 
-def _events(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
-    """The monitors that need no signal: they speak of single events."""
+def event_checks(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
+    """The monitors of a rule set that need no signal: they speak of single events.
+
+    Raises:
+        PluginError: A plugin of the rule set is not installed or broken.
+        RuleSetError: A plugin refuses its parameters.
+    """
     built = rule_set.build(registry)
     return frozenset(
         name for name, check in built.items() if isinstance(check, Monitor) and not list(check.needs())

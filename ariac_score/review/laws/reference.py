@@ -5,29 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from ariac_score.checks.registry import Registry
 from ariac_score.review.laws.laws import LAWS
 from ariac_score.review.laws.proving import Outcome, check_laws
 from ariac_score.review.laws.words import outcome_lines
 from ariac_score.scoring.penalties import Penalty, load_penalty, penalty_names
 from ariac_score.scoring.ruleset import RuleSet, draft_rule_set, load_rule_set, rule_set_names
 
-__all__ = ["DEFAULT", "penalties_page", "reference_rules"]
+__all__ = ["DEFAULT", "REFERENCE_EVENTS", "penalties_page", "reference_rules"]
 
 DEFAULT = "penalty.gated_hyperbolic"
 
+# No such plugins are installed, and none are needed: laws are tried on made findings, not on a log.
 _REFERENCE = """\
 id: reference
 title: A made competition, to compare penalties on
 source: this program
-log_map: ariac2020
+log_map: none
 rules:
-  part_color: {use: kitting.presence, with: {compare: type_and_color}}
-  none_unwanted: {use: kitting.none_unwanted}
+  part_color: {use: made.part_color}
+  none_unwanted: {use: made.none_unwanted}
 monitors:
-  separation: {use: iso_ts_15066.ssm_separation, with: {profile: seed}, on_inconclusive: worst_case}
-  human_contact: {use: ariac.human_contact, on_inconclusive: worst_case}
-  arm_collision: {use: ariac.no_event, with: {kind: arm_collision}}
+  separation: {use: made.separation, on_inconclusive: worst_case}
+  human_contact: {use: made.human_contact, on_inconclusive: worst_case}
+  arm_collision: {use: made.arm_collision}
 terms:
   submission:
     kit: points(part_color) - 2 * violated(none_unwanted)
@@ -38,6 +38,10 @@ safety:
   human_contact: {class: contact}
   arm_collision: {class: robot_collision}
 """
+
+
+REFERENCE_EVENTS = frozenset({"arm_collision"})
+"""The checks of the made competition that speak of single events."""
 
 
 def reference_rules(penalty: str) -> RuleSet:
@@ -51,11 +55,10 @@ def reference_rules(penalty: str) -> RuleSet:
 
 def penalties_page(*, cases: int = 120, seed: int = 0) -> str:
     """`docs/penalties.md`, with the table and the smallest counter-examples."""
-    registry = Registry()
     found = [
         (
-            load_penalty(name, beside=Path()),
-            check_laws(reference_rules(name), cases=cases, seed=seed, registry=registry),
+            load_penalty(name, folder=Path()),
+            check_laws(reference_rules(name), cases=cases, seed=seed, events=REFERENCE_EVENTS),
         )
         for name in sorted(penalty_names(), key=lambda name: (name != DEFAULT, name))
     ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import permutations
 from typing import Literal
 
-from ariac_score import Finding, Order, Product, Task, Trial, WantedProduct
+from ariac_score import Finding, Order, Product, Task, Trial, WantedProduct, parameter
 from ariac_score_ariac.tasks.claims import (
     NOT_SUBMITTED,
     claimed,
@@ -204,10 +204,10 @@ class _Briefcases:
     """What the rules about briefcases have in common."""
 
     matching: Matching = "by_type_then_permutations"
-    max_distance_m: float = 0.02
+    max_distance_m: float = parameter(0.02, unit="m", status="")
     min_quaternion_dot: float | None = 0.95
-    max_heading_error_rad: float | None = 0.1
-    max_rotation_rad: float | None = None
+    max_heading_error_rad: float | None = parameter(0.1, unit="rad", status="")
+    max_rotation_rad: float | None = parameter(None, unit="rad", status="")
 
     def compared(self, task: Task, contents: Sequence[Product]) -> Briefcase:
         """What the simulator makes of a delivered briefcase."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from ariac_score import Finding, Limit, Order, Submission, Task, Trial
+from ariac_score import Finding, Limit, Order, Submission, Task, Trial, parameter
 from ariac_score_ariac.tasks.claims import (
     NOT_SUBMITTED,
     CountsFrom,
@@ -133,7 +133,7 @@ class OrderTime:
         2024: its submission duration.
     """
 
-    max_time_s: float = 0.0
+    max_time_s: float = parameter(0.0, unit="s", status="")
     kinds: tuple[str, ...] = ("kitting",)
     until: Literal["last_complete_kind", "all_complete"] = "last_complete_kind"
     since: CountsFrom = "update"

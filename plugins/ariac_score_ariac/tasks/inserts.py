@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ariac_score import Finding, Limit, Order, Pose, Product, Task, Trial, WantedProduct
+from ariac_score import Finding, Limit, Order, Pose, Product, Task, Trial, WantedProduct, parameter
 from ariac_score_ariac.tasks.poses import best_total
 from ariac_score_ariac.tasks.quadrants import Sight, not_judged, part_of, sight, tasks_of
 
@@ -103,9 +103,9 @@ class InsertedPart:
     """
 
     compare: Literal["type", "color", "pose", "color_and_pose"] = "type"
-    max_distance_m: float = 0.02
+    max_distance_m: float = parameter(0.02, unit="m", status="")
     min_quaternion_dot: float | None = 0.95
-    max_rotation_rad: float | None = None
+    max_rotation_rad: float | None = parameter(None, unit="rad", status="")
     counting: Literal["each_pair", "one_per_slot"] = "each_pair"
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ariac_score import Finding, Limit, Order, Pose, Product, Task, Tray, Trial, WantedProduct
+from ariac_score import Finding, Limit, Order, Pose, Product, Task, Tray, Trial, WantedProduct, parameter
 from ariac_score_ariac.tasks.claims import (
     EMPTY_KIT,
     NOT_SUBMITTED,
@@ -135,10 +135,10 @@ class KitPose:
         2020 on whatever the colour.
     """
 
-    max_distance_m: float = 0.03
+    max_distance_m: float = parameter(0.03, unit="m", status="")
     min_quaternion_dot: float | None = 0.95
-    max_heading_error_rad: float | None = 0.1
-    max_rotation_rad: float | None = None
+    max_heading_error_rad: float | None = parameter(0.1, unit="rad", status="")
+    max_rotation_rad: float | None = parameter(None, unit="rad", status="")
     compare: Literal["type_and_color", "type"] = "type_and_color"
     heading_limit_passes: bool = False
     normalise_delivered: bool = False
@@ -345,9 +345,9 @@ class TrayRight:
     """
 
     compare: Literal["type", "pose", "present"] = "type"
-    max_distance_m: float = 0.10
+    max_distance_m: float = parameter(0.10, unit="m", status="")
     min_quaternion_dot: float | None = 0.95
-    max_rotation_rad: float | None = None
+    max_rotation_rad: float | None = parameter(None, unit="rad", status="")
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each kitting task."""

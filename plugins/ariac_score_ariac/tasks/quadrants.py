@@ -7,7 +7,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ariac_score import Finding, Limit, Order, Pose, Product, Submission, Task, Trial, WantedProduct
+from ariac_score import (
+    Finding,
+    Limit,
+    Order,
+    Pose,
+    Product,
+    Submission,
+    Task,
+    Trial,
+    WantedProduct,
+    parameter,
+)
 from ariac_score_ariac.tasks.claims import EMPTY_KIT, NOT_SUBMITTED, claimed
 
 TYPES = ("battery", "pump", "sensor", "regulator")
@@ -198,7 +209,7 @@ class QuadrantPart:
 
     compare: Literal["type", "color", "upright", "sound"] = "type"
     flip_vector: Literal["axis", "axis_and_position"] = "axis"
-    max_tilt_rad: float = 0.2
+    max_tilt_rad: float = parameter(0.2, unit="rad", status="")
     challenge_marks: Literal["quadrant", "part"] = "quadrant"
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ariac_score import Finding, Order, Product, Task, Trial, WantedProduct
+from ariac_score import Finding, Order, Product, Task, Trial, WantedProduct, parameter
 from ariac_score_ariac.tasks.claims import (
     each_delivered,
 )
@@ -36,9 +36,9 @@ class WrongColorPose:
         colours stands inside the loop over exact types. Meant was `once`.
     """
 
-    max_distance_m: float = 0.03
+    max_distance_m: float = parameter(0.03, unit="m", status="")
     min_quaternion_dot: float = 0.95
-    max_heading_error_rad: float = 0.1
+    max_heading_error_rad: float = parameter(0.1, unit="rad", status="")
     counting: Literal["each_delivered_type", "once"] = "each_delivered_type"
     without_color: Literal["whole_name", "aborts"] = "whole_name"
     type_names: TypeNames = "whole"

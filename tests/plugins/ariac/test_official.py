@@ -684,4 +684,4 @@ def test_every_edition_has_an_official_rule_set_that_builds(name: str) -> None:
 
     assert set(rule_set.build(REGISTRY)) == set(rule_set.checks)
     assert rule_set.sheet.needs_cohort
-    assert rule_set.sheet.asked(rule_set.sheet.task) == {"official_total"}  # type: ignore[arg-type]
+    assert rule_set.sheet.checks_in(rule_set.sheet.task) == {"official_total"}  # type: ignore[arg-type]
