@@ -30,6 +30,7 @@ from ariac_score.logs.columnar.columns import ranges
 from ariac_score.logs.gazebo_text import CorruptError, Tape, frames, text, without_cdata
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.clock import SIMULATED_TIME, Clock
 from ariac_score.trial.kits import ModelTrack
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.spans import FloatArray, Span
@@ -37,7 +38,7 @@ from ariac_score.trial.spans import FloatArray, Span
 __all__ = ["Entity", "GazeboStateReader", "GazeboStates", "read_states"]
 
 
-CLOCK = "simulated time"
+CLOCK = Clock(SIMULATED_TIME)
 
 
 _END_OF_LOG = b"</gazebo_log>"
@@ -689,7 +690,7 @@ class GazeboStateReader:
                 for name in states.models
                 if len(states.listed[name])
             ),
-            clock=CLOCK,
+            clock=str(CLOCK),
             facts={
                 "states": len(t_s),
                 "models": len(states.models),

@@ -21,6 +21,7 @@ from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescr
 from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import LogError, NothingToScoreError, did_you_mean
 from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import (
     Body,
@@ -44,6 +45,7 @@ MAX_LINE_BYTES = 10_000_000
 MAX_TIME_S = 1e11
 """Stamps further from 0 than this are no times of a trial."""
 _LARGEST_INTEGER = 2**53
+_UNNAMED_CLOCK = Clock("as written in the log")
 
 Record = dict[str, Any]
 
@@ -103,7 +105,7 @@ class JsonLinesReader:
         return LogDescription(
             format="JSON Lines trial log",
             topics=tuple(_topic(name, times[name]) for name in sorted(times)),
-            clock=clock or "as written in the log",
+            clock=clock or str(_UNNAMED_CLOCK),
             damage=damage,
             duration_s=max(stamps) - min(stamps) if stamps else 0.0,
         )
@@ -115,7 +117,7 @@ class JsonLinesReader:
             LogError: Not JSON, breaks the schema, or cut off, with the line.
             NothingToScoreError: The file is empty.
         """
-        builder = TrialBuilder(path.stem, file=path, clock="as written in the log")
+        builder = TrialBuilder(path.stem, file=path, clock=_UNNAMED_CLOCK)
         columns = _Columns()
         units = {name: quantity.unit for name, quantity in QUANTITIES.items()}
         size = max(path.stat().st_size, 1)
@@ -311,7 +313,8 @@ def _take(builder: TrialBuilder, record: Record, where: str) -> None:
     kind = record["record"]
     if kind == "trial":
         builder.trial_id = record["id"]
-        builder.clock = record.get("clock", builder.clock)
+        if "clock" in record:
+            builder.clock = Clock.parse(record["clock"]) if record["clock"] else None
         builder.witnessed |= set(record.get("witnessed", []))
         if record.get("team"):
             builder.team = TeamSetup(record["team"])

@@ -12,6 +12,7 @@ from ariac_score.logs.containers.items import Batch, Connection, Message, Scan
 from ariac_score.logs.gather.collector import Gathering
 from ariac_score.logs.gather.topic_statistics import Survey
 from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.clock import LOG_TIME, Clock
 from ariac_score.trial.model import LogDefect, Trial
 
 __all__ = ["RosbagReader"]
@@ -68,7 +69,7 @@ class RosbagReader:
         return LogDescription(
             format=scan.format,
             topics=survey.topics(),
-            clock=_clock(survey),
+            clock=str(Clock(LOG_TIME, survey.first_ns)),
             facts={"messages": survey.messages},
             defects=(*_contradicting(scan, path), *_disordered(survey)),
             damage=damage,
@@ -104,7 +105,7 @@ class RosbagReader:
                 hint="was the simulation running, and did the recorder see its topics?",
             )
         clock = gathering.clock(first_ns, last_ns)
-        builder = TrialBuilder(_trial_id(path), file=path, clock=clock.words)
+        builder = TrialBuilder(_trial_id(path), file=path, clock=clock.clock)
         builder.recorded = clock.recorded
         gathering.settle(builder, clock.origin_ns)
         for defect in _contradicting(scan, path):
@@ -142,10 +143,6 @@ def _contradicting(scan: Scan, path: Path) -> Iterator[LogDefect]:
 def _disordered(survey: Survey) -> Iterator[LogDefect]:
     for topic, count in survey.steps_back():
         yield LogDefect("disordered_stamps", topic, count, "stamps run backwards")
-
-
-def _clock(survey: Survey) -> str:
-    return "log time" if survey.first_ns is None else f"log time, origin {survey.first_ns} ns"
 
 
 def _trial_id(path: Path) -> str:

@@ -27,14 +27,13 @@ from ariac_score.logs.containers.items import Batch, Connection, Message, normal
 from ariac_score.logs.gather.collector import Gathering, MessageRoute
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, LogMap
+from ariac_score.trial.clock import SIMULATED_TIME, WALL_CLOCK_TIME, Clock
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED
 from ariac_score.trial.model import LogDefect, Trial
 from ariac_score.trial.spans import Span
 
 __all__ = [
     "MAX_LINE_BYTES",
-    "SIMULATED",
-    "WALL_CLOCK",
     "RosMonitoringReader",
     "Row",
     "channel_of",
@@ -53,7 +52,7 @@ LATEST_S = 9.0e9
 FIRST_UNIX_S = 1e9
 """Stamps from here on (September 2001) are seconds of 1970; no simulation runs for thirty years."""
 
-SIMULATED, WALL_CLOCK, UNTIMED = "simulated time", "wall-clock time", "no time"
+UNTIMED = "no time"
 
 _CUT = "record the trial again, or cut the log after its last whole line knowingly"
 _PEEK_BYTES = 1 << 16
@@ -211,7 +210,7 @@ def clock_of(time_s: float | None) -> str:
     """Which clock a stamp is from: messages with a header have simulation seconds, others those of 1970."""
     if time_s is None:
         return UNTIMED
-    return WALL_CLOCK if time_s >= FIRST_UNIX_S else SIMULATED
+    return WALL_CLOCK_TIME if time_s >= FIRST_UNIX_S else SIMULATED_TIME
 
 
 # Messages --------------------------------------------------------------------------------
@@ -429,9 +428,9 @@ class _Intake:
         """What the events show, on the clock of the motion."""
         main = max(self.clocks, key=lambda name: (self._tells(name), name))
         chosen = self.clocks[main]
-        origin_ns = chosen.first_ns if main == WALL_CLOCK and chosen.first_ns is not None else 0
-        words = f"{main}, origin {origin_ns} ns" if origin_ns else main
-        builder = TrialBuilder(self._path.stem, file=self._path, clock=words)
+        origin_ns = chosen.first_ns if main == WALL_CLOCK_TIME and chosen.first_ns is not None else 0
+        clock = Clock(main, origin_ns or None)
+        builder = TrialBuilder(self._path.stem, file=self._path, clock=clock)
         chosen.gathering.settle(builder, origin_ns)
         if chosen.first_ns is not None:
             builder.recorded = Span((chosen.first_ns - origin_ns) / 1e9, (chosen.last_ns - origin_ns) / 1e9)
@@ -453,7 +452,7 @@ class _Intake:
         are put at the end. Motion without its time says nothing at all.
         """
         clock = self.clocks[name]
-        other = TrialBuilder(self._path.stem, file=self._path, clock=name)
+        other = TrialBuilder(self._path.stem, file=self._path, clock=Clock(name))
         clock.gathering.settle(other, 0)
         end_s = 0.0 if builder.recorded is None else builder.recorded.end_s
         told = other.build()
@@ -492,7 +491,7 @@ def _timeless(trial: Trial) -> Trial:
         signals={},
         recorded=None,
         unrecorded=(*trial.unrecorded, *(f"signal {name}: it has no times" for name in trial.signals)),
-        clock="",
+        clocks=(),
     )
 
 
@@ -544,7 +543,7 @@ class _Topics:
         steps = [(t, sum(b < a for a, b in pairwise(s))) for t, s in sorted(self._stamps.items())]
         spans = [
             max(own) - min(own)
-            for clock in (SIMULATED, WALL_CLOCK)
+            for clock in (SIMULATED_TIME, WALL_CLOCK_TIME)
             if (own := [t for s in self._stamps.values() for t in s if clock_of(t) == clock])
         ]
         return LogDescription(

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from ariac_score.errors import LogError
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import (
     COMPETITION_ENDED,
     COMPETITION_STARTED,
@@ -32,6 +33,7 @@ from ariac_score.trial.model import (
     Trial,
     WantedProduct,
 )
+from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
@@ -51,10 +53,10 @@ class TrialBuilder:
     Args:
         trial_id: Name of the trial.
         file: The log, for error messages.
-        clock: Which clock the times come from, in words.
+        clock: Which clock the times come from; `None` when the log does not say.
     """
 
-    def __init__(self, trial_id: str, *, file: object, clock: str) -> None:
+    def __init__(self, trial_id: str, *, file: object, clock: Clock | None) -> None:
         self.trial_id, self.file, self.clock = trial_id, file, clock
         self.orders: list[Order] = []
         self.submissions: list[Submission] = []
@@ -164,7 +166,7 @@ class TrialBuilder:
             witnessed=frozenset(self.witnessed),
             unrecorded=tuple(sorted(self.unrecorded)),
             log_defects=tuple(self._defects[k] for k in sorted(self._defects)),
-            clock=self.clock,
+            clocks=() if self.clock is None else (self.clock,),
             recorded=self.recorded or _span_of(self.signals.values(), self.events, self.submissions),
             facts={name: self.facts[name] for name in sorted(self.facts)},
             kits=(*([RecordedKits(self.kits)] if self.kits else []), *self.kit_records),
@@ -265,7 +267,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
         witnessed=frozenset(w for p in parts for w in p.witnessed),
         unrecorded=tuple(sorted({u for p in parts for u in p.unrecorded})),
         log_defects=tuple(sorted([*(d for p in parts for d in p.log_defects), *_other_sensors(parts)])),
-        clock=_clock(parts),
+        clocks=_clocks(parts),
         recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
         facts=_facts(parts, file),
         kits=_kits(parts),
@@ -330,16 +332,18 @@ def _within_competition(trial: Trial, unannounced: int) -> Trial:
     return replace(trial, submissions=counted, log_defects=tuple(sorted(defects)))
 
 
-def _clock(parts: Sequence[Trial]) -> str:
-    """The clocks of the parts, each kind once, in its fullest words."""
-    clocks = sorted({part.clock for part in parts if part.clock})
-    kinds = dict.fromkeys(clock.split(" (")[0] for clock in clocks)
-    return "; ".join(max((c for c in clocks if c.split(" (")[0] == kind), key=len) for kind in kinds)
+def _clocks(parts: Sequence[Trial]) -> tuple[Clock, ...]:
+    """The clocks of the parts, the one with most detail of each; that of the times stands first."""
+    timed_first = sorted(parts, key=lambda part: part.recorded is None)
+    found: dict[tuple[str, int | None], Clock] = {}
+    for clock in (clock for part in timed_first for clock in part.clocks):
+        key = clock.kind, clock.origin_ns
+        found[key] = max(found.get(key, clock), clock, key=lambda c: len(c.detail))
+    return tuple(found.values())
 
 
-def _clock_kind(part: Trial) -> str:
-    """`simulated time`, `log time`: the words before any detail."""
-    return part.clock.split(",")[0].split(" (")[0]
+def _times_clock(part: Trial) -> Clock:
+    return part.clocks[0] if part.clocks else Clock("")
 
 
 def _on_one_clock(parts: Sequence[Trial]) -> list[Trial]:
@@ -347,13 +351,24 @@ def _on_one_clock(parts: Sequence[Trial]) -> list[Trial]:
     timed = [part for part in parts if part.recorded is not None]
     if not timed:
         return list(parts)
-    main = max(timed, key=_tells)
-    kind = _clock_kind(main)
-    return [p if p.recorded is None or _clock_kind(p) == kind else _without_times(p, main) for p in parts]
+    main = max(timed, key=_timed_contents)
+    return [part if part.recorded is None else _on_clock_of(main, part) for part in parts]
 
 
-def _tells(part: Trial) -> tuple[int, int]:
-    """How much a part records that only its own times go with: signals first, then contents."""
+def _on_clock_of(main: Trial, part: Trial) -> Trial:
+    """A part with its times counted from where those of another begin, or without them."""
+    clock, own = _times_clock(main), _times_clock(part)
+    if own.kind != clock.kind:
+        return _without_times(part, main)
+    if own.origin_ns is None or clock.origin_ns is None or own.origin_ns == clock.origin_ns:
+        return part
+    # Each recording counts from its own first stamp.
+    later_ns = own.origin_ns - clock.origin_ns
+    return replace(shifted(part, later_ns / 1e9), clocks=(replace(own, origin_ns=clock.origin_ns),))
+
+
+def _timed_contents(part: Trial) -> tuple[int, int]:
+    """How much of a part is worth nothing on another clock: signals first, then contents."""
     return len(part.signals), sum(1 for s in part.submissions if s.contents is not None)
 
 
@@ -370,7 +385,8 @@ def _without_times(part: Trial, main: Trial) -> Trial:
     end_s = main.recorded.end_s
     kept = tuple(replace(e, t_s=end_s) for e in part.events if e.kind not in _TIMED_EVENTS)
     left_out = len(part.events) - len(kept)
-    message = f"its times are {_clock_kind(part)}, the motion is in {_clock_kind(main)}; they were not used"
+    own, others = _times_clock(part).kind, _times_clock(main).kind
+    message = f"its times are {own}, the motion is in {others}; they were not used"
     defect = LogDefect("other_clock", part.id, left_out + len(kept) + len(part.submissions), message)
     return replace(
         part,
@@ -380,7 +396,7 @@ def _without_times(part: Trial, main: Trial) -> Trial:
         signals={},
         recorded=None,
         kits=(),
-        clock="",
+        clocks=(),
         log_defects=(*part.log_defects, defect),
     )
 

@@ -9,6 +9,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial import quaternions
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.signals import LARGEST_VALUE, Signal
@@ -388,7 +389,7 @@ class Trial:
             means nothing was recorded, not that nothing happened.
         unrecorded: What was looked for and is not in the log, in words.
         log_defects: What was wrong with the log.
-        clock: Which clock the times come from, in words.
+        clocks: Of the logs it was read from, the one that its times are on first; empty when no log says.
         recorded: From the first to the last stamp of the recording.
         facts: Numbers that a configuration or an official record states of the trial, by name, such as
             `time_limit_s`; what is not stated is not there.
@@ -410,7 +411,7 @@ class Trial:
     witnessed: frozenset[str] = frozenset()
     unrecorded: tuple[str, ...] = ()
     log_defects: tuple[LogDefect, ...] = ()
-    clock: str = ""
+    clocks: tuple[Clock, ...] = ()
     recorded: Span | None = None
     facts: Mapping[str, float] = field(default_factory=lambda: FrozenMap({}))
     kits: tuple[KitRecord, ...] = ()
@@ -458,6 +459,11 @@ class Trial:
     def events_of(self, kind: str) -> tuple[Event, ...]:
         """The events of one kind in order of time."""
         return tuple(sorted(e for e in self.events if e.kind == kind))
+
+    @property
+    def clock(self) -> str:
+        """Its clocks in words, as results store them; empty when no log says."""
+        return "; ".join(sorted(map(str, self.clocks)))
 
     @property
     def started_s(self) -> float | None:

@@ -19,6 +19,7 @@ from ariac_score.logs.gather import collector as gathering
 from ariac_score.logs.gather.collector import Gathering
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, LogMap, TrayMatch
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.spans import Span
 from ariac_score_ariac.kit_from_poses import KitsOfModels
 
@@ -155,7 +156,7 @@ def gathered(items: list[Any], flush_every: int | None, *, together: bool) -> An
             patch.setattr(gathering, "columns_for", lambda *_: None)
         quantities = frozenset({"speed", "position", "velocity"})
         taken = Gathering(Wanted(LOG_MAP, quantities, kits=KitsOfModels()), Path("t.bag"))
-        builder = TrialBuilder("t", file="t.bag", clock="log time")
+        builder = TrialBuilder("t", file="t.bag", clock=Clock("log time"))
         builder.recorded = Span(0.0, 9.0)
         try:
             for number, item in enumerate(items):

@@ -15,6 +15,7 @@ from ariac_score.errors import LogError
 from ariac_score.logs.gather.transforms import MAX_GAP_S, TransformTree, _Edge, _turn
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.model import Body
 from ariac_score.trial.spans import Span
 
@@ -41,7 +42,7 @@ def tree_of(*samples: tuple[float | None, Fields]) -> TransformTree:
 
 
 def settled(tree: TransformTree, *matches: BodyMatch) -> TrialBuilder:
-    builder = TrialBuilder("t", file="t.bag", clock="log time")
+    builder = TrialBuilder("t", file="t.bag", clock=Clock("log time"))
     builder.recorded = Span(0.0, 9.0)
     tree.settle(builder, 0, matches or (GANTRY,))
     return builder

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ariac_score.trial.build import TrialBuilder, merge_trials
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_STARTED, Event
 from ariac_score.trial.kits import RecordedKits, with_contents
 from ariac_score.trial.model import (
@@ -170,7 +171,7 @@ def test_parts_of_an_assembly_are_never_faulty() -> None:
 
 
 def part(name: str, clock: str) -> TrialBuilder:
-    builder = TrialBuilder(name, file=name, clock=clock)
+    builder = TrialBuilder(name, file=name, clock=Clock(clock))
     builder.events.append(Event(0.0, COMPETITION_STARTED))
     return builder
 

@@ -15,6 +15,7 @@ import numpy as np
 from ariac_score.errors import LogError
 from ariac_score.logs.containers.items import IntArray
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
+from ariac_score.trial.clock import LOG_TIME, SIMULATED_TIME, Clock
 from ariac_score.trial.spans import Span
 
 __all__ = ["CLOCK_TOPIC", "CLOCK_TYPE", "LARGEST_CLOCK_DIFFERENCE_S", "Clocks", "TrialClock"]
@@ -46,12 +47,12 @@ class TrialClock:
     """The clock that trial times are from.
 
     Attributes:
-        words: What it is.
+        clock: What it is.
         origin_ns: Trial time 0 on it, ns.
         recorded: The recording's first to last message, trial time.
     """
 
-    words: str
+    clock: Clock
     origin_ns: int
     recorded: Span
 
@@ -188,12 +189,12 @@ class Clocks:
         Simulated time has a zero of its own, which other logs of the run share; log time has none.
         """
         if self._simulated is None:
-            words, origin_ns = f"log time, origin {first_ns} ns", first_ns
+            clock, origin_ns = Clock(LOG_TIME, first_ns), first_ns
         else:
-            words, origin_ns = "simulated time", 0
+            clock, origin_ns = Clock(SIMULATED_TIME), 0
         ends_ns = self.of_log(np.array([first_ns, last_ns], dtype=np.int64)).tolist()
         start_s, end_s = ((int(end_ns) - origin_ns) / 1e9 for end_ns in ends_ns)
-        return TrialClock(words, origin_ns, Span(start_s, end_s))
+        return TrialClock(clock, origin_ns, Span(start_s, end_s))
 
     @property
     def simulated(self) -> bool:
