@@ -1,4 +1,4 @@
-"""Building a trial from what readers find, and one trial from several logs."""
+"""Building a trial from what readers find, and merging the trials of several logs."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 __all__ = ["LARGEST_STEP_BACK_S", "TrialBuilder", "merge_trials", "settle_orders"]
 
 LARGEST_STEP_BACK_S = 1.0
-"""Stamps further back than this mean two recordings in one file, which sorting would mix up."""
+"""Stamps further back than this mean two recordings in one file, which sorting would interleave."""
 
 
-_Told = TypeVar("_Told")
+_T = TypeVar("_T")
 
 
 class TrialBuilder:
@@ -90,12 +90,12 @@ class TrialBuilder:
             self.events.append(item)
 
     def add_body(self, body: Body) -> None:
-        """Take a body; the links of one that is known already are joined."""
+        """Take a body; links of one that is already known are added to it."""
         known = self.bodies.get(body.id)
         self.bodies[body.id] = _joined(known, body, self.file)
 
     def defect(self, kind: str, where: str, count: int, message: str) -> None:
-        """Count something wrong that was survived; nothing happens when the count is 0."""
+        """Count a fault of the log that reading survived; a count of 0 leaves no trace."""
         if count:
             known = self._defects.get((kind, where))
             total = count + (known.count if known else 0)
@@ -174,7 +174,7 @@ class TrialBuilder:
 
 
 def _check_ids(order: Order, file: object) -> None:
-    """Refuse an order in which two things have one name: findings could not tell them apart."""
+    """Refuse an order in which two things have one name: findings could not distinguish them."""
     for what, names in (
         ("shipments", [task.id for task in order.tasks]),
         *(("slots", [wanted.slot for wanted in task.products]) for task in order.tasks),
@@ -197,7 +197,7 @@ def _span_of(
 
 
 def _joined(known: Body | None, body: Body, file: object) -> Body:
-    """A body with the links it had already."""
+    """A body with its new and its known links."""
     if known is not None and (known.kind, known.radius_m) != (body.kind, body.radius_m):
         raise LogError(f"body {body.id!r} is described twice, differently", file=file)
     return replace(body, links=tuple(sorted({*(known.links if known else ()), *body.links})))
@@ -227,7 +227,7 @@ def settle_orders(announced: Sequence[Order], *, file: object = None) -> tuple[O
                 hint="a change of an order is an update of its own id, such as order_0_update_0",
             )
         if order.id in orders:
-            continue
+            continue  # an update with the id of an announced order, or the order once more
         if not order.updates:
             orders[order.id] = order
         elif order.updates in orders:
@@ -240,17 +240,17 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     """One trial from the several logs of a bundle.
 
     Each kind of thing may come from one log only, except events, bodies, defects
-    and what was witnessed, which add up. Orders as announced stand before orders
-    as configured; configured ones take their time from the event of their
-    announcement, and updates are applied. What announced orders do not say, such as
-    challenges, is taken from the configured ones. Submissions with contents stand before
-    those of an official text, which has none. Sensors as configured stand before
-    sensors as recorded; numbers of the trial that two files state must agree. Logs on
-    another clock than the one that records the motion keep what needs no time (see
-    `_without_times`).
+    and `witnessed`, which add up. Announced orders take precedence over configured
+    ones; configured ones take their time from the event of their announcement, and
+    updates are applied. Fields that announced orders lack, such as challenges, are
+    taken from the configured ones. Submissions with contents take precedence over those
+    of an official text, which has none, and configured sensors over recorded ones.
+    Numbers of the trial that two files state must agree. Logs that count from another
+    zero of one clock are shifted; logs on another clock than the log that records the
+    motion keep what needs no time (see `_without_times`).
 
     Raises:
-        LogError: Two logs tell the same thing differently.
+        LogError: Two logs contradict each other.
     """
     parts = _on_one_clock(parts)
     events = tuple(sorted({e for p in parts for e in p.events}))
@@ -281,55 +281,65 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
 
 
 def _unannounced(parts: Sequence[Trial], merged: Trial) -> int:
-    """How many configured orders the orders of the trial do not include."""
+    """How many configured orders are not among the orders of the trial."""
     known = {order.id for order in merged.orders}
     return len({o.id for part in parts for o in part.orders if not o.updates} - known)
 
 
 def _within_competition(trial: Trial, unannounced: int) -> Trial:
-    """The trial with the submissions that can count, and what is odd about its course as defects.
+    """The trial with the submissions that can count; irregularities are noted as defects.
 
-    A submission before the start or after the end is refused by every edition. What
-    is left out, and what answers no order, is counted, so that nobody has to wonder.
+    No competition accepts a submission before the start or after the end. Submissions that
+    are left out, and those that answer no order, are counted, so that none vanishes silently.
     """
-    defects = list(trial.log_defects)
+    low_s, high_s, no_window = _competition_limits(trial)
+    counted = tuple(s for s in trial.submissions if low_s <= s.submitted_s <= high_s)
+    noted = {
+        "no_window": (bool(no_window), no_window),
+        "outside_competition": (
+            len(trial.submissions) - len(counted),
+            "submissions before the start or after the end were refused",
+        ),
+        "priority_unknown": (
+            sum(not order.priority_said for order in trial.orders),
+            "the messages of this edition do not say an order's priority; the trial configuration does",
+        ),
+        "orders_not_announced": (
+            unannounced,
+            "orders of the configuration were never announced in the log",
+        ),
+        **_irregular(counted, trial.orders),
+    }
+    defects = (LogDefect(kind, trial.id, int(n), message) for kind, (n, message) in noted.items() if n)
+    return replace(trial, submissions=counted, log_defects=tuple(sorted([*trial.log_defects, *defects])))
 
-    def note(kind: str, count: int, message: str) -> None:
-        if count:
-            defects.append(LogDefect(kind, trial.id, count, message))
 
+def _competition_limits(trial: Trial) -> tuple[float, float, str]:
+    """Between which times submissions count, s, and why there are no limits, where there are none."""
     start_s, end_s = trial.started_s, trial.ended_s
     if start_s is None and end_s is None:
-        note("no_window", 1, "start and end of the competition are not in the log; all of it was watched")
-    elif start_s is not None and end_s is not None and start_s >= end_s:
-        note(
-            "no_window",
-            1,
-            f"it ends ({end_s:.3f} s) before it starts ({start_s:.3f} s); all of it was watched",
-        )
-        start_s = end_s = None
-    low = -np.inf if start_s is None else start_s
-    high = np.inf if end_s is None else end_s
-    counted = tuple(s for s in trial.submissions if low <= s.submitted_s <= high)
-    note(
-        "outside_competition",
-        len(trial.submissions) - len(counted),
-        "submissions before the start or after the end were refused",
-    )
-    unsaid = [order for order in trial.orders if not order.priority_said]
-    note(
-        "priority_unknown",
-        len(unsaid),
-        "the messages of this edition do not say an order's priority; the trial configuration does",
-    )
-    note("orders_not_announced", unannounced, "orders of the configuration were never announced in the log")
-    ordered = {task.id for order in trial.orders for task in order.tasks}
-    outlined = any(order.outline for order in trial.orders)  # then nothing says what was ordered
-    unknown = [s for s in counted if s.task_id not in ordered and not outlined]
-    note("unknown_shipment", len(unknown), "submissions answer no shipment of any order")
+        return -np.inf, np.inf, "start and end of the competition are not in the log; all of it was watched"
+    low_s = -np.inf if start_s is None else start_s
+    high_s = np.inf if end_s is None else end_s
+    if low_s >= high_s:
+        times = f"it ends ({high_s:.3f} s) before it starts ({low_s:.3f} s)"
+        return -np.inf, np.inf, f"{times}; all of it was watched"
+    return low_s, high_s, ""
+
+
+def _irregular(counted: Sequence[Submission], orders: Sequence[Order]) -> dict[str, tuple[int, str]]:
+    """Submissions that answer nothing that was ordered, or the same thing again."""
+    ordered = {task.id for order in orders for task in order.tasks}
     known = [s.task_id for s in counted if s.task_id in ordered]
-    note("repeated_submission", len(known) - len(set(known)), "shipments were submitted more than once")
-    return replace(trial, submissions=counted, log_defects=tuple(sorted(defects)))
+    # An official text that is the only source of orders does not name their tasks.
+    unknown = 0 if any(order.outline for order in orders) else len(counted) - len(known)
+    return {
+        "unknown_shipment": (unknown, "submissions answer no shipment of any order"),
+        "repeated_submission": (
+            len(known) - len(set(known)),
+            "shipments were submitted more than once",
+        ),
+    }
 
 
 def _clocks(parts: Sequence[Trial]) -> tuple[Clock, ...]:
@@ -376,12 +386,12 @@ _TIMED_EVENTS = frozenset({COMPETITION_STARTED, COMPETITION_ENDED, ORDER_ANNOUNC
 
 
 def _without_times(part: Trial, main: Trial) -> Trial:
-    """What a log on another clock still tells: what happened, but not when.
+    """What remains of a log on another clock: what happened, but not when.
 
-    Start, end and announcements say nothing without their time and are left out;
-    collisions and drops are put at the end of the recording.
+    Start, end and announcements mean nothing without their time and are left out.
     """
     assert main.recorded is not None  # chosen for having one
+    # Collisions and drops count whenever they happened, so they are put where the recording ends.
     end_s = main.recorded.end_s
     kept = tuple(replace(e, t_s=end_s) for e in part.events if e.kind not in _TIMED_EVENTS)
     left_out = len(part.events) - len(kept)
@@ -402,10 +412,10 @@ def _without_times(part: Trial, main: Trial) -> Trial:
 
 
 def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tuple[Order, ...]:
-    told = [part.orders for part in parts if part.orders]
-    as_announced = [orders for orders in told if any(order.announced_s is not None for order in orders)]
-    orders = _only("orders", as_announced or told, file) or ()
-    configured = {o.id: o for group in told if group not in as_announced for o in group}
+    found = [part.orders for part in parts if part.orders]
+    as_announced = [orders for orders in found if any(order.announced_s is not None for order in orders)]
+    orders = _only("orders", as_announced or found, file) or ()
+    configured = {o.id: o for group in found if group not in as_announced for o in group}
     orders = tuple(_completed(order, configured.get(order.id)) for order in orders)
     announced: dict[str, float] = {}
     for event in events:
@@ -419,7 +429,7 @@ def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tu
 
 
 def _outlined(parts: Sequence[Trial]) -> tuple[Order, ...]:
-    """The orders that nothing but the official text names, in its order."""
+    """The orders of the official text, in its order, where no other file names any."""
     summaries = [order for part in parts if part.official for order in part.official.summaries]
     return tuple(
         Order(order.id, announced_s=order.announced_s, priority=_priority(order), outline=True)
@@ -428,13 +438,13 @@ def _outlined(parts: Sequence[Trial]) -> tuple[Order, ...]:
 
 
 def _priority(order: OfficialOrder) -> int:
-    """As printed: a factor until 2022, a yes or no since."""
+    """As printed: a factor in some texts, yes or no in others, where yes means the factor 3."""
     printed = order.items.get("priority", "")
     return int(printed) if printed.isdigit() else 3 if order.priority else 1
 
 
 def _completed(order: Order, configured: Order | None) -> Order:
-    """An announced order with what its message cannot say: its priority, and where challenges are set."""
+    """An announced order with what its message lacks: challenges and, in some formats, the priority."""
     if configured is None:
         return order
     of_slot = {
@@ -456,19 +466,19 @@ def _completed(order: Order, configured: Order | None) -> Order:
 
 
 def _kits(parts: Sequence[Trial]) -> tuple[KitRecord, ...]:
-    """The records of trays, unless the submissions are on another clock, which has been taken from them."""
+    """The records of trays; none where submissions have lost their times, for they cannot be joined then."""
     if any(part.submissions and part.recorded is None for part in parts):
         return ()
     return tuple(record for part in parts for record in part.kits)
 
 
-def _team(told: Sequence[TeamSetup], file: object) -> TeamSetup | None:
+def _team(setups: Sequence[TeamSetup], file: object) -> TeamSetup | None:
     """One set-up from a configuration, which has sensors, and an official record, which has their cost."""
-    if not told:
+    if not setups:
         return None
-    names = [team.name for team in told if team.name]
-    configured, recorded = _sensors(told)
-    costs = [team.sensor_cost for team in told if team.sensor_cost is not None]
+    names = [team.name for team in setups if team.name]
+    configured, recorded = _sensors(setups)
+    costs = [team.sensor_cost for team in setups if team.sensor_cost is not None]
     sensors = _only("a team set-up", configured or recorded, file)
     return TeamSetup(
         _only("a team set-up", names, file) or "",
@@ -477,9 +487,9 @@ def _team(told: Sequence[TeamSetup], file: object) -> TeamSetup | None:
     )
 
 
-def _sensors(told: Sequence[TeamSetup]) -> tuple[list[dict[str, str]], list[dict[str, str]]]:
-    """The sensors as configured, and those that stand in a record beside their cost."""
-    known = [team for team in told if team.sensors is not None]
+def _sensors(setups: Sequence[TeamSetup]) -> tuple[list[dict[str, str]], list[dict[str, str]]]:
+    """The sensors as configured, and those of a record that gives their cost."""
+    known = [team for team in setups if team.sensors is not None]
     return (
         [dict(team.sensors or {}) for team in known if team.sensor_cost is None],
         [dict(team.sensors or {}) for team in known if team.sensor_cost is not None],
@@ -487,7 +497,7 @@ def _sensors(told: Sequence[TeamSetup]) -> tuple[list[dict[str, str]], list[dict
 
 
 def _other_sensors(parts: Sequence[Trial]) -> Iterator[LogDefect]:
-    """That a record counts other sensors than are configured; names differ always, so types are compared."""
+    """Whether a record counts other sensors than are configured; by type, for the names always differ."""
     configured, recorded = _sensors([part.team for part in parts if part.team])
     if configured and recorded and sorted(configured[0].values()) != sorted(recorded[0].values()):
         message = (
@@ -499,24 +509,24 @@ def _other_sensors(parts: Sequence[Trial]) -> Iterator[LogDefect]:
 
 def _facts(parts: Sequence[Trial], file: object) -> dict[str, float]:
     """The numbers that the files state of the trial, which must not contradict each other."""
-    told: dict[str, tuple[float, str]] = {}
+    stated: dict[str, tuple[float, str]] = {}
     for part in parts:
         source = part.official.source if part.official else part.id
         for name, value in sorted(part.facts.items()):
-            known, first = told.setdefault(name, (value, source))
+            known, first = stated.setdefault(name, (value, source))
             if known != value:
                 raise LogError(
                     f"{first!r} says that {name} is {known:g}, {source!r} that it is {value:g}",
                     file=file,
                     hint="a bundle is one trial: leave out the file that belongs to another",
                 )
-    return {name: told[name][0] for name in sorted(told)}
+    return {name: stated[name][0] for name in sorted(stated)}
 
 
 def _submissions(parts: Sequence[Trial], file: object) -> tuple[Submission, ...]:
-    told = [part.submissions for part in parts if part.submissions]
-    with_contents = [group for group in told if any(s.contents is not None for s in group)]
-    return _only("submissions", with_contents or told, file) or ()
+    found = [part.submissions for part in parts if part.submissions]
+    with_contents = [group for group in found if any(s.contents is not None for s in group)]
+    return _only("submissions", with_contents or found, file) or ()
 
 
 def _bodies(parts: Sequence[Trial], file: object) -> tuple[Body, ...]:
@@ -538,7 +548,7 @@ def _signals(parts: Sequence[Trial], file: object) -> dict[str, Signal]:
     return {name: signals[name] for name in sorted(signals)}
 
 
-def _only(what: str, found: Sequence[_Told], file: object) -> _Told | None:
+def _only(what: str, found: Sequence[_T], file: object) -> _T | None:
     if len(found) > 1 and any(item != found[0] for item in found[1:]):
         raise LogError(
             f"{len(found)} logs hold {what}, and they differ",

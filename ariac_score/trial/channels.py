@@ -1,6 +1,6 @@
 """Which topic, field, model or frame becomes which signal: the parsed form of a log map.
 
-This is data. `ariac_score.trial.logmap` loads it from YAML; readers follow it.
+`ariac_score.trial.logmap` loads it from YAML; readers follow it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Channel:
         poses: `frames` for tf messages, `models` for Gazebo model states; empty otherwise.
         decoder: Name of the plugin that turns its messages into orders, submissions, events.
         witnesses: What this topic would have shown; see `Trial.witnessed`.
-        optional: Whether nothing is missed where it is not recorded.
+        optional: Whether a recording without it is complete all the same.
     """
 
     topic: str
@@ -88,7 +88,7 @@ class BodyMatch:
 
 @dataclass(frozen=True)
 class Footprint:
-    """The box in which an origin lies on a tray, in the frame of that tray; its sides belong to it.
+    """The box, in the frame of a tray, in which the origin of a thing on that tray lies; sides included.
 
     Attributes:
         half_length_m: Along x to either side, m.
@@ -138,6 +138,7 @@ class TrayMatch:
         >>> TrayMatch("agv", "{place}::kit_tray_{n}::*", Footprint(1, 1, 1)).pattern_for("agv2")
         'agv2::kit_tray_2::*'
         """
+        # `{n}`: models of trays are numbered like their AGV, but not named after it.
         number = place[len(place.rstrip("0123456789")) :]
         return self.match.replace("{place}", place).replace("{n}", number)
 
@@ -147,11 +148,11 @@ ProductNames = Literal["instance", "part"]
 
 @dataclass(frozen=True)
 class KitMap:
-    """How the contents of kits are found for submissions that come without.
+    """How the contents of kits are found for submissions that lack them.
 
     Attributes:
         max_age_s: How old contents may be at the submission, s.
-        names: How the name of a model tells its type: `instance` (the type and a number)
+        names: How the name of a model gives its type: `instance` (the type and a number)
             or `part` (a name that contains a type and a colour).
         products: Shell patterns over the types that are products; any where there are none.
         trays: Where kits lie among the models.
@@ -167,12 +168,12 @@ class KitMap:
 
 @dataclass(frozen=True)
 class LogMap:
-    """How the logs of one edition are read.
+    """How the logs of one competition, or one edition of it, are read.
 
     Attributes:
         id: Such as `ariac2020`.
         channels: By topic, in the order of the file.
-        bodies: Bodies that mapped fields speak of.
+        bodies: Bodies that mapped fields are about.
         models: Gazebo model names.
         frames: tf frame names.
         root_frame: The tf frame positions are given in.

@@ -20,7 +20,7 @@ ORDER_ANNOUNCED = "order_announced"
 ARM_COLLISION = "arm_collision"
 PART_DROPPED = "part_dropped"
 WATCHING = "watching"
-"""The recorder says that it would have recorded events of the kind named by `subject`."""
+"""The recorder declares that it would have recorded events of the kind that `subject` names."""
 
 
 @dataclass(frozen=True, order=True)

@@ -18,7 +18,7 @@ _FILE = "log_map"
 
 
 def log_map_names() -> list[str]:
-    """The shipped log maps, by edition."""
+    """The names of the shipped log maps."""
     return sorted(name.rpartition(".")[0] for name in shipped_rules() if name.rpartition(".")[2] == _FILE)
 
 
@@ -27,7 +27,7 @@ def load_log_map(name: str, *, beside: Path | None = None) -> LogMap:
 
     Args:
         name: Such as `ariac2020`, or a path ending in `.yaml`.
-        beside: Folder that a relative path is looked up in.
+        beside: Folder that a relative path starts from; by default the current one.
 
     Raises:
         LogMapError: Unknown name, malformed file, or a signal that does not fit
