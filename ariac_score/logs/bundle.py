@@ -20,9 +20,9 @@ __all__ = ["MAX_DEPTH", "MAX_FILES", "Bundle", "Part", "find_parts", "name_from"
 
 BUNDLE_FILE = "bundle.yaml"
 MAX_DEPTH = 4
-"""Folders below the given one that are searched."""
+"""How deep below the given folder is searched."""
 MAX_FILES = 2000
-"""Files that are looked at before the folder is taken for something else than a trial."""
+"""With more files than this a folder is not taken for that of one trial."""
 
 _RUN = re.compile(r"(?P<file>.+)#run=(?P<run>\d{1,15})")
 _A_FILE = {
@@ -43,8 +43,8 @@ class Part:
     Attributes:
         path: Where it is.
         reader: Name of the reader that recognised it.
-        facts: What that reader says of its files.
-        run: Which run of it, by number, where one is named.
+        facts: The reader's facts about its files.
+        run: The number of the chosen run, where one is named.
     """
 
     path: Path
@@ -54,7 +54,7 @@ class Part:
 
     @property
     def role(self) -> str:
-        """What it is in the trial."""
+        """Its part in the trial, such as `log`."""
         return self.facts.role
 
 
@@ -67,7 +67,7 @@ class Bundle:
         root: The folder (or the file) the parts are in.
         parts: Sorted by path; those of `bundle.yaml` in its order.
         ignored: Paths below the root that no reader recognised, sorted.
-        stated: The SHA-256 of files as `bundle.yaml` states them, sorted by path.
+        stated: The SHA-256 of files that `bundle.yaml` states, sorted by path.
         file: The `bundle.yaml` that names the parts, if one does.
     """
 
@@ -85,7 +85,7 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
     Args:
         path: A log, a configuration, a bag folder, a `bundle.yaml`, or a folder of these. A file
             that holds several runs may be followed by the number of one: `results.db#run=3`.
-        readers: The installed readers by name; asked in order of their names.
+        readers: The installed readers by name; tried in order of their names.
 
     Raises:
         NothingToScoreError: There is no such path, or nothing in it is recognised.
@@ -112,7 +112,7 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
 def with_parts(
     bundle: Bundle, paths: Sequence[Path], root: Path, readers: Mapping[str, Reader], *, binding: bool = False
 ) -> Bundle:
-    """A bundle with files that lie outside its folder, such as the configuration all runs share.
+    """A bundle with files from outside its folder, such as the configuration that all runs share.
 
     Args:
         bundle: As found.
@@ -145,7 +145,7 @@ def _recognised(path: Path, readers: Mapping[str, Reader]) -> Part:
 
 
 def _without_roles(bundle: Bundle, roles: Set[str]) -> Bundle:
-    """A bundle without the parts of some roles, and without what it states of their files."""
+    """A bundle without the parts of some roles, and without the stated hashes of their files."""
     left_out = [part.path for part in bundle.parts if part.role in roles]
     folder = bundle.root if bundle.root.is_dir() else bundle.root.parent
     names = (f"{name_from(folder, path)} (another configuration is binding)" for path in left_out)
@@ -170,7 +170,7 @@ def _as_part(path: Path, readers: Mapping[str, Reader]) -> Part | None:
     """The part a file is, by the first reader that recognises it.
 
     Raises:
-        LogError: It may not be read, so that nobody knows what it is: a trial is not scored without it.
+        LogError: It may not be read: it could be a part that the trial must not be scored without.
     """
     for name in sorted(readers):
         if readers[name].can_read(path):
@@ -186,7 +186,7 @@ def _as_part(path: Path, readers: Mapping[str, Reader]) -> Part | None:
 
 
 def _as_folder(folder: Path, readers: Mapping[str, Reader]) -> Part | None:
-    """The part a whole folder is, for a reader of which a log may be one."""
+    """The part that a whole folder is, for readers whose logs may be folders."""
     for name in sorted(readers):
         facts = reader_facts(readers[name])
         if facts.folders and readers[name].can_read(folder):
@@ -195,7 +195,7 @@ def _as_folder(folder: Path, readers: Mapping[str, Reader]) -> Part | None:
 
 
 def known_formats(readers: Mapping[str, Reader]) -> str:
-    """What the installed readers read, for a message that says what could have been given."""
+    """The formats of the installed readers, for error messages."""
     return ", ".join(sorted({facts.formats for r in readers.values() if (facts := reader_facts(r)).formats}))
 
 
@@ -212,7 +212,7 @@ def _single_file(path: Path, readers: Mapping[str, Reader]) -> Bundle:
 
 
 def _likeness(path: Path, readers: Mapping[str, Reader]) -> str:
-    """Words for a YAML file that is no part of a trial."""
+    """What a YAML file that is no part of a trial looks like, for an error message."""
     if path.suffix not in (".yaml", ".yml"):
         return ""
     found = (r.likeness(path) for _, r in sorted(readers.items()) if isinstance(r, Likening))
@@ -300,7 +300,7 @@ def _walk(folder: Path, root: Path, readers: Mapping[str, Reader], depth: int) -
         ) from cause
     for path in paths:
         if not _is_inside(path, root):
-            continue  # what it means lies elsewhere; `_links_out` names it
+            continue  # a link out of the folder; `_links_out` names it
         if path.is_file() or (path.is_dir() and _as_folder(path, readers) is not None):
             yield path
         elif path.is_dir() and not path.is_symlink() and depth > 0:
@@ -308,7 +308,7 @@ def _walk(folder: Path, root: Path, readers: Mapping[str, Reader], depth: int) -
 
 
 def _links_out(folder: Path) -> list[Path]:
-    """The links right in a folder that lead out of it, or nowhere."""
+    """The links directly in a folder that lead out of it, or nowhere."""
     root = folder.resolve()
     return sorted(
         path

@@ -43,8 +43,9 @@ __all__ = ["FORMAT", "JsonLinesReader"]
 FORMAT = "ariac-score-trial-log/1"
 MAX_LINE_BYTES = 10_000_000
 MAX_TIME_S = 1e11
-"""Stamps further from 0 than this are no times of a trial."""
+"""Stamps further from 0 than this are not times of a trial."""
 _LARGEST_INTEGER = 2**53
+"""Larger integers are not exact in float64, nor in most JSON readers."""
 _UNNAMED_CLOCK = Clock("as written in the log")
 
 Record = dict[str, Any]
@@ -61,7 +62,7 @@ class _Columns:
 
 
 Note = Callable[[str], None]
-"""Takes what is wrong with a pose that is left out."""
+"""Takes the reason why a pose is left out."""
 
 
 class JsonLinesReader:
@@ -91,7 +92,7 @@ class JsonLinesReader:
         return FORMAT.encode() in head or (not head and path.suffix == ".jsonl")
 
     def describe(self, path: Path) -> LogDescription:
-        """Records and signals with counts, rates and gaps; of a damaged log what comes before the damage."""
+        """Records and signals with counts, rates and gaps; of a damaged log those before the damage."""
         times: dict[str, list[float]] = defaultdict(list)
         clock = damage = ""
         try:
@@ -111,7 +112,7 @@ class JsonLinesReader:
         )
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
-        """The whole trial; signals nobody wants are checked but not kept.
+        """The whole trial; unwanted signals are checked but not kept.
 
         Raises:
             LogError: Not JSON, breaks the schema, or cut off, with the line.
@@ -147,7 +148,7 @@ class JsonLinesReader:
 
 
 def _check_bodies(path: Path, signal: str, bodies: Mapping[str, Body]) -> None:
-    """Refuse a signal of a body that no record declares: nobody would watch it."""
+    """Refuse a signal of a body that no record declares: no monitor would look at it."""
     for subject in subject_of(signal).split("/"):
         body, _, link = subject.partition("::")
         if body not in bodies or (link and link not in bodies[body].links):
@@ -206,7 +207,7 @@ def _records(path: Path) -> Iterator[Record]:
 
 
 def _declared(path: Path, number: int, quantities: Mapping[str, Any]) -> dict[str, Quantity]:
-    """The quantities a log brings of its own; those of the vocabulary cannot be changed."""
+    """The quantities a log declares; those of the vocabulary cannot be changed."""
     taken = sorted(set(quantities) & set(QUANTITIES))
     if taken:
         raise _fault(path, number, f"quantity {taken[0]!r} has its meaning already", "choose another name")
@@ -235,6 +236,7 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity])
     if not isinstance(record, dict):
         raise _fault(path, number, "not a JSON object", "one JSON object on each line")
     kind = record.get("record")
+    # Not by the schema: samples are nearly all records, and a hand-written check is much faster.
     if kind == "sample":
         _check_sample(path, number, record, known)
         return record
@@ -249,7 +251,7 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity])
         where, fault, hint = faults[0]
         place = f"line {number}" + (f", {'.'.join(map(str, where))}" if where else "")
         raise LogError(fault, file=path, place=place, hint=hint)
-    if record.get("t_s") is not None and not abs(record["t_s"]) <= MAX_TIME_S:  # NaN keeps no limit
+    if record.get("t_s") is not None and not abs(record["t_s"]) <= MAX_TIME_S:  # not `>`: NaN must be refused
         raise _fault(path, number, f"t_s is {record['t_s']!r}", "times are numbers, s of trial time")
     if (record.get("t_s") or 0) < 0:
         raise _fault(
@@ -330,7 +332,7 @@ def _take(builder: TrialBuilder, record: Record, where: str) -> None:
 
 
 def _pose(data: Mapping[str, Any] | None, note: Note) -> Pose | None:
-    """A pose; `None` when there is none or it is not usable, which is noted."""
+    """A pose; `None` when there is none, or one that is not usable, which is noted."""
     if data is None:
         return None
     x, y, z = map(float, data["position_m"])

@@ -25,7 +25,7 @@ class RecordedMessage(NamedTuple):
     Attributes:
         topic: As recorded, with its leading slash.
         stamp_ns: When it was recorded.
-        fields: What it says, as values of JSON.
+        fields: Its fields, as values of JSON.
     """
 
     topic: str
@@ -64,7 +64,7 @@ def read_messages(path: Path, *, kind: RecordingKind | None = None) -> Iterator[
 
 
 def _one_by_one(scan: Scan) -> Iterator[Message]:
-    """The messages of a scan, however many of them it gives at a time."""
+    """The messages of a scan, one at a time."""
     for item in scan:
         if isinstance(item, Message):
             yield item

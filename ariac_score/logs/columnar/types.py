@@ -1,4 +1,4 @@
-"""Message types: how the bytes of a connection become a message.
+"""Message types: how the bytes of a connection become messages or columns.
 
 The definition embedded in the recording decides. Only a recording without
 definitions falls back on the stock types of rosbags and those in `msg/`.
@@ -35,7 +35,7 @@ _TYPE_NAME = re.compile(r"[A-Za-z]\w*(/(msg|srv|action))?/[A-Za-z]\w*", re.ASCII
 
 
 _LONGEST_SEQUENCE = 1 << 24
-"""Elements in one array of a message: bounds those whose elements take no bytes."""
+"""Elements in one array of a message: the size of a message does not bound elements that take no bytes."""
 
 
 _WIDE = re.compile(r"^[ \t]*wstring\b|<[ \t]*wstring\b", re.MULTILINE)

@@ -1,4 +1,8 @@
-"""Compressed bytes, inflated within limits."""
+"""Inflating compressed bytes within limits.
+
+A few bytes can announce, or become, terabytes. So announced sizes are checked before memory is reserved,
+and no decompressor may produce more than announced.
+"""
 
 from __future__ import annotations
 
@@ -40,10 +44,11 @@ LARGEST_FILE_BYTES = _limit("ARIAC_SCORE_LARGEST_FILE_BYTES", 1 << 37)
 
 
 MOST_INFLATION = _limit("ARIAC_SCORE_MOST_INFLATION", 1000)
-"""So many times its size anything may inflate to, once it is large."""
+"""The largest ratio of inflated to packed bytes, for anything above `_ALWAYS_ALLOWED_BYTES`."""
 
 
 _ALWAYS_ALLOWED_BYTES = 1 << 26
+"""Up to this size the ratio does not matter: uniform data compresses better than it allows."""
 
 
 _INFLATERS = {
@@ -54,7 +59,7 @@ _INFLATERS = {
 
 
 def inflate(packed: bytes | memoryview, compression: str, *, size: int | None = None) -> bytes | memoryview:
-    """Undo a compression without ever producing more than announced.
+    """Inflate some bytes without ever producing more than announced.
 
     Args:
         packed: One compressed frame.
@@ -78,10 +83,10 @@ def inflate(packed: bytes | memoryview, compression: str, *, size: int | None = 
 
 
 def check_announced(size: int, packed: int | None = None) -> None:
-    """Make sure that so many bytes may be inflated at all, from so many packed ones.
+    """Make sure that an announced size, and its ratio to the packed bytes, is within the limits.
 
     Raises:
-        ValueError: They are too many.
+        ValueError: It is not.
     """
     if size > LARGEST_INFLATED_BYTES:
         raise ValueError(f"it announces {size} bytes, more than the {LARGEST_INFLATED_BYTES} allowed")
@@ -92,7 +97,7 @@ def check_announced(size: int, packed: int | None = None) -> None:
 
 
 def inflate_file(packed: Path, into: Path) -> None:
-    """Undo the zstd compression of a whole file, piece by piece.
+    """Inflate a file compressed by zstd, piece by piece.
 
     Raises:
         ValueError: It cannot be inflated, or inflates to more than is allowed.
@@ -118,7 +123,7 @@ def inflate_file(packed: Path, into: Path) -> None:
 
 
 def inflate_into(room: memoryview, packed: bytes | memoryview, compression: str) -> None:
-    """Undo a compression whose announced size is the size of a buffer, into that buffer.
+    """Inflate some bytes into a buffer of the announced size.
 
     Raises:
         ValueError: It cannot be inflated to that size; the message says why.
@@ -129,9 +134,10 @@ def inflate_into(room: memoryview, packed: bytes | memoryview, compression: str)
 
 
 def _inflate_fast(room: memoryview, packed: bytes | memoryview, compression: str) -> bool:
-    """Inflate one whole frame where cramjam is installed, which writes in place.
+    """Inflate one whole frame in place, where cramjam is installed; whether that was done.
 
-    Whatever is odd is left undone, for the slower way to tell.
+    Anything irregular is left to the slower way, whose errors say what is wrong. The end of the
+    frame is found beforehand, because cramjam takes several frames as one.
     """
     cramjam = _cramjam()
     if cramjam is None or not room or _ENDS[compression](packed) != len(packed):
@@ -152,7 +158,7 @@ def _cramjam() -> Any:
 
 
 def _end_of_lz4(packed: bytes | memoryview) -> int:
-    """Where a frame of lz4 ends, by the lengths of its blocks; -1 when it is none.
+    """Where an lz4 frame ends, by the lengths of its blocks; -1 when it is none.
 
     Source: LZ4 frame format description, version 1.6.
     """
@@ -173,7 +179,7 @@ def _end_of_lz4(packed: bytes | memoryview) -> int:
 
 
 def _end_of_zstd(packed: bytes | memoryview) -> int:
-    """Where the frame that starts some bytes ends; -1 when they are none, or it is not whole.
+    """Where the zstd frame at the start of some bytes ends; -1 when there is no whole one.
 
     Source: RFC 8878, 3.1.1.
     """

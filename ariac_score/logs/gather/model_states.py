@@ -1,4 +1,4 @@
-"""Where the models and links of Gazebo were, from messages that list them all."""
+"""Positions and velocities of bodies, from messages that list all models or links of Gazebo."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class ModelPoses:
         for match in self._matches:
             body = match.body_for(model)
             if body is not None and (not links or match.follows_link(link)):
-                self._matched.add(match.match)
+                self._matched.add(match.match)  # the first match wins, as in the order of the log map
                 return _Track(replace(body, links=(link.replace("/", "_"),)) if link else body)
         return None
 
