@@ -172,7 +172,7 @@ def _as_part(path: Path, readers: Mapping[str, Reader]) -> Part | None:
     Raises:
         LogError: It may not be read: it could be a part that the trial must not be scored without.
     """
-    for name in sorted(readers):
+    for name in sorted(readers):  # not in the order of installation, which differs between machines
         if readers[name].can_read(path):
             return Part(path, name, reader_facts(readers[name]))
     try:
@@ -303,7 +303,7 @@ def _walk(folder: Path, root: Path, readers: Mapping[str, Reader], depth: int) -
             continue  # a link out of the folder; `_links_out` names it
         if path.is_file() or (path.is_dir() and _as_folder(path, readers) is not None):
             yield path
-        elif path.is_dir() and not path.is_symlink() and depth > 0:
+        elif path.is_dir() and not path.is_symlink() and depth > 0:  # links could form loops
             yield from _walk(path, root, readers, depth - 1)
 
 
@@ -329,6 +329,7 @@ def _refuse_two_trials(parts: list[Part], where: Path) -> None:
     """One part for each role, and one log for each kind of log."""
     taken: dict[tuple[str, str], Part] = {}
     for part in parts:
+        # A bag and a Gazebo log of one trial belong together; two bags may be two trials.
         one_of = (part.role, part.reader if part.role == "log" else "")
         first = taken.setdefault(one_of, part)
         if first is not part:
@@ -379,6 +380,7 @@ def _named_part(
     where = document.place(place)
     plain = PurePosixPath(name)
     path = file.parent / name
+    # A bundle may come from a stranger: nothing outside its folder may be read, or quoted in a result.
     inside = not (plain.is_absolute() or Path(name).is_absolute() or ".." in plain.parts or "\0" in name)
     if not inside or not _is_inside(path, file.parent.resolve()):
         raise LogError(

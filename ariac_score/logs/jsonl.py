@@ -136,7 +136,7 @@ class JsonLinesReader:
                 units |= {name: q["unit"] for name, q in record.get("quantities", {}).items()}
                 _take(builder, record, f"{path.name}, record {done + 1}")
             if done % 20_000 == 0:
-                wanted.progress(min(0.95, done * 80 / size))
+                wanted.progress(min(0.95, done * 80 / size))  # a record has about 80 bytes
         for name in sorted(columns.t):
             _check_bodies(path, name, builder.bodies)
             builder.add_signal(
@@ -176,6 +176,7 @@ def _records(path: Path) -> Iterator[Record]:
     known = dict(QUANTITIES)
     try:
         with path.open("rb") as stream:
+            # One byte beyond the limit shows that a line is too long, without reading all of it.
             while line := stream.readline(MAX_LINE_BYTES + 1):
                 number += 1
                 if not line.strip():
@@ -273,6 +274,7 @@ def _has_huge_integer(value: object) -> bool:
 
 
 def _no_duplicates(pairs: list[tuple[str, Any]]) -> Record:
+    # Python's decoder would silently take the last value of a repeated key.
     record = dict(pairs)
     if len(record) != len(pairs):
         names = [name for name, _ in pairs]

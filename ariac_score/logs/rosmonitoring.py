@@ -78,6 +78,7 @@ class Row:
 
 
 def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    # Python's decoder would silently take the last value of a repeated key.
     found = dict(pairs)
     if len(found) != len(pairs):
         names = [name for name, _ in pairs]
@@ -145,6 +146,7 @@ def _objects(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
     number = 0
     try:
         with path.open("rb") as stream:
+            # One byte beyond the limit shows that a line is too long, without reading all of it.
             while line := stream.readline(MAX_LINE_BYTES + 1):
                 number += 1
                 if len(line) > MAX_LINE_BYTES:
@@ -174,6 +176,7 @@ def _in_line(path: Path, number: int, line: bytes) -> Iterator[dict[str, Any]]:
         if not isinstance(found, dict):
             raise _fault(path, number, f"a {type(found).__name__}, not an event", "events are JSON objects")
         yield found
+        # Some versions write events next to each other, or separated by commas.
         while at < len(text) and text[at] in " \t\r,":
             at += 1
 

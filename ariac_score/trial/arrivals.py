@@ -29,6 +29,7 @@ class _Track:
     """The samples of one signal so far."""
 
     unit: str = ""
+    # Arrays of doubles: a list of floats takes four times the memory.
     t: array[float] = field(default_factory=lambda: array("d"))
     values: Any = field(default_factory=lambda: array("d"))  # of several components: a list of tuples
 
@@ -70,7 +71,7 @@ class Arrivals:
             if track is None:
                 track = tracks[sample.signal] = _Track()
             t = track.t
-            if t and not sample.t_s > t[-1]:
+            if t and not sample.t_s > t[-1]:  # not `<=`: NaN must be refused
                 raise ValueError(f"times of {sample.signal} do not increase: {sample.t_s} s after {t[-1]} s")
             track.append(sample)
 
@@ -159,7 +160,7 @@ class Alignment:
             known: Value = track.values[at]
             return known
         if at == 0 or not t[at] - t[at - 1] <= self._longest_s:
-            return None
+            return None  # before the first sample, or within a gap, nothing is known
         # By `Signal.at`, which interpolates whole logs: another formula would differ in the last bits.
         around = Signal("", "", np.array(t[at - 1 : at + 1]), np.array(track.values[at - 1 : at + 1]))
         value = around.at(np.array([t_s]))[0]

@@ -84,7 +84,7 @@ class TrialBuilder:
             self.submissions.append(item)
         elif isinstance(item, Kit):
             self.kits.append(item)
-        elif item.kind == WATCHING:
+        elif item.kind == WATCHING:  # nothing happened: the recorder declares what it would have recorded
             self.witnessed.add(item.subject)
         else:
             self.events.append(item)
@@ -116,7 +116,7 @@ class TrialBuilder:
                 file=self.file,
                 hint="the log map leads two topics to one signal; map one of them, or record one of them",
             )
-        known = QUANTITIES.get(quantity_of(name))
+        known = QUANTITIES.get(quantity_of(name))  # a log may declare quantities of its own
         settled = settle(
             np.asarray(t, dtype=np.float64),
             np.asarray(values, dtype=np.float64),
@@ -220,6 +220,7 @@ def settle_orders(announced: Sequence[Order], *, file: object = None) -> tuple[O
     first: dict[str, Order] = {}
     for order in announced:
         known = first.setdefault(order.id, order)
+        # With the first announcement: an update may have changed the order since.
         if not order.updates and order.tasks != known.tasks:
             raise LogError(
                 f"order {order.id!r} is announced twice, with different contents",
@@ -252,7 +253,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     Raises:
         LogError: Two logs contradict each other.
     """
-    parts = _on_one_clock(parts)
+    parts = _on_one_clock(parts)  # first, for everything below compares times
     events = tuple(sorted({e for p in parts for e in p.events}))
     spans = [p.recorded for p in parts if p.recorded]
     merged = Trial(
@@ -456,6 +457,7 @@ def _completed(order: Order, configured: Order | None) -> Order:
     def challenged(task: Task, wanted: WantedProduct) -> WantedProduct:
         if wanted.challenged is not None:
             return wanted
+        # All four: a configured order of that id with other contents must not lend its challenges.
         key = task.id, wanted.slot, wanted.type, wanted.quadrant
         return replace(wanted, challenged=of_slot.get(key))
 
@@ -477,6 +479,7 @@ def _team(setups: Sequence[TeamSetup], file: object) -> TeamSetup | None:
     if not setups:
         return None
     names = [team.name for team in setups if team.name]
+    # Two lists: a record may count other sensors than are configured, which take precedence.
     configured, recorded = _sensors(setups)
     costs = [team.sensor_cost for team in setups if team.sensor_cost is not None]
     sensors = _only("a team set-up", configured or recorded, file)
@@ -549,6 +552,7 @@ def _signals(parts: Sequence[Trial], file: object) -> dict[str, Signal]:
 
 
 def _only(what: str, found: Sequence[_T], file: object) -> _T | None:
+    # Equal copies are no contradiction: a configuration and a record may state the same.
     if len(found) > 1 and any(item != found[0] for item in found[1:]):
         raise LogError(
             f"{len(found)} logs hold {what}, and they differ",

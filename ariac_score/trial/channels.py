@@ -79,6 +79,7 @@ class BodyMatch:
         """The body a name stands for, without its links; `None` when it does not match."""
         if not fnmatchcase(name, self.match):
             return None
+        # A slash would separate two bodies in the name of a signal.
         return Body(self.body or name.replace("/", "_"), self.kind, self.radius_m)
 
     def follows_link(self, link: str) -> bool:

@@ -138,7 +138,7 @@ class _Velocity:
         self._half_samples, self._half_s = half_window_samples, half_window_s
         steps_s = np.diff(t)
         jumps = np.flatnonzero(_norm(np.diff(positions_m, axis=0)) > teleport_speed_m_s * steps_s)
-        gaps = np.flatnonzero(steps_s > max_gap_s + 1e-9)
+        gaps = np.flatnonzero(steps_s > max_gap_s + 1e-9)  # 1 ns for rounding, as in `covered`
         self.jumps = len(jumps)
         # The first row of each track: at a jump, and after a gap, one ends.
         self._begins = distinct(np.concatenate([[0], jumps + 1, gaps + 1]).astype(np.intp))
@@ -227,6 +227,7 @@ def derive_signals(trial: Trial, wanted: Iterable[Derivation], *, speed_window_s
         gaps[item.quantity] = min(item.max_gap_s, gaps.get(item.quantity, np.inf))
     shortest: dict[str, float] = {}
     for quantity, gap_s in gaps.items():
+        # A source derived across a longer gap than its target allows would fill the target's gaps.
         for source in source_quantities([quantity]):
             shortest[source] = min(gap_s, shortest.get(source, np.inf))
     deriver = _Deriver(trial, speed_window_s, shortest)
@@ -271,6 +272,7 @@ class _Deriver:
         if name in self.signals:
             return self.signals[name]
         quantity, _, subject = name.partition("/")
+        # One signal serves all monitors, so the strictest of their gaps counts.
         max_gap_s = min(max_gap_s, self.shortest_gaps_s.get(quantity, max_gap_s))
         derive = {
             "velocity": self._velocity,

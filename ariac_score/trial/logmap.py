@@ -136,7 +136,7 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
             place=document.place(["channels", index]),
             hint="add 'signals:', 'poses:', 'decoder:' or 'witnesses:'",
         )
-    topic = data["topic"]
+    topic = data["topic"]  # ROS 1 tools write it without the leading slash as well
     return Channel(
         topic=topic if topic.startswith("/") else f"/{topic}",
         type=data.get("type", ""),
@@ -163,6 +163,7 @@ def _field_map(
             hint=did_you_mean(quantity_of(name), quantities, what="quantities"),
         )
     subjects = subject_of(name).split("/")
+    # A signal of an undeclared body would be read, and no monitor would ever look at it.
     unknown = [s for s in subjects if s not in bodies]
     kinds = [bodies[s].kind for s in subjects if s in bodies]
     wrong_pair = quantity.of == "pair" and kinds != ["robot", "human"]

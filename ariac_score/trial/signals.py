@@ -150,6 +150,7 @@ def common_times(signals: Sequence[Signal], *, max_gap_s: float) -> FloatArray:
         signals: At least one.
         max_gap_s: Longest stretch between two samples that is interpolated, s.
     """
+    # By identity first: signals of one message share one array of times.
     bases = list({id(signal.t): signal.t for signal in signals}.values())
     first = bases[0]
     if all(np.array_equal(t, first) for t in bases[1:]):
@@ -230,7 +231,7 @@ def settle(t: FloatArray, values: FloatArray, *, at_least: float = -math.inf) ->
     disordered = int((steps < 0).sum())
     back = float(-steps.min(initial=0.0))
     if disordered:
-        order = np.argsort(t, kind="stable")
+        order = np.argsort(t, kind="stable")  # the same result on every machine
         t, values = t[order], values[order]
     elif not len(steps) or steps.min() > 0:
         return Settled(t, values, 0, 0, 0, not_finite, back)
@@ -238,6 +239,7 @@ def settle(t: FloatArray, values: FloatArray, *, at_least: float = -math.inf) ->
     repeated = int(len(t) - first_of_stamp.sum())
     contradicting = 0
     if repeated:
+        # Each sample is compared with the first one of its stamp; a single difference condemns the stamp.
         stamp = np.cumsum(first_of_stamp) - 1
         differs = (values != values[first_of_stamp][stamp]).reshape(len(t), -1).any(axis=1)
         agreed = np.bincount(stamp, weights=differs) == 0

@@ -200,8 +200,8 @@ def test_an_announced_order_takes_what_its_message_cannot_say_from_the_configura
         task = Task("A", "kitting", (wanted,), "agv1")
         return Trial("t", orders=(Order("A", (task,), **order),))  # type: ignore[arg-type]
 
-    told = [of(None, announced_s=3.0, priority_said=False), of(True, priority=3)]
-    (order,) = merge_trials("t", told, file="t").orders
+    parts = [of(None, announced_s=3.0, priority_said=False), of(True, priority=3)]
+    (order,) = merge_trials("t", parts, file="t").orders
 
     assert (order.announced_s, order.priority) == (3.0, 3)
     assert order.tasks[0].products[0].challenged is True

@@ -123,6 +123,7 @@ class _LayoutMatcher:
     def copy(self, block: Bytes, into: dict[int, NDArray[Any]], first: int) -> None:
         """Copy the numbers of a block of messages, shape (n, size)."""
         for stream in self._streams:
+            # Any byte but 0 is true, as in rosbags.
             raw = (
                 np.dtype(np.uint8)
                 if stream.kind == "bool"
@@ -185,7 +186,7 @@ class ColumnDecoder:
         self, store: Definitions, type_: str, *, cdr: bool, wanted: Iterable[str] | None = None
     ) -> None:
         self._store, self._type, self._cdr = store, type_, cdr
-        self._interned = Interned()
+        self._interned = Interned()  # shared by all layouts, so that codes of texts agree
         self._layouts: dict[int, list[_LayoutMatcher]] = {}
         self._remembered = 0
         self.fallback = ""
@@ -243,7 +244,7 @@ class ColumnDecoder:
                 part, rows = self._copied(found, payloads, rows)
                 assert part is not None
                 parts.append(part)
-                if len(part.rows) >= _FEW:
+                if len(part.rows) >= _FEW:  # a layout of one message would only cost comparisons later
                     self._remember(found)
             left.append(rows)
         rest = np.sort(np.concatenate(left)) if left else np.zeros(0, dtype=np.int64)
@@ -277,6 +278,7 @@ class ColumnDecoder:
             return (layout.part(rows, layout.empty(len(rows))) if len(rows) else None), rows[:0]
         step = max(1, _BLOCK_BYTES // size)
         numbers = layout.empty(len(rows), room)
+        # A window of the message's size at every byte of the buffer: one indexing gathers a whole block.
         windows = np.ndarray((len(payloads.buffer) - size + 1,), f"V{size}", payloads.buffer, strides=(1,))
         taken: list[IntArray] = []
         others: list[IntArray] = []
@@ -327,6 +329,7 @@ class ColumnDecoder:
         suspects += rows[~long].tolist()
         rows = rows[long]
         first, second = (payloads.buffer[payloads.starts[rows] + i] for i in (0, 1))
+        # 0 0: CDR big-endian, 0 1: little-endian; others are parameter lists or XCDR2.
         plain = (first == 0) & (second <= 1)
         suspects += rows[~plain].tolist()
         for big in (False, True):
@@ -369,6 +372,7 @@ class ColumnDecoder:
             except _FAILURES as error:
                 defects.append(Defect(index, str(error) or type(error).__name__))
             else:
+                # The plan is wrong about one message, so it is not trusted with any.
                 return (), f"message {index} does not fit the plan, and rosbags reads it"
         return tuple(defects), ""
 
@@ -443,7 +447,7 @@ def _by_size(sizes: IntArray) -> Iterator[tuple[int, IntArray]]:
     """The messages of each size, in their order."""
     if not len(sizes):
         return
-    if (sizes == sizes[0]).all():
+    if (sizes == sizes[0]).all():  # most topics, which then need no sorting
         yield int(sizes[0]), np.arange(len(sizes), dtype=np.int64)
         return
     order = np.argsort(sizes, kind="stable")

@@ -225,7 +225,7 @@ class _Fixed:
     counts: dict[int, list[int]] = field(default_factory=dict)
 
     def add(self, size: int, align: int, stream: int | None) -> None:
-        for phase in range(8):
+        for phase in range(8):  # every alignment the block may start at
             at = -(-self.ends[phase] // align) * align  # rounded up
             self.ends[phase] = at + size
             if stream is not None:
@@ -306,6 +306,7 @@ class _Compiler:
         self, name: str, what: Any, path: tuple[str, ...], levels: tuple[int, ...], *, fixed: bool, keep: bool
     ) -> tuple[list[Step], list[Field]]:
         (kind, element), bound = what
+        # Before its values: they refer to it as their innermost level.
         own = self._stream(path, "length", levels)
         inner: tuple[Field, ...] = ()
         values: int | None = None

@@ -31,6 +31,7 @@ __all__ = ["Decode", "UnknownTypeError", "bundled_typestore", "column_decoder_fo
 Decode = Callable[["bytes | memoryview"], object]
 
 
+# ASCII, because rosbags turns names into those of Python classes.
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*(/(msg|srv|action))?/[A-Za-z]\w*", re.ASCII)
 
 
@@ -115,7 +116,7 @@ def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = No
     """
     paths = None if wanted is None else tuple(wanted)
     cdr = connection.encoding == "cdr"
-    if cdr and _WIDE.search(connection.definition):
+    if cdr and _WIDE.search(connection.definition):  # ROS 1 has no wide texts
         return _wide_decoder_for(connection, paths)
     try:
         return ColumnDecoder(_store_of(connection), connection.type, cdr=cdr, wanted=paths)
@@ -194,6 +195,7 @@ def _parsed(name: str, definition_format: str, definition: str) -> Typesdict:
         return get_types_from_msg(definition, name)
     types: Typesdict = {}
     for section in definition.split(_IDL_SEPARATOR):
+        # rosbag2 puts a line `IDL: package/msg/Name` before each type, which is no IDL.
         head, _, body = section.partition("\n")
         idl = body if head.startswith("IDL: ") else section
         if idl.strip():

@@ -146,7 +146,7 @@ class _Walker:
 
     def _lose(self, rows: IntArray, fits: NDArray[np.bool_]) -> IntArray:
         """Drop the messages that do not fit."""
-        if fits.all():
+        if fits.all():  # mostly, and indexing by a mask copies
             return rows
         self._sound[rows[~fits]] = False
         return rows[fits]
@@ -173,7 +173,7 @@ class _Walker:
         """The messages that have a length word at their cursor, and the words; cursors move behind them."""
         at = self._at[rows]
         if self._plan.cdr:
-            at = (at + 3) & -4
+            at = (at + 3) & -4  # rounded up to a multiple of 4
         fits = at + 4 <= self._size[rows]
         rows = self._lose(rows, fits)
         at = at[fits]

@@ -67,6 +67,7 @@ class _Walker:
         self._size = len(message) - head
         self._offsets: dict[int, list[IntArray]] = {}
         self._counts: dict[int, list[IntArray]] = {}
+        # The encapsulation decides, too: it gives the byte order.
         self._runs: list[tuple[int, int]] = [(0, 2)] if head else []
         self._elements = 0
         self.layout = Layout(big)
@@ -116,7 +117,7 @@ class _Walker:
     def _word(self, at: int) -> tuple[int, int]:
         """A length word, and the offset behind it."""
         if self._plan.cdr:
-            at = (at + 3) & -4
+            at = (at + 3) & -4  # rounded up to a multiple of 4
         if at + 4 > self._size:
             raise MisfitError(f"it ends before its length at byte {at}")
         start = at + self._head
@@ -139,6 +140,7 @@ class _Walker:
             found = raw.decode()
         except UnicodeDecodeError as error:
             raise MisfitError(f"its text at byte {at} is not UTF-8") from error
+        # Texts are no numbers to be copied: messages share a layout only where their texts are equal.
         if length:
             self._runs.append((at + self._head, end + self._head))
         if text.stream is not None:

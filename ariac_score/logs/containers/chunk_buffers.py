@@ -175,7 +175,9 @@ class Slabs:
         if self._waiting is not None:
             yield self._waiting
             self._waiting.empty()
+        # The slab just read becomes the next one to fill, and the filled one the next to read.
         spare, self._waiting = self._waiting, self._filling if self._filling.chunks else None
+        # A large chunk gets a slab of its own, and is alone in memory: both buffers are given up for it.
         if size > SLAB_BYTES:
             if self._waiting is not None:
                 yield self._waiting

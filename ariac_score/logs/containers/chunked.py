@@ -383,7 +383,7 @@ class ChunkedScan(ABC):
             for body, last in self._index_records(ahead):  # noqa: B007  # the last one counts
                 found.append(body)
         except ValueError:
-            return [], end
+            return [], end  # without an index the records are walked
         # The next index is about as long, and the record behind it must be seen to know that it ends.
         self._usual_index_bytes = last + last // 8 + USUAL_INDEX_BYTES
         return found, end + last
@@ -401,6 +401,7 @@ class ChunkedScan(ABC):
         except (struct.error, ValueError):
             return None
         offsets = entries.offsets
+        # Two entries for one offset would count a message twice.
         if not len(offsets) or int(offsets.max()) >= head.size or len(np.unique(offsets)) != len(offsets):
             return None
         span_ns = int(entries.stamps_ns.min()), int(entries.stamps_ns.max())
@@ -414,6 +415,7 @@ class ChunkedScan(ABC):
     def _left_out(self, index: Sequence[bytes], head: ChunkHead) -> list[tuple[int, int]]:
         """The places of large unwanted payloads, if the index is right, which the heads will show."""
         small = head.size < max(self.smallest_left_out_bytes, LARGE_MESSAGE_BYTES)
+        # A compressed chunk is inflated whole anyway.
         if not index or not self._unwanted or not head.plain or small:
             return []
         try:
@@ -476,6 +478,7 @@ class ChunkedScan(ABC):
                 yield from self._one_by_one(source, slab, chunks)
             if chunks:
                 self._reached(chunks[-1].end)
+            # Only now: the messages before the damage are handed over first.
             if failure is not None:
                 at = slab.chunks[len(chunks)].start
                 slab.empty()
@@ -535,6 +538,7 @@ class ChunkedScan(ABC):
             struct.error: Likewise.
         """
         heads = self._message_heads(buffer, offsets)
+        # Gaps may hold declarations, but a message in one means that the index is incomplete.
         runs = tuple(gaps_between(offsets, heads.ends, len(buffer)))
         if any(len(self._message_offsets(buffer.data[gap:behind])) for gap, behind, _, _ in runs):
             raise ValueError("there are other messages")
@@ -550,6 +554,7 @@ class ChunkedScan(ABC):
         senders, stamps_ns, offsets, owners = self._entries([chunk.index for chunk in chunks])
         firsts = np.array([chunk.first for chunk in chunks], dtype=np.int64)
         lasts = np.array([chunk.last for chunk in chunks], dtype=np.int64)
+        # Checked chunk by chunk: in the common buffer such an offset would point into the next one.
         if (offsets >= (lasts - firsts)[owners]).any():
             raise ValueError("the index leads out of its chunk")
         offsets = offsets + firsts[owners]

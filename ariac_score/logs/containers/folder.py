@@ -70,6 +70,7 @@ class FolderScan:
         Raises:
             LogError: A file is not whole, or the files do not add up to what the metadata says.
         """
+        # Counted over all files: a lost or exchanged file of a split recording would pass for a short one.
         found = 0
         for number, file in enumerate(self._metadata.files):
             self._contradictions, self._scan, self._current = self.index_contradictions, None, number

@@ -212,7 +212,7 @@ def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:
     engine = getattr(module, name)()
     failures = (OSError, EOFError, RuntimeError, ValueError, getattr(module, "ZstdError", OSError))
     parts: list[bytes] = []
-    room = most + 1
+    room = most + 1  # one byte too many shows that it inflates to more
     try:
         while room > 0 and not engine.eof:
             part: bytes = engine.decompress(b"" if parts else bytes(packed), max_length=room)

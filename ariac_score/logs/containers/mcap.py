@@ -122,7 +122,7 @@ class McapScan(ChunkedScan):
                 held.end = source.offset
                 continue
             yield from self._drained(source, slabs.rest())
-            if op == _CHUNK:
+            if op == _CHUNK:  # longer than the rest of the file
                 yield from self._cut_chunk(source, start)
             body = source.take(length, what) if op in _READ else b""
             if op == _DATA_END:
@@ -148,6 +148,7 @@ class McapScan(ChunkedScan):
             raise ValueError(f"its head has {len(raw)} bytes")
         earliest_ns, latest_ns, size, crc = _CHUNK_HEAD.unpack_from(raw)
         named = int.from_bytes(raw[_CHUNK_HEAD.size :], "little")
+        # Before reading it: the length of the name comes from the file.
         if named > min(_LONGEST_COMPRESSION, length - len(raw)):
             raise ValueError(f"a text of {named} bytes is longer than its record")
         raw += source.take(min(named + 8, length - len(raw)), what)
@@ -167,7 +168,7 @@ class McapScan(ChunkedScan):
     def _fill(self, source: Source, head: ChunkHead, room: memoryview) -> Callable[[], None]:
         if not self._data_crc_wanted:
             return partial(_read_and_inflate, head, room, source.later(head.packed, "chunk"))
-        # The checksum of the whole file needs the bytes in their order, so they are read here.
+        # The checksum of the data section needs the bytes in their order, so they are read here.
         if head.plain:
             source.take_into(room, "chunk")
             self._add_to_crcs(_CHUNK, room)
@@ -296,6 +297,7 @@ class McapScan(ChunkedScan):
         if not self._in_summary:
             raise source.damaged("no record says that the data end", what="footer", at=start)
         announced = int.from_bytes(record[-4:], "little")
+        # The checksum covers the summary section and the footer up to the checksum itself.
         found = crc32(record[:-4], self._crc_of_summary)
         if announced not in (0, found):
             raise source.damaged(
@@ -320,6 +322,7 @@ class McapScan(ChunkedScan):
         name, at = _text(body, 2)
         encoding, at = _text(body, at)
         definition, _ = _text(body, at)
+        # The summary repeats all schemas; the first declaration counts.
         self._schemas.setdefault(key, (normalised_type(name), encoding, definition))
 
     def _declare_channel(self, body: _Body) -> Iterator[Connection]:

@@ -168,6 +168,7 @@ _READING: ContextVar[dict[Path, RangedFile] | None] = ContextVar("_READING", def
 @contextmanager
 def reading(files: Iterable[RangedFile]) -> Iterator[None]:
     """Within this context `open_log` fills the holes of these files."""
+    # A context variable and no argument: readers of plugins open files by their paths.
     token = _READING.set({file.path.resolve(): file for file in files})
     try:
         yield

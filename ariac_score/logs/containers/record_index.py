@@ -90,7 +90,7 @@ def gaps_between(starts: IntArray, ends: IntArray, size: int) -> Iterator[tuple[
         raise ValueError("records overlap")
     breaks = np.flatnonzero(after > before).tolist()
     if not breaks or breaks[0] != 0:
-        breaks.insert(0, 0)
+        breaks.insert(0, 0)  # the first run always has a gap before it, if only an empty one
     for at, following in zip(breaks, [*breaks[1:], len(starts)], strict=True):
         yield int(before[at]), int(after[at]), at, following
 

@@ -154,12 +154,12 @@ class Ros1Scan(ChunkedScan):
             read_head = partial(_chunk_head, header, length)
             yield from self._enqueue_chunk(source, slabs, read_head, length, start)
             return
-        if op == _INDEX:
+        if op == _INDEX:  # not read together with its chunk: damaged, or behind something else
             for _ in source.blocks(length, what):
                 pass
             return
         yield from self._drained(source, slabs.rest())
-        if op == _CHUNK:
+        if op == _CHUNK:  # longer than the rest of the file
             yield from self._cut_chunk(source, header, start)
         if op not in _READ:
             for _ in source.blocks(length, what):
@@ -243,6 +243,7 @@ class Ros1Scan(ChunkedScan):
         """The headers of messages, which must all be built like the first one."""
         if not len(offsets):
             return MessageHeads(offsets, offsets, offsets, offsets)
+        # One recorder writes all headers alike, field by field; only connection and time differ.
         head, _ = _sized(buffer.data, int(offsets[0]))
         form, fixed = _form_of(bytes(head))
         words = records_at(buffer, offsets, form)
@@ -308,6 +309,7 @@ class Ros1Scan(ChunkedScan):
                 "the bag was never closed: it has no index, and its end may be missing; "
                 "`rosbag reindex` makes a copy with what is there"
             )
+        # ROS 1 bags have no checksums, so these counts are the only evidence that nothing is missing.
         found = (len(self._connections), self._chunks, self._chunk_infos)
         if found != (connections, chunks, chunks):
             raise source.damaged(

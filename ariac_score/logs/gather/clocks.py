@@ -119,6 +119,7 @@ class Clocks:
         """
         found = self._topics.setdefault(topic, _Topic())
         delay_s = (log_ns - header_ns) / 1e9
+        # rclcpp and roscpp leave a header stamp at zero unless the sender sets it.
         unset = (header_ns == 0) & (log_ns > _UNSET_BEYOND_NS)
         near = ~unset & (np.abs(delay_s) <= LARGEST_CLOCK_DIFFERENCE_S)
         found.unset += int(unset.sum())
@@ -165,6 +166,7 @@ class Clocks:
             LogError: The stamps of a topic are on two clocks, or on one that nothing relates to the
                 recorder's; or the simulation was reset.
         """
+        # Within one topic first: `/clock` cannot help where only some of its messages are on another clock.
         mixed = {name: t.far for name, t in self._topics.items() if t.far is not None and t.mixed}
         if mixed:
             raise self._first_of(mixed)
@@ -266,7 +268,7 @@ class _SimulatedTime:
     @classmethod
     def of_ticks(cls, ticks: list[tuple[IntArray, IntArray]], file: Path) -> _SimulatedTime:
         log_ns, ns = (np.concatenate(part) for part in zip(*ticks, strict=True))
-        order = np.lexsort((ns, log_ns))
+        order = np.lexsort((ns, log_ns))  # several ticks may be recorded at one time
         log_ns, ns = log_ns[order], ns[order]
         # Messages may overtake each other on their way; only a real reset goes far back.
         latest_ns = np.maximum.accumulate(ns)
@@ -301,11 +303,13 @@ class _SimulatedTime:
         after = np.searchsorted(self.log_ns, log_ns, side="left")
         last = len(self.ns) - 1
         before_ns = np.where(after > 0, self.ns[np.maximum(after - 1, 0)], 0)
+        # Behind the last message nothing limits the step, so only nearness in log time counts.
         step_ns = np.where(after <= last, self.ns[np.minimum(after, last)] - before_ns, _LATEST_NS)
         near_ns = np.minimum(
             np.abs(log_ns - self.log_ns[np.maximum(after - 1, 0)]),
             np.abs(log_ns - self.log_ns[np.minimum(after, last)]),
         )
+        # A slow simulation ticks rarely in wall time but often in its own: either distance may be short.
         unknown = np.flatnonzero(np.minimum(step_ns, near_ns) / 1e9 > LARGEST_SILENCE_S)
         if len(unknown):
             i = int(unknown[0])

@@ -164,6 +164,7 @@ class Decoded:
         if not by_header(channel) or not all(path in self.columns for path in paths):
             clocks.without_header(clock_key(channel), len(log_ns))
             return log_ns
+        # 64 bits first: nanoseconds overflow the 32 bits of `sec` after two seconds.
         sec, nanosec = (self.columns[path].values.astype(np.int64) for path in paths)
         return clocks.stamps_ns(clock_key(channel), numbers, sec * 10**9 + nanosec, log_ns)
 
@@ -184,6 +185,7 @@ class _Names:
 
     def numbered(self, column: Column) -> IntArray:
         assert column.texts is not None
+        # Only the codes in use: a decoder remembers the texts of all messages before.
         used = np.flatnonzero(np.bincount(column.values, minlength=1))
         table = np.zeros(len(column.texts), dtype=np.int64)
         for code in used.tolist():
@@ -221,6 +223,7 @@ class PoseBatch:
         columns = decoded.columns
         names, poses, twists = (columns[path] for path in ("name", _POSITION[0], _VELOCITY[0]))
         counts = names.per_message()
+        # Three lists of one length, by convention only: a message may break it.
         fits = (poses.per_message() == counts) & (twists.per_message() == counts)
         of_name, of_pose, of_twist = (np.repeat(fits, c.per_message()) for c in (names, poses, twists))
         pose = _side_by_side(columns, (*_POSITION, *_ORIENTATION))[of_pose]
@@ -246,7 +249,7 @@ class PoseBatch:
             parts = list(self._frames[0])
             if len(self._frames) > 1:
                 parts = [np.concatenate(part) for part in zip(*self._frames, strict=True)]
-                order = np.argsort(parts[0], kind="stable")
+                order = np.argsort(parts[0], kind="stable")  # transforms of one message keep their order
                 parts = [part[order] for part in parts]
             _, parents, children, stamps_ns, moving, *fields = parts
             tree.add_many(self._names.names, parents, children, fields, stamps_ns, moving, share=share)

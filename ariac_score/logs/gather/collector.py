@@ -101,7 +101,7 @@ class Collector:
         if isinstance(item, Batch):
             self._take_many(item)
             return
-        self._number += 1
+        self._number += 1  # of all messages, so that order across topics can be restored
         if item.connection in self._routes:
             self._pending.add(item, self._number)
             if self._pending.full:
@@ -144,6 +144,7 @@ class Collector:
         self._decode_each({connection: waiting[connection] for connection in alone})
         for intake in self._intakes:
             intake.settle_columns()
+        # At the end: poses from several connections are first put into recorded order.
         together.hand_over(self._tree, self._models, self._kits, share=self.share)
 
     def _one_by_one(self, waiting: Iterable[Connection]) -> list[Connection]:
@@ -386,8 +387,10 @@ class _Intake:
     def accepts(self, connection: Connection) -> bool:
         """Whether the messages of a connection are for this channel."""
         channel = self.channel
+        # Recorders write topics with or without leading slash.
         if connection.topic.lstrip("/") != channel.topic.lstrip("/"):
             return False
+        # `tf/tfMessage` is the type of tf before tf2, with the same fields.
         allowed = (self._type,) if self._type else _POSE_TYPES.get(channel.poses, ())
         if allowed and connection.type not in allowed:
             self._other_types.add(connection.type)
@@ -514,7 +517,7 @@ class _Intake:
         for type_, message, stamp_ns in self._items:
             try:
                 item = decoder.decode(type_, message, (stamp_ns - origin_ns) / 1e9)
-            except (ValueError, AttributeError) as error:
+            except (ValueError, AttributeError) as error:  # contents, or fields, the plugin cannot use
                 reasons.append(str(error))
                 continue
             state = item.kind if isinstance(item, Event) and item.kind in _STATES else None

@@ -56,6 +56,7 @@ class ModelFrames:
         if self._stamps_ns and 0 <= stamp_ns - self._stamps_ns[-1] < KEPT_EVERY_S * 1e9:
             return
         for name, pose in zip(message.name, message.pose, strict=True):
+            # `None` for names that do not matter: patterns are matched once for each name.
             if name not in self._columns:
                 self._columns[name] = _Poses() if self._finder.follows(name, self._kits) else None
             column = self._columns[name]

@@ -88,6 +88,7 @@ class ModelPoses:
                 track.rows.frombytes(rows[own].tobytes())
 
     def _track(self, name: str, *, links: bool) -> _Track | None:
+        # `None` for names that do not matter: patterns are matched once for each name.
         if name not in self._tracks:
             self._tracks[name] = self._new_track(name, links=links)
         return self._tracks[name]

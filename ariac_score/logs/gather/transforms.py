@@ -157,7 +157,7 @@ class _Settled:
 
     def at(self, t: FloatArray) -> _Placements:
         """At other times, by straight lines between neighbours."""
-        if np.array_equal(t, self.t):
+        if np.array_equal(t, self.t):  # most chains: all links of a robot are stamped alike
             return _Placements(self.columns, sampled=True)
         return _Placements(np.stack([np.interp(t, self.t, column) for column in self._continuous]))
 
@@ -256,7 +256,7 @@ class TransformTree:
             moving: Whether it holds at its time only, shape (n,); otherwise it is static.
             share: The share of the recording that was read, as far as is known, 0 to 1.
         """
-        pair = parents * len(names) + children
+        pair = parents * len(names) + children  # one number for each edge of the tree
         usable = _are_units(columns[3:])
         for column in columns[:3]:
             usable &= np.isfinite(column)
@@ -394,6 +394,7 @@ class TransformTree:
             if edge.moves
         }
         t = self._common_times(list(moving.values())) if moving else self._all_times(builder, origin_ns)
+        # No extrapolation, and none across a silence: every transform must be known at every time.
         for settled in moving.values():
             t = t[settled.covers(t)]
         courses = [
@@ -428,6 +429,7 @@ class TransformTree:
 
     def _moving(self, builder: TrialBuilder, origin_ns: int, frame: str, edge: _Edge) -> _Settled:
         """The samples of a moving transform, settled."""
+        # Once for each frame: the links of a robot share most of their chains, and defects count once.
         if frame not in self._settled:
             settled = settle(times_s(edge.stamps_ns, origin_ns), edge.columns.T)
             if settled.largest_step_back_s > LARGEST_STEP_BACK_S:

@@ -65,7 +65,7 @@ class _Grown:
     def add(self, values: NDArray[Any], share: float) -> None:
         """Take some values, which the decoder may have put into that room already."""
         room = self.room(values.dtype, len(values), share)
-        if values.base is not self._values:
+        if values.base is not self._values:  # otherwise the decoder wrote them in place
             room[:] = values
         self._used += len(values)
 
