@@ -226,7 +226,7 @@ def _split_run(path: Path) -> tuple[Path, int | None]:
     (3, None)
     """
     named = _RUN.fullmatch(path.name)
-    if named is None or path.exists():
+    if named is None or path.exists():  # a file may really be called so
         return path, None
     return path.with_name(named["file"]), int(named["run"])
 
@@ -281,6 +281,7 @@ def _seen(ignored: list[str]) -> str:
 def _candidates(folder: Path, readers: Mapping[str, Reader]) -> Iterator[Path]:
     """Files and bag folders below a folder, sorted, with nothing from outside it."""
     root = folder.resolve()
+    # Counted while walking, so that a home folder given by mistake is left after some files.
     for seen, path in enumerate(_walk(folder, root, readers, MAX_DEPTH)):
         if seen >= MAX_FILES:
             raise LogError(

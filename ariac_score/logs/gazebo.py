@@ -53,6 +53,7 @@ _ENCODING = re.compile(rb"""^\s+encoding\s*=\s*(['"])(\w+)\1\s*>$""")
 _VERSION = re.compile(rb"<gazebo_version>([^<]{0,200})</gazebo_version>")
 
 
+# At most 30 digits: `int` refuses very long numbers with an error of its own.
 _SIM_TIME = re.compile(rb"<sim_time>\s*(\d{1,30})\s+(\d{1,30})\s*</sim_time>")
 
 
@@ -271,6 +272,7 @@ class _Model:
 
     def frames(self, count: int) -> IntArray:
         """The frames that list it, among the given number of whole frames."""
+        # A run may have begun in a frame that turned out to be corrupt, which does not count.
         first, behind = np.minimum(np.array(self.runs, dtype=np.int64), count).reshape(-1, 2).T
         return ranges(first, behind - first)
 
@@ -469,9 +471,11 @@ class _Scan:
         if len(segments) != len(self.segments):
             return None
         changed = []
+        # Nearly all models stand still, and comparing equal bytes is the fastest way to find that out.
         for place in compress(range(len(segments)), map(ne, segments, self.segments)):
             model, segment = self.listed[place], segments[place]
             parts = _NUMBERS.split(segment)
+            # The same text around its numbers proves the same names, links and ends.
             if parts[::2] != model.around and (
                 not segment.startswith(model.quoted)
                 or segment.count(_END_OF_MODEL) != model.ends
@@ -521,6 +525,7 @@ class _Scan:
         model = parent.children.get(raw)
         if model is None:
             name = _words(raw)
+            # Several models may contain one of the same name, such as a tray on each AGV.
             key = name if name not in self.models else f"{parent.key}::{name}"
             if key in self.models:
                 raise CorruptError(f"two models are called {key!r}")

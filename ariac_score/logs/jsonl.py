@@ -183,6 +183,7 @@ def _records(path: Path) -> Iterator[Record]:
                     continue
                 record = _parsed(path, number, line, known)
                 kind = record["record"]
+                # Two logs written into one file would otherwise pass for one trial.
                 if (kind == "trial") != (last == "") or last == "end":
                     raise _fault(
                         path,
@@ -203,6 +204,7 @@ def _records(path: Path) -> Iterator[Record]:
         ) from cause
     if not number:
         raise NothingToScoreError("the file is empty", file=path, hint="was the recording started?")
+    # A file that breaks off between two lines looks whole but for its last record.
     if last != "end":
         raise _fault(path, number, "the log is cut off: there is no 'end' record", _CUT)
 

@@ -46,6 +46,16 @@ LARGEST_STEP_BACK_S = 1.0
 
 _T = TypeVar("_T")
 
+_SETTLED_DEFECTS = MappingProxyType(
+    {
+        "disordered_stamps": "stamps ran backwards; samples were sorted by time",
+        "repeated_stamps": "stamps were repeated; of samples that agree one was kept",
+        "contradicting_stamps": "samples with one stamp contradict each other; they were left out, as gaps",
+        "impossible_values": "values that are NaN, infinite or impossible were left out, as gaps",
+    }
+)
+"""What `settle` counts, in the order of its counts."""
+
 
 class TrialBuilder:
     """Collects what a reader finds and settles it into a `Trial` once.
@@ -128,27 +138,9 @@ class TrialBuilder:
                 file=self.file,
                 hint="the file seems to hold two recordings (or a reset simulation): score them one by one",
             )
-        self.defect(
-            "disordered_stamps", name, settled.disordered, "stamps ran backwards; samples were sorted by time"
-        )
-        self.defect(
-            "repeated_stamps",
-            name,
-            settled.repeated,
-            "stamps were repeated; of samples that agree one was kept",
-        )
-        self.defect(
-            "contradicting_stamps",
-            name,
-            settled.contradicting,
-            "samples with one stamp contradict each other; they were left out, as gaps",
-        )
-        self.defect(
-            "impossible_values",
-            name,
-            settled.not_finite,
-            "values that are NaN, infinite or impossible were left out, as gaps",
-        )
+        counts = settled.disordered, settled.repeated, settled.contradicting, settled.not_finite
+        for (kind, message), count in zip(_SETTLED_DEFECTS.items(), counts, strict=True):
+            self.defect(kind, name, count, message)
         if len(settled.t):
             self.signals[name] = Signal(name, unit, settled.t, settled.values, source)
 

@@ -77,6 +77,7 @@ class BodyMatch:
 
     def body_for(self, name: str) -> Body | None:
         """The body a name stands for, without its links; `None` when it does not match."""
+        # Not `fnmatch`, which ignores case on some systems.
         if not fnmatchcase(name, self.match):
             return None
         # A slash would separate two bodies in the name of a signal.
@@ -204,7 +205,7 @@ class LogMap:
         return tuple(
             channel
             for channel in self.channels
-            if channel.decoder
+            if channel.decoder  # needed whatever is measured: orders, submissions, events
             or (channel.poses and "position" in wanted)
             or (channel.poses == "models" and self.kits.trays)
             or any(quantity_of(f.signal) in wanted for f in channel.signals)

@@ -47,6 +47,7 @@ class Chart:
     def __post_init__(self) -> None:
         if not self.t.shape == self.actual.shape == self.limit.shape == (len(self.t),):
             raise ValueError(f"the chart of {self.what} has columns of different length")
+        # Limits may be NaN, where there is none; measured values may not.
         if not (np.isfinite(self.t).all() and np.isfinite(self.actual).all()):
             raise ValueError(f"the chart of {self.what} holds a value that is not finite")
         if (np.diff(self.t) <= 0).any():

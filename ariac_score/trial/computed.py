@@ -66,6 +66,7 @@ class Computed(Signal):
         found = self._made()
         if found is None:
             found = sealed(self._make())
+            # `Signal` checks this when it is made; here the values are only known now.
             if not np.isfinite(found).all():
                 raise ValueError(f"signal {self.name!r}: values must be finite")
             # Not `cached_property`: a vector is to be forgotten when nobody holds it any more.

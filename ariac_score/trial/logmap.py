@@ -33,7 +33,7 @@ def load_log_map(name: str, *, beside: Path | None = None) -> LogMap:
         LogMapError: Unknown name, malformed file, or a signal that does not fit
             the vocabulary.
     """
-    if name.endswith((".yaml", ".yml")) or "/" in name:
+    if name.endswith((".yaml", ".yml")) or "/" in name:  # no shipped name has either
         path = (beside or Path()) / name
     else:
         shipped = shipped_rules().get(f"{name}.{_FILE}")
@@ -50,6 +50,7 @@ def load_log_map(name: str, *, beside: Path | None = None) -> LogMap:
 
 def _parsed(document: YamlDocument) -> LogMap:
     data = document.data
+    # `float` everywhere: YAML gives an integer where the author writes 1 for 1.0.
     bodies = {
         key: Body(key, b["kind"], float(b.get("radius_m", 0.0))) for key, b in data.get("bodies", {}).items()
     }

@@ -51,8 +51,10 @@ class Pose:
     orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        # `<=` and not `>`, because every comparison with NaN is false.
         if not all(abs(v) <= LARGEST_VALUE for v in (*self.position_m, *self.orientation_wxyz)):
             raise ValueError("a pose must be finite, and near enough to compute with")
+        # The square of a tiny component is 0 in float64, and that of a huge one infinite.
         if not 0 < quaternions.inner_product(self.orientation_wxyz, self.orientation_wxyz) < math.inf:
             raise ValueError("a quaternion of norm 0, or of one beyond all numbers, is no orientation")
 
@@ -290,6 +292,7 @@ class TeamSetup:
 
     def __post_init__(self) -> None:
         if self.sensors is not None:
+            # A check must not be able to change what the next one reads.
             object.__setattr__(self, "sensors", FrozenMap(dict(self.sensors)))
 
 
@@ -368,6 +371,7 @@ class LogDefect:
     message: str
 
 
+# eq=False: signals hold arrays, which have no single truth to compare by.
 @dataclass(frozen=True, eq=False)
 class Trial:
     """One trial as its logs show it.
@@ -440,6 +444,7 @@ class Trial:
 
     def bodies_of(self, kind: str) -> tuple[Body, ...]:
         """The bodies of one kind, sorted by id."""
+        # Sorted: findings must not depend on the order in which a log lists bodies.
         return tuple(sorted((b for b in self.bodies if b.kind == kind), key=lambda b: b.id))
 
     def pairs(self) -> Iterator[tuple[Body, Body]]:
@@ -489,7 +494,7 @@ class Trial:
             return None
         start_s = self.recorded.start_s if self.started_s is None else self.started_s
         end_s = self.recorded.end_s if self.ended_s is None else self.ended_s
-        if not start_s < end_s:
+        if not start_s < end_s:  # noted as the defect `no_window` when logs are merged
             return self.recorded
         announced = [order.announced_s for order in self.orders if order.announced_s is not None]
         return Span(min([start_s, *announced]), end_s)

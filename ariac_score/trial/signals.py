@@ -31,6 +31,7 @@ class Sample:
     unit: str
 
 
+# eq=False: arrays have no single truth to compare by.
 @dataclass(frozen=True, eq=False)
 class Signal:
     """A named quantity over time.

@@ -319,10 +319,10 @@ def test_a_signal_exists_for_each_pair_of_robot_and_human() -> None:
 
 
 def test_what_the_log_records_is_never_replaced() -> None:
-    recorded = Signal("speed/gantry", "m/s", TWO, np.array([7.0, 7.0]))
+    speed = Signal("speed/gantry", "m/s", TWO, np.array([7.0, 7.0]))
     distance = Signal(f"centre_distance/{PAIR}", "m", TWO, np.array([9.0, 9.0]))
     recorded = trial(
-        recorded,
+        speed,
         distance,
         track("position/gantry", TWO, (0, 0, 0)),
         track("position/person_1", TWO, (1, 0, 0)),
@@ -330,7 +330,7 @@ def test_what_the_log_records_is_never_replaced() -> None:
 
     found = derived(recorded, "speed", "centre_distance").signals
 
-    assert found["speed/gantry"] is recorded
+    assert found["speed/gantry"] is speed
     assert found[f"centre_distance/{PAIR}"] is distance
 
 

@@ -55,6 +55,7 @@ class Column:
         """How many values each message has, shape (m,)."""
         if not self.offsets:
             return np.ones(len(self.values), dtype=np.int64)
+        # From the outermost level inwards, bounds of messages become bounds of values.
         bounds = self.offsets[0]
         for level in self.offsets[1:]:
             bounds = level[bounds]
@@ -97,6 +98,7 @@ def ranges(starts: IntArray, counts: IntArray) -> IntArray:
     >>> ranges(np.array([5, 0]), np.array([2, 3])).tolist()
     [5, 6, 0, 1, 2]
     """
+    # One `arange` over all runs, shifted in each run to its start: no loop over runs.
     before = np.cumsum(counts) - counts
     found: IntArray = np.repeat(starts - before, counts) + np.arange(int(counts.sum()), dtype=np.int64)
     return found

@@ -108,11 +108,12 @@ class WideDecoder(ColumnDecoder):
             room: Not used: the same messages are decoded several times.
         """
         found = {unit: _Way(self._ways[unit], payloads, unit, self._texts) for unit in self._left}
+        # A message that fits in no way is damaged, and says nothing about the way of the others.
         fitting = np.logical_or.reduce([way.fits for way in found.values()])
         left = [unit for unit, way in found.items() if way.fits[fitting].all()]
         if not left:
             return self._refused(payloads, found, "no one way to read its wide text fits all messages")
-        self._left = tuple(left)
+        self._left = tuple(left)  # for later calls as well: one recorder writes all messages of a topic
         first, *others = (found[unit] for unit in left)
         rows = np.flatnonzero(fitting).astype(np.int64)
         if not all(first.agrees(other, rows) for other in others):
@@ -206,9 +207,10 @@ class _Way:
 
     def _code(self, units: NDArray[Any], *, big: bool) -> int:
         if self._unit == "uint8":
-            if len(units) % 2:
+            if len(units) % 2:  # half a code unit
                 return -1
             units = np.frombuffer(units.tobytes(), dtype=">u2" if big else "<u2")
+        # A NUL would be a terminator, which none of the ways writes; a code unit has 16 bits.
         if (units == 0).any() or (units > 0xFFFF).any():
             return -1
         try:
@@ -223,4 +225,4 @@ def _same(one: Column, other: Column) -> bool:
         return False
     if one.texts is not None:
         return one.text() == other.text()
-    return one.values.tobytes() == other.values.tobytes()
+    return one.values.tobytes() == other.values.tobytes()  # to the bit, so that NaN equals NaN

@@ -170,6 +170,7 @@ def _end_of_lz4(packed: bytes | memoryview) -> int:
     at = 7 + (8 if flags & 0b1000 else 0)
     behind_block, behind_frame = (4 if flags & bit else 0 for bit in (0b10000, 0b100))
     while at + 4 <= len(packed):
+        # The highest bit marks a block that is not compressed.
         length = int.from_bytes(packed[at : at + 4], "little") & 0x7FFFFFFF
         at += 4
         if not length:
@@ -191,6 +192,7 @@ def _end_of_zstd(packed: bytes | memoryview) -> int:
     at = 5 + (1 - alone) + (0, 1, 2, 4)[flags & 3] + size_bytes
     while at + 3 <= len(packed):
         head = int.from_bytes(packed[at : at + 3], "little")
+        # A repeated block holds one byte, whatever size it announces.
         at += 3 + (1 if head >> 1 & 3 == _ZSTD_REPEATED else head >> 3)
         if head & 1:
             return at + 4 * (flags >> 2 & 1)
@@ -210,11 +212,13 @@ def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:
     except ImportError as error:
         raise ValueError(f"its {compression} data needs the Python module {module_name!r}") from error
     engine = getattr(module, name)()
+    # Only the zstd module has an error of its own.
     failures = (OSError, EOFError, RuntimeError, ValueError, getattr(module, "ZstdError", OSError))
     parts: list[bytes] = []
     room = most + 1  # one byte too many shows that it inflates to more
     try:
         while room > 0 and not engine.eof:
+            # The input is given once; further calls only fetch more output.
             part: bytes = engine.decompress(b"" if parts else bytes(packed), max_length=room)
             parts.append(part)
             room -= len(part)

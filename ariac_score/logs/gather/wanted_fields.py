@@ -179,6 +179,7 @@ def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None], *, jobs:
                 if growing[item].decoder is not None:
                     decoded.add(item)
         elif isinstance(item, Batch):
+            # Numbers in the recording do not matter: each connection has a table of its own.
             for waiting in pending.take(item, decoded, 0):
                 _take(waiting, growing, scan.share)
         elif item.connection in decoded:
