@@ -25,11 +25,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.columnar.columns import ranges
+from ariac_score.logs.containers.items import IntArray
 from ariac_score.logs.gazebo_text import CorruptError, Tape, frames, text, without_cdata
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
@@ -83,9 +83,6 @@ _POSE = re.compile(
 
 _NUMBERS = re.compile(rb"<pose[^<>]*>([^<]*)</pose>")
 """Finds the same numbers as `_POSE`, in the same order, without looking for whose they are."""
-
-
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

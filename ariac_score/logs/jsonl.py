@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
+from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import LogError, NothingToScoreError, did_you_mean
 from ariac_score.trial.build import TrialBuilder
@@ -233,7 +234,7 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity])
             path, number, f"the line is longer than {MAX_LINE_BYTES:,} bytes", "one record on each line"
         )
     try:
-        record = json.loads(line, object_pairs_hook=_no_duplicates)
+        record = json.loads(line, object_pairs_hook=without_repeats)
     except (ValueError, RecursionError) as cause:
         raise _fault(path, number, f"not a JSON record: {cause}", "one JSON object on each line") from None
     if not isinstance(record, dict):
@@ -273,15 +274,6 @@ def _has_huge_integer(value: object) -> bool:
     if isinstance(value, list):
         return any(map(_has_huge_integer, value))
     return isinstance(value, int) and not -_LARGEST_INTEGER <= value <= _LARGEST_INTEGER
-
-
-def _no_duplicates(pairs: list[tuple[str, Any]]) -> Record:
-    # Python's decoder would silently take the last value of a repeated key.
-    record = dict(pairs)
-    if len(record) != len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"key {next(n for n in names if names.count(n) > 1)!r} is given twice")
-    return record
 
 
 def _check_sample(path: Path, number: int, record: Record, known: Mapping[str, Quantity]) -> None:

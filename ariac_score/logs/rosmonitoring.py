@@ -22,13 +22,14 @@ from typing import Any
 import numpy as np
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
+from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type
 from ariac_score.logs.gather.collector import Collector, MessageRoute
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, LogMap
 from ariac_score.trial.clock import SIMULATED_TIME, WALL_CLOCK_TIME, Clock
-from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED
+from ariac_score.trial.events import TIMED_EVENTS
 from ariac_score.trial.model import LogDefect, Trial
 from ariac_score.trial.spans import Span
 
@@ -77,17 +78,8 @@ class Row:
     verdict: object = None
 
 
-def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    # Python's decoder would silently take the last value of a repeated key.
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"key {next(n for n in names if names.count(n) > 1)!r} is given twice")
-    return found
-
-
 # Python's decoder takes NaN and Infinity, which JSON lacks: the monitors write them.
-_DECODER = json.JSONDecoder(object_pairs_hook=_no_duplicates)
+_DECODER = json.JSONDecoder(object_pairs_hook=without_repeats)
 
 
 def parse_object(text: str) -> dict[str, Any]:
@@ -464,7 +456,7 @@ class _Intake:
         for submission in untimed.submissions:
             builder.add(replace(submission, submitted_s=end_s))
         for event in untimed.events:
-            if event.kind not in _TIMED:
+            if event.kind not in TIMED_EVENTS:
                 builder.add(replace(event, t_s=end_s))
         builder.witnessed |= untimed.witnessed
         for body in untimed.bodies:
@@ -479,9 +471,6 @@ class _Intake:
         builder.defect("other_clock", name, clock.events, _other_clock(name, main))
 
 
-_TIMED = frozenset({COMPETITION_STARTED, COMPETITION_ENDED, ORDER_ANNOUNCED})
-
-
 def _other_clock(name: str, main: str) -> str:
     stamped = "events have no time" if name == UNTIMED else f"events are stamped in {name}"
     return f"{stamped}, the others in {main}; what needs a time was not taken from them"
@@ -492,7 +481,7 @@ def _timeless(trial: Trial) -> Trial:
     return replace(
         trial,
         orders=tuple(replace(order, announced_s=None) for order in trial.orders),
-        events=tuple(event for event in trial.events if event.kind not in _TIMED),
+        events=tuple(event for event in trial.events if event.kind not in TIMED_EVENTS),
         signals={},
         recorded=None,
         unrecorded=(*trial.unrecorded, *(f"signal {name}: it has no times" for name in trial.signals)),

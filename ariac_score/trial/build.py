@@ -11,13 +11,7 @@ import numpy as np
 
 from ariac_score.errors import LogError
 from ariac_score.trial.clock import Clock
-from ariac_score.trial.events import (
-    COMPETITION_ENDED,
-    COMPETITION_STARTED,
-    ORDER_ANNOUNCED,
-    WATCHING,
-    Event,
-)
+from ariac_score.trial.events import ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
 from ariac_score.trial.kits import RecordedKits
 from ariac_score.trial.model import (
     Body,
@@ -375,9 +369,6 @@ def _timed_contents(part: Trial) -> tuple[int, int]:
     return len(part.signals), sum(1 for s in part.submissions if s.contents is not None)
 
 
-_TIMED_EVENTS = frozenset({COMPETITION_STARTED, COMPETITION_ENDED, ORDER_ANNOUNCED})
-
-
 def _without_times(part: Trial, main: Trial) -> Trial:
     """What remains of a log on another clock: what happened, but not when.
 
@@ -386,7 +377,7 @@ def _without_times(part: Trial, main: Trial) -> Trial:
     assert main.recorded is not None  # chosen for having one
     # Collisions and drops count whenever they happened, so they are put where the recording ends.
     end_s = main.recorded.end_s
-    kept = tuple(replace(e, t_s=end_s) for e in part.events if e.kind not in _TIMED_EVENTS)
+    kept = tuple(replace(e, t_s=end_s) for e in part.events if e.kind not in TIMED_EVENTS)
     left_out = len(part.events) - len(kept)
     own, others = _times_clock(part).kind, _times_clock(main).kind
     message = f"its times are {own}, the motion is in {others}; they were not used"

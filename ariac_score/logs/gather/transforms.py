@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.errors import LogError
+from ariac_score.logs.containers.items import IntArray
 from ariac_score.logs.gather.array_growth import GrowthForecast
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.channels import BodyMatch
@@ -33,9 +34,6 @@ MAX_GAP_S = 0.5
 
 LARGEST_NORM_ERROR = 0.01
 """How far the norm of a rotation may be from 1. Source: tf2, QUATERNION_NORMALIZATION_TOLERANCE."""
-
-
-IntArray = NDArray[np.int64]
 
 
 Retimed = Callable[[IntArray], IntArray]
