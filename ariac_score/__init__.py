@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
     from ariac_score.trial.channels import KitMap, LogMap, TrayMatch
     from ariac_score.trial.chart import Chart
+    from ariac_score.trial.clock import Clock
     from ariac_score.trial.events import (
         ARM_COLLISION,
         COMPETITION_ENDED,
@@ -113,6 +114,7 @@ _MODULE_OF = {
     "Alignment": "ariac_score.trial.arrivals",
     "Arrivals": "ariac_score.trial.arrivals",
     "Body": "ariac_score.trial.model",
+    "Clock": "ariac_score.trial.clock",
     "COMPETITION_ENDED": "ariac_score.trial.events",
     "COMPETITION_STARTED": "ariac_score.trial.events",
     "Charting": "ariac_score.checks.contracts",
@@ -228,6 +230,7 @@ __all__ = [
     "Body",
     "Chart",
     "Charting",
+    "Clock",
     "Code",
     "Cohort",
     "DataFileError",

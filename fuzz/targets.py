@@ -10,14 +10,13 @@ import io
 import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from shutil import rmtree
 
 import numpy as np
-from rosbags.typesys import get_types_from_msg
 
 from ariac_score import Body, Signal, Span, Trial, load_rule_set
 from ariac_score.batch.index import checked_rows, read_rows
@@ -26,7 +25,8 @@ from ariac_score.checks.guarded import GuardedDecoder
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.read import find_trial
 from ariac_score.errors import PluginError, ScoreError
-from ariac_score.logs.columnar.definitions import parsed_definitions
+from ariac_score.logs.columnar.plan import PlanError
+from ariac_score.logs.columnar.types import UnknownTypeError, column_decoder_for
 from ariac_score.logs.containers.items import Batch, Connection
 from ariac_score.logs.containers.sqlite import SqliteScan
 from ariac_score.oracle.conversation import Conversation
@@ -352,16 +352,10 @@ def _sqlite_scan(folder: Path, raw: bytes) -> None:
 
 
 def _definition(_: Path, raw: bytes) -> None:
-    """A definition read without `rosbags`, held against `rosbags`."""
+    """A definition becomes a plan or is refused, and nothing else."""
     text = raw.decode("utf-8", "replace")
-    ours = parsed_definitions(text, "fuzz/msg/Top")
-    if ours is None:
-        return
-    theirs = {name: fields for name, (_, fields) in get_types_from_msg(text, "fuzz/msg/Top").items()}
-    stock = {"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"} - theirs.keys()
-    assert ours.keys() - stock == theirs.keys()
-    for name, fields in theirs.items():  # a type store puts a byte into an empty message
-        assert ours[name][1] == (fields or [("structure_needs_at_least_one_member", (1, ("uint8", 0)))])
+    with suppress(UnknownTypeError, PlanError):
+        column_decoder_for(Connection("/top", "fuzz/msg/Top", "cdr", text, "ros2msg"))
 
 
 _JSON = (b'{"', b'": ', b"[[[[", b"1e400", b"NaN", b"-Infinity", b"null", b"9" * 30, b'"\\ud800"', b'"t_s"')

@@ -11,6 +11,7 @@ from typing import Any
 
 from jsonschema import Draft202012Validator
 
+from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.documents.yaml import Place, YamlDocument
 from ariac_score.errors import DataFileError, did_you_mean
 
@@ -33,16 +34,9 @@ def strict_json(text: str, *, parse_float: Callable[[str], Any] = float) -> Any:
     ...
     ValueError: key 'a' is given twice
     """
-    return json.loads(text, object_pairs_hook=_once_each, parse_constant=_no_number, parse_float=parse_float)
-
-
-def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    told = dict(pairs)
-    if len(told) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"key {twice[:80]!r} is given twice")
-    return told
+    return json.loads(
+        text, object_pairs_hook=without_repeats, parse_constant=_no_number, parse_float=parse_float
+    )
 
 
 def _no_number(word: str) -> Any:

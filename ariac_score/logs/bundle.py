@@ -20,9 +20,9 @@ __all__ = ["MAX_DEPTH", "MAX_FILES", "Bundle", "Part", "find_parts", "name_from"
 
 BUNDLE_FILE = "bundle.yaml"
 MAX_DEPTH = 4
-"""Folders below the given one that are searched."""
+"""How deep below the given folder is searched."""
 MAX_FILES = 2000
-"""Files that are looked at before the folder is taken for something else than a trial."""
+"""With more files than this a folder is not taken for that of one trial."""
 
 _RUN = re.compile(r"(?P<file>.+)#run=(?P<run>\d{1,15})")
 _CORE_ROLES = ("trial_config", "team_config", "official")
@@ -37,8 +37,8 @@ class Part:
     Attributes:
         path: Where it is.
         reader: Name of the reader that recognised it.
-        facts: What that reader says of its files.
-        run: Which run of it, by number, where one is named.
+        facts: The reader's facts about its files.
+        run: The number of the chosen run, where one is named.
     """
 
     path: Path
@@ -48,7 +48,7 @@ class Part:
 
     @property
     def role(self) -> str:
-        """What it is in the trial."""
+        """Its part in the trial, such as `log`."""
         return self.facts.role
 
 
@@ -61,7 +61,7 @@ class Bundle:
         root: The folder (or the file) the parts are in.
         parts: Sorted by path; those of `bundle.yaml` in its order.
         ignored: Paths below the root that no reader recognised, sorted.
-        stated: The SHA-256 of files as `bundle.yaml` states them, sorted by path.
+        stated: The SHA-256 of files that `bundle.yaml` states, sorted by path.
         file: The `bundle.yaml` that names the parts, if one does.
     """
 
@@ -79,7 +79,7 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
     Args:
         path: A log, a configuration, a bag folder, a `bundle.yaml`, or a folder of these. A file
             that holds several runs may be followed by the number of one: `results.db#run=3`.
-        readers: The installed readers by name; asked in order of their names.
+        readers: The installed readers by name; tried in order of their names.
 
     Raises:
         NothingToScoreError: There is no such path, or nothing in it is recognised.
@@ -106,7 +106,7 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
 def with_parts(
     bundle: Bundle, paths: Sequence[Path], root: Path, readers: Mapping[str, Reader], *, binding: bool = False
 ) -> Bundle:
-    """A bundle with files that lie outside its folder, such as the configuration all runs share.
+    """A bundle with files from outside its folder, such as the configuration that all runs share.
 
     Args:
         bundle: As found.
@@ -139,7 +139,7 @@ def _recognised(path: Path, readers: Mapping[str, Reader]) -> Part:
 
 
 def _without_roles(bundle: Bundle, roles: Set[str]) -> Bundle:
-    """A bundle without the parts of some roles, and without what it states of their files."""
+    """A bundle without the parts of some roles, and without the stated hashes of their files."""
     left_out = [part.path for part in bundle.parts if part.role in roles]
     folder = bundle.root if bundle.root.is_dir() else bundle.root.parent
     names = (f"{name_from(folder, path)} (another configuration is binding)" for path in left_out)
@@ -164,9 +164,9 @@ def _as_part(path: Path, readers: Mapping[str, Reader]) -> Part | None:
     """The part a file is, by the first reader that recognises it.
 
     Raises:
-        LogError: It may not be read, so that nobody knows what it is: a trial is not scored without it.
+        LogError: It may not be read: it could be a part that the trial must not be scored without.
     """
-    for name in sorted(readers):
+    for name in sorted(readers):  # not in the order of installation, which differs between machines
         if readers[name].can_read(path):
             return Part(path, name, reader_facts(readers[name]))
     try:
@@ -180,7 +180,7 @@ def _as_part(path: Path, readers: Mapping[str, Reader]) -> Part | None:
 
 
 def _as_folder(folder: Path, readers: Mapping[str, Reader]) -> Part | None:
-    """The part a whole folder is, for a reader of which a log may be one."""
+    """The part that a whole folder is, for readers whose logs may be folders."""
     for name in sorted(readers):
         facts = reader_facts(readers[name])
         if facts.folders and readers[name].can_read(folder):
@@ -189,7 +189,7 @@ def _as_folder(folder: Path, readers: Mapping[str, Reader]) -> Part | None:
 
 
 def known_formats(readers: Mapping[str, Reader]) -> str:
-    """What the installed readers read, for a message that says what could have been given."""
+    """The formats of the installed readers, for error messages."""
     return ", ".join(sorted({facts.formats for r in readers.values() if (facts := reader_facts(r)).formats}))
 
 
@@ -206,7 +206,7 @@ def _single_file(path: Path, readers: Mapping[str, Reader]) -> Bundle:
 
 
 def _likeness(path: Path, readers: Mapping[str, Reader]) -> str:
-    """Words for a YAML file that is no part of a trial."""
+    """What a YAML file that is no part of a trial looks like, for an error message."""
     if path.suffix not in (".yaml", ".yml"):
         return ""
     found = (r.likeness(path) for _, r in sorted(readers.items()) if isinstance(r, Likening))
@@ -220,7 +220,7 @@ def _split_run(path: Path) -> tuple[Path, int | None]:
     (3, None)
     """
     named = _RUN.fullmatch(path.name)
-    if named is None or path.exists():
+    if named is None or path.exists():  # a file may really be called so
         return path, None
     return path.with_name(named["file"]), int(named["run"])
 
@@ -275,6 +275,7 @@ def _seen(ignored: list[str]) -> str:
 def _candidates(folder: Path, readers: Mapping[str, Reader]) -> Iterator[Path]:
     """Files and bag folders below a folder, sorted, with nothing from outside it."""
     root = folder.resolve()
+    # Counted while walking, so that a home folder given by mistake is left after some files.
     for seen, path in enumerate(_walk(folder, root, readers, MAX_DEPTH)):
         if seen >= MAX_FILES:
             raise LogError(
@@ -294,15 +295,15 @@ def _walk(folder: Path, root: Path, readers: Mapping[str, Reader], depth: int) -
         ) from cause
     for path in paths:
         if not _is_inside(path, root):
-            continue  # what it means lies elsewhere; `_links_out` names it
+            continue  # a link out of the folder; `_links_out` names it
         if path.is_file() or (path.is_dir() and _as_folder(path, readers) is not None):
             yield path
-        elif path.is_dir() and not path.is_symlink() and depth > 0:
+        elif path.is_dir() and not path.is_symlink() and depth > 0:  # links could form loops
             yield from _walk(path, root, readers, depth - 1)
 
 
 def _links_out(folder: Path) -> list[Path]:
-    """The links right in a folder that lead out of it, or nowhere."""
+    """The links directly in a folder that lead out of it, or nowhere."""
     root = folder.resolve()
     return sorted(
         path
@@ -323,6 +324,7 @@ def _refuse_two_trials(parts: list[Part], where: Path) -> None:
     """One part for each role, and one log for each kind of log."""
     taken: dict[tuple[str, str], Part] = {}
     for part in parts:
+        # A bag and a Gazebo log of one trial belong together; two bags may be two trials.
         one_of = (part.role, part.reader if part.role == "log" else "")
         first = taken.setdefault(one_of, part)
         if first is not part:
@@ -407,6 +409,7 @@ def _named_part(
     where = document.place(place)
     plain = PurePosixPath(name)
     path = file.parent / name
+    # A bundle may come from a stranger: nothing outside its folder may be read, or quoted in a result.
     inside = not (plain.is_absolute() or Path(name).is_absolute() or ".." in plain.parts or "\0" in name)
     if not inside or not _is_inside(path, file.parent.resolve()):
         raise LogError(

@@ -1,9 +1,12 @@
 """Reading `state.log`, the motion record of Gazebo classic.
 
-The file is a run of compressed chunks, each a run of `<state>` frames; 600 KB of it
-hold 25 MB of text. It is read as a stream: no XML tree, and no more text in memory
-than one frame and one piece of a chunk. Most models stand still, so a model whose
-text is the same as in the frame before is not parsed again.
+The file is a sequence of compressed chunks, each a sequence of `<state>` frames; 600 KB
+of it hold 25 MB of text. It is read as a stream: no XML tree, and no more text in memory
+than one frame and one piece of a chunk. Most models stand still, so a model whose text
+is the same as in the previous frame is not parsed again.
+
+Why not an XML parser? A log that was cut off is not well-formed, and parsing every frame
+takes many times as long as comparing it with the one before.
 
 Source: Gazebo classic 7 to 11, `physics/WorldState` and `util/LogRecord`; ARIAC notes
 on log formats, section 4.
@@ -22,14 +25,15 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.columnar.columns import ranges
+from ariac_score.logs.containers.items import IntArray
 from ariac_score.logs.gazebo_text import CorruptError, Tape, frames, text, without_cdata
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.clock import SIMULATED_TIME, Clock
 from ariac_score.trial.kits import ModelTrack
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.spans import FloatArray, Span
@@ -37,7 +41,7 @@ from ariac_score.trial.spans import FloatArray, Span
 __all__ = ["Entity", "GazeboStateReader", "GazeboStates", "read_states"]
 
 
-CLOCK = "simulated time"
+CLOCK = Clock(SIMULATED_TIME)
 
 
 _END_OF_LOG = b"</gazebo_log>"
@@ -49,6 +53,7 @@ _ENCODING = re.compile(rb"""^\s+encoding\s*=\s*(['"])(\w+)\1\s*>$""")
 _VERSION = re.compile(rb"<gazebo_version>([^<]{0,200})</gazebo_version>")
 
 
+# At most 30 digits: `int` refuses very long numbers with an error of its own.
 _SIM_TIME = re.compile(rb"<sim_time>\s*(\d{1,30})\s+(\d{1,30})\s*</sim_time>")
 
 
@@ -77,19 +82,16 @@ _POSE = re.compile(
 
 
 _NUMBERS = re.compile(rb"<pose[^<>]*>([^<]*)</pose>")
-"""The same numbers as `_POSE` finds, in the same order."""
-
-
-IntArray = NDArray[np.int64]
+"""Finds the same numbers as `_POSE`, in the same order, without looking for whose they are."""
 
 
 @dataclass(frozen=True)
 class Entity:
-    """A model, or a link of one, whose pose the frames give.
+    """A model, or a link of one, with poses in the frames.
 
     Attributes:
         top: The top-level model it belongs to.
-        model: Its own model, which may be nested in another; its path where the name alone is taken.
+        model: Its own model, which may be nested in another; its path where another model has that name.
         link: Its name as a link; empty for the model itself.
     """
 
@@ -126,8 +128,8 @@ class GazeboStates:
             shape (m, 6): x, y, z in m and roll, pitch, yaw in rad, world frame, as recorded.
         entities: Every model and link seen, converted or not, by key.
         listed: For each model (by `Entity.model`) the frames that list it, shape (m,).
-        deleted: For each deleted model the frames that say so.
-        gazebo_version: As the header gives it; empty when it does not.
+        deleted: For each deleted model the frames that delete it.
+        gazebo_version: As in the header; empty when it has none.
         cut_off: Why the log ends early, in words; empty for a whole one.
     """
 
@@ -157,7 +159,7 @@ class GazeboStates:
 
     @property
     def defects(self) -> tuple[LogDefect, ...]:
-        """What was wrong with the log as a whole; `where` is left to the caller."""
+        """Faults of the log as a whole; `where` is left to the caller."""
         repeated = int((np.diff(self.t_ns) == 0).sum())
         found = []
         if self.cut_off:
@@ -170,15 +172,15 @@ class GazeboStates:
     def pose_in_each_frame(self, key: str) -> tuple[IntArray, FloatArray]:
         """The last known pose of an entity in every frame while it exists.
 
-        A log may list only what changed since the frame before; what it does not
-        list has stayed where it was, until it is deleted.
+        A log may list only the models that moved since the previous frame; the others
+        have stayed where they were, until they are deleted.
 
         Returns:
             The frames from its first listing on, less those in which it is deleted,
             shape (k,), and its pose in each, shape (k, 6).
         """
         listed, poses = self.poses[key]
-        if not len(listed):  # its text came twice in a frame, without a pose the second time
+        if not len(listed):  # listed twice in a frame, the second time without a pose
             return listed, poses
         frames = np.arange(listed[0], len(self.t_ns), dtype=np.int64)
         row = np.searchsorted(listed, frames, side="right") - 1
@@ -226,7 +228,7 @@ def _merged(shown: Sequence[tuple[IntArray, IntArray]], poses: FloatArray) -> tu
     """The frames that show an entity, and its pose in each.
 
     Args:
-        shown: For each model whose text shows it the frames, and the number of its pose in each.
+        shown: For each model whose text gives its poses, the frames and the number of its pose in each.
         poses: All poses, shape (n, 6).
     """
     frames, rows = (np.concatenate(parts) for parts in zip(*shown, strict=True))
@@ -237,18 +239,18 @@ def _merged(shown: Sequence[tuple[IntArray, IntArray]], poses: FloatArray) -> tu
 
 
 class _Model:
-    """One model's place in the tree, with its text in the frame before.
+    """One model's place in the tree, with its text in the previous frame.
 
     Attributes:
         text: From its name to the next model's name.
-        quoted: Its name as the text begins with it.
+        quoted: Its name, with quotes, at the start of the text.
         ends: How many models end in the text.
-        around: What stood around the numbers of its poses, the last time.
-        whose: Whose poses of these are converted.
-        chosen: Which of these are.
-        changes: The frames in which the text was another one than before.
-        shown: For each of these whose poses it gave, and the number of the first; the others follow it.
-        runs: Runs of frames that list it, first and behind the last.
+        around: The text around the numbers of its poses.
+        whose: The columns of its poses that are converted.
+        chosen: Whether each of its poses is converted.
+        changes: The frames in which the text changed.
+        shown: For each change the columns of its poses, and the number of the first; the others follow it.
+        runs: Runs of frames that list it, each as its first frame and the one after its last.
     """
 
     def __init__(self, name: str, key: str, parent: _Model | None) -> None:
@@ -266,12 +268,13 @@ class _Model:
         self.runs: array[int] = array("q")
 
     def frames(self, count: int) -> IntArray:
-        """The frames that list it, of so many whole ones."""
+        """The frames that list it, among the given number of whole frames."""
+        # A run may have begun in a frame that turned out to be corrupt, which does not count.
         first, behind = np.minimum(np.array(self.runs, dtype=np.int64), count).reshape(-1, 2).T
         return ranges(first, behind - first)
 
     def poses(self, frames: IntArray) -> Iterator[tuple[_Column, IntArray, IntArray]]:
-        """Each column its text gave poses of: the frames, and the rows there."""
+        """Each column that its text gives poses of, with the frames and the numbers of its poses there."""
         version = np.searchsorted(np.array(self.changes, dtype=np.int64), frames, side="right") - 1
         rows: dict[_Column, IntArray] = {}
         first = np.array([number for _, number in self.shown], dtype=np.int64)
@@ -297,18 +300,18 @@ class _Model:
 
 
 class _Scan:
-    """One pass over one file; holds what was read even when the pass ends in an error."""
+    """One pass over one file; keeps what was read even when the pass ends in an error."""
 
     def __init__(self, path: Path, wanted: Callable[[Entity], bool] | None) -> None:
         self.path, self.wanted = path, wanted
         self.version, self.cut_off = "", ""
         self.chunk = 0
         self.t_ns: array[int] = array("q")
-        # What the frame before listed: the models in their order, since which frame, and their texts.
+        # The models of the previous frame in order, the frame from which on they are listed, and their texts.
         self.listed: list[_Model] = []
         self.since = 0
         self.segments: list[bytes] = []
-        # The poses in the order they came, and those of the frame that is read.
+        # All poses in the order of their frames, and those of the current frame that are still text.
         self.numbers: array[float] = array("d")
         self.poses = 0
         self.fresh: list[bytes] = []
@@ -374,7 +377,7 @@ class _Scan:
         )
 
     def _chunks(self, tape: Tape) -> Iterator[int]:
-        """Read chunk after chunk, giving the offset behind each."""
+        """Read chunk after chunk, yielding the offset behind each."""
         while True:
             between = tape.take_past(b"<chunk")
             if between is None:
@@ -385,12 +388,13 @@ class _Scan:
             offset = tape.offset
             tag = tape.take_past(b">")
             body = None if tag is None else tape.take_past(b"</chunk>")
+            # A killed server leaves a chunk that ends anywhere; its whole frames count.
             if tag is None or body is None:
                 body = tape.rest()
                 self._cut("in the middle of chunk")
                 if tag is not None:
                     self._read_chunk(without_cdata(body), tag, offset, whole=False)
-                self._tell_cut()
+                self._describe_cut()
                 return
             self._read_chunk(without_cdata(body.removesuffix(b"</chunk>")), tag, offset, whole=True)
             yield tape.offset
@@ -399,17 +403,17 @@ class _Scan:
         self._note_version(rest)
         if _END_OF_LOG not in rest:
             self._cut("after chunk")
-            self._tell_cut()
+            self._describe_cut()
 
     def _cut(self, where: str) -> None:
         self.cut_off = f"the file ends {where} {self.chunk}" if self.chunk else "the file ends in its header"
 
-    def _tell_cut(self) -> None:
+    def _describe_cut(self) -> None:
         last = f"{self.t_ns[-1] / 1e9:.3f} s" if self.t_ns else "nothing"
         self.cut_off += f" without </gazebo_log>; it was read up to {last} of simulated time"
 
     def _note_version(self, header: bytes) -> None:
-        """Take what lies between chunks, which can be a chunk itself only by damage."""
+        """Look for the version between chunks; the rest of a chunk there means that its tag was damaged."""
         if b"CDATA" in header:
             raise LogError(
                 f"what follows chunk {self.chunk} is corrupt: a chunk without its opening tag",
@@ -447,7 +451,7 @@ class _Scan:
         head, *segments = frame.split(_MODEL_AS_WRITTEN)
         changed = None if _ANY_MODEL in head else self._changed(segments)
         if changed is None:
-            # Others than before, or other words before their names: then all words are looked at.
+            # Other models than before, or other text before their names: look at all of the frame.
             segments = _segments(frame)
             changed = self._changed(segments)
         if changed is None:
@@ -460,13 +464,15 @@ class _Scan:
         self.t_ns.append(t_ns)
 
     def _changed(self, segments: Sequence[bytes]) -> Sequence[tuple[int, list[bytes]]] | None:
-        """The models whose text has changed, and its parts; `None` when others are listed, or elsewhere."""
+        """The models whose text changed, with its parts; `None` when the list of models changed, too."""
         if len(segments) != len(self.segments):
             return None
         changed = []
+        # Nearly all models stand still, and comparing equal bytes is the fastest way to find that out.
         for place in compress(range(len(segments)), map(ne, segments, self.segments)):
             model, segment = self.listed[place], segments[place]
             parts = _NUMBERS.split(segment)
+            # The same text around its numbers proves the same names, links and ends.
             if parts[::2] != model.around and (
                 not segment.startswith(model.quoted)
                 or segment.count(_END_OF_MODEL) != model.ends
@@ -477,7 +483,7 @@ class _Scan:
         return changed
 
     def _list_anew(self, segments: Sequence[bytes], index: int) -> None:
-        """Find out which models a frame lists."""
+        """Find the models of a frame that lists others than the previous one."""
         if any(segment[:1].isspace() for segment in segments):
             segments = [segment.lstrip() for segment in segments]
         self._end_run(index)
@@ -497,7 +503,8 @@ class _Scan:
         if b"<deletions>" not in frame:
             return
         begin = -1
-        for tag in _DELETIONS.finditer(frame):  # tag by tag: a search for pairs looks for each end anew
+        # Tag by tag: a pattern for pairs would search to the end of the frame for each tag without a partner.
+        for tag in _DELETIONS.finditer(frame):
             if tag[0] == b"<deletions>":
                 begin = tag.end() if begin < 0 else begin
                 continue
@@ -515,6 +522,7 @@ class _Scan:
         model = parent.children.get(raw)
         if model is None:
             name = _words(raw)
+            # Several models may contain one of the same name, such as a tray on each AGV.
             key = name if name not in self.models else f"{parent.key}::{name}"
             if key in self.models:
                 raise CorruptError(f"two models are called {key!r}")
@@ -523,7 +531,7 @@ class _Scan:
         return model
 
     def _parse(self, model: _Model, segment: bytes, parts: Sequence[bytes], index: int) -> None:
-        """Take the poses of a model whose text has changed, mostly in nothing but its numbers."""
+        """Take the poses of a model whose text changed; mostly only its numbers did."""
         if parts[::2] != model.around:
             self._learn(model, segment)
             if len(model.chosen) != len(parts) // 2:
@@ -537,10 +545,10 @@ class _Scan:
         self.poses += len(model.whose)
 
     def _learn(self, model: _Model, segment: bytes) -> None:
-        """Find out whose poses the text of a model gives.
+        """Find out which entities the poses in the text of a model belong to.
 
         The text runs from the model's name to the next model's: its own poses, then
-        for each `</model>` what its ancestors list after it.
+        after each `</model>` those that an ancestor lists behind it.
         """
         own, *after = segment.split(_END_OF_MODEL)
         whose = self._whose(model, own, links_only=False)
@@ -555,7 +563,7 @@ class _Scan:
         model.whose = [column for column in whose if column is not None]
 
     def _whose(self, model: _Model, text: bytes, *, links_only: bool) -> list[_Column | None]:
-        """Whose the poses in some text are, one after the other."""
+        """The columns of the poses in some text, in order; `None` for poses that are not converted."""
         own_expected = not links_only
         found: list[_Column | None] = []
         for pose in _POSE.finditer(text):
@@ -572,7 +580,7 @@ class _Scan:
         return found
 
     def _column(self, model: _Model, written: bytes | None) -> _Column:
-        """The column of a link, by its name as it is written, or of the model itself."""
+        """The column of a link, by its name as written, or of the model itself."""
         link = "" if written is None else _words(written)
         column = model.columns.get(link)
         if column is None:
@@ -583,9 +591,10 @@ class _Scan:
         return column
 
     def _convert(self) -> None:
-        """Take the numbers of the poses that are new in a frame, all at once where all is well."""
+        """Convert the new poses of a frame, all at once where each has six numbers."""
         if not self.fresh:
             return
+        # With a separator between the poses: five numbers and then seven would otherwise pass for two poses.
         words = b" | ".join(self.fresh).split()
         between = words[6::7]
         del words[6::7]
@@ -632,7 +641,7 @@ def _ancestor(model: _Model, levels: int) -> _Model:
 
 
 _ENTITIES = {"&lt;": "<", "&gt;": ">", "&apos;": "'", "&quot;": '"', "&amp;": "&"}
-"""The last one last, for what it makes is none of the others."""
+"""`&amp;` last: `&amp;lt;` is the text `&lt;`, not `<`."""
 
 
 def _words(raw: bytes) -> str:
@@ -653,7 +662,7 @@ class GazeboStateReader:
         The position of every model and link that the log map names, frame by frame.
     Refuses:
         A log without one whole frame, and one with a corrupt chunk. A log that was cut off
-        is read up to the cut, which is said.
+        is read up to the cut, which the result notes.
     Source:
         Gazebo classic 7 to 11, `physics/WorldState` and `util/LogRecord`; ARIAC notes on
         log formats, section 4.
@@ -689,7 +698,7 @@ class GazeboStateReader:
                 for name in states.models
                 if len(states.listed[name])
             ),
-            clock=CLOCK,
+            clock=str(CLOCK),
             facts={
                 "states": len(t_s),
                 "models": len(states.models),
@@ -722,7 +731,7 @@ class GazeboStateReader:
         )
         builder = TrialBuilder(path.stem, file=path, clock=CLOCK)
         if not states.cut_off:
-            builder.witnessed.add("bodies")  # what the lost part would have shown is not known
+            builder.witnessed.add("bodies")  # the lost part might have shown others
         for defect in _placed(states.defects, path):
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         for key in sorted(states.entities):

@@ -1,4 +1,4 @@
-"""The text of a state.log: chunks inflated, frames found in it."""
+"""The text of a state.log: inflating its chunks and finding the frames in it."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _PIECE_BYTES = 1 << 20
 
 
 _COMMON_END = b"tions>"
-"""Of the tags that hardly any frame has: insertions and deletions."""
+"""Both rare tags, insertions and deletions, end in this: one search shows that a piece has neither."""
 
 
 class CorruptError(Exception):
-    """A chunk does not hold what it must; worded without the place, which the caller knows."""
+    """A chunk is corrupt; the text gives the cause without the place, which the caller knows."""
 
 
 class Tape:
@@ -43,12 +43,13 @@ class Tape:
         self.offset = 0
 
     def take_past(self, marker: bytes) -> bytes | None:
-        """The bytes up to and with a marker; `None`, taking nothing, when the file ends before it."""
+        """The bytes up to and including a marker; `None`, taking nothing, when the file ends before it."""
         start = 0
         while True:
             at = self._held.find(marker, start)
             if at >= 0:
                 return self._take(at + len(marker))
+            # The marker may lie across two pieces.
             start = max(0, len(self._held) - len(marker) + 1)
             piece = self._file.read(_PIECE_BYTES)
             if not piece:
@@ -63,7 +64,7 @@ class Tape:
                 )
 
     def rest(self) -> bytes:
-        """All bytes that are left and were looked at."""
+        """All remaining bytes, once the end of the file was reached."""
         return self._take(len(self._held))
 
     def _take(self, count: int) -> bytes:
@@ -74,7 +75,7 @@ class Tape:
 
 
 def without_cdata(body: bytes) -> bytes:
-    """The content of a chunk, of which any end may be cut off."""
+    """The content of a chunk, whose end may be cut off anywhere."""
     body = body.strip()
     opening = b"<![CDATA["
     if opening.startswith(body):
@@ -100,7 +101,7 @@ _NOT_BASE64 = re.compile(rb"[^A-Za-z0-9+/=]")
 def _from_base64(body: bytes, *, whole: bool) -> bytes:
     body = body.translate(None, b" \t\r\n")
     if not whole:
-        # What is left of the closing brackets, and of the last group of four.
+        # Cut off in the closing brackets, or in a group of four characters.
         body = body.rstrip(b"]")
         body = body[: len(body) // 4 * 4]
     strange = _NOT_BASE64.search(body)
@@ -120,7 +121,7 @@ def _inflate(decompressor: Any, packed: bytes, *, whole: bool) -> Iterator[bytes
             piece: bytes = decompressor.decompress(feed, _PIECE_BYTES)
         except (zlib.error, OSError, EOFError) as cause:
             raise CorruptError(f"cannot be decompressed: {cause}") from cause
-        # zlib hands the unread input back, bz2 keeps it.
+        # zlib returns the input it did not use, bz2 keeps it.
         feed = getattr(decompressor, "unconsumed_tail", b"")
         total += len(piece)
         if total > MAX_CHUNK_BYTES:
@@ -135,12 +136,10 @@ def _inflate(decompressor: Any, packed: bytes, *, whole: bool) -> Iterator[bytes
 
 
 def frames(pieces: Iterator[bytes]) -> Iterator[tuple[bytes, bool]]:
-    """The content of each whole `<state>`, without insertions, and whether nothing is deleted in it.
+    """The content of each whole `<state>`, without insertions, and whether it surely has no deletions.
 
-    Worlds are passed over.
-
-    A world may hold a `<state>` of its own, and an insertion whole models, so both
-    are skipped before anything in them is looked at.
+    A `<world>` may hold a `<state>` of its own, and an insertion whole models, so both are
+    skipped before anything in them is looked at.
     """
     held = b""
     for piece in pieces:
@@ -165,12 +164,12 @@ _LONGEST_OPENING = 7
 
 
 def _next_frame(text: bytes, start: int, *, plain: bool) -> tuple[bytes | None, int]:
-    """The first whole frame from `start` on, and up to where the text is done with.
+    """The first whole frame from `start` on, and the offset up to which the text is processed.
 
     Args:
-        text: Frames, and what is between them.
-        start: Where to look from.
-        plain: Whether it is known that nothing is inserted in it.
+        text: Frames, with anything between them.
+        start: Where to begin.
+        plain: Whether it is known to have no insertions.
     """
     opening = _OPENING.search(text, start)
     if opening is None:

@@ -18,9 +18,11 @@ from typing import Any
 import numpy as np
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
+from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import LogError, NothingToScoreError, did_you_mean
 from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import (
     Body,
@@ -42,8 +44,10 @@ __all__ = ["FORMAT", "JsonLinesReader"]
 FORMAT = "ariac-score-trial-log/1"
 MAX_LINE_BYTES = 10_000_000
 MAX_TIME_S = 1e11
-"""Stamps further from 0 than this are no times of a trial."""
+"""Stamps further from 0 than this are not times of a trial."""
 _LARGEST_INTEGER = 2**53
+"""Larger integers are not exact in float64, nor in most JSON readers."""
+_UNNAMED_CLOCK = Clock("as written in the log")
 
 Record = dict[str, Any]
 
@@ -59,7 +63,7 @@ class _Columns:
 
 
 Note = Callable[[str], None]
-"""Takes what is wrong with a pose that is left out."""
+"""Takes the reason why a pose is left out."""
 
 
 class JsonLinesReader:
@@ -89,7 +93,7 @@ class JsonLinesReader:
         return FORMAT.encode() in head or (not head and path.suffix == ".jsonl")
 
     def describe(self, path: Path) -> LogDescription:
-        """Records and signals with counts, rates and gaps; of a damaged log what comes before the damage."""
+        """Records and signals with counts, rates and gaps; of a damaged log those before the damage."""
         times: dict[str, list[float]] = defaultdict(list)
         clock = damage = ""
         try:
@@ -103,19 +107,19 @@ class JsonLinesReader:
         return LogDescription(
             format="JSON Lines trial log",
             topics=tuple(_topic(name, times[name]) for name in sorted(times)),
-            clock=clock or "as written in the log",
+            clock=clock or str(_UNNAMED_CLOCK),
             damage=damage,
             duration_s=max(stamps) - min(stamps) if stamps else 0.0,
         )
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
-        """The whole trial; signals nobody wants are checked but not kept.
+        """The whole trial; unwanted signals are checked but not kept.
 
         Raises:
             LogError: Not JSON, breaks the schema, or cut off, with the line.
             NothingToScoreError: The file is empty.
         """
-        builder = TrialBuilder(path.stem, file=path, clock="as written in the log")
+        builder = TrialBuilder(path.stem, file=path, clock=_UNNAMED_CLOCK)
         columns = _Columns()
         units = {name: quantity.unit for name, quantity in QUANTITIES.items()}
         size = max(path.stat().st_size, 1)
@@ -133,7 +137,7 @@ class JsonLinesReader:
                 units |= {name: q["unit"] for name, q in record.get("quantities", {}).items()}
                 _take(builder, record, f"{path.name}, record {done + 1}")
             if done % 20_000 == 0:
-                wanted.progress(min(0.95, done * 80 / size))
+                wanted.progress(min(0.95, done * 80 / size))  # a record has about 80 bytes
         for name in sorted(columns.t):
             _check_bodies(path, name, builder.bodies)
             builder.add_signal(
@@ -145,7 +149,7 @@ class JsonLinesReader:
 
 
 def _check_bodies(path: Path, signal: str, bodies: Mapping[str, Body]) -> None:
-    """Refuse a signal of a body that no record declares: nobody would watch it."""
+    """Refuse a signal of a body that no record declares: no monitor would look at it."""
     for subject in subject_of(signal).split("/"):
         body, _, link = subject.partition("::")
         if body not in bodies or (link and link not in bodies[body].links):
@@ -173,12 +177,14 @@ def _records(path: Path) -> Iterator[Record]:
     known = dict(QUANTITIES)
     try:
         with path.open("rb") as stream:
+            # One byte beyond the limit shows that a line is too long, without reading all of it.
             while line := stream.readline(MAX_LINE_BYTES + 1):
                 number += 1
                 if not line.strip():
                     continue
                 record = _parsed(path, number, line, known)
                 kind = record["record"]
+                # Two logs written into one file would otherwise pass for one trial.
                 if (kind == "trial") != (last == "") or last == "end":
                     raise _fault(
                         path,
@@ -199,12 +205,13 @@ def _records(path: Path) -> Iterator[Record]:
         ) from cause
     if not number:
         raise NothingToScoreError("the file is empty", file=path, hint="was the recording started?")
+    # A file that breaks off between two lines looks whole but for its last record.
     if last != "end":
         raise _fault(path, number, "the log is cut off: there is no 'end' record", _CUT)
 
 
 def _declared(path: Path, number: int, quantities: Mapping[str, Any]) -> dict[str, Quantity]:
-    """The quantities a log brings of its own; those of the vocabulary cannot be changed."""
+    """The quantities a log declares; those of the vocabulary cannot be changed."""
     taken = sorted(set(quantities) & set(QUANTITIES))
     if taken:
         raise _fault(path, number, f"quantity {taken[0]!r} has its meaning already", "choose another name")
@@ -227,12 +234,13 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity])
             path, number, f"the line is longer than {MAX_LINE_BYTES:,} bytes", "one record on each line"
         )
     try:
-        record = json.loads(line, object_pairs_hook=_no_duplicates)
+        record = json.loads(line, object_pairs_hook=without_repeats)
     except (ValueError, RecursionError) as cause:
         raise _fault(path, number, f"not a JSON record: {cause}", "one JSON object on each line") from None
     if not isinstance(record, dict):
         raise _fault(path, number, "not a JSON object", "one JSON object on each line")
     kind = record.get("record")
+    # Not by the schema: samples are nearly all records, and a hand-written check is much faster.
     if kind == "sample":
         _check_sample(path, number, record, known)
         return record
@@ -247,7 +255,7 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity])
         where, fault, hint = faults[0]
         place = f"line {number}" + (f", {'.'.join(map(str, where))}" if where else "")
         raise LogError(fault, file=path, place=place, hint=hint)
-    if record.get("t_s") is not None and not abs(record["t_s"]) <= MAX_TIME_S:  # NaN keeps no limit
+    if record.get("t_s") is not None and not abs(record["t_s"]) <= MAX_TIME_S:  # not `>`: NaN must be refused
         raise _fault(path, number, f"t_s is {record['t_s']!r}", "times are numbers, s of trial time")
     if (record.get("t_s") or 0) < 0:
         raise _fault(
@@ -266,14 +274,6 @@ def _has_huge_integer(value: object) -> bool:
     if isinstance(value, list):
         return any(map(_has_huge_integer, value))
     return isinstance(value, int) and not -_LARGEST_INTEGER <= value <= _LARGEST_INTEGER
-
-
-def _no_duplicates(pairs: list[tuple[str, Any]]) -> Record:
-    record = dict(pairs)
-    if len(record) != len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"key {next(n for n in names if names.count(n) > 1)!r} is given twice")
-    return record
 
 
 def _check_sample(path: Path, number: int, record: Record, known: Mapping[str, Quantity]) -> None:
@@ -311,7 +311,8 @@ def _take(builder: TrialBuilder, record: Record, where: str) -> None:
     kind = record["record"]
     if kind == "trial":
         builder.trial_id = record["id"]
-        builder.clock = record.get("clock", builder.clock)
+        if "clock" in record:
+            builder.clock = Clock.parse(record["clock"]) if record["clock"] else None
         builder.witnessed |= set(record.get("witnessed", []))
         if record.get("team"):
             builder.team = TeamSetup(record["team"])
@@ -327,7 +328,7 @@ def _take(builder: TrialBuilder, record: Record, where: str) -> None:
 
 
 def _pose(data: Mapping[str, Any] | None, note: Note) -> Pose | None:
-    """A pose; `None` when there is none or it is not usable, which is noted."""
+    """A pose; `None` when there is none, or one that is not usable, which is noted."""
     if data is None:
         return None
     x, y, z = map(float, data["position_m"])

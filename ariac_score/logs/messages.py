@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 from ariac_score.errors import LogError
-from ariac_score.logs.columnar.types import UnknownTypeError, decoder_for
+from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.logs.containers.folder import FolderScan
-from ariac_score.logs.containers.items import Batch, Message, Scan
+from ariac_score.logs.containers.items import Batch, Connection, Message, Scan
 from ariac_score.logs.containers.mcap import McapScan
 from ariac_score.logs.containers.ros1 import Ros1Scan
 from ariac_score.logs.containers.sqlite import SqliteScan
@@ -25,7 +25,7 @@ class RecordedMessage(NamedTuple):
     Attributes:
         topic: As recorded, with its leading slash.
         stamp_ns: When it was recorded.
-        fields: What it says, as values of JSON.
+        fields: Its fields, as values of JSON.
     """
 
     topic: str
@@ -43,14 +43,15 @@ def read_messages(path: Path, *, kind: RecordingKind | None = None) -> Iterator[
     Raises:
         LogError: The recording is damaged, or a message cannot be decoded.
     """
-    decoders: dict[str, Any] = {}
+    decoders: dict[Connection, Decode] = {}
     connection = None
     try:
         for item in _one_by_one(_scan(path, kind)):
             connection = item.connection
-            if connection.topic not in decoders:
-                decoders[connection.topic] = decoder_for(connection)
-            fields = _plain(decoders[connection.topic](item.payload))
+            # By connection: publishers of one topic may use different versions of its type.
+            if connection not in decoders:
+                decoders[connection] = decoder_for(connection)
+            fields = _plain(decoders[connection](item.payload))
             yield RecordedMessage(connection.topic, item.stamp_ns, fields)
     except UnknownTypeError as error:
         topic = connection.topic if connection else ""
@@ -64,7 +65,7 @@ def read_messages(path: Path, *, kind: RecordingKind | None = None) -> Iterator[
 
 
 def _one_by_one(scan: Scan) -> Iterator[Message]:
-    """The messages of a scan, however many of them it gives at a time."""
+    """The messages of a scan, one at a time."""
     for item in scan:
         if isinstance(item, Message):
             yield item

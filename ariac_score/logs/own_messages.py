@@ -1,4 +1,4 @@
-"""Messages of `ariac_score_msgs`: what a recorder node writes for us, whatever the competition."""
+"""Messages of `ariac_score_msgs`, which recorder nodes publish for this engine in any competition."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ariac_score.trial.model import Pose, Product, Submission, Tray
 __all__ = ["NO_TRAY", "AriacScoreRecords"]
 
 NO_TRAY = "none"
-"""What a submission says in place of a tray where there was none; empty means unknown."""
+"""The tray of a submission that had none; an empty text means unknown."""
 
 
 class AriacScoreRecords:
-    """Messages of `ariac_score_msgs`: what a recorder node writes for us in any edition."""
+    """Decodes the messages of `ariac_score_msgs`, which recorder nodes publish for this engine."""
 
     def decode(self, msgtype: str, message: Any, t_s: float) -> Submission | Event | None:
         """A submission or an event; `None` for anything else.
@@ -29,7 +29,7 @@ class AriacScoreRecords:
         if msgtype == "ariac_score_msgs/msg/TrialEvent":
             return Event(t_s, message.kind, message.subject, message.detail)
         if msgtype == "ariac_score_msgs/msg/Submission":
-            # The first form of the message had neither of the two.
+            # Older recordings: the first version of the message lacked both fields.
             unknown, tray = getattr(message, "contents_unknown", False), getattr(message, "tray", "")
             return Submission(
                 task_id=message.shipment_type,
@@ -47,5 +47,5 @@ def _product(product: Any) -> Product:
         at, turn = product.pose.position, product.pose.orientation
         pose = Pose((at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z))
     except ValueError:
-        pose = None  # that the product was there is known, where it lay is not
+        pose = None  # the product was there, but its place is unknown
     return Product(product.type, pose, faulty=product.is_faulty, name=product.name)

@@ -9,9 +9,10 @@ from ariac_score.checks.contracts import LogDescription, ReaderFacts, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.containers.detect import SUFFIXES, cannot_be_read, looks_like_recording, open_scan
 from ariac_score.logs.containers.items import Batch, Connection, Message, Scan
-from ariac_score.logs.gather.collector import Gathering
-from ariac_score.logs.gather.topic_statistics import Survey
+from ariac_score.logs.gather.collector import Collector
+from ariac_score.logs.gather.topic_statistics import TopicStatistics
 from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.clock import LOG_TIME, Clock
 from ariac_score.trial.model import LogDefect, Trial
 
 __all__ = ["RosbagReader"]
@@ -23,13 +24,13 @@ _CONTRADICTING = "chunks whose index contradicts their records were read without
 class RosbagReader:
     """Reads ROS 1 bags (`.bag`) and ROS 2 bags (`.db3`, `.mcap`, or a rosbag2 folder).
 
-    A message is where its header's stamp says, and one without a header where it was recorded; the log map
+    A message belongs at the stamp of its header, or at its time of recording if it has none; the log map
     may choose the latter for all. Trial time 0 is the earliest log time of any message, so that the same
     messages give the same trial in every format, to the bit; or the simulator's own zero, where headers are
-    on simulated time and log times are not. Then `/clock` says which simulated time it was when.
+    on simulated time and log times are not. Then `/clock` relates the two.
 
     Reads:
-        The topics that the log map leads to signals, orders, submissions or events.
+        The topics that the log map turns into signals, orders, submissions or events.
     Refuses:
         A recording that breaks off or fails a checksum, a message that its type does not
         fit, and stamps that run back by more than a second.
@@ -44,11 +45,11 @@ class RosbagReader:
         try:
             return looks_like_recording(path)
         except OSError:
-            # What cannot even be looked at is ours if it is called so: `read` then says why.
+            # A file that cannot be opened is ours by its name: `read` then reports why.
             return path.suffix in SUFFIXES
 
     def describe(self, path: Path) -> LogDescription:
-        """What the recording holds; of a damaged one, what is readable.
+        """The contents of the recording; of a damaged one, the readable part.
 
         Raises:
             NothingToScoreError: The file is empty, or not a recording at all.
@@ -59,20 +60,20 @@ class RosbagReader:
             raise
         except LogError as error:
             return LogDescription("ROS recording", damage=str(error))
-        survey, damage = Survey(), ""
+        statistics, damage = TopicStatistics(), ""
         try:
-            for _ in _surveyed(scan, survey, path):
+            for _ in _counted(scan, statistics, path):
                 pass
         except LogError as error:
             damage = str(error)
         return LogDescription(
             format=scan.format,
-            topics=survey.topics(),
-            clock=_clock(survey),
-            facts={"messages": survey.messages},
-            defects=(*_contradicting(scan, path), *_disordered(survey)),
+            topics=statistics.topics(),
+            clock=str(Clock(LOG_TIME, statistics.first_ns)),
+            facts={"messages": statistics.messages},
+            defects=(*_contradicting(scan, path), *_disordered(statistics)),
             damage=damage,
-            duration_s=survey.duration_s,
+            duration_s=statistics.duration_s,
         )
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
@@ -83,49 +84,49 @@ class RosbagReader:
                 says contradicts itself.
             NothingToScoreError: It holds no message.
         """
-        survey, gathering, progress_at = Survey(), Gathering(wanted, path), _PROGRESS_EVERY
-        scan = open_scan(path, jobs=wanted.jobs, topics=gathering.topics)
+        statistics, collector, progress_at = TopicStatistics(), Collector(wanted, path), _PROGRESS_EVERY
+        scan = open_scan(path, jobs=wanted.jobs, topics=collector.topics)
         try:
-            for item in _surveyed(scan, survey, path):
-                gathering.share = scan.share
-                gathering.take(item)
-                if survey.messages >= progress_at:
-                    progress_at = survey.messages + _PROGRESS_EVERY
+            for item in _counted(scan, statistics, path):
+                collector.share = scan.share
+                collector.take(item)
+                if statistics.messages >= progress_at:
+                    progress_at = statistics.messages + _PROGRESS_EVERY
                     wanted.progress(scan.share)
         except LogError:
-            gathering.flush()  # what is wrong with the messages before the damage is told first
+            collector.flush()  # faults of messages before the damage are reported first
             raise
         wanted.progress(1.0)
-        first_ns, last_ns = survey.first_ns, survey.last_ns
+        first_ns, last_ns = statistics.first_ns, statistics.last_ns
         if first_ns is None or last_ns is None:
             raise NothingToScoreError(
                 "the recording holds no message",
                 file=path,
                 hint="was the simulation running, and did the recorder see its topics?",
             )
-        clock = gathering.clock(first_ns, last_ns)
-        builder = TrialBuilder(_trial_id(path), file=path, clock=clock.words)
+        clock = collector.clock(first_ns, last_ns)
+        builder = TrialBuilder(_trial_id(path), file=path, clock=clock.clock)
         builder.recorded = clock.recorded
-        gathering.settle(builder, clock.origin_ns)
+        collector.settle(builder, clock.origin_ns)
         for defect in _contradicting(scan, path):
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         return builder.build()
 
 
-def _surveyed(scan: Scan, survey: Survey, path: Path) -> Iterator[Connection | Message | Batch]:
-    """The items of a scan, counted; where it breaks off, the error says what was readable."""
+def _counted(scan: Scan, statistics: TopicStatistics, path: Path) -> Iterator[Connection | Message | Batch]:
+    """The items of a scan, counted; where it breaks off, the error describes the readable part."""
     try:
         for item in scan:
             if isinstance(item, Batch):
-                survey.count_many(item)
+                statistics.count_many(item)
             elif isinstance(item, Message):
-                survey.count(item)
+                statistics.count(item)
             else:
-                survey.declare(item)
+                statistics.declare(item)
             yield item
     except LogError as error:
         raise LogError(
-            f"{error.cause}; readable up to {scan.readable}: {survey.words()}",
+            f"{error.cause}; readable up to {scan.readable}: {statistics.words()}",
             file=error.file,
             place=error.place,
             hint=error.hint,
@@ -139,16 +140,12 @@ def _contradicting(scan: Scan, path: Path) -> Iterator[LogDefect]:
         yield LogDefect("contradicting_index", path.name, scan.index_contradictions, _CONTRADICTING)
 
 
-def _disordered(survey: Survey) -> Iterator[LogDefect]:
-    for topic, count in survey.steps_back():
+def _disordered(statistics: TopicStatistics) -> Iterator[LogDefect]:
+    for topic, count in statistics.steps_back():
         yield LogDefect("disordered_stamps", topic, count, "stamps run backwards")
 
 
-def _clock(survey: Survey) -> str:
-    return "log time" if survey.first_ns is None else f"log time, origin {survey.first_ns} ns"
-
-
 def _trial_id(path: Path) -> str:
-    # Not from the metadata: the same recording must have one name in every container.
+    # Not from the metadata: the same recording must have the same name in every container.
     resolved = path.resolve()
     return resolved.stem if resolved.suffix in SUFFIXES else resolved.name

@@ -22,19 +22,19 @@ from typing import Any
 import numpy as np
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
+from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type
-from ariac_score.logs.gather.collector import Gathering, MessageRoute
+from ariac_score.logs.gather.collector import Collector, MessageRoute
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, LogMap
-from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, ORDER_ANNOUNCED
+from ariac_score.trial.clock import SIMULATED_TIME, WALL_CLOCK_TIME, Clock
+from ariac_score.trial.events import TIMED_EVENTS
 from ariac_score.trial.model import LogDefect, Trial
 from ariac_score.trial.spans import Span
 
 __all__ = [
     "MAX_LINE_BYTES",
-    "SIMULATED",
-    "WALL_CLOCK",
     "RosMonitoringReader",
     "Row",
     "channel_of",
@@ -47,20 +47,20 @@ __all__ = [
 
 MAX_LINE_BYTES = 10_000_000
 MAX_DEPTH = 50
-"""Messages are not nested deeper; what is, is left as it is and fits no field."""
+"""Messages are not nested deeper; a deeper value stays a plain dictionary, which fits no field."""
 LATEST_S = 9.0e9
-"""Stamps beyond the year 2255 are none."""
+"""Numbers beyond this (the year 2255) are not taken as stamps."""
 FIRST_UNIX_S = 1e9
-"""Stamps from here on (September 2001) are seconds of 1970; no simulation runs for thirty years."""
+"""Stamps from here on (September 2001) count from 1970; no simulation runs for thirty years."""
 
-SIMULATED, WALL_CLOCK, UNTIMED = "simulated time", "wall-clock time", "no time"
+UNTIMED = "no time"
 
 _CUT = "record the trial again, or cut the log after its last whole line knowingly"
 _PEEK_BYTES = 1 << 16
 _PROGRESS_EVERY = 4096
 
 
-# What stands in a line -------------------------------------------------------------------
+# Lines of a log -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ class Row:
     """One event of a log.
 
     Attributes:
-        line: Where it stands, from 1.
+        line: Its line, from 1.
         event: The event as recorded.
-        verdict: What the oracle of that run said; `None` where the log does not tell.
+        verdict: The verdict of that run's oracle; `None` where the log has none.
     """
 
     line: int
@@ -78,16 +78,8 @@ class Row:
     verdict: object = None
 
 
-def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"key {next(n for n in names if names.count(n) > 1)!r} is given twice")
-    return found
-
-
-# NaN and Infinity, which are no JSON, are read: the monitors write them.
-_DECODER = json.JSONDecoder(object_pairs_hook=_no_duplicates)
+# Python's decoder takes NaN and Infinity, which JSON lacks: the monitors write them.
+_DECODER = json.JSONDecoder(object_pairs_hook=without_repeats)
 
 
 def parse_object(text: str) -> dict[str, Any]:
@@ -137,15 +129,16 @@ def _is_status(found: Mapping[str, Any]) -> bool:
 
 
 def _is_reply(found: Mapping[str, Any]) -> bool:
-    """Whether an object is a row of an oracle's own log: the event, and what it answered."""
+    """Whether an object is a row of an oracle's own log: the event and the answer."""
     return found.keys() == {"event", "verdict"} and isinstance(found["event"], dict)
 
 
 def _objects(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Every object with its line; several may stand in one."""
+    """Every object with its line; a line may hold several."""
     number = 0
     try:
         with path.open("rb") as stream:
+            # One byte beyond the limit shows that a line is too long, without reading all of it.
             while line := stream.readline(MAX_LINE_BYTES + 1):
                 number += 1
                 if len(line) > MAX_LINE_BYTES:
@@ -162,7 +155,7 @@ def _objects(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
 
 
 def _in_line(path: Path, number: int, line: bytes) -> Iterator[dict[str, Any]]:
-    # Undecodable bytes are what the monitors themselves replace.
+    # The monitors themselves replace bytes that are not UTF-8.
     text = line.decode("utf-8", errors="replace").strip().removeprefix("\ufeff")
     at = 0
     while at < len(text):
@@ -175,6 +168,7 @@ def _in_line(path: Path, number: int, line: bytes) -> Iterator[dict[str, Any]]:
         if not isinstance(found, dict):
             raise _fault(path, number, f"a {type(found).__name__}, not an event", "events are JSON objects")
         yield found
+        # Some versions write events next to each other, or separated by commas.
         while at < len(text) and text[at] in " \t\r,":
             at += 1
 
@@ -200,7 +194,7 @@ def channel_of(event: Mapping[str, Any]) -> str:
 
 
 def stamp_s(event: Mapping[str, Any]) -> float | None:
-    """The time of an event as recorded, s; `None` where it has none that can be one."""
+    """The time of an event as recorded, s; `None` where it has none, or one that is no time."""
     time = event.get("time")
     if isinstance(time, bool) or not isinstance(time, int | float) or not 0 <= time < LATEST_S:
         return None
@@ -208,10 +202,10 @@ def stamp_s(event: Mapping[str, Any]) -> float | None:
 
 
 def clock_of(time_s: float | None) -> str:
-    """Which clock a stamp is from: messages with a header have simulation seconds, others those of 1970."""
+    """The kind of clock of a stamp: simulated seconds for messages with a header, else seconds since 1970."""
     if time_s is None:
         return UNTIMED
-    return WALL_CLOCK if time_s >= FIRST_UNIX_S else SIMULATED
+    return WALL_CLOCK_TIME if time_s >= FIRST_UNIX_S else SIMULATED_TIME
 
 
 # Messages --------------------------------------------------------------------------------
@@ -222,9 +216,9 @@ _WORDS: Mapping[str, bool] = {"True": True, "False": False}
 
 
 def fields_of(event: Mapping[str, Any]) -> Any:
-    """The message of an event, with its fields as attributes as a bag gives them.
+    """The message of an event, with its fields as attributes, like the messages of a bag.
 
-    Arrays that were written as text are lists again; an abbreviated one (`...`) stays text.
+    Arrays that were written as text become lists again; an abbreviated one (`...`) stays text.
     """
     channel = channel_of(event)
     body: Any = event
@@ -246,7 +240,7 @@ def _as_message(value: Any, deepest: int = MAX_DEPTH) -> Any:
 
 
 def _list_in(text: str) -> Any:
-    """A list that was written as text; anything else as it is.
+    """The list that a text represents; any other text unchanged.
 
     >>> _list_in("array('d', [1.0, 2.0])"), _list_in("[1.5 2. ]"), _list_in("[0. ... 9.]")
     ([1.0, 2.0], [1.5, 2.0], '[0. ... 9.]')
@@ -280,11 +274,11 @@ class RosMonitoringReader:
         Any order of keys, blank lines, several events on a line, `NaN` and `Infinity`, arrays
         written as text, events without time, and the `verdict` and `spec` of older logs.
         Stamps below 1e9 s are simulation time, which is kept; others are wall-clock time,
-        counted from the first. Where both occur, the one that records the motion counts, and
-        what is stamped with the other keeps what needs no time.
+        counted from the first. Where both occur, the clock of the motion counts, and events
+        on the other keep what needs no time.
     Refuses:
-        What is no JSON object, a line that is cut off, and a status log in which two monitors
-        saw the same interface.
+        A line that is cut off or no JSON object, and a status log in which two monitors saw
+        the same interface.
     Source:
         ROSMonitoring 3.0.0 and its branches `ros1_legacy`, `ros2`, `with_verdict`, `ros_services_1and2`.
     """
@@ -306,7 +300,7 @@ class RosMonitoringReader:
         try:
             found, _ = _DECODER.raw_decode(text)
         except (ValueError, RecursionError):
-            # Cut off, or longer than what was looked at: `read` then says what is wrong.
+            # Cut off, or longer than the bytes read here: `read` then reports what is wrong.
             return path.suffix == ".jsonl" and '"record"' not in text and _names_a_channel(text)
         return isinstance(found, dict) and (
             bool(channel_of(found))
@@ -315,7 +309,7 @@ class RosMonitoringReader:
         )
 
     def describe(self, path: Path) -> LogDescription:
-        """Topics with counts, clocks and recorded verdicts; of a damaged log what comes before the damage."""
+        """Topics with counts, clocks and recorded verdicts; of a damaged log those before the damage."""
         topics = _Topics()
         damage = ""
         try:
@@ -350,11 +344,11 @@ def _names_a_channel(text: str) -> bool:
     return any(f'"{name}"' in text for name in ("topic", "service", "time", "monitor"))
 
 
-class _EventGathering(Gathering):
-    """Takes events, whose messages are there already and need no decoding."""
+class _EventCollector(Collector):
+    """Takes events, whose messages are decoded already."""
 
     def take(self, item: Connection | Message | Batch) -> None:
-        """Take one item, in recorded order; there are no bytes that could wait to be decoded together."""
+        """Take one item, in recorded order, at once: there are no bytes to be decoded together."""
         if not isinstance(item, Message):
             super().take(item)
             return
@@ -365,18 +359,18 @@ class _EventGathering(Gathering):
     def _connect(self, connection: Connection) -> None:
         intakes = [intake for intake in self._intakes if intake.accepts(connection)]
         if intakes:
-            self._routes[connection] = MessageRoute(intakes, _as_it_is, None)
+            self._routes[connection] = MessageRoute(intakes, _unchanged, None)
 
 
-def _as_it_is(payload: Any) -> Any:
+def _unchanged(payload: Any) -> Any:
     return payload
 
 
 @dataclass
 class _Clock:
-    """What was stamped by one clock."""
+    """The events stamped by one clock."""
 
-    gathering: _EventGathering
+    collector: _EventCollector
     connections: dict[str, Connection] = field(default_factory=dict)
     first_ns: int | None = None
     last_ns: int = 0
@@ -408,7 +402,7 @@ class _Intake:
         clock = self.clocks.get(name)
         if clock is None:
             clock = self.clocks[name] = _Clock(
-                _EventGathering(self._wanted, self._path, stamped_by_reader=True)
+                _EventCollector(self._wanted, self._path, stamped_by_reader=True)
             )
         clock.events += 1
         stamp_ns = 0 if time_s is None else round(time_s * 1e9)
@@ -422,17 +416,17 @@ class _Intake:
         if connection is None:
             connection = Connection(topic, self._types[topic], "ros_monitoring")
             clock.connections[topic] = connection
-            clock.gathering.take(connection)
-        clock.gathering.take(Message(connection, stamp_ns, fields_of(event)))
+            clock.collector.take(connection)
+        clock.collector.take(Message(connection, stamp_ns, fields_of(event)))
 
     def trial(self) -> Trial:
-        """What the events show, on the clock of the motion."""
-        main = max(self.clocks, key=lambda name: (self._tells(name), name))
+        """The trial that the events show, on the clock of the motion."""
+        main = max(self.clocks, key=lambda name: (self._weight(name), name))
         chosen = self.clocks[main]
-        origin_ns = chosen.first_ns if main == WALL_CLOCK and chosen.first_ns is not None else 0
-        words = f"{main}, origin {origin_ns} ns" if origin_ns else main
-        builder = TrialBuilder(self._path.stem, file=self._path, clock=words)
-        chosen.gathering.settle(builder, origin_ns)
+        origin_ns = chosen.first_ns if main == WALL_CLOCK_TIME and chosen.first_ns is not None else 0
+        clock = Clock(main, origin_ns or None)
+        builder = TrialBuilder(self._path.stem, file=self._path, clock=clock)
+        chosen.collector.settle(builder, origin_ns)
         if chosen.first_ns is not None:
             builder.recorded = Span((chosen.first_ns - origin_ns) / 1e9, (chosen.last_ns - origin_ns) / 1e9)
         for name in sorted(self.clocks.keys() - {main}):
@@ -441,41 +435,40 @@ class _Intake:
         trial = builder.build()
         return trial if main != UNTIMED else _timeless(trial)
 
-    def _tells(self, name: str) -> tuple[bool, int, int]:
-        """How much hangs on a clock: motion first; events without time have none."""
+    def _weight(self, name: str) -> tuple[bool, int, int]:
+        """How much depends on a clock: motion first; events without time weigh least."""
         clock = self.clocks[name]
         return name != UNTIMED, clock.motion, clock.events
 
     def _without_times(self, builder: TrialBuilder, name: str, main: str) -> None:
-        """Keep what events on another clock tell without their times.
+        """Keep events of another clock without their times.
 
-        Start, end and announcements say nothing without their time; collisions and drops
-        are put at the end. Motion without its time says nothing at all.
+        As in `merge_trials`: start, end and announcements mean nothing without their time;
+        collisions and drops are put at the end. Motion means nothing without its times.
         """
         clock = self.clocks[name]
-        other = TrialBuilder(self._path.stem, file=self._path, clock=name)
-        clock.gathering.settle(other, 0)
+        other = TrialBuilder(self._path.stem, file=self._path, clock=Clock(name))
+        clock.collector.settle(other, 0)
         end_s = 0.0 if builder.recorded is None else builder.recorded.end_s
-        told = other.build()
-        for order in told.orders:
+        untimed = other.build()
+        for order in untimed.orders:
             builder.add(replace(order, announced_s=None))
-        for submission in told.submissions:
+        for submission in untimed.submissions:
             builder.add(replace(submission, submitted_s=end_s))
-        for event in told.events:
-            if event.kind not in _TIMED:
+        for event in untimed.events:
+            if event.kind not in TIMED_EVENTS:
                 builder.add(replace(event, t_s=end_s))
-        builder.witnessed |= told.witnessed
-        for body in told.bodies:
+        builder.witnessed |= untimed.witnessed
+        for body in untimed.bodies:
             builder.add_body(body)
-        for defect in told.log_defects:
+        for defect in untimed.log_defects:
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
-        # What either clock recorded is recorded, except motion, of which this one has lost the times.
-        builder.unrecorded = sorted({*builder.unrecorded} & {*told.unrecorded})
-        builder.unrecorded += [f"signal {s}: stamped in {name}, the motion in {main}" for s in told.signals]
+        # A topic is recorded if events of either clock are, except motion, which needs its times.
+        builder.unrecorded = sorted({*builder.unrecorded} & {*untimed.unrecorded})
+        builder.unrecorded += [
+            f"signal {s}: stamped in {name}, the motion in {main}" for s in untimed.signals
+        ]
         builder.defect("other_clock", name, clock.events, _other_clock(name, main))
-
-
-_TIMED = frozenset({COMPETITION_STARTED, COMPETITION_ENDED, ORDER_ANNOUNCED})
 
 
 def _other_clock(name: str, main: str) -> str:
@@ -484,15 +477,15 @@ def _other_clock(name: str, main: str) -> str:
 
 
 def _timeless(trial: Trial) -> Trial:
-    """A log without any time: what was ordered and handed in, but no course of events."""
+    """A log without any time: orders and submissions, but nothing that happened in between."""
     return replace(
         trial,
         orders=tuple(replace(order, announced_s=None) for order in trial.orders),
-        events=tuple(event for event in trial.events if event.kind not in _TIMED),
+        events=tuple(event for event in trial.events if event.kind not in TIMED_EVENTS),
         signals={},
         recorded=None,
         unrecorded=(*trial.unrecorded, *(f"signal {name}: it has no times" for name in trial.signals)),
-        clock="",
+        clocks=(),
     )
 
 
@@ -521,7 +514,7 @@ _POSE_TYPES: Mapping[str, str] = {
 
 
 class _Topics:
-    """What a log holds, counted."""
+    """Counts the contents of a log."""
 
     def __init__(self) -> None:
         self._stamps: dict[str, list[float]] = defaultdict(list)
@@ -544,7 +537,7 @@ class _Topics:
         steps = [(t, sum(b < a for a, b in pairwise(s))) for t, s in sorted(self._stamps.items())]
         spans = [
             max(own) - min(own)
-            for clock in (SIMULATED, WALL_CLOCK)
+            for clock in (SIMULATED_TIME, WALL_CLOCK_TIME)
             if (own := [t for s in self._stamps.values() for t in s if clock_of(t) == clock])
         ]
         return LogDescription(

@@ -22,6 +22,7 @@ from ariac_score.results.result import Result
 from ariac_score.review.annotation_messages import MONITOR_STATE, Annotation, States, serialized, stamp
 from ariac_score.review.margins import SAID, MarginSeries
 from ariac_score.scoring.steward import with_verdicts
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, distinct
@@ -56,14 +57,13 @@ _FIRST_NS, _LAST_NS = -(2**62), 2**62
 """Before and after every stamp; whole numbers, for floats cannot tell nanoseconds apart."""
 
 
-def origin_ns(clock: str) -> int:
-    """Which time of the log's clock trial time 0 is.
+def origin_ns(clocks: Sequence[Clock]) -> int:
+    """Which time of the log's clock trial time 0 is, by the clock of the times.
 
-    >>> origin_ns("log time, origin 1700000000000000000 ns"), origin_ns("simulated time")
+    >>> origin_ns([Clock("log time", 1_700_000_000_000_000_000)]), origin_ns([Clock("simulated time")])
     (1700000000000000000, 0)
     """
-    told = re.search(r"origin (\d+) ns", clock)
-    return int(told[1]) if told else 0
+    return (clocks[0].origin_ns or 0) if clocks else 0
 
 
 def messages_of(
@@ -82,7 +82,7 @@ def messages_of(
     Raises:
         LogError: The log's clock is before its own zero, or beyond what a stamp can tell.
     """
-    clock = _Clock(origin_ns(trial.clock), frame)
+    clock = _Clock(origin_ns(trial.clocks), frame)
     told = [
         Annotation(t_ns, topic, kind, serialized(kind, fields))
         for t_ns, topic, kind, fields in (

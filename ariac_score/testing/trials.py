@@ -16,6 +16,7 @@ from ariac_score.logs.jsonl import FORMAT
 from ariac_score.logs.own_messages import NO_TRAY
 from ariac_score.testing.bags import Recorded
 from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.clock import LOG_TIME, Clock
 from ariac_score.trial.events import ARM_COLLISION, COMPETITION_ENDED, COMPETITION_STARTED, WATCHING, Event
 from ariac_score.trial.model import (
     Body,
@@ -90,7 +91,7 @@ def kitting_trial(*, seed: int = 2020, duration_s: float = 40.0, human: bool = T
         duration_s: Length of the recording at 100 Hz, s; at least 35.
         human: Whether the human's signals are recorded.
     """
-    builder = TrialBuilder("kitting_near_miss", file="made", clock=f"log time, origin {ORIGIN_NS} ns")
+    builder = TrialBuilder("kitting_near_miss", file="made", clock=Clock(LOG_TIME, ORIGIN_NS))
     builder.witnessed |= {"submissions", ARM_COLLISION}
     jitter = random.Random(seed)  # noqa: S311  # no secret hangs on where a part lies
     items: list[Order | Submission | Event] = [*_events(duration_s), *_orders(), *_submissions(jitter)]

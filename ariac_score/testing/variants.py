@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.model import Kit, KitRecord, Trial
+from ariac_score.trial.model import Trial
+from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import FloatArray, Span
+from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import quantity_of
 
 __all__ = ["SIGNAL_VARIANTS", "bare", "only", "reordered", "shifted", "without"]
@@ -37,36 +38,7 @@ def only(trial: Trial, quantities: Iterable[str]) -> Trial:
 
 def bare(trial: Trial) -> Trial:
     """A trial of which nothing is known but that it took place."""
-    return Trial(trial.id, recorded=trial.recorded, clock=trial.clock)
-
-
-class _LaterKits:
-    """A record of kits whose clock runs ahead."""
-
-    def __init__(self, record: KitRecord, by_s: float) -> None:
-        self._record, self._by_s = record, by_s
-
-    def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
-        """What the record shows at the same moment."""
-        kit = self._record.seen(place, t_s - self._by_s, max_age_s=max_age_s)
-        return None if kit is None else replace(kit, t_s=kit.t_s + self._by_s)
-
-
-def shifted(trial: Trial, by_s: float) -> Trial:
-    """The same trial on a clock that started earlier."""
-    recorded = trial.recorded
-    return replace(
-        trial,
-        orders=tuple(
-            replace(o, announced_s=None if o.announced_s is None else o.announced_s + by_s)
-            for o in trial.orders
-        ),
-        submissions=tuple(replace(s, submitted_s=s.submitted_s + by_s) for s in trial.submissions),
-        events=tuple(replace(event, t_s=event.t_s + by_s) for event in trial.events),
-        signals={name: replace(s, t=s.t + by_s) for name, s in trial.signals.items()},
-        recorded=None if recorded is None else Span(recorded.start_s + by_s, recorded.end_s + by_s),
-        kits=tuple(_LaterKits(record, by_s) for record in trial.kits),
-    )
+    return Trial(trial.id, recorded=trial.recorded, clocks=trial.clocks)
 
 
 # What recorders do to signals ----------------------------------------------------------
@@ -76,7 +48,7 @@ _Samples = tuple[FloatArray, FloatArray]
 
 def _recorded(trial: Trial, change: Callable[[FloatArray, FloatArray], _Samples]) -> Trial:
     """The trial as it would be read had its signals been recorded with a fault."""
-    builder = TrialBuilder(trial.id, file=trial.id, clock=trial.clock)
+    builder = TrialBuilder(trial.id, file=trial.id, clock=next(iter(trial.clocks), None))
     for name, signal in trial.signals.items():
         builder.add_signal(name, signal.unit, *change(signal.t, signal.values))
     return replace(trial, signals=builder.signals)

@@ -1,6 +1,6 @@
-"""Signals while they are recorded: sample by sample, with what `align` makes of them afterwards.
+"""Signals while they are recorded: sample by sample, aligned as `align` aligns whole signals.
 
-A watch that is stepped keeps its samples here. An instant is there as soon as every
+A watch that is stepped keeps its samples here. An instant is given as soon as every
 signal has reached it, with the values that `align` gives it in the whole log, to the bit.
 """
 
@@ -29,6 +29,7 @@ class _Track:
     """The samples of one signal so far."""
 
     unit: str = ""
+    # Arrays of doubles: a list of floats takes four times the memory.
     t: array[float] = field(default_factory=lambda: array("d"))
     values: Any = field(default_factory=lambda: array("d"))  # of several components: a list of tuples
 
@@ -42,7 +43,7 @@ class _Track:
 
 
 class Arrivals:
-    """The samples of a trial that have come so far.
+    """The samples of a trial that have arrived so far.
 
     >>> arrivals = Arrivals()
     >>> speeds = arrivals.aligned(["speed/human", "speed/robot"], max_gap_s=0.05)
@@ -59,10 +60,10 @@ class Arrivals:
         self._tracks: dict[str, _Track] = {}
 
     def take(self, samples: Iterable[Sample]) -> None:
-        """Take what has just come.
+        """Take the samples that have just arrived.
 
         Raises:
-            ValueError: The times of a signal do not increase; what came before that sample is taken.
+            ValueError: The times of a signal do not increase; the samples before that one are taken.
         """
         tracks = self._tracks
         for sample in samples:
@@ -70,8 +71,8 @@ class Arrivals:
             if track is None:
                 track = tracks[sample.signal] = _Track()
             t = track.t
-            if t and not sample.t_s > t[-1]:
-                raise ValueError(f"{sample.signal} was at {t[-1]} s and is at {sample.t_s} s now")
+            if t and not sample.t_s > t[-1]:  # not `<=`: NaN must be refused
+                raise ValueError(f"times of {sample.signal} do not increase: {sample.t_s} s after {t[-1]} s")
             track.append(sample)
 
     def __contains__(self, signal: str) -> bool:
@@ -88,7 +89,7 @@ class Arrivals:
         return Alignment([self._tracks.setdefault(name, _Track()) for name in signals], max_gap_s)
 
     def complete(self, trial: Trial) -> Trial:
-        """A trial with the signals that have come."""
+        """A trial with the signals that have arrived."""
         signals = {
             name: Signal(name, track.unit, np.array(track.t), np.array(track.values))
             for name, track in sorted(self._tracks.items())
@@ -98,7 +99,7 @@ class Arrivals:
 
 
 class Alignment:
-    """Some signals on one time base, as far as all of them have come.
+    """Some signals on one time base, as far as all of them have arrived.
 
     Args:
         tracks: Of the signals.
@@ -112,17 +113,18 @@ class Alignment:
 
     @property
     def reached_s(self) -> float:
-        """The last time up to which every signal has come, s; minus infinity before."""
+        """The last time that every signal has reached, s; minus infinity while one has no sample."""
         return min((track.t[-1] if track.t else -math.inf) for track in self._tracks)
 
     def rows(self) -> Iterator[tuple[float, tuple[Value, ...]]]:
-        """The instants that all signals have reached since this was last asked, with their values."""
+        """The instants that all signals have reached since the last call, with their values."""
+        # Signals of one message need no interpolation; after a first difference, comparing gains nothing.
         if self._together:
             yield from self._rows_together()
         while (t_s := self._next_s()) is not None:
             values = tuple(self._value(i, t_s) for i in range(len(self._tracks)))
             if None not in values:
-                yield t_s, values  # type: ignore[misc]  # there is no None among them
+                yield t_s, values  # type: ignore[misc]  # none is None
 
     def _rows_together(self) -> Iterator[tuple[float, tuple[Value, ...]]]:
         """Rows for as long as all signals have had samples at the same times, as those of one message."""
@@ -158,7 +160,8 @@ class Alignment:
             known: Value = track.values[at]
             return known
         if at == 0 or not t[at] - t[at - 1] <= self._longest_s:
-            return None
+            return None  # before the first sample, or within a gap, nothing is known
+        # By `Signal.at`, which interpolates whole logs: another formula would differ in the last bits.
         around = Signal("", "", np.array(t[at - 1 : at + 1]), np.array(track.values[at - 1 : at + 1]))
         value = around.at(np.array([t_s]))[0]
         return float(value) if np.ndim(value) == 0 else tuple(value.tolist())

@@ -1,4 +1,4 @@
-"""Building a trial from what readers find, and one trial from several logs."""
+"""Building a trial from what readers find, and merging the trials of several logs."""
 
 from __future__ import annotations
 
@@ -10,13 +10,8 @@ from typing import TypeVar
 import numpy as np
 
 from ariac_score.errors import LogError
-from ariac_score.trial.events import (
-    COMPETITION_ENDED,
-    COMPETITION_STARTED,
-    ORDER_ANNOUNCED,
-    WATCHING,
-    Event,
-)
+from ariac_score.trial.clock import Clock
+from ariac_score.trial.events import ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
 from ariac_score.trial.kits import RecordedKits
 from ariac_score.trial.model import (
     Body,
@@ -32,6 +27,7 @@ from ariac_score.trial.model import (
     Trial,
     WantedProduct,
 )
+from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
@@ -39,10 +35,20 @@ from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 __all__ = ["LARGEST_STEP_BACK_S", "TrialBuilder", "merge_trials", "settle_orders"]
 
 LARGEST_STEP_BACK_S = 1.0
-"""Stamps further back than this mean two recordings in one file, which sorting would mix up."""
+"""Stamps further back than this mean two recordings in one file, which sorting would interleave."""
 
 
-_Told = TypeVar("_Told")
+_T = TypeVar("_T")
+
+_SETTLED_DEFECTS = MappingProxyType(
+    {
+        "disordered_stamps": "stamps ran backwards; samples were sorted by time",
+        "repeated_stamps": "stamps were repeated; of samples that agree one was kept",
+        "contradicting_stamps": "samples with one stamp contradict each other; they were left out, as gaps",
+        "impossible_values": "values that are NaN, infinite or impossible were left out, as gaps",
+    }
+)
+"""What `settle` counts, in the order of its counts."""
 
 
 class TrialBuilder:
@@ -51,10 +57,10 @@ class TrialBuilder:
     Args:
         trial_id: Name of the trial.
         file: The log, for error messages.
-        clock: Which clock the times come from, in words.
+        clock: Which clock the times come from; `None` when the log does not say.
     """
 
-    def __init__(self, trial_id: str, *, file: object, clock: str) -> None:
+    def __init__(self, trial_id: str, *, file: object, clock: Clock | None) -> None:
         self.trial_id, self.file, self.clock = trial_id, file, clock
         self.orders: list[Order] = []
         self.submissions: list[Submission] = []
@@ -82,18 +88,18 @@ class TrialBuilder:
             self.submissions.append(item)
         elif isinstance(item, Kit):
             self.kits.append(item)
-        elif item.kind == WATCHING:
+        elif item.kind == WATCHING:  # nothing happened: the recorder declares what it would have recorded
             self.witnessed.add(item.subject)
         else:
             self.events.append(item)
 
     def add_body(self, body: Body) -> None:
-        """Take a body; the links of one that is known already are joined."""
+        """Take a body; links of one that is already known are added to it."""
         known = self.bodies.get(body.id)
         self.bodies[body.id] = _joined(known, body, self.file)
 
     def defect(self, kind: str, where: str, count: int, message: str) -> None:
-        """Count something wrong that was survived; nothing happens when the count is 0."""
+        """Count a fault of the log that reading survived; a count of 0 leaves no trace."""
         if count:
             known = self._defects.get((kind, where))
             total = count + (known.count if known else 0)
@@ -114,7 +120,7 @@ class TrialBuilder:
                 file=self.file,
                 hint="the log map leads two topics to one signal; map one of them, or record one of them",
             )
-        known = QUANTITIES.get(quantity_of(name))
+        known = QUANTITIES.get(quantity_of(name))  # a log may declare quantities of its own
         settled = settle(
             np.asarray(t, dtype=np.float64),
             np.asarray(values, dtype=np.float64),
@@ -126,27 +132,9 @@ class TrialBuilder:
                 file=self.file,
                 hint="the file seems to hold two recordings (or a reset simulation): score them one by one",
             )
-        self.defect(
-            "disordered_stamps", name, settled.disordered, "stamps ran backwards; samples were sorted by time"
-        )
-        self.defect(
-            "repeated_stamps",
-            name,
-            settled.repeated,
-            "stamps were repeated; of samples that agree one was kept",
-        )
-        self.defect(
-            "contradicting_stamps",
-            name,
-            settled.contradicting,
-            "samples with one stamp contradict each other; they were left out, as gaps",
-        )
-        self.defect(
-            "impossible_values",
-            name,
-            settled.not_finite,
-            "values that are NaN, infinite or impossible were left out, as gaps",
-        )
+        counts = settled.disordered, settled.repeated, settled.contradicting, settled.not_finite
+        for (kind, message), count in zip(_SETTLED_DEFECTS.items(), counts, strict=True):
+            self.defect(kind, name, count, message)
         if len(settled.t):
             self.signals[name] = Signal(name, unit, settled.t, settled.values, source)
 
@@ -164,7 +152,7 @@ class TrialBuilder:
             witnessed=frozenset(self.witnessed),
             unrecorded=tuple(sorted(self.unrecorded)),
             log_defects=tuple(self._defects[k] for k in sorted(self._defects)),
-            clock=self.clock,
+            clocks=() if self.clock is None else (self.clock,),
             recorded=self.recorded or _span_of(self.signals.values(), self.events, self.submissions),
             facts={name: self.facts[name] for name in sorted(self.facts)},
             kits=(*([RecordedKits(self.kits)] if self.kits else []), *self.kit_records),
@@ -172,7 +160,7 @@ class TrialBuilder:
 
 
 def _check_ids(order: Order, file: object) -> None:
-    """Refuse an order in which two things have one name: findings could not tell them apart."""
+    """Refuse an order in which two things have one name: findings could not distinguish them."""
     for what, names in (
         ("shipments", [task.id for task in order.tasks]),
         *(("slots", [wanted.slot for wanted in task.products]) for task in order.tasks),
@@ -195,7 +183,7 @@ def _span_of(
 
 
 def _joined(known: Body | None, body: Body, file: object) -> Body:
-    """A body with the links it had already."""
+    """A body with its new and its known links."""
     if known is not None and (known.kind, known.radius_m) != (body.kind, body.radius_m):
         raise LogError(f"body {body.id!r} is described twice, differently", file=file)
     return replace(body, links=tuple(sorted({*(known.links if known else ()), *body.links})))
@@ -218,6 +206,7 @@ def settle_orders(announced: Sequence[Order], *, file: object = None) -> tuple[O
     first: dict[str, Order] = {}
     for order in announced:
         known = first.setdefault(order.id, order)
+        # With the first announcement: an update may have changed the order since.
         if not order.updates and order.tasks != known.tasks:
             raise LogError(
                 f"order {order.id!r} is announced twice, with different contents",
@@ -225,7 +214,7 @@ def settle_orders(announced: Sequence[Order], *, file: object = None) -> tuple[O
                 hint="a change of an order is an update of its own id, such as order_0_update_0",
             )
         if order.id in orders:
-            continue
+            continue  # an update with the id of an announced order, or the order once more
         if not order.updates:
             orders[order.id] = order
         elif order.updates in orders:
@@ -238,19 +227,19 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     """One trial from the several logs of a bundle.
 
     Each kind of thing may come from one log only, except events, bodies, defects
-    and what was witnessed, which add up. Orders as announced stand before orders
-    as configured; configured ones take their time from the event of their
-    announcement, and updates are applied. What announced orders do not say, such as
-    challenges, is taken from the configured ones. Submissions with contents stand before
-    those of an official text, which has none. Sensors as configured stand before
-    sensors as recorded; numbers of the trial that two files state must agree. Logs on
-    another clock than the one that records the motion keep what needs no time (see
-    `_without_times`).
+    and `witnessed`, which add up. Announced orders take precedence over configured
+    ones; configured ones take their time from the event of their announcement, and
+    updates are applied. Fields that announced orders lack, such as challenges, are
+    taken from the configured ones. Submissions with contents take precedence over those
+    of an official text, which has none, and configured sensors over recorded ones.
+    Numbers of the trial that two files state must agree. Logs that count from another
+    zero of one clock are shifted; logs on another clock than the log that records the
+    motion keep what needs no time (see `_without_times`).
 
     Raises:
-        LogError: Two logs tell the same thing differently.
+        LogError: Two logs contradict each other.
     """
-    parts = _on_one_clock(parts)
+    parts = _on_one_clock(parts)  # first, for everything below compares times
     events = tuple(sorted({e for p in parts for e in p.events}))
     spans = [p.recorded for p in parts if p.recorded]
     merged = Trial(
@@ -265,7 +254,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
         witnessed=frozenset(w for p in parts for w in p.witnessed),
         unrecorded=tuple(sorted({u for p in parts for u in p.unrecorded})),
         log_defects=tuple(sorted([*(d for p in parts for d in p.log_defects), *_other_sensors(parts)])),
-        clock=_clock(parts),
+        clocks=_clocks(parts),
         recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
         facts=_facts(parts, file),
         kits=_kits(parts),
@@ -279,67 +268,79 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
 
 
 def _unannounced(parts: Sequence[Trial], merged: Trial) -> int:
-    """How many configured orders the orders of the trial do not include."""
+    """How many configured orders are not among the orders of the trial."""
     known = {order.id for order in merged.orders}
     return len({o.id for part in parts for o in part.orders if not o.updates} - known)
 
 
 def _within_competition(trial: Trial, unannounced: int) -> Trial:
-    """The trial with the submissions that can count, and what is odd about its course as defects.
+    """The trial with the submissions that can count; irregularities are noted as defects.
 
-    A submission before the start or after the end is refused by every edition. What
-    is left out, and what answers no order, is counted, so that nobody has to wonder.
+    No competition accepts a submission before the start or after the end. Submissions that
+    are left out, and those that answer no order, are counted, so that none vanishes silently.
     """
-    defects = list(trial.log_defects)
+    low_s, high_s, no_window = _competition_limits(trial)
+    counted = tuple(s for s in trial.submissions if low_s <= s.submitted_s <= high_s)
+    noted = {
+        "no_window": (bool(no_window), no_window),
+        "outside_competition": (
+            len(trial.submissions) - len(counted),
+            "submissions before the start or after the end were refused",
+        ),
+        "priority_unknown": (
+            sum(not order.priority_said for order in trial.orders),
+            "the messages of this edition do not say an order's priority; the trial configuration does",
+        ),
+        "orders_not_announced": (
+            unannounced,
+            "orders of the configuration were never announced in the log",
+        ),
+        **_irregular(counted, trial.orders),
+    }
+    defects = (LogDefect(kind, trial.id, int(n), message) for kind, (n, message) in noted.items() if n)
+    return replace(trial, submissions=counted, log_defects=tuple(sorted([*trial.log_defects, *defects])))
 
-    def note(kind: str, count: int, message: str) -> None:
-        if count:
-            defects.append(LogDefect(kind, trial.id, count, message))
 
+def _competition_limits(trial: Trial) -> tuple[float, float, str]:
+    """Between which times submissions count, s, and why there are no limits, where there are none."""
     start_s, end_s = trial.started_s, trial.ended_s
     if start_s is None and end_s is None:
-        note("no_window", 1, "start and end of the competition are not in the log; all of it was watched")
-    elif start_s is not None and end_s is not None and start_s >= end_s:
-        note(
-            "no_window",
-            1,
-            f"it ends ({end_s:.3f} s) before it starts ({start_s:.3f} s); all of it was watched",
-        )
-        start_s = end_s = None
-    low = -np.inf if start_s is None else start_s
-    high = np.inf if end_s is None else end_s
-    counted = tuple(s for s in trial.submissions if low <= s.submitted_s <= high)
-    note(
-        "outside_competition",
-        len(trial.submissions) - len(counted),
-        "submissions before the start or after the end were refused",
-    )
-    unsaid = [order for order in trial.orders if not order.priority_said]
-    note(
-        "priority_unknown",
-        len(unsaid),
-        "the messages of this edition do not say an order's priority; the trial configuration does",
-    )
-    note("orders_not_announced", unannounced, "orders of the configuration were never announced in the log")
-    ordered = {task.id for order in trial.orders for task in order.tasks}
-    outlined = any(order.outline for order in trial.orders)  # then nothing says what was ordered
-    unknown = [s for s in counted if s.task_id not in ordered and not outlined]
-    note("unknown_shipment", len(unknown), "submissions answer no shipment of any order")
+        return -np.inf, np.inf, "start and end of the competition are not in the log; all of it was watched"
+    low_s = -np.inf if start_s is None else start_s
+    high_s = np.inf if end_s is None else end_s
+    if low_s >= high_s:
+        times = f"it ends ({high_s:.3f} s) before it starts ({low_s:.3f} s)"
+        return -np.inf, np.inf, f"{times}; all of it was watched"
+    return low_s, high_s, ""
+
+
+def _irregular(counted: Sequence[Submission], orders: Sequence[Order]) -> dict[str, tuple[int, str]]:
+    """Submissions that answer nothing that was ordered, or the same thing again."""
+    ordered = {task.id for order in orders for task in order.tasks}
     known = [s.task_id for s in counted if s.task_id in ordered]
-    note("repeated_submission", len(known) - len(set(known)), "shipments were submitted more than once")
-    return replace(trial, submissions=counted, log_defects=tuple(sorted(defects)))
+    # An official text that is the only source of orders does not name their tasks.
+    unknown = 0 if any(order.outline for order in orders) else len(counted) - len(known)
+    return {
+        "unknown_shipment": (unknown, "submissions answer no shipment of any order"),
+        "repeated_submission": (
+            len(known) - len(set(known)),
+            "shipments were submitted more than once",
+        ),
+    }
 
 
-def _clock(parts: Sequence[Trial]) -> str:
-    """The clocks of the parts, each kind once, in its fullest words."""
-    clocks = sorted({part.clock for part in parts if part.clock})
-    kinds = dict.fromkeys(clock.split(" (")[0] for clock in clocks)
-    return "; ".join(max((c for c in clocks if c.split(" (")[0] == kind), key=len) for kind in kinds)
+def _clocks(parts: Sequence[Trial]) -> tuple[Clock, ...]:
+    """The clocks of the parts, the one with most detail of each; that of the times stands first."""
+    timed_first = sorted(parts, key=lambda part: part.recorded is None)
+    found: dict[tuple[str, int | None], Clock] = {}
+    for clock in (clock for part in timed_first for clock in part.clocks):
+        key = clock.kind, clock.origin_ns
+        found[key] = max(found.get(key, clock), clock, key=lambda c: len(c.detail))
+    return tuple(found.values())
 
 
-def _clock_kind(part: Trial) -> str:
-    """`simulated time`, `log time`: the words before any detail."""
-    return part.clock.split(",")[0].split(" (")[0]
+def _times_clock(part: Trial) -> Clock:
+    return part.clocks[0] if part.clocks else Clock("")
 
 
 def _on_one_clock(parts: Sequence[Trial]) -> list[Trial]:
@@ -347,30 +348,39 @@ def _on_one_clock(parts: Sequence[Trial]) -> list[Trial]:
     timed = [part for part in parts if part.recorded is not None]
     if not timed:
         return list(parts)
-    main = max(timed, key=_tells)
-    kind = _clock_kind(main)
-    return [p if p.recorded is None or _clock_kind(p) == kind else _without_times(p, main) for p in parts]
+    main = max(timed, key=_timed_contents)
+    return [part if part.recorded is None else _on_clock_of(main, part) for part in parts]
 
 
-def _tells(part: Trial) -> tuple[int, int]:
-    """How much a part records that only its own times go with: signals first, then contents."""
+def _on_clock_of(main: Trial, part: Trial) -> Trial:
+    """A part with its times counted from where those of another begin, or without them."""
+    clock, own = _times_clock(main), _times_clock(part)
+    if own.kind != clock.kind:
+        return _without_times(part, main)
+    if own.origin_ns is None or clock.origin_ns is None or own.origin_ns == clock.origin_ns:
+        return part
+    # Each recording counts from its own first stamp.
+    later_ns = own.origin_ns - clock.origin_ns
+    return replace(shifted(part, later_ns / 1e9), clocks=(replace(own, origin_ns=clock.origin_ns),))
+
+
+def _timed_contents(part: Trial) -> tuple[int, int]:
+    """How much of a part is worth nothing on another clock: signals first, then contents."""
     return len(part.signals), sum(1 for s in part.submissions if s.contents is not None)
 
 
-_TIMED_EVENTS = frozenset({COMPETITION_STARTED, COMPETITION_ENDED, ORDER_ANNOUNCED})
-
-
 def _without_times(part: Trial, main: Trial) -> Trial:
-    """What a log on another clock still tells: what happened, but not when.
+    """What remains of a log on another clock: what happened, but not when.
 
-    Start, end and announcements say nothing without their time and are left out;
-    collisions and drops are put at the end of the recording.
+    Start, end and announcements mean nothing without their time and are left out.
     """
     assert main.recorded is not None  # chosen for having one
+    # Collisions and drops count whenever they happened, so they are put where the recording ends.
     end_s = main.recorded.end_s
-    kept = tuple(replace(e, t_s=end_s) for e in part.events if e.kind not in _TIMED_EVENTS)
+    kept = tuple(replace(e, t_s=end_s) for e in part.events if e.kind not in TIMED_EVENTS)
     left_out = len(part.events) - len(kept)
-    message = f"its times are {_clock_kind(part)}, the motion is in {_clock_kind(main)}; they were not used"
+    own, others = _times_clock(part).kind, _times_clock(main).kind
+    message = f"its times are {own}, the motion is in {others}; they were not used"
     defect = LogDefect("other_clock", part.id, left_out + len(kept) + len(part.submissions), message)
     return replace(
         part,
@@ -380,16 +390,16 @@ def _without_times(part: Trial, main: Trial) -> Trial:
         signals={},
         recorded=None,
         kits=(),
-        clock="",
+        clocks=(),
         log_defects=(*part.log_defects, defect),
     )
 
 
 def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tuple[Order, ...]:
-    told = [part.orders for part in parts if part.orders]
-    as_announced = [orders for orders in told if any(order.announced_s is not None for order in orders)]
-    orders = _only("orders", as_announced or told, file) or ()
-    configured = {o.id: o for group in told if group not in as_announced for o in group}
+    found = [part.orders for part in parts if part.orders]
+    as_announced = [orders for orders in found if any(order.announced_s is not None for order in orders)]
+    orders = _only("orders", as_announced or found, file) or ()
+    configured = {o.id: o for group in found if group not in as_announced for o in group}
     orders = tuple(_completed(order, configured.get(order.id)) for order in orders)
     announced: dict[str, float] = {}
     for event in events:
@@ -403,7 +413,7 @@ def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tu
 
 
 def _outlined(parts: Sequence[Trial]) -> tuple[Order, ...]:
-    """The orders that nothing but the official text names, in its order."""
+    """The orders of the official text, in its order, where no other file names any."""
     summaries = [order for part in parts if part.official for order in part.official.summaries]
     return tuple(
         Order(order.id, announced_s=order.announced_s, priority=_priority(order), outline=True)
@@ -412,13 +422,13 @@ def _outlined(parts: Sequence[Trial]) -> tuple[Order, ...]:
 
 
 def _priority(order: OfficialOrder) -> int:
-    """As printed: a factor until 2022, a yes or no since."""
+    """As printed: a factor in some texts, yes or no in others, where yes means the factor 3."""
     printed = order.items.get("priority", "")
     return int(printed) if printed.isdigit() else 3 if order.priority else 1
 
 
 def _completed(order: Order, configured: Order | None) -> Order:
-    """An announced order with what its message cannot say: its priority, and where challenges are set."""
+    """An announced order with what its message lacks: challenges and, in some formats, the priority."""
     if configured is None:
         return order
     of_slot = {
@@ -430,6 +440,7 @@ def _completed(order: Order, configured: Order | None) -> Order:
     def challenged(task: Task, wanted: WantedProduct) -> WantedProduct:
         if wanted.challenged is not None:
             return wanted
+        # All four: a configured order of that id with other contents must not lend its challenges.
         key = task.id, wanted.slot, wanted.type, wanted.quadrant
         return replace(wanted, challenged=of_slot.get(key))
 
@@ -440,19 +451,20 @@ def _completed(order: Order, configured: Order | None) -> Order:
 
 
 def _kits(parts: Sequence[Trial]) -> tuple[KitRecord, ...]:
-    """The records of trays, unless the submissions are on another clock, which has been taken from them."""
+    """The records of trays; none where submissions have lost their times, for they cannot be joined then."""
     if any(part.submissions and part.recorded is None for part in parts):
         return ()
     return tuple(record for part in parts for record in part.kits)
 
 
-def _team(told: Sequence[TeamSetup], file: object) -> TeamSetup | None:
+def _team(setups: Sequence[TeamSetup], file: object) -> TeamSetup | None:
     """One set-up from a configuration, which has sensors, and an official record, which has their cost."""
-    if not told:
+    if not setups:
         return None
-    names = [team.name for team in told if team.name]
-    configured, recorded = _sensors(told)
-    costs = [team.sensor_cost for team in told if team.sensor_cost is not None]
+    names = [team.name for team in setups if team.name]
+    # Two lists: a record may count other sensors than are configured, which take precedence.
+    configured, recorded = _sensors(setups)
+    costs = [team.sensor_cost for team in setups if team.sensor_cost is not None]
     sensors = _only("a team set-up", configured or recorded, file)
     return TeamSetup(
         _only("a team set-up", names, file) or "",
@@ -461,9 +473,9 @@ def _team(told: Sequence[TeamSetup], file: object) -> TeamSetup | None:
     )
 
 
-def _sensors(told: Sequence[TeamSetup]) -> tuple[list[dict[str, str]], list[dict[str, str]]]:
-    """The sensors as configured, and those that stand in a record beside their cost."""
-    known = [team for team in told if team.sensors is not None]
+def _sensors(setups: Sequence[TeamSetup]) -> tuple[list[dict[str, str]], list[dict[str, str]]]:
+    """The sensors as configured, and those of a record that gives their cost."""
+    known = [team for team in setups if team.sensors is not None]
     return (
         [dict(team.sensors or {}) for team in known if team.sensor_cost is None],
         [dict(team.sensors or {}) for team in known if team.sensor_cost is not None],
@@ -471,7 +483,7 @@ def _sensors(told: Sequence[TeamSetup]) -> tuple[list[dict[str, str]], list[dict
 
 
 def _other_sensors(parts: Sequence[Trial]) -> Iterator[LogDefect]:
-    """That a record counts other sensors than are configured; names differ always, so types are compared."""
+    """Whether a record counts other sensors than are configured; by type, for the names always differ."""
     configured, recorded = _sensors([part.team for part in parts if part.team])
     if configured and recorded and sorted(configured[0].values()) != sorted(recorded[0].values()):
         message = (
@@ -483,24 +495,24 @@ def _other_sensors(parts: Sequence[Trial]) -> Iterator[LogDefect]:
 
 def _facts(parts: Sequence[Trial], file: object) -> dict[str, float]:
     """The numbers that the files state of the trial, which must not contradict each other."""
-    told: dict[str, tuple[float, str]] = {}
+    stated: dict[str, tuple[float, str]] = {}
     for part in parts:
         source = part.official.source if part.official else part.id
         for name, value in sorted(part.facts.items()):
-            known, first = told.setdefault(name, (value, source))
+            known, first = stated.setdefault(name, (value, source))
             if known != value:
                 raise LogError(
                     f"{first!r} says that {name} is {known:g}, {source!r} that it is {value:g}",
                     file=file,
                     hint="a bundle is one trial: leave out the file that belongs to another",
                 )
-    return {name: told[name][0] for name in sorted(told)}
+    return {name: stated[name][0] for name in sorted(stated)}
 
 
 def _submissions(parts: Sequence[Trial], file: object) -> tuple[Submission, ...]:
-    told = [part.submissions for part in parts if part.submissions]
-    with_contents = [group for group in told if any(s.contents is not None for s in group)]
-    return _only("submissions", with_contents or told, file) or ()
+    found = [part.submissions for part in parts if part.submissions]
+    with_contents = [group for group in found if any(s.contents is not None for s in group)]
+    return _only("submissions", with_contents or found, file) or ()
 
 
 def _bodies(parts: Sequence[Trial], file: object) -> tuple[Body, ...]:
@@ -522,7 +534,8 @@ def _signals(parts: Sequence[Trial], file: object) -> dict[str, Signal]:
     return {name: signals[name] for name in sorted(signals)}
 
 
-def _only(what: str, found: Sequence[_Told], file: object) -> _Told | None:
+def _only(what: str, found: Sequence[_T], file: object) -> _T | None:
+    # Equal copies are no contradiction: a configuration and a record may state the same.
     if len(found) > 1 and any(item != found[0] for item in found[1:]):
         raise LogError(
             f"{len(found)} logs hold {what}, and they differ",

@@ -1,6 +1,6 @@
 """Which topic, field, model or frame becomes which signal: the parsed form of a log map.
 
-This is data. `ariac_score.trial.logmap` loads it from YAML; readers follow it.
+`ariac_score.trial.logmap` loads it from YAML; readers follow it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Channel:
         poses: `frames` for tf messages, `models` for Gazebo model states; empty otherwise.
         decoder: Name of the plugin that turns its messages into orders, submissions, events.
         witnesses: What this topic would have shown; see `Trial.witnessed`.
-        optional: Whether nothing is missed where it is not recorded.
+        optional: Whether a recording without it is complete all the same.
     """
 
     topic: str
@@ -77,8 +77,10 @@ class BodyMatch:
 
     def body_for(self, name: str) -> Body | None:
         """The body a name stands for, without its links; `None` when it does not match."""
+        # Not `fnmatch`, which ignores case on some systems.
         if not fnmatchcase(name, self.match):
             return None
+        # A slash would separate two bodies in the name of a signal.
         return Body(self.body or name.replace("/", "_"), self.kind, self.radius_m)
 
     def follows_link(self, link: str) -> bool:
@@ -88,7 +90,7 @@ class BodyMatch:
 
 @dataclass(frozen=True)
 class Footprint:
-    """The box in which an origin lies on a tray, in the frame of that tray; its sides belong to it.
+    """The box, in the frame of a tray, in which the origin of a thing on that tray lies; sides included.
 
     Attributes:
         half_length_m: Along x to either side, m.
@@ -138,6 +140,7 @@ class TrayMatch:
         >>> TrayMatch("agv", "{place}::kit_tray_{n}::*", Footprint(1, 1, 1)).pattern_for("agv2")
         'agv2::kit_tray_2::*'
         """
+        # `{n}`: models of trays are numbered like their AGV, but not named after it.
         number = place[len(place.rstrip("0123456789")) :]
         return self.match.replace("{place}", place).replace("{n}", number)
 
@@ -147,11 +150,11 @@ ProductNames = Literal["instance", "part"]
 
 @dataclass(frozen=True)
 class KitMap:
-    """How the contents of kits are found for submissions that come without.
+    """How the contents of kits are found for submissions that lack them.
 
     Attributes:
         max_age_s: How old contents may be at the submission, s.
-        names: How the name of a model tells its type: `instance` (the type and a number)
+        names: How the name of a model gives its type: `instance` (the type and a number)
             or `part` (a name that contains a type and a colour).
         products: Shell patterns over the types that are products; any where there are none.
         trays: Where kits lie among the models.
@@ -167,12 +170,12 @@ class KitMap:
 
 @dataclass(frozen=True)
 class LogMap:
-    """How the logs of one edition are read.
+    """How the logs of one competition, or one edition of it, are read.
 
     Attributes:
         id: Such as `ariac2020`.
         channels: By topic, in the order of the file.
-        bodies: Bodies that mapped fields speak of.
+        bodies: Bodies that mapped fields are about.
         models: Gazebo model names.
         frames: tf frame names.
         root_frame: The tf frame positions are given in.
@@ -202,7 +205,7 @@ class LogMap:
         return tuple(
             channel
             for channel in self.channels
-            if channel.decoder
+            if channel.decoder  # needed whatever is measured: orders, submissions, events
             or (channel.poses and "position" in wanted)
             or (channel.poses == "models" and self.kits.trays)
             or any(quantity_of(f.signal) in wanted for f in channel.signals)

@@ -1,4 +1,4 @@
-"""What a monitor shows of what it judged: what was, against what may be, over time."""
+"""A measured quantity and its limit over time, as a monitor judged it."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ __all__ = ["Chart"]
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """A measured quantity beside its limit over time, as a monitor saw it.
+    """A measured quantity and its limit over time, as a monitor judged them.
 
     Attributes:
         subject: As in its findings.
         what: Name of the quantity, such as `distance`.
         unit: Of quantity and limit.
         t: Sample times, shape (n,), s, strictly increasing.
-        actual: What was, shape (n,).
-        limit: What may be, shape (n,); NaN where there is no limit.
+        actual: The measured values, shape (n,).
+        limit: The limits, shape (n,); NaN where there is none.
         at_most: Whether the limit is an upper one.
         max_gap_s: Nothing is known between samples further apart, s.
 
@@ -47,7 +47,8 @@ class Chart:
     def __post_init__(self) -> None:
         if not self.t.shape == self.actual.shape == self.limit.shape == (len(self.t),):
             raise ValueError(f"the chart of {self.what} has columns of different length")
+        # Limits may be NaN, where there is none; measured values may not.
         if not (np.isfinite(self.t).all() and np.isfinite(self.actual).all()):
-            raise ValueError(f"the chart of {self.what} holds what is no number")
+            raise ValueError(f"the chart of {self.what} holds a value that is not finite")
         if (np.diff(self.t) <= 0).any():
             raise ValueError(f"the times of the chart of {self.what} do not increase")

@@ -1,4 +1,4 @@
-"""Signals that are computed when they are first looked at."""
+"""Signals whose values are computed on first access."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ __all__ = ["Computed"]
 
 
 class Computed(Signal):
-    """A signal that keeps how its values are made, and makes them when they are first looked at.
+    """A signal that keeps a function for its values and calls it on first access.
 
-    Numbers over time stay from then on, for one monitor after the other looks at them. Vectors
-    stay only as long as somebody holds them: the velocities of thirty links take more room than
-    all else that is derived, and of each little more than its length is ever wanted.
+    Scalar values are kept from then on, because several monitors read them. Vectors are kept
+    only while somebody holds them: the velocities of thirty links take more memory than all
+    other derived signals together, and monitors need little more of them than their length.
     """
 
     _make: Callable[[], FloatArray]
     _made: Callable[[], FloatArray | None]
 
     def __new__(cls, *arguments: Any, **named: Any) -> Any:
-        """What is made of its parts, as copies with a change are, is a plain signal."""
+        """A plain signal: `dataclasses.replace` and copies give values, not a function for them."""
         return Signal(*arguments, **named)
 
     @classmethod
     def of(cls, name: str, unit: str, t: FloatArray, make: Callable[[], FloatArray]) -> Signal:
-        """A signal of values yet to be made.
+        """A signal whose values are yet to be computed.
 
         Args:
             name: `quantity/subject`.
             unit: Of its values.
             t: Its times, shape (n,), s, strictly increasing.
-            make: Its values, shape (n,) or (n, k).
+            make: Computes its values, shape (n,) or (n, k).
         """
         self: Computed = object.__new__(cls)
         state = {"name": name, "unit": unit, "source": "derived", "t": sealed(t)}
@@ -46,14 +46,14 @@ class Computed(Signal):
         return self
 
     def __post_init__(self) -> None:
-        """Nothing to check: what it is made of was checked."""
+        """Nothing to check: its times come from checked signals, its values do not exist yet."""
 
     def __reduce__(self) -> Any:
         return Signal, (self.name, self.unit, self.t, self.values, self.source)
 
     @property
     def identity(self) -> tuple[int, int]:
-        """Tells apart times, and values."""
+        """Changes with the times or the values, without computing the values."""
         return id(self.t), id(self)
 
     @property
@@ -66,18 +66,20 @@ class Computed(Signal):
         found = self._made()
         if found is None:
             found = sealed(self._make())
+            # `Signal` checks this when it is made; here the values are only known now.
             if not np.isfinite(found).all():
                 raise ValueError(f"signal {self.name!r}: values must be finite")
+            # Not `cached_property`: a vector is to be forgotten when nobody holds it any more.
             object.__setattr__(self, "_made", ref(found) if found.ndim > 1 else _Kept(found))
         return found
 
 
 def _nothing() -> None:
-    """What was made before anything was."""
+    """Stands for a reference while no values were computed."""
 
 
 class _Kept:
-    """As a reference to an array, but one that keeps it."""
+    """Called like a weak reference to an array, but keeps the array."""
 
     def __init__(self, values: FloatArray) -> None:
         self._values = values

@@ -9,18 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.signals import Signal, common_times, sealed
 from ariac_score.trial.spans import BoolArray, FloatArray, distinct
 from ariac_score.trial.vocabulary import QUANTITIES
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 __all__ = [
     "SOURCES",
@@ -93,7 +91,7 @@ def centred_velocity(
     At each sample the difference runs over the samples up to the half window away
     on both sides, fewer at the ends. Where a body jumps (a step faster than
     `teleport_speed_m_s`) or a gap is too long, the track is split: no difference
-    crosses the split, so a jump is never a speed, and the samples beside it have none.
+    crosses the split, so a jump is never a speed. The two samples of a jump have no velocity.
 
     Args:
         t: Sample times, shape (n,), s, strictly increasing.
@@ -104,8 +102,8 @@ def centred_velocity(
         max_gap_s: Longest step that belongs to one track, s.
 
     Returns:
-        Times, shape (m,), s; velocities, shape (m, 3), m/s; number of jumps. Samples
-        beside a jump or alone in their track have no velocity and are left out.
+        Times, shape (m,), s; velocities, shape (m, 3), m/s; number of jumps. The samples
+        of a jump and those alone in their track have no velocity and are left out.
 
     Source:
         Monitor catalogue, section 1.1; mistake 6 of section 5 (stamps without seconds).
@@ -120,7 +118,7 @@ def centred_velocity(
 
 
 class _Velocity:
-    """The velocity of one point, computed when it is looked at.
+    """The velocity of one point, computed on demand.
 
     Attributes:
         t: The times at which there is one, shape (m,), s.
@@ -140,13 +138,13 @@ class _Velocity:
         self._half_samples, self._half_s = half_window_samples, half_window_s
         steps_s = np.diff(t)
         jumps = np.flatnonzero(_norm(np.diff(positions_m, axis=0)) > teleport_speed_m_s * steps_s)
-        gaps = np.flatnonzero(steps_s > max_gap_s + 1e-9)
+        gaps = np.flatnonzero(steps_s > max_gap_s + 1e-9)  # 1 ns for rounding, as in `covered`
         self.jumps = len(jumps)
         # The first row of each track: at a jump, and after a gap, one ends.
         self._begins = distinct(np.concatenate([[0], jumps + 1, gaps + 1]).astype(np.intp))
         self._ends = np.append(self._begins[1:], len(t))
         alone = self._begins[self._ends - self._begins == 1]
-        # Beside a jump nothing is known: a pose updated in leaps would otherwise stand still between them.
+        # Both samples of a jump: a pose that is updated in leaps would otherwise stand still between them.
         self._without = distinct(np.concatenate([alone, jumps, jumps + 1])) if len(t) else jumps
         self.t = np.delete(t, self._without) if len(self._without) else t
 
@@ -159,6 +157,7 @@ class _Velocity:
         if self._half_s > 0:
             low = np.searchsorted(t, self.t - self._half_s - 1e-9, side="left")
             high = np.searchsorted(t, self.t + self._half_s + 1e-9, side="right") - 1
+            # At least one sample on each side, however slow the log: a difference needs two samples.
             low, high = np.minimum(low, index - 1), np.maximum(high, index + 1)
         track = self._begins.searchsorted(index, side="right") - 1 if len(self._begins) > 1 else 0
         low, high = np.maximum(low, self._begins[track]), np.minimum(high, self._ends[track] - 1)
@@ -172,9 +171,9 @@ def nearest_distances(
 ) -> FloatArray:
     """The smallest distance between a point of one body and a point of each other one.
 
-    Block by block and component by component, so that what is computed stays in the
-    processor's cache. The root is taken of the smallest square, which is the smallest root
-    to the bit: roots are rounded correctly, so none overtakes another.
+    Block by block and component by component, so that intermediate results stay in the
+    processor's cache. The root of the smallest square is the smallest root to the bit:
+    roots are rounded correctly, so their order is that of the squares.
 
     Args:
         of_one: Tracks of points, each of shape (n, k), m; at least one.
@@ -220,14 +219,15 @@ def derive_signals(trial: Trial, wanted: Iterable[Derivation], *, speed_window_s
         speed_window_s: Half width of the centred difference, s; 0 means two samples.
 
     Returns:
-        A new trial. What cannot be derived is simply absent, for the monitor to find
-        out; jumps that split a track are counted in its `log_defects`.
+        A new trial. A signal that cannot be derived is absent, which makes its monitor
+        inconclusive; jumps that split a track are counted in its `log_defects`.
     """
     gaps: dict[str, float] = {}
     for item in wanted:
         gaps[item.quantity] = min(item.max_gap_s, gaps.get(item.quantity, np.inf))
     shortest: dict[str, float] = {}
     for quantity, gap_s in gaps.items():
+        # A source derived across a longer gap than its target allows would fill the target's gaps.
         for source in source_quantities([quantity]):
             shortest[source] = min(gap_s, shortest.get(source, np.inf))
     deriver = _Deriver(trial, speed_window_s, shortest)
@@ -253,7 +253,7 @@ def _subjects(trial: Trial, quantity: str) -> Iterator[str]:
 
 
 class _Deriver:
-    """Finds or derives one signal after the other; what is derived is computed where it is looked at."""
+    """Finds or derives one signal after the other; values of derived ones are computed on first access."""
 
     def __init__(self, trial: Trial, speed_window_s: float, shortest_gaps_s: Mapping[str, float]) -> None:
         self.bodies = {body.id: body for body in trial.bodies}
@@ -272,6 +272,7 @@ class _Deriver:
         if name in self.signals:
             return self.signals[name]
         quantity, _, subject = name.partition("/")
+        # One signal serves all monitors, so the strictest of their gaps counts.
         max_gap_s = min(max_gap_s, self.shortest_gaps_s.get(quantity, max_gap_s))
         derive = {
             "velocity": self._velocity,
@@ -289,6 +290,7 @@ class _Deriver:
         if made is None or not len(made[0]):
             return None
         t, values = made
+        # Kept under its name: velocities are the sources of speeds and approaches alike.
         self.signals[name] = Computed.of(name, QUANTITIES[quantity].unit, t, values)
         return self.signals[name]
 
@@ -310,11 +312,12 @@ class _Deriver:
         return velocity.t, velocity.values
 
     def _speed(self, subject: str, max_gap_s: float) -> _Made | None:
-        """Speed of the origin; where links are followed, of the fastest of them and it."""
+        """Speed of the origin or, where links are followed, of the fastest of origin and links."""
         body = self.bodies.get(subject)
         points = [subject, *(f"{subject}::{link}" for link in body.links)] if body else [subject]
         velocities = [self.get(f"velocity/{point}", max_gap_s) for point in points]
         present = [signal for signal in velocities if signal is not None]
+        # The origin may be missing (many logs follow links only), a link may not: it may be the fastest.
         if len(present) < len(points) - (f"position/{subject}" not in self.signals) or not present:
             return None
         t = common_times(present, max_gap_s=max_gap_s)
@@ -345,7 +348,7 @@ class _Deriver:
         found = [self.get(name, max_gap_s) for name in (*names[0], *names[1])]
         present = [signal for signal in found if signal is not None]
         if len(present) < len(found):
-            return None  # one that is missing may be the nearest
+            return None  # the missing one may be the nearest
         robots, humans = present[: len(names[0])], present[len(names[0]) :]
         return _Points.of(robots, humans, max_gap_s)
 
@@ -363,7 +366,7 @@ class _Deriver:
         return self._nearest_of[key]
 
     def _seen_together(self, robot: str, points: _Points) -> dict[str, Sequence[Signal]]:
-        """The tracks of all humans that are sampled with a robot, by pair: they are measured at once."""
+        """The tracks of all humans sampled at the times of a robot, by pair, to be measured in one pass."""
         found: dict[str, Sequence[Signal]] = {}
         for human in self._humans_of.get(robot, ()) if points.together else ():
             names = [f"position/{point}" for point in _points(self.bodies[human])]
@@ -377,7 +380,6 @@ class _Deriver:
         if nearest is None:
             return None
         of_pair, number = nearest
-
         return of_pair.points.t, lambda: of_pair.distance_m(number)
 
     def _centre_distance(self, subject: str, max_gap_s: float) -> _Made | None:
@@ -425,7 +427,7 @@ class _Deriver:
 
 
 _Made: TypeAlias = "tuple[FloatArray, Callable[[], FloatArray]]"
-"""The times of a signal, and how its values are made."""
+"""The times of a signal, and a function that computes its values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -433,10 +435,10 @@ class _Points:
     """A quantity of every point of a robot and a human, on one time base.
 
     Attributes:
-        robot: Of the robot.
-        human: Of the human.
-        t: The times, shape (n,), s.
-        together: Whether all are sampled at these.
+        robot: One signal for each point of the robot.
+        human: One for each point of the human.
+        t: The common times, shape (n,), s.
+        together: Whether every signal is sampled at exactly these times.
     """
 
     robot: Sequence[Signal]
@@ -446,7 +448,7 @@ class _Points:
 
     @classmethod
     def of(cls, robot: Sequence[Signal], human: Sequence[Signal], max_gap_s: float) -> _Points:
-        """Some points."""
+        """The points of a pair, given as their signals."""
         signals = [*robot, *human]
         t = sealed(common_times(signals, max_gap_s=max_gap_s))
         return cls(robot, human, t, all(s.t is t or np.array_equal(s.t, t) for s in signals))
@@ -457,7 +459,7 @@ class _Points:
 
 
 def _blocks(count: int) -> Iterator[slice]:
-    """Some thousand rows at a time: thirty links on other stamps than the humans are not held at once."""
+    """Some thousand rows at a time: interpolated tracks of thirty links are never whole in memory."""
     return (slice(first, first + _BLOCK_SAMPLES) for first in range(0, count, _BLOCK_SAMPLES))
 
 
@@ -474,7 +476,7 @@ class _Nearest:
 
     @cached_property
     def _distances_m(self) -> FloatArray:
-        """Of all, shape (number of humans, n): places of thirty links are looked at once for all."""
+        """Of all, shape (number of humans, n): the positions of the robot are read once for all humans."""
         points, t = self.points, self.points.t
         found = np.empty((len(self._others), len(t)))
         for rows in _blocks(len(t)):
@@ -486,7 +488,11 @@ class _Nearest:
 
 @dataclass(frozen=True, eq=False)
 class _Moves:
-    """How the two nearest points move, at each time; speeds towards each other times their distance."""
+    """How the two nearest points move at each time.
+
+    Speeds towards each other are still multiplied by the distance of the points: where that is 0
+    there is no direction to divide by.
+    """
 
     robot_towards: FloatArray
     human_towards: FloatArray
@@ -494,11 +500,11 @@ class _Moves:
 
 
 class _Closest:
-    """Of a robot and a human the two points nearest to each other, and how they move.
+    """The two nearest points of a robot and a human, and how they move.
 
     Attributes:
-        t: The times at which places and velocities are known, shape (n,), s.
-        distance_m: Of these two points, shape (n,).
+        t: The times at which positions and velocities are known, shape (n,), s.
+        distance_m: The distance of the two points, shape (n,).
     """
 
     def __init__(self, positions: _Points, velocities: _Points) -> None:
@@ -518,41 +524,43 @@ class _Closest:
             self.distance_m[rows], self._pair[rows] = nearest_points(robot, human)
 
     def towards(self, whose: str) -> _Made:
-        """The speed of one of them towards the other; in one point there is no direction."""
-        somewhere: BoolArray = self.distance_m > 0
-        if somewhere.all():
+        """The speed of one of them towards the other; left out where they coincide."""
+        separate: BoolArray = self.distance_m > 0
+        if separate.all():
             return self.t, lambda: getattr(self.moves, whose) / self.distance_m
-        t = sealed(self.t[somewhere])
-        return t, lambda: getattr(self.moves, whose)[somewhere] / self.distance_m[somewhere]
+        t = sealed(self.t[separate])
+        return t, lambda: getattr(self.moves, whose)[separate] / self.distance_m[separate]
 
     @cached_property
     def moves(self) -> _Moves:
         """How the two points move."""
         t, positions, velocities = self.t, self._positions, self._velocities
         found = _Moves(*(np.zeros(len(t)) for _ in range(3)))
-        # Velocities stay as long as they are held: those of the human are computed once for all links.
+        # Values of a `Computed` vector are forgotten when nobody holds them; the human's serve every link.
         held = [one.values for one in velocities.human]
         for one in distinct(self._pair).tolist():
             i, j = divmod(one, len(positions.human))
             rows = np.flatnonzero(self._pair == one)
             v_robot = velocities.at(velocities.robot[i], t, rows)
             v_human = velocities.at(velocities.human[j], t, rows)
-            apart = positions.at(positions.human[j], t, rows) - positions.at(positions.robot[i], t, rows)
-            found.robot_towards[rows] = _dot(v_robot, apart)
-            found.human_towards[rows] = _dot(-v_human, apart)
+            between = positions.at(positions.human[j], t, rows) - positions.at(positions.robot[i], t, rows)
+            found.robot_towards[rows] = _dot(v_robot, between)
+            found.human_towards[rows] = _dot(-v_human, between)
             found.relative[rows] = _norm(v_robot - v_human)
         del held
         return found
 
 
 _SQUARES = 1 << 17
-"""So many distances are looked at together."""
+"""Distances computed at a time, so that they stay in the processor's cache."""
 
 
 def nearest_points(
     robot: Sequence[FloatArray], human: Sequence[FloatArray]
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """How far the nearest points of two bodies are apart, and which these are: the first of several.
+    """The distance of the nearest points of two bodies, and which points these are.
+
+    Of several equally near pairs the first counts.
 
     Args:
         robot: Tracks of the points of one, each of shape (n, 3), m.

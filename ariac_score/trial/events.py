@@ -10,6 +10,7 @@ __all__ = [
     "COMPETITION_STARTED",
     "ORDER_ANNOUNCED",
     "PART_DROPPED",
+    "TIMED_EVENTS",
     "WATCHING",
     "Event",
 ]
@@ -20,7 +21,10 @@ ORDER_ANNOUNCED = "order_announced"
 ARM_COLLISION = "arm_collision"
 PART_DROPPED = "part_dropped"
 WATCHING = "watching"
-"""The recorder says that it would have recorded events of the kind named by `subject`."""
+"""The recorder declares that it would have recorded events of the kind that `subject` names."""
+
+TIMED_EVENTS = frozenset({COMPETITION_STARTED, COMPETITION_ENDED, ORDER_ANNOUNCED})
+"""Kinds of events that mean nothing without their time; a collision or a drop still counts."""
 
 
 @dataclass(frozen=True, order=True)

@@ -1,4 +1,4 @@
-"""A dictionary that stays as it was made."""
+"""A dictionary that cannot be changed."""
 
 from __future__ import annotations
 

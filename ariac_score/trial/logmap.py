@@ -18,7 +18,7 @@ _FILE = "log_map"
 
 
 def log_map_names() -> list[str]:
-    """The shipped log maps, by edition."""
+    """The names of the shipped log maps."""
     return sorted(name.rpartition(".")[0] for name in shipped_rules() if name.rpartition(".")[2] == _FILE)
 
 
@@ -27,13 +27,13 @@ def load_log_map(name: str, *, beside: Path | None = None) -> LogMap:
 
     Args:
         name: Such as `ariac2020`, or a path ending in `.yaml`.
-        beside: Folder that a relative path is looked up in.
+        beside: Folder that a relative path starts from; by default the current one.
 
     Raises:
         LogMapError: Unknown name, malformed file, or a signal that does not fit
             the vocabulary.
     """
-    if name.endswith((".yaml", ".yml")) or "/" in name:
+    if name.endswith((".yaml", ".yml")) or "/" in name:  # no shipped name has either
         path = (beside or Path()) / name
     else:
         shipped = shipped_rules().get(f"{name}.{_FILE}")
@@ -50,6 +50,7 @@ def load_log_map(name: str, *, beside: Path | None = None) -> LogMap:
 
 def _parsed(document: YamlDocument) -> LogMap:
     data = document.data
+    # `float` everywhere: YAML gives an integer where the author writes 1 for 1.0.
     bodies = {
         key: Body(key, b["kind"], float(b.get("radius_m", 0.0))) for key, b in data.get("bodies", {}).items()
     }
@@ -136,7 +137,7 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
             place=document.place(["channels", index]),
             hint="add 'signals:', 'poses:', 'decoder:' or 'witnesses:'",
         )
-    topic = data["topic"]
+    topic = data["topic"]  # ROS 1 tools write it without the leading slash as well
     return Channel(
         topic=topic if topic.startswith("/") else f"/{topic}",
         type=data.get("type", ""),
@@ -163,6 +164,7 @@ def _field_map(
             hint=did_you_mean(quantity_of(name), quantities, what="quantities"),
         )
     subjects = subject_of(name).split("/")
+    # A signal of an undeclared body would be read, and no monitor would ever look at it.
     unknown = [s for s in subjects if s not in bodies]
     kinds = [bodies[s].kind for s in subjects if s in bodies]
     wrong_pair = quantity.of == "pair" and kinds != ["robot", "human"]

@@ -1,4 +1,4 @@
-"""The trial: orders, submissions, bodies, signals, and what the log could not have shown."""
+"""The trial: orders, submissions, bodies, signals, and which of these the log could have shown."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial import quaternions
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.signals import LARGEST_VALUE, Signal
@@ -50,8 +51,10 @@ class Pose:
     orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        # `<=` and not `>`, because every comparison with NaN is false.
         if not all(abs(v) <= LARGEST_VALUE for v in (*self.position_m, *self.orientation_wxyz)):
             raise ValueError("a pose must be finite, and near enough to compute with")
+        # The square of a tiny component is 0 in float64, and that of a huge one infinite.
         if not 0 < quaternions.inner_product(self.orientation_wxyz, self.orientation_wxyz) < math.inf:
             raise ValueError("a quaternion of norm 0, or of one beyond all numbers, is no orientation")
 
@@ -108,8 +111,8 @@ class WantedProduct:
         slot: Its name within the kit, such as `part_0`.
         type: Full product type, such as `gear_part_red`.
         pose: Wanted pose in the frame of the tray, briefcase or insert; `None` when the order gives none.
-        quadrant: Quadrant of the kitting tray it is wanted in (2023 on), 1 to 4; 0 when the order names none.
-        challenged: Whether a faulty-part challenge (2023 on) is set on its quadrant; `None`: nothing says.
+        quadrant: Quadrant of the tray it is wanted in, 1 to 4, where orders name quadrants; 0 when not named.
+        challenged: Whether a faulty-part challenge is set on its quadrant; `None` when no file says.
     """
 
     slot: str
@@ -138,12 +141,12 @@ class Product:
 
 @dataclass(frozen=True)
 class Tray:
-    """The tray a kit is built on (2022 on), or the insert parts are assembled in (2023 on).
+    """The loose tray a kit is built on, or the insert parts are assembled in, where orders name one.
 
     Attributes:
         type: Its model, such as `movable_tray_metal_shiny`, `kit_tray_03` or `assembly_insert_2`;
             empty when the log shows that there was none.
-        pose: Its pose on the AGV; `None` when unknown or not asked for.
+        pose: Its pose on the AGV; `None` when unknown or not ordered.
     """
 
     type: str
@@ -159,8 +162,8 @@ class Task:
         kind: `kitting`, `assembly` or `combined`.
         products: What is wanted.
         agv: Ordered AGV; `any` leaves it open.
-        station: Ordered station; empty when none is asked for.
-        tray: Ordered movable tray, where the edition has them.
+        station: Ordered station; empty when none is ordered.
+        tray: Ordered movable tray, where orders name one.
     """
 
     id: str
@@ -179,11 +182,11 @@ class Order:
         id: Such as `order_0`.
         tasks: Its tasks in order.
         announced_s: When it was announced, s of trial time; `None` when the log does not say.
-        priority: As the edition defines it; 1 is regular.
+        priority: As the competition defines it; 1 is regular.
         updates: Id of the order it replaces; empty for a new order.
-        outline: Whether it is known from an official text alone, which says that there was
-            such an order and what it was given, but not what it asked for.
-        priority_said: Whether the record says the priority; where not, no formula may ask for it.
+        outline: Whether it is known from an official text alone, which names the order and
+            its score, but not its contents.
+        priority_said: Whether a record or configuration gives the priority; where not, no formula may use it.
     """
 
     id: str
@@ -196,20 +199,20 @@ class Order:
 
 
 FaultMarks = Literal["seen", "listed", "challenged"]
-"""Where it is said which products are faulty: in the record itself, in the list of the trial's
-configuration, or (2023 on) in its challenges, which the wanted products hold."""
+"""What marks faulty products: the record itself, the list of the trial's configuration, or the
+configured challenges, which the wanted products hold."""
 
 
 @dataclass(frozen=True)
 class Kit:
-    """What lay on one tray, or in one briefcase or insert, at one instant.
+    """The contents of one tray, briefcase or insert at one instant.
 
     Attributes:
         place: The AGV or the station, such as `agv1` or `as2`.
         t_s: When, s of trial time.
         contents: The products, in the frame of the tray.
-        tray: The movable tray, where the edition has them.
-        faults: Where it is said which products are faulty.
+        tray: The movable tray, where kits are built on one.
+        faults: What marks faulty products.
     """
 
     place: str
@@ -221,29 +224,29 @@ class Kit:
 
 @runtime_checkable
 class KitRecord(Protocol):
-    """A log that shows what lay on trays over time."""
+    """A record of what lay on trays over time."""
 
     def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
-        """What lay at a place at a time; `None` when the log does not show it.
+        """The contents at a place and a time; `None` when the log does not show them.
 
         Args:
             place: Such as `agv1` or `as2`.
             t_s: When, s of trial time.
-            max_age_s: How old the last sight may be in a log that goes on without pause, s.
+            max_age_s: How old the last sighting may be in a log that goes on without pause, s.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Submission:
-    """One kit as handed in.
+    """One kit as submitted.
 
     Attributes:
         task_id: Shipment type it was submitted as.
         submitted_s: When, s of trial time.
         contents: The products; `None` when the log does not show them.
         agv: AGV it came on, such as `agv1`; empty when unknown.
-        station: Where it was sent; empty when unknown or not asked for.
+        station: Where it was sent; empty when unknown or not needed.
         tray: Movable tray below it, where known.
     """
 
@@ -257,7 +260,7 @@ class Submission:
 
 @dataclass(frozen=True)
 class Body:
-    """Something that moves and that checks speak of.
+    """Something that moves and that checks are about.
 
     Attributes:
         id: Such as `gantry` or `person_1`.
@@ -278,9 +281,9 @@ class TeamSetup:
 
     Attributes:
         name: Team name; empty when unknown.
-        sensors: Sensor types by sensor name; `None` when nothing says which there were, which is not the
-            same as having none.
-        sensor_cost: What an official record says that the sensors cost, in dollars; `None` when none does.
+        sensors: Sensor types by sensor name; `None` when no file lists them, which is not the same as
+            having none.
+        sensor_cost: Cost of the sensors in dollars, by an official record; `None` when none gives it.
     """
 
     name: str = ""
@@ -289,22 +292,23 @@ class TeamSetup:
 
     def __post_init__(self) -> None:
         if self.sensors is not None:
+            # A check must not be able to change what the next one reads.
             object.__setattr__(self, "sensors", FrozenMap(dict(self.sensors)))
 
 
 @dataclass(frozen=True)
 class OfficialOrder:
-    """What an official record of 2023 or later says about one order; `None` where it says nothing.
+    """What an official record says about one order, where it has a summary of each; `None`: not printed.
 
     Attributes:
         id: Of the order.
         kind: Of its task: `kitting`, `assembly` or `combined`; empty when not printed.
-        submitted: Whether it was handed in.
+        submitted: Whether it was submitted.
         priority: Whether it is a priority order.
-        score: What its task was given, without any factor for priority; may be negative.
-        max_score: The most it could have been given.
+        score: Points of its task, without any factor for priority; may be negative.
+        max_score: The most points it could have had.
         announced_s: When it was announced, s since the start of the competition.
-        submitted_s: When it was handed in, s since the start of the competition.
+        submitted_s: When it was submitted, s since the start of the competition.
         items: Everything printed in detail, as printed, by path, such as `quadrant_1/flipped_part`.
     """
 
@@ -324,17 +328,17 @@ class OfficialOrder:
 
 @dataclass(frozen=True)
 class OfficialResult:
-    """What the official scorer printed, kept beside ours and never used as ours.
+    """What the official scorer printed, kept next to our result and never used in its place.
 
     Attributes:
         source: File it was read from.
         total: Printed final score; of a text that prints scores of orders only, their sum; `None`: neither.
         process_time_s: Printed total process time, s.
         orders: Printed total by order id.
-        outcome: How the run ended where that is out of the ordinary: `crashed` (the simulator died, nothing
-            was scored), `cancelled` (by the user), `aborted` (2025: before all orders were in); else empty.
-        summaries: What is printed of each order (2023 on), in the order of the record.
-        items: What else is printed of the trial, as printed, by label, such as `trial_time_limit`.
+        outcome: How the run ended unless it ended regularly: `crashed` (the simulator died, nothing was
+            scored), `cancelled` (by the user), `aborted` (before all orders were submitted); else empty.
+        summaries: What is printed of each order, in the order of the record.
+        items: Whatever else is printed of the trial, as printed, by label, such as `trial_time_limit`.
     """
 
     source: str
@@ -367,6 +371,7 @@ class LogDefect:
     message: str
 
 
+# eq=False: signals hold arrays, which have no single truth to compare by.
 @dataclass(frozen=True, eq=False)
 class Trial:
     """One trial as its logs show it.
@@ -386,14 +391,14 @@ class Trial:
         witnessed: Kinds of things this log would have shown had they happened:
             `submissions`, `bodies`, or an event kind. For anything else silence
             means nothing was recorded, not that nothing happened.
-        unrecorded: What was looked for and is not in the log, in words.
+        unrecorded: What readers looked for and did not find, in words.
         log_defects: What was wrong with the log.
-        clock: Which clock the times come from, in words.
+        clocks: Of the logs it was read from, the one that its times are on first; empty when no log says.
         recorded: From the first to the last stamp of the recording.
         facts: Numbers that a configuration or an official record states of the trial, by name, such as
-            `time_limit_s`; what is not stated is not there.
-        kits: Records of what lay on trays over time, the surest first.
-        faulty_products: Names of the individuals that the configuration makes faulty; `None`: nothing says.
+            `time_limit_s`; a number that is not stated is absent.
+        kits: Records of what lay on trays over time, the most reliable first.
+        faulty_products: Names of individuals that the configuration makes faulty; `None` when no file says.
 
     Raises:
         ValueError: A fact is not finite.
@@ -410,7 +415,7 @@ class Trial:
     witnessed: frozenset[str] = frozenset()
     unrecorded: tuple[str, ...] = ()
     log_defects: tuple[LogDefect, ...] = ()
-    clock: str = ""
+    clocks: tuple[Clock, ...] = ()
     recorded: Span | None = None
     facts: Mapping[str, float] = field(default_factory=lambda: FrozenMap({}))
     kits: tuple[KitRecord, ...] = ()
@@ -439,6 +444,7 @@ class Trial:
 
     def bodies_of(self, kind: str) -> tuple[Body, ...]:
         """The bodies of one kind, sorted by id."""
+        # Sorted: findings must not depend on the order in which a log lists bodies.
         return tuple(sorted((b for b in self.bodies if b.kind == kind), key=lambda b: b.id))
 
     def pairs(self) -> Iterator[tuple[Body, Body]]:
@@ -460,6 +466,11 @@ class Trial:
         return tuple(sorted(e for e in self.events if e.kind == kind))
 
     @property
+    def clock(self) -> str:
+        """Its clocks in words, as results store them; empty when no log says."""
+        return "; ".join(sorted(map(str, self.clocks)))
+
+    @property
     def started_s(self) -> float | None:
         """When the competition started, s of trial time; `None` when the log does not say."""
         started = self.events_of(COMPETITION_STARTED)
@@ -475,16 +486,15 @@ class Trial:
     def window(self) -> Span | None:
         """The stretch in which behaviour counts: start to end of the competition.
 
-        An order announced before the start opens it early: from then on there is work.
-
-        Where the log does not say, the recording's own first and last stamp stand in,
-        and the whole recording where start and end leave nothing between them.
+        An order announced before the start opens it early: from then on there is work. Where
+        the log gives no start or end, the first or last stamp of the recording stands in; where
+        the end is not after the start, the whole recording counts.
         """
         if self.recorded is None:
             return None
         start_s = self.recorded.start_s if self.started_s is None else self.started_s
         end_s = self.recorded.end_s if self.ended_s is None else self.ended_s
-        if not start_s < end_s:
+        if not start_s < end_s:  # noted as the defect `no_window` when logs are merged
             return self.recorded
         announced = [order.announced_s for order in self.orders if order.announced_s is not None]
         return Span(min([start_s, *announced]), end_s)

@@ -86,12 +86,14 @@ def angle(p: Quaternion, q: Quaternion) -> float:
     True
     """
     w, x, y, z = product(conjugate(p), q)
+    # abs: q and -q are one rotation, and the shorter way counts.
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 
 
 def up_axis(q: Quaternion) -> Vector:
     """Where the vertical axis points after a rotation."""
     w, x, y, z = unit(q)
+    # The third column of the rotation matrix.
     return 2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z
 
 

@@ -31,6 +31,7 @@ class Sample:
     unit: str
 
 
+# eq=False: arrays have no single truth to compare by.
 @dataclass(frozen=True, eq=False)
 class Signal:
     """A named quantity over time.
@@ -40,7 +41,7 @@ class Signal:
         unit: SI unit of every value.
         t: Sample times, shape (n,), s of trial time, strictly increasing.
         values: Shape (n,) or (n, k), finite.
-        source: Where it was recorded, such as the topic, or `derived`; empty when nobody says.
+        source: Where it was recorded, such as the topic, or `derived`; empty when unknown.
 
     Raises:
         ValueError: The times do not increase, or a value is not finite. Readers
@@ -75,7 +76,7 @@ class Signal:
 
     @property
     def identity(self) -> tuple[int, int]:
-        """Tells apart the times and the values of signals that exist together."""
+        """Differs between signals that exist at the same time unless they share times and values."""
         return id(self.t), id(self.values)
 
     def at(self, t: FloatArray) -> FloatArray:
@@ -84,6 +85,7 @@ class Signal:
         At its own sample times the recorded values come back to the bit. Times
         outside the samples take the nearest value; use `covers` to exclude them.
         """
+        # Signals of one message have equal times, and interpolating at these would cost most of a monitor.
         if t is self.t or (len(t) == len(self) and np.array_equal(t, self.t)):
             return self.values
         if self.values.ndim == 1:
@@ -110,7 +112,7 @@ def covered(samples_s: FloatArray, t: FloatArray, *, max_gap_s: float) -> BoolAr
 
     Args:
         samples_s: Sample times, shape (n,), s, strictly increasing.
-        t: The times asked for, shape (m,), s.
+        t: The times to be judged, shape (m,), s.
         max_gap_s: Longest stretch between two samples that is covered, s.
     """
     if not len(samples_s):
@@ -121,20 +123,22 @@ def covered(samples_s: FloatArray, t: FloatArray, *, max_gap_s: float) -> BoolAr
     after = np.minimum(place, len(samples_s) - 1)
     before = np.maximum(place - (samples_s[after] != t), 0)
     inside = (t >= samples_s[0]) & (t <= samples_s[-1])
+    # 1 ns more: the difference of two stamps in float64 misses its decimal figure by a little.
     found: BoolArray = inside & (samples_s[after] - samples_s[before] <= max_gap_s + 1e-9)
     return found
 
 
 def sealed(values: FloatArray) -> FloatArray:
-    """The values where nobody can write to them, neither who handed them in nor who unsets flags.
+    """The values in memory that nobody can write to.
 
-    That is a copy, except of what is sealed already: signals of one time base share it.
+    A copy, except of an array that is sealed already: signals of one time base share it.
     """
-    if not values.size:  # an empty buffer makes no array, and holds nothing to protect
+    if not values.size:  # `frombuffer` refuses an empty buffer, and there is nothing to protect
         return np.empty(values.shape)
     owner: Any = values
     while isinstance(owner, np.ndarray):
         owner = owner.base
+    # `flags.writeable = False` would not do: it can be set back, and the caller still has a writable view.
     if isinstance(owner, bytes) and values.flags.c_contiguous:
         return values
     return np.frombuffer(values.tobytes(), dtype=np.float64).reshape(values.shape)
@@ -147,6 +151,7 @@ def common_times(signals: Sequence[Signal], *, max_gap_s: float) -> FloatArray:
         signals: At least one.
         max_gap_s: Longest stretch between two samples that is interpolated, s.
     """
+    # By identity first: signals of one message share one array of times.
     bases = list({id(signal.t): signal.t for signal in signals}.values())
     first = bases[0]
     if all(np.array_equal(t, first) for t in bases[1:]):
@@ -199,16 +204,16 @@ def _within(values: FloatArray, least: float) -> bool:
 
 
 LARGEST_VALUE = 1e9
-"""No quantity of a competition cell, in SI units, is larger; what is, is a fault of the recorder."""
+"""No quantity of a competition cell, in SI units, is larger; a larger value is a fault of the recorder."""
 
 
 def settle(t: FloatArray, values: FloatArray, *, at_least: float = -math.inf) -> Settled:
-    """The one policy for samples as they come: sorted, unique in time, finite.
+    """The one policy for recorded samples: sorted, unique in time, finite.
 
-    Samples are sorted by time (stably). Of equal samples with one stamp one stays;
-    where they contradict each other none does, for nothing says which is right.
-    Values that are not finite, beyond `LARGEST_VALUE`, or below what the quantity
-    can be, go too. What goes leaves a gap for the monitors to see, and is counted.
+    Samples are sorted by time (stably). Of equal samples with one stamp the first is kept;
+    where they contradict each other none is, for nothing says which is right. Values that
+    are not finite, beyond `LARGEST_VALUE`, or below the least value of the quantity are
+    dropped too. Every dropped sample is counted and leaves a gap that monitors see.
 
     Args:
         t: Times in recorded order, shape (n,), s.
@@ -217,16 +222,17 @@ def settle(t: FloatArray, values: FloatArray, *, at_least: float = -math.inf) ->
     """
     not_finite = 0
     if not (_within(values, max(-LARGEST_VALUE, at_least)) and np.isfinite(t).all()):
-        with np.errstate(invalid="ignore"):  # NaN keeps no limit, which is what is wanted
+        with np.errstate(invalid="ignore"):  # comparisons with NaN are false, so NaN is not sound
             sound = (np.abs(values) <= LARGEST_VALUE) & (values >= at_least)
         finite = np.isfinite(t) & (sound.all(axis=1) if sound.ndim > 1 else sound)
         not_finite = int(len(t) - finite.sum())
         t, values = t[finite], values[finite]
+    # Counted before sorting, on finite samples only: NaN compares as neither earlier nor later.
     steps = np.diff(t)
     disordered = int((steps < 0).sum())
     back = float(-steps.min(initial=0.0))
     if disordered:
-        order = np.argsort(t, kind="stable")
+        order = np.argsort(t, kind="stable")  # the same result on every machine
         t, values = t[order], values[order]
     elif not len(steps) or steps.min() > 0:
         return Settled(t, values, 0, 0, 0, not_finite, back)
@@ -234,6 +240,7 @@ def settle(t: FloatArray, values: FloatArray, *, at_least: float = -math.inf) ->
     repeated = int(len(t) - first_of_stamp.sum())
     contradicting = 0
     if repeated:
+        # Each sample is compared with the first one of its stamp; a single difference condemns the stamp.
         stamp = np.cumsum(first_of_stamp) - 1
         differs = (values != values[first_of_stamp][stamp]).reshape(len(t), -1).any(axis=1)
         agreed = np.bincount(stamp, weights=differs) == 0

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 __all__ = [
     "BoolArray",
@@ -23,8 +21,8 @@ __all__ = [
     "uncovered_spans",
 ]
 
-FloatArray: TypeAlias = "NDArray[np.float64]"
-BoolArray: TypeAlias = "NDArray[np.bool_]"
+FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
 
 _TIME_TOLERANCE_S = 1e-9
 """Stamps are ns; sums of them in float64 differ from the decimal figure by far less than this."""
@@ -86,8 +84,8 @@ def _runs(t: FloatArray, holds: BoolArray, longest_s: float) -> Iterator[tuple[i
     (true,) = np.nonzero(holds)
     if not len(true):
         return
-    apart = (np.diff(true) > 1) | (np.diff(t[true]) > longest_s + _TIME_TOLERANCE_S)
-    (cuts,) = np.nonzero(apart)
+    separate = (np.diff(true) > 1) | (np.diff(t[true]) > longest_s + _TIME_TOLERANCE_S)
+    (cuts,) = np.nonzero(separate)
     firsts = np.concatenate((true[:1], true[cuts + 1]))
     lasts = np.concatenate((true[cuts], true[-1:]))
     yield from zip(firsts.tolist(), lasts.tolist(), strict=True)
@@ -126,9 +124,11 @@ def episodes_where(
     found: list[Span] = []
     for first, last in _runs(t, holds, longest_s):
         start, until = float(t[first]), float(t[last])
+        # A sample stands for the time up to the next one, as in `sample_durations`.
         end = until + (0.0 if last + 1 == len(t) else min(float(t[last + 1]) - until, longest_s))
         if found and start - found[-1].end_s < t_off_s - _TIME_TOLERANCE_S:
             found[-1] = Span(found[-1].start_s, end)
+        # A run too short to open an episode may still prolong the one before: pauses are bridged first.
         elif end - start >= t_on_s - _TIME_TOLERANCE_S:
             found.append(Span(start, end))
     return found
@@ -149,10 +149,12 @@ def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Sp
     [Span(start_s=1.0, end_s=4.0)]
     """
     inside, edges = _edges(t, window)
+    # The edges count as samples, so that a log that begins late has a gap at the start of the window.
     (long,) = np.nonzero(np.diff(edges) > max_gap_s + _TIME_TOLERANCE_S)
     gaps = [Span(float(edges[row]), float(edges[row + 1])) for row in long]
     if len(inside) or gaps:
         return gaps
+    # A window between two samples has none inside, and is covered if the two are near each other.
     after = int(np.searchsorted(t, window.end_s))
     bridged = 0 < after < len(t) and t[after] - t[after - 1] <= max_gap_s + _TIME_TOLERANCE_S
     return [] if bridged else [window]
@@ -165,7 +167,9 @@ def _edges(t: FloatArray, window: Span) -> tuple[FloatArray, FloatArray]:
 
 
 def distinct(values: NDArray[Any]) -> NDArray[Any]:
-    """The different ones of some numbers, increasing: `numpy.unique`, which loads much else.
+    """The different ones of some numbers, increasing.
+
+    Why not `numpy.unique`: its first call imports `numpy.ma`, which every process of a batch would pay for.
 
     >>> distinct(np.array([2, 1, 2])).tolist()
     [1, 2]

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.spans import FloatArray
 
 __all__ = ["exact_sum"]
 
@@ -27,7 +25,7 @@ def exact_sum(numbers: FloatArray | Iterable[float]) -> float:
     plain: Iterable[float] = numbers.tolist() if hasattr(numbers, "tolist") else list(numbers)
     try:
         return math.fsum(plain)
-    except OverflowError:  # of a part of the sum, if not of the whole
+    except OverflowError:  # of a partial sum, even where the whole is finite
         return math.fsum(math.ldexp(number, -_HEADROOM) for number in plain) * 2.0**_HEADROOM
 
 

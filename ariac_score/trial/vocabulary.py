@@ -38,6 +38,7 @@ class Quantity:
 
 QUANTITIES = {
     "position": Quantity("m", 3, "body", "place of the body's (or link's) origin in the world frame"),
+    # `at_least` only where less is impossible: `settle` drops what is below as a fault of the recorder.
     "velocity": Quantity("m/s", 3, "body", "velocity of that origin in the world frame"),
     "speed": Quantity("m/s", 1, "body", "scalar speed; of the fastest link where links are followed", 0.0),
     "centre_distance": Quantity(

@@ -40,6 +40,7 @@ from ariac_score.engine.price import price_trial
 from ariac_score.results.result import Measured, Pinned, Provenance, canonical
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.clock import Clock
 from ariac_score_ariac.tasks import NoneFaulty, NoneMissing, NoneUnwanted, OrderTime
 
 SHARED = Path(__file__).parents[2].parent / "shared"
@@ -201,7 +202,7 @@ def item_of(event: Mapping[str, Any]) -> Order | Submission | Event:
 
 
 def trial_of(items: Sequence[Order | Submission | Event]) -> Trial:
-    builder = TrialBuilder("case", file="case", clock="simulated time")
+    builder = TrialBuilder("case", file="case", clock=Clock("simulated time"))
     builder.witnessed |= {"submissions", "arm_collision", "part_dropped"}
     for item in items:
         builder.add(item)

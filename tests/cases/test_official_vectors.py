@@ -41,6 +41,7 @@ from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.results.result import Measured, Provenance
 from ariac_score.scoring.expression import Expression
+from ariac_score.trial.clock import Clock
 
 DEFAULT_FOLDER = Path(__file__).parents[3] / "shared/ariac/vectors"
 
@@ -179,7 +180,7 @@ def submission_of(told: Mapping[str, Any], *, tray_is_seen: bool) -> Submission:
 
 
 def trial_of(told: Mapping[str, Any]) -> Trial:
-    builder = TrialBuilder(told["case"], file=told["case"], clock="simulated time")
+    builder = TrialBuilder(told["case"], file=told["case"], clock=Clock("simulated time"))
     builder.witnessed |= {"submissions", "arm_collision", "part_dropped", "quality_check"}
     for order in told["orders"]:
         builder.add(order_of(order))

@@ -61,6 +61,7 @@ from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import Expression
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
+from ariac_score.trial.clock import Clock
 from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
 
 FOLDER = Path(__file__).parent / "worked"
@@ -241,7 +242,7 @@ def trial_of(case: Mapping[str, Any]) -> Trial:
 
 
 def built_trial(case: Mapping[str, Any]) -> Trial:
-    builder = TrialBuilder("case", file="case", clock="simulated time")
+    builder = TrialBuilder("case", file="case", clock=Clock("simulated time"))
     builder.witnessed |= WITNESSED - set(case.get("unwitnessed", []))
     if "sensors" in case or "cost" in case:
         builder.team = TeamSetup("", case.get("sensors"), case.get("cost"))

@@ -186,19 +186,21 @@ def test_each_topic_alone_is_what_it_is_among_all(
 ) -> None:
     """Also where chunks and messages of others are left out however small they are."""
     path, _ = described(expected)
-    everything, contradictions = told(path, None, jobs=1)
+    everything, contradictions = messages_in(path, None, jobs=1)
     if not large:
         monkeypatch.setattr(McapScan, "smallest_left_out_bytes", 0)
         monkeypatch.setattr(chunked, "LARGE_MESSAGE_BYTES", 1)
     for topic in {topic for topic, _, _ in everything}:
         alone = [(t, stamp_ns, data if t == topic else b"") for t, stamp_ns, data in everything]
         for jobs in (1, 2):
-            found, others = told(path, {topic}, jobs=jobs)
+            found, others = messages_in(path, {topic}, jobs=jobs)
             assert [(t, s, d if t == topic else b"") for t, s, d in found] == alone
             assert others == contradictions
 
 
-def told(path: Path, topics: set[str] | None, *, jobs: int) -> tuple[list[tuple[str, int, bytes]], int]:
+def messages_in(
+    path: Path, topics: set[str] | None, *, jobs: int
+) -> tuple[list[tuple[str, int, bytes]], int]:
     """All messages of a recording, and how often its index contradicts it."""
     scan = open_scan(path, topics=topics, jobs=jobs)
     found: list[Message] = []

@@ -339,10 +339,10 @@ def configured(folder: Path, priority: int) -> Path:
     return path
 
 
-def scored_2021(path: Path, *told: Recorded, priority: int | None = 3) -> Result:
+def scored_2021(path: Path, *others: Recorded, priority: int | None = 3) -> Result:
     came = submission(20.0, "order_0_kitting_shipment_0", agv="agv1", station="as1", contents_unknown=True)
     watched = (watching("arm_collision"), watching("part_dropped"))
-    messages = (ORDER_2021, *states_2021(), came, *watched, *told)
+    messages = (ORDER_2021, *states_2021(), came, *watched, *others)
     log = bag(path / "trial.bag", *messages, storage="ros1")
     also = [] if priority is None else [configured(path, priority)]
     return score_trial(log, "ariac2021.finals_as_coded", also=also, root=path)

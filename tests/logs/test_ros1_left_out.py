@@ -32,18 +32,18 @@ MESSAGES = [
     else Recorded("/picture", STRING, 10**18 + i * 10**8, {"data": "x" * 150_000})
     for i in range(90)
 ]
-Told = list[tuple[str, int, bytes]]
+Messages = list[tuple[str, int, bytes]]
 
 
-def told(path: Path, topics: set[str] | None = None) -> tuple[Told, Ros1Scan]:
-    scan, found = Ros1Scan(path, topics=topics), Told()
+def scanned(path: Path, topics: set[str] | None = None) -> tuple[Messages, Ros1Scan]:
+    scan, found = Ros1Scan(path, topics=topics), Messages()
     for item in scan:
         messages = item.messages() if isinstance(item, Batch) else [item] if isinstance(item, Message) else []
         found += [(m.connection.topic, m.stamp_ns, bytes(m.payload)) for m in messages]
     return found, scan
 
 
-def without(everything: Told, topics: set[str]) -> Told:
+def without(everything: Messages, topics: set[str]) -> Messages:
     """All messages, those of other topics without their bytes."""
     return [(t, s, p if t in topics else b"") for t, s, p in everything]
 
@@ -76,10 +76,10 @@ def records_of(content: bytes) -> Iterator[tuple[int, int, int]]:
 
 def test_pictures_that_nobody_wants_are_not_read(tmp_path: Path, bytes_read: list[int]) -> None:
     path = write_bag(tmp_path / "t.bag", MESSAGES, storage="ros1")
-    everything, _ = told(path)
+    everything, _ = scanned(path)
     whole = sum(bytes_read)
     bytes_read.clear()
-    some, scan = told(path, {"/speed"})
+    some, scan = scanned(path, {"/speed"})
 
     # The chunk in which the pictures are declared is read, for nothing is known of them yet.
     assert sum(bytes_read) < whole / 4
@@ -92,7 +92,7 @@ def test_pictures_that_nobody_wants_are_not_read(tmp_path: Path, bytes_read: lis
 def test_all_that_is_wanted_is_read(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "t.bag", MESSAGES, storage="ros1")
 
-    assert told(path, {"/speed", "/picture"})[0] == told(path)[0]
+    assert scanned(path, {"/speed", "/picture"})[0] == scanned(path)[0]
 
 
 def an_offset_is_wrong(content: bytearray, start: int, end: int) -> None:
@@ -131,13 +131,13 @@ def test_what_was_left_out_is_read_where_the_index_is_wrong(
     tmp_path: Path, change: Callable[[bytearray, int, int], None], which: int
 ) -> None:
     path = write_bag(tmp_path / "t.bag", MESSAGES, storage="ros1")
-    everything, _ = told(path)
+    everything, _ = scanned(path)
     content = bytearray(path.read_bytes())
     _, start, end = [found for found in records_of(bytes(content)) if found[0] == 4][which]
     change(content, start, end)
     path.write_bytes(content)
 
-    some, scan = told(path, {"/speed"})
+    some, scan = scanned(path, {"/speed"})
 
     assert without(some, {"/speed"}) == without(everything, {"/speed"})
     assert scan.index_contradictions == 1
@@ -158,24 +158,24 @@ def test_a_chunk_without_a_wanted_message_is_passed_over(
     path = write_bag(
         tmp_path / "t.bag", [*MESSAGES[:30], *picture_alone(5)], storage="ros1", compression=compression
     )
-    everything, _ = told(path)
+    everything, _ = scanned(path)
     content = bytearray(path.read_bytes())
     _, start, _ = [found for found in records_of(bytes(content)) if found[0] == 5][-1]
     content[start + 30 : start + 100] = bytes(70)  # records of the last chunk, or what they are packed in
     path.write_bytes(content)
 
-    some, _ = told(path, {"/speed"})
+    some, _ = scanned(path, {"/speed"})
 
     assert without(some, {"/speed"}) == without(everything, {"/speed"})
     with pytest.raises(LogError):
-        told(path)
+        scanned(path)
 
 
 def test_a_chunk_of_what_nobody_wants_is_read_where_it_may_declare_something(tmp_path: Path) -> None:
     late = [Recorded("/speed", VECTOR, 3 * 10**18 + i, {"x": 1.0}) for i in range(3)]
     path = write_bag(tmp_path / "t.bag", [*picture_alone(4), *late], storage="ros1")
 
-    some, _ = told(path, {"/speed"})
+    some, _ = scanned(path, {"/speed"})
 
     assert [t for t, _, _ in some] == ["/picture"] * 4 + ["/speed"] * 3
     assert all(data for topic, _, data in some if topic == "/speed")
@@ -185,7 +185,7 @@ def test_a_chunk_is_read_where_the_end_of_the_bag_says_something_else(
     tmp_path: Path, bytes_read: list[int]
 ) -> None:
     path = write_bag(tmp_path / "t.bag", [*MESSAGES[:30], *picture_alone(5)], storage="ros1")
-    told(path, {"/speed"})
+    scanned(path, {"/speed"})
     pieces = len(bytes_read)
     content = bytearray(path.read_bytes())
     _, _, end = [found for found in records_of(bytes(content)) if found[0] == 6][-1]
@@ -194,20 +194,20 @@ def test_a_chunk_is_read_where_the_end_of_the_bag_says_something_else(
     bytes_read.clear()
 
     with pytest.raises(LogError, match="announces"):
-        told(path, {"/speed"})
+        scanned(path, {"/speed"})
     assert len(bytes_read) > pieces
 
 
 @pytest.mark.parametrize("seconds", [0, 2**32 - 1])
 def test_a_chunk_is_read_where_its_index_moves_the_start_or_the_end(tmp_path: Path, seconds: int) -> None:
     path = write_bag(tmp_path / "t.bag", [*MESSAGES[:30], *picture_alone(5)], storage="ros1")
-    everything, _ = told(path)
+    everything, _ = scanned(path)
     content = bytearray(path.read_bytes())
     _, start, _ = [found for found in records_of(bytes(content)) if found[0] == 4][-1]
     content[start : start + 4] = seconds.to_bytes(4, "little")
     path.write_bytes(content)
 
-    some, scan = told(path, {"/speed"})
+    some, scan = scanned(path, {"/speed"})
 
     assert without(some, {"/speed"}) == without(everything, {"/speed"})
     assert scan.index_contradictions == 1
@@ -223,7 +223,7 @@ def test_a_chunk_is_read_where_its_index_cannot_be_right(tmp_path: Path, wrong: 
     else:
         content[end - 4 : end] = b"\xff\xff\xff\x7f"
     path.write_bytes(content)
-    some, scan = told(path, {"/speed"})
+    some, scan = scanned(path, {"/speed"})
 
     assert scan.index_contradictions == (1 if end - start > 12 or wrong != "twice" else 0)
     assert Counter(t for t, _, _ in some) == Counter({"/picture": 15, "/speed": 20})
@@ -244,8 +244,8 @@ def test_whatever_is_wanted_the_numbers_are_those_of_the_whole_bag(
     path = write_bag(tmp_path / "r.bag", messages, storage="ros1", compression=compression)
     wanted = {topic for topic in topics if dice.random() < 0.5}
 
-    everything, _ = told(path)
-    some, scan = told(path, wanted)
+    everything, _ = scanned(path)
+    some, scan = scanned(path, wanted)
 
     assert without(some, wanted) == without(everything, wanted)
     assert scan.index_contradictions == 0
@@ -263,9 +263,9 @@ def in_parts(path: Path, into: Path, topics: set[str]) -> tuple[RangedFile, bool
     return file, foresee(file, topics)
 
 
-def what_comes(path: Path, topics: set[str]) -> tuple[Told, str]:
+def outcome_of(path: Path, topics: set[str]) -> tuple[Messages, str]:
     """What a scan gives before it ends, and why it ends where it does."""
-    found = Told()
+    found = Messages()
     try:
         for item in Ros1Scan(path, topics=topics):
             many = item.messages() if isinstance(item, Batch) else [item] if isinstance(item, Message) else []
@@ -283,11 +283,11 @@ def test_what_a_scan_reads_is_foreseen(tmp_path: Path, compression: Any) -> None
     file, pays = in_parts(path, tmp_path / "holes.bag", {"/speed"})
     fetched = file.read_bytes
     with reading([file]):
-        found = what_comes(file.path, {"/speed"})
+        found = outcome_of(file.path, {"/speed"})
 
     assert pays
     assert file.read_bytes == fetched < path.stat().st_size / 2
-    assert found == what_comes(path, {"/speed"})
+    assert found == outcome_of(path, {"/speed"})
 
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
@@ -309,9 +309,9 @@ def test_a_bag_with_holes_reads_as_the_whole_whatever_is_wrong_with_it(
 
     file, _ = in_parts(path, tmp_path / "holes.bag", {"/speed"})
     with reading([file]):
-        found = what_comes(file.path, {"/speed"})
+        found = outcome_of(file.path, {"/speed"})
 
-    assert found == what_comes(path, {"/speed"})
+    assert found == outcome_of(path, {"/speed"})
     assert file.failure is None
     path.unlink()
 
@@ -329,4 +329,4 @@ def test_cut_at_any_of_many_bytes_it_is_refused(tmp_path: Path) -> None:
     for size in range(0, len(whole), 4001):
         path.write_bytes(whole[:size])
         with pytest.raises(LogError):
-            told(path, {"/speed"})
+            scanned(path, {"/speed"})

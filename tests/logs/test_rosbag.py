@@ -187,7 +187,7 @@ def test_progress_ends_at_one(tmp_path: Path) -> None:
     assert shares[-1] == 1.0
 
 
-# What is missing or odd is told, and costs nothing else.
+# A missing or irregular topic is reported, and costs nothing else.
 
 
 def test_a_topic_that_was_not_recorded_is_named(tmp_path: Path) -> None:
@@ -510,7 +510,7 @@ def test_of_two_channels_on_one_topic_the_other_type_is_not_missed(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("told", "ended_s"),
+    ("states", "ended_s"),
     [
         (["init", "go", "go", "end_game", "end_game", "done"], 3.0),
         (["init", "go", "go", "go", "done", "done"], 4.0),
@@ -518,9 +518,11 @@ def test_of_two_channels_on_one_topic_the_other_type_is_not_missed(tmp_path: Pat
     ],
 )
 def test_the_states_of_a_competition_count_where_they_change(
-    tmp_path: Path, told: list[str], ended_s: float | None
+    tmp_path: Path, states: list[str], ended_s: float | None
 ) -> None:
-    messages = [Recorded("/state", "std_msgs/msg/String", i * 10**9, {"data": s}) for i, s in enumerate(told)]
+    messages = [
+        Recorded("/state", "std_msgs/msg/String", i * 10**9, {"data": s}) for i, s in enumerate(states)
+    ]
     path = write_bag(tmp_path / "x.mcap", messages, storage="mcap")
 
     trial = RosbagReader().read(path, wanted(Channel("/state", decoder="gear")))
@@ -529,13 +531,13 @@ def test_the_states_of_a_competition_count_where_they_change(
     assert len(trial.events) == (1 if ended_s is None else 2)
 
 
-@pytest.mark.parametrize("told", [(1, 2, 2, 3, 4, 4), (1, 3, 3, 3, 4, 4)])
+@pytest.mark.parametrize("states", [(1, 2, 2, 3, 4, 4), (1, 3, 3, 3, 4, 4)])
 def test_a_competition_of_2023_starts_once_whether_or_not_its_first_state_was_seen(
-    tmp_path: Path, told: tuple[int, ...]
+    tmp_path: Path, states: tuple[int, ...]
 ) -> None:
     type_ = "ariac_msgs/msg/CompetitionState"
     messages = [
-        Recorded("/state", type_, i * 10**9, {"competition_state": state}) for i, state in enumerate(told)
+        Recorded("/state", type_, i * 10**9, {"competition_state": state}) for i, state in enumerate(states)
     ]
     path = write_bag(tmp_path / "x.mcap", messages, storage="mcap")
 

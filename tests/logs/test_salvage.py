@@ -237,17 +237,17 @@ def test_without_reading_at_a_place_it_is_the_same(
 ) -> None:
     """As on Windows."""
     path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap", compression="zstd")
-    expected = told(path)
+    expected = messages_in(path)
     monkeypatch.delattr(os, name, raising=False)
 
-    assert told(path) == expected
+    assert messages_in(path) == expected
     assert len(expected) == len(MESSAGES)
 
 
 needs_preadv = pytest.mark.skipif(not hasattr(os, "preadv"), reason="there is no reading at a place")
 
 
-def told(path: Path) -> list[tuple[int, bytes]]:
+def messages_in(path: Path) -> list[tuple[int, bytes]]:
     batches = [item for item in McapScan(path, topics={"/snapshot"}) if isinstance(item, Batch)]
     return [(m.stamp_ns, bytes(m.payload)) for batch in batches for m in batch.messages()]
 
@@ -283,10 +283,10 @@ def test_who_stops_early_leaves_no_thread_and_no_file_behind(tmp_path: Path, job
 def test_a_read_may_come_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As of more than two gigabytes, or from some file systems."""
     path = write_bag(tmp_path / "t.mcap", MESSAGES, storage="mcap", compression="zstd")
-    expected, preadv = told(path), os.preadv
+    expected, preadv = messages_in(path), os.preadv
     monkeypatch.setattr(os, "preadv", lambda file, rooms, at: preadv(file, [rooms[0][:7]], at))
 
-    assert told(path) == expected
+    assert messages_in(path) == expected
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 8])

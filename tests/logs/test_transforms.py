@@ -15,6 +15,7 @@ from ariac_score.errors import LogError
 from ariac_score.logs.gather.transforms import MAX_GAP_S, TransformTree, _Edge, _turn
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.model import Body
 from ariac_score.trial.spans import Span
 
@@ -41,7 +42,7 @@ def tree_of(*samples: tuple[float | None, Fields]) -> TransformTree:
 
 
 def settled(tree: TransformTree, *matches: BodyMatch) -> TrialBuilder:
-    builder = TrialBuilder("t", file="t.bag", clock="log time")
+    builder = TrialBuilder("t", file="t.bag", clock=Clock("log time"))
     builder.recorded = Span(0.0, 9.0)
     tree.settle(builder, 0, matches or (GANTRY,))
     return builder
@@ -161,7 +162,7 @@ def test_a_link_belongs_to_the_nearest_matching_frame_above_it() -> None:
     assert builder.signals["position/person_2::p2_hand"].values.tolist() == [[2.0, 1.0, 0.0]]
 
 
-# What is missing or odd is told.
+# Missing and irregular transforms are reported.
 
 
 def test_a_pattern_that_matches_no_frame_is_told() -> None:
@@ -370,7 +371,7 @@ def test_transforms_that_come_together_lead_where_single_ones_do(
 
 
 def test_more_transforms_than_are_composed_at_a_time_keep_their_hemisphere() -> None:
-    # A slow turn about z, of which every other quaternion is told with the other sign.
+    # A slow turn about z, of which every other quaternion is published with the other sign.
     count = 20_001
     angle = np.linspace(0, 8 * math.pi, count)
     sign = np.where(np.arange(count) % 2, -1.0, 1.0)
@@ -381,7 +382,7 @@ def test_more_transforms_than_are_composed_at_a_time_keep_their_hemisphere() -> 
     torso, world, hand = np.ones(count, int), np.zeros(count, int), np.full(count, 2)
     names = ["world", "torso", "hand"]
     tree.add_many(names, world, torso, [nothing, nothing, nothing, *turn], stamps_ns, moving)
-    # The hand is told between two samples of the torso, whose quaternions must not cancel out.
+    # The hand is published between two samples of the torso, whose quaternions must not cancel out.
     hand_at = [nothing + 2.0, nothing, nothing, nothing, nothing, nothing, nothing + 1.0]
     tree.add_many(names, torso, hand, hand_at, stamps_ns + 5_000_000, moving)
 

@@ -18,7 +18,7 @@ from ariac_score.logs.containers.items import Connection
 from ariac_score.logs.gather.wanted_fields import read_tables
 
 WAYS = ("fast_1", "fast_2", "cyclone")
-TYPE = "test_msgs/msg/Told"
+TYPE = "test_msgs/msg/Wide"
 LONG = ["guten Tag", "Gerät ☃", "", "x", "\U0001f916 läuft", "ab", "abc", "\uffff\ue000"]
 
 
@@ -55,7 +55,7 @@ class Cdr:
 
 
 def decoder(definition: str, wanted: list[str] | None = None, how: str = "ros2msg") -> ColumnDecoder:
-    return column_decoder_for(Connection("/told", TYPE, "cdr", definition, how), wanted)
+    return column_decoder_for(Connection("/wide", TYPE, "cdr", definition, how), wanted)
 
 
 def decoded(definition: str, payloads: list[bytes], wanted: list[str] | None = None) -> Columns:
@@ -124,7 +124,7 @@ def test_the_shape_of_a_wide_text_is_that_of_a_text() -> None:
 
 
 def test_definitions_of_the_other_format_are_read_too() -> None:
-    idl = "module test_msgs { module msg { struct Told { wstring<5> data; sequence<wstring> more; }; }; };"
+    idl = "module test_msgs { module msg { struct Wide { wstring<5> data; sequence<wstring> more; }; }; };"
     payloads = [Cdr("fast_2").text(text).texts(["abcd", text]).done() for text in LONG]
 
     columns = decoder(idl, how="ros2idl").decode(Payloads.joined(payloads)).columns
@@ -202,7 +202,7 @@ def test_units_beyond_16_bits_are_no_text() -> None:
 
 def test_a_single_message_says_nothing_of_the_way() -> None:
     with pytest.raises(UnknownTypeError, match="wide text"):
-        decoder_for(Connection("/told", TYPE, "cdr", "wstring data", "ros2msg"))
+        decoder_for(Connection("/wide", TYPE, "cdr", "wstring data", "ros2msg"))
 
 
 def test_what_is_only_called_so_is_read_as_ever() -> None:
@@ -262,19 +262,19 @@ def test_garbage_in_the_padding_never_changes_a_text(seed: int, way: str) -> Non
 def test_any_bytes_are_a_text_or_a_defect(payloads: list[bytes]) -> None:
     columns = decoded("wstring data\nstring[] names", payloads)
 
-    told = sorted([*columns.rows.tolist(), *(defect.index for defect in columns.defects)])
-    assert told == list(range(len(payloads)))
+    found = sorted([*columns.rows.tolist(), *(defect.index for defect in columns.defects)])
+    assert found == list(range(len(payloads)))
     assert all(len(column.per_message()) == len(columns.rows) for column in columns.columns.values())
 
 
 def test_a_recording_with_wide_texts_is_read(tmp_path: Path) -> None:
     path = tmp_path / "bag"
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        told = writer.add_connection("/told", TYPE, msgdef="wstring data\nfloat64 x", rihs01="0" * 64)
+        connection = writer.add_connection("/wide", TYPE, msgdef="wstring data\nfloat64 x", rihs01="0" * 64)
         for i, text in enumerate(LONG):
-            writer.write(told, 10**9 + i, Cdr("cyclone").text(text).number("d", i).done())
+            writer.write(connection, 10**9 + i, Cdr("cyclone").text(text).number("d", i).done())
 
-    (table,) = read_tables(path, {"/told": None})
+    (table,) = read_tables(path, {"/wide": None})
 
     assert (table.defects, table.unreadable) == (0, "")
     assert table.columns["data"].text() == LONG

@@ -43,6 +43,7 @@ from ariac_score.testing import (
     write_bag,
     write_trial_log,
 )
+from ariac_score.trial.clock import Clock
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"
@@ -386,13 +387,13 @@ def test_a_margin_that_is_none_is_not_a_number() -> None:
 @given(st.integers(0, 2_000_000_000 * 10**9), st.integers(0, 86_400 * 10**9))
 def test_a_stamp_of_the_log_comes_back_to_the_nanosecond(origin: int, since_ns: int) -> None:
     track = MarginSeries.of("c", "s", "", (Moment(since_ns / 1e9, Verdict.SATISFIED, 0.0),))
-    trial = Trial("t", clock=f"log time, origin {origin} ns")
+    trial = Trial("t", clocks=(Clock("log time", origin),))
     (state, *_) = [
         m for m in messages_of(_empty(), trial, [track], frame="") if m.topic == "/ariac_score/c/s"
     ]
 
     assert state.t_ns == origin + since_ns
-    assert origin_ns(trial.clock) == origin
+    assert origin_ns(trial.clocks) == origin
 
 
 def _empty() -> Result:

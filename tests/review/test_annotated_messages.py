@@ -38,6 +38,7 @@ from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.review.annotate import messages_of
 from ariac_score.review.margins import MarginSeries, Moment, tracks
 from ariac_score.scoring.ruleset import Check, RuleSet
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.derive import Derivation, derive_signals
 
 ROOT = Path(__file__).parents[2]
@@ -184,7 +185,7 @@ def track_of(number: int, steps: Sequence[tuple[int, Verdict | None, float | Non
 def test_messages_are_in_order_of_time_then_of_topic(made: list[Any], number: int) -> None:
     found = [track_of(k, steps) for k, steps in enumerate(made)]
     nothing = replace(example(), measured=NOTHING)
-    trial = Trial("t", clock="log time, origin 5 ns")
+    trial = Trial("t", clocks=(Clock("log time", 5),))
 
     with at_once(number):
         messages = list(messages_of(nothing, trial, found, frame="world"))

@@ -34,6 +34,7 @@ from ariac_score.review.certainty import Certain
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.scope import Scope
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.trial.clock import Clock
 
 # The made kitting trial under the rules of 2020, worked by hand. order_0: of three products one has
 # the wrong colour, so type 3, colour 2, pose 2, bonus 0: 7. order_1: of two products one lies 31 mm
@@ -379,7 +380,7 @@ Number of submitted orders: 1
 
 
 def kit_of_2024(folder: Path, text: str = TEXT_2024) -> Path:
-    builder = TrialBuilder("kitting", file="made", clock="competition time (made)")
+    builder = TrialBuilder("kitting", file="made", clock=Clock("competition time", detail="made"))
     builder.witnessed |= {"submissions"}
     wanted = (WantedProduct("part_0", "battery_blue", None, 1), WantedProduct("part_1", "pump_red", None, 4))
     task = Task("KIT00001", "kitting", wanted, "agv2", "as1", Tray("kit_tray_03"))

@@ -9,6 +9,7 @@ import pytest
 
 from ariac_score.errors import LogError
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder, merge_trials, settle_orders
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import (
     ARM_COLLISION,
     COMPETITION_ENDED,
@@ -36,7 +37,7 @@ FIRST, SECOND, THIRD = Task("first"), Task("second"), Task("third")
 
 
 def builder() -> TrialBuilder:
-    return TrialBuilder("t", file="t.bag", clock="log time")
+    return TrialBuilder("t", file="t.bag", clock=Clock("log time"))
 
 
 def signal(name: str = "speed/human", t: tuple[float, ...] = (0.0, 1.0)) -> Signal:
@@ -406,14 +407,14 @@ def test_submissions_with_contents_stand_before_those_without() -> None:
 
 def test_a_log_on_another_clock_keeps_what_needs_no_time() -> None:
     motion = Trial(
-        "bag", signals={"speed/human": signal()}, recorded=Span(0.0, 50.0), clock="log time, origin 7 ns"
+        "bag", signals={"speed/human": signal()}, recorded=Span(0.0, 50.0), clocks=(Clock("log time", 7),)
     )
     text = Trial(
         "text",
         events=(Event(900.0, ARM_COLLISION), Event(800.0, COMPETITION_STARTED)),
         submissions=(Submission("task", 950.0),),
         recorded=Span(800.0, 950.0),
-        clock="simulated time",
+        clocks=(Clock("simulated time"),),
     )
 
     whole = merged(motion, text)
@@ -425,16 +426,81 @@ def test_a_log_on_another_clock_keeps_what_needs_no_time() -> None:
     assert ("other_clock", "text", 3) in [(d.kind, d.where, d.count) for d in whole.log_defects]
 
 
+def test_logs_that_count_from_their_own_first_stamp_are_counted_from_that_of_the_motion() -> None:
+    s_in_ns = 10**9
+    motion = Trial(
+        "motion",
+        signals={"speed/human": signal()},
+        recorded=Span(0.0, 50.0),
+        clocks=(Clock("log time", 1_700_000_000 * s_in_ns),),
+    )
+    task = Trial(
+        "task",
+        orders=(replace(ORDERS[0], announced_s=1.0),),
+        submissions=(Submission("task", 30.0),),
+        events=(Event(2.0, COMPETITION_STARTED),),
+        recorded=Span(0.0, 40.0),
+        clocks=(Clock("log time", 1_700_000_003 * s_in_ns),),
+    )
+
+    whole = merged(motion, task)
+
+    assert (whole.started_s, whole.orders[0].announced_s) == (5.0, 4.0)
+    assert [s.submitted_s for s in whole.submissions] == [33.0]
+    assert whole.recorded == Span(0.0, 50.0)
+    assert whole.clock == "log time, origin 1700000000000000000 ns"
+
+
+def test_one_clock_is_named_once_with_the_most_that_is_known_of_it() -> None:
+    plain = Trial("a", recorded=Span(0.0, 50.0), clocks=(Clock("simulated time"),))
+    text = Trial("b", recorded=Span(0.0, 9.0), clocks=(Clock("simulated time", detail="by whole seconds"),))
+
+    assert merged(plain, text).clock == "simulated time (by whole seconds)"
+    assert merged(text, plain).clock == "simulated time (by whole seconds)"
+
+
+def test_the_clock_of_the_times_stands_before_one_of_a_log_without_times() -> None:
+    untimed = Trial("a", clocks=(Clock("competition time"),))
+    timed = Trial("b", recorded=Span(0.0, 50.0), clocks=(Clock("log time", 7),))
+
+    whole = merged(untimed, timed)
+
+    assert whole.clocks[0] == Clock("log time", 7)
+    assert whole.clock == "competition time; log time, origin 7 ns"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "simulated time",
+        "log time, origin 0 ns",
+        "log time, origin 1700000000000000000 ns (as recorded)",
+        "log time, origin 007 ns",
+        "by hand, roughly",
+        "a (b",
+        "a ()",
+        ", origin 5 ns",
+        " (x)",
+        "two\nlines (and\nmore)",
+    ],
+)
+def test_a_clock_that_a_file_names_keeps_its_words(text: str) -> None:
+    assert str(Clock.parse(text)) == text
+
+
 def test_without_any_motion_the_times_of_the_log_with_the_contents_count() -> None:
     text = Trial(
-        "a", events=(Event(800.0, COMPETITION_STARTED),), recorded=Span(800.0, 950.0), clock="simulated time"
+        "a",
+        events=(Event(800.0, COMPETITION_STARTED),),
+        recorded=Span(800.0, 950.0),
+        clocks=(Clock("simulated time"),),
     )
     log = Trial(
         "b",
         events=(Event(1.0, COMPETITION_STARTED),),
         submissions=SUBMITTED,
         recorded=Span(0.0, 50.0),
-        clock="log time, origin 7 ns",
+        clocks=(Clock("log time", 7),),
     )
 
     assert merged(text, log).started_s == 1.0

@@ -319,10 +319,10 @@ def test_a_signal_exists_for_each_pair_of_robot_and_human() -> None:
 
 
 def test_what_the_log_records_is_never_replaced() -> None:
-    told = Signal("speed/gantry", "m/s", TWO, np.array([7.0, 7.0]))
+    speed = Signal("speed/gantry", "m/s", TWO, np.array([7.0, 7.0]))
     distance = Signal(f"centre_distance/{PAIR}", "m", TWO, np.array([9.0, 9.0]))
     recorded = trial(
-        told,
+        speed,
         distance,
         track("position/gantry", TWO, (0, 0, 0)),
         track("position/person_1", TWO, (1, 0, 0)),
@@ -330,7 +330,7 @@ def test_what_the_log_records_is_never_replaced() -> None:
 
     found = derived(recorded, "speed", "centre_distance").signals
 
-    assert found["speed/gantry"] is told
+    assert found["speed/gantry"] is speed
     assert found[f"centre_distance/{PAIR}"] is distance
 
 
@@ -392,7 +392,7 @@ def test_bodies_seen_at_no_common_time_have_no_distance() -> None:
 @pytest.mark.parametrize("other", ["approach_speed_robot", "speed", "velocity"])
 def test_a_quantity_wanted_twice_is_derived_across_the_shorter_gap_only(other: str) -> None:
     # The robot moves 1 m in a gap of 0.5 s; whoever accepts 0.1 s must not get a speed out of it,
-    # although another monitor, asked first, would take it.
+    # although another monitor, served first, would take it.
     recorded = trial(
         track("position/gantry", [0.0, 0.5], (0, 0, 0), (1, 0, 0)),
         track("position/person_1", [0.0, 0.5], (9, 0, 0)),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ariac_score.trial.build import TrialBuilder, merge_trials
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_STARTED, Event
 from ariac_score.trial.kits import RecordedKits, with_contents
 from ariac_score.trial.model import (
@@ -170,7 +171,7 @@ def test_parts_of_an_assembly_are_never_faulty() -> None:
 
 
 def part(name: str, clock: str) -> TrialBuilder:
-    builder = TrialBuilder(name, file=name, clock=clock)
+    builder = TrialBuilder(name, file=name, clock=Clock(clock))
     builder.events.append(Event(0.0, COMPETITION_STARTED))
     return builder
 
@@ -199,8 +200,8 @@ def test_an_announced_order_takes_what_its_message_cannot_say_from_the_configura
         task = Task("A", "kitting", (wanted,), "agv1")
         return Trial("t", orders=(Order("A", (task,), **order),))  # type: ignore[arg-type]
 
-    told = [of(None, announced_s=3.0, priority_said=False), of(True, priority=3)]
-    (order,) = merge_trials("t", told, file="t").orders
+    parts = [of(None, announced_s=3.0, priority_said=False), of(True, priority=3)]
+    (order,) = merge_trials("t", parts, file="t").orders
 
     assert (order.announced_s, order.priority) == (3.0, 3)
     assert order.tasks[0].products[0].challenged is True

@@ -1,4 +1,4 @@
-"""Log maps: the shipped ones are sound, and each kind of mistake is told with place, cause and remedy."""
+"""Log maps: the shipped ones are sound, and each kind of mistake is reported with place, cause and remedy."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def test_whole_numbers_become_floats() -> None:
 
 
 @pytest.mark.parametrize(
-    ("t", "values", "told"),
+    ("t", "values", "cause"),
     [
         ([0.0, 0.0], [1.0, 2.0], "strictly increasing"),
         ([1.0, 0.0], [1.0, 2.0], "strictly increasing"),
@@ -58,9 +58,9 @@ def test_whole_numbers_become_floats() -> None:
     ],
 )
 def test_a_column_that_readers_should_have_settled_is_refused(
-    t: list[float], values: list[float], told: str
+    t: list[float], values: list[float], cause: str
 ) -> None:
-    with pytest.raises(ValueError, match=told) as refused:
+    with pytest.raises(ValueError, match=cause) as refused:
         signal(t, values)
     assert "'speed/human'" in str(refused.value)
 
@@ -271,11 +271,11 @@ def test_settled_samples_make_a_signal_and_every_sample_is_accounted_for(
 
     kept = signal(done.t.tolist(), done.values.tolist())
     assert len(kept) + done.repeated + done.contradicting + done.not_finite == len(samples)
-    told: dict[float, set[float]] = {}
+    by_stamp: dict[float, set[float]] = {}
     for t_s, value in samples:
         if np.isfinite(t_s) and np.isfinite(value):
-            told.setdefault(t_s, set()).add(value)
-    agreed = {t_s: values.pop() for t_s, values in told.items() if len(values) == 1}
+            by_stamp.setdefault(t_s, set()).add(value)
+    agreed = {t_s: values.pop() for t_s, values in by_stamp.items() if len(values) == 1}
     assert dict(zip(kept.t.tolist(), kept.values.tolist(), strict=True)) == agreed
 
 

@@ -215,7 +215,7 @@ def test_many_curves_share_the_room() -> None:
     ("t", "actual", "limit", "words"),
     [
         ([0.0, 1.0], [1.0], [1.0, 1.0], "different length"),
-        ([0.0, 1.0], [1.0, np.inf], [1.0, 1.0], "no number"),
+        ([0.0, 1.0], [1.0, np.inf], [1.0, 1.0], "not finite"),
         ([1.0, 1.0], [1.0, 1.0], [1.0, 1.0], "do not increase"),
     ],
 )

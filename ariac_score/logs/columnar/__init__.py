@@ -1,4 +1,4 @@
-"""Decoding the messages of a connection into columns, all at once."""
+"""Decoding the messages of a connection into columns, many at a time."""
 
 from ariac_score.logs.columnar.columns import Column, Columns, Defect
 from ariac_score.logs.columnar.decode import ColumnDecoder

@@ -1,19 +1,15 @@
-"""What goes into columnar decoding and what comes out: payloads, columns, defects."""
+"""The outcome of columnar decoding: columns and defects."""
 
 from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.logs.containers.items import IntArray
-
-if TYPE_CHECKING:
-    pass
-
 
 __all__ = ["UNDECODABLE", "Column", "Columns", "Defect", "ranges"]
 
@@ -31,8 +27,8 @@ UNDECODABLE = (
     TypeError,
     ValueError,
 )
-"""What the parsers and the generated code of rosbags raise on definitions and payloads
-that are not what they claim to be, besides their own errors (found by feeding them such)."""
+"""Errors that the parsers and the generated code of rosbags raise on false definitions and payloads,
+besides its own ones. Found by feeding it such; `Exception` would hide faults of ours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +55,7 @@ class Column:
         """How many values each message has, shape (m,)."""
         if not self.offsets:
             return np.ones(len(self.values), dtype=np.int64)
+        # From the outermost level inwards, bounds of messages become bounds of values.
         bounds = self.offsets[0]
         for level in self.offsets[1:]:
             bounds = level[bounds]
@@ -72,7 +69,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Defect:
-    """A message that does not fit its definition: which of those handed in, and why."""
+    """A message that does not fit its definition: its index among those given, and the cause."""
 
     index: int
     cause: str
@@ -83,9 +80,9 @@ class Columns:
     """The wanted fields of some messages.
 
     Attributes:
-        rows: The messages that are sound, as indices into those handed in, increasing.
-        columns: By path; each speaks of the sound messages only.
-        defects: The messages that are not, by index.
+        rows: The sound messages, as indices into those given, increasing.
+        columns: By path, of the sound messages only.
+        defects: The other messages, by index.
         fallback: Why the messages were decoded one by one; empty when they were not.
     """
 
@@ -101,6 +98,7 @@ def ranges(starts: IntArray, counts: IntArray) -> IntArray:
     >>> ranges(np.array([5, 0]), np.array([2, 3])).tolist()
     [5, 6, 0, 1, 2]
     """
+    # One `arange` over all runs, shifted in each run to its start: no loop over runs.
     before = np.cumsum(counts) - counts
     found: IntArray = np.repeat(starts - before, counts) + np.arange(int(counts.sum()), dtype=np.int64)
     return found

@@ -1,4 +1,9 @@
-"""Decoding the messages of one connection into columns: by layouts, by a common walk, one by one."""
+"""Decoding the messages of one connection into columns.
+
+Three ways, the fastest first: copying from known layouts, walking many messages together, and rosbags,
+message by message. The last one also decides on every message that the others reject, so that a message
+is refused for the cause that rosbags gives, and never because of a fault of the fast ways.
+"""
 
 from __future__ import annotations
 
@@ -21,29 +26,31 @@ from ariac_score.logs.containers.items import Bytes, IntArray, Payloads
 __all__ = ["ColumnDecoder", "Room"]
 
 _BLOCK_BYTES = 1 << 20
-"""Messages are gathered in blocks that stay in the processor's cache."""
+"""Messages are copied in blocks that stay in the processor's cache."""
 
 _WIDTHS = (8, 4, 2, 1)
-"""Bytes of the words that are compared."""
+"""Sizes of the words that are compared, bytes."""
 
 _MOST_LAYOUTS = 64
-"""Layouts that are remembered."""
+"""Layouts that are kept for later calls."""
 
 _NEW_LAYOUTS = 8
-"""Layouts tried in one call beyond one for every 256 messages; the rest is walked together."""
+"""Layouts that one call may learn, and one more for every 256 messages: on a topic whose messages all differ,
+learning would never pay. The remaining messages are walked together."""
 
 _FEW = 12
-"""So few messages are cheaper to walk one by one than together."""
+"""Fewer messages than this are cheaper to walk one by one than together."""
 
+_FAILURES: tuple[type[Exception], ...] = (SerdeError, *UNDECODABLE)
 _Deserialise = Callable[[bytes], object]
 
 Room = Callable[[str, np.dtype[Any], int], NDArray[Any]]
-"""Gives the place for the next values of a field: by its path, their type and their number."""
+"""Given the path of a field, the type of its next values and their number, returns room for them."""
 
 
 @dataclass
 class _Part:
-    """What some of the messages hold: for each stream how many values each has, and these."""
+    """The values of some of the messages: for each stream their number in each message, and the values."""
 
     rows: IntArray
     counts: dict[int, IntArray | int]
@@ -51,9 +58,10 @@ class _Part:
 
 
 class _Pattern:
-    """The bytes that decide a layout: what they are, and where, from the start of a message.
+    """The bytes that decide a layout and their offsets in a message.
 
-    Each stretch of them is covered by words, the last of which may overlap the one before.
+    Each stretch is covered by words as long as possible, of which the last may overlap the one
+    before: comparing words of 8 bytes is about as fast as comparing single bytes.
     """
 
     def __init__(self, deciding: Sequence[tuple[int, int]], message: bytes) -> None:
@@ -69,7 +77,7 @@ class _Pattern:
             self._words.append((width, np.array(starts, dtype=np.int64), expected))
 
     def found_in(self, block: Bytes) -> NDArray[np.bool_] | None:
-        """Which messages of a block, shape (n, size), have them; `None` when all have."""
+        """Which messages of a block, shape (n, size), agree; `None` when all do."""
         agree: NDArray[np.bool_] | None = None
         for width, starts, expected in self._words:
             shape, strides = (self._size - width + 1, len(block)), (1, self._size)
@@ -80,8 +88,8 @@ class _Pattern:
         return agree
 
 
-class _Known:
-    """A layout made ready to be compared with many messages and to be copied from."""
+class _LayoutMatcher:
+    """A layout prepared for being compared with many messages and for copying their values."""
 
     def __init__(self, layout: Layout, message: bytes, plan: DecodePlan, interned: Interned) -> None:
         self.size, self.big = len(message), layout.big
@@ -102,7 +110,7 @@ class _Known:
         return self._pattern.found_in(block)
 
     def empty(self, count: int, room: Room | None = None) -> dict[int, NDArray[Any]]:
-        """Room for the numbers of some messages."""
+        """Arrays for the numbers of some messages."""
         found = {}
         for stream in self._streams:
             each = self._per_message[stream.number]
@@ -115,6 +123,7 @@ class _Known:
     def copy(self, block: Bytes, into: dict[int, NDArray[Any]], first: int) -> None:
         """Copy the numbers of a block of messages, shape (n, size)."""
         for stream in self._streams:
+            # Any byte but 0 is true, as in rosbags.
             raw = (
                 np.dtype(np.uint8)
                 if stream.kind == "bool"
@@ -128,7 +137,7 @@ class _Known:
                 out[:, column : column + count] = view != 0 if stream.kind == "bool" else view
 
     def part(self, rows: IntArray, numbers: dict[int, NDArray[Any]], room: Room | None = None) -> _Part:
-        """What messages of this layout hold, with their numbers."""
+        """The values of messages with this layout, given their numbers."""
         counts: dict[int, IntArray | int] = dict(self._per_message)
         values: dict[int, NDArray[Any]] = {n: found.reshape(-1) for n, found in numbers.items()}
         for number, constant in self._constant.items():
@@ -142,7 +151,10 @@ class _Known:
 
 
 def _even_runs(places: IntArray) -> Iterator[tuple[int, int, int, int]]:
-    """Places taken apart into runs of even steps: index of the first, its place, step, length."""
+    """Places split into runs of even steps: index of the first, its place, step, length.
+
+    The values of a sequence of poses, for example, are one strided view of the whole block.
+    """
     steps, first = np.diff(places).tolist(), 0
     while first < len(places):
         step = steps[first] if first < len(steps) else 0
@@ -174,8 +186,8 @@ class ColumnDecoder:
         self, store: Definitions, type_: str, *, cdr: bool, wanted: Iterable[str] | None = None
     ) -> None:
         self._store, self._type, self._cdr = store, type_, cdr
-        self._interned = Interned()
-        self._layouts: dict[int, list[_Known]] = {}
+        self._interned = Interned()  # shared by all layouts, so that codes of texts agree
+        self._layouts: dict[int, list[_LayoutMatcher]] = {}
         self._remembered = 0
         self.fallback = ""
         paths = None if wanted is None else tuple(wanted)
@@ -195,12 +207,12 @@ class ColumnDecoder:
         return None
 
     def decode(self, payloads: Payloads, room: Room | None = None) -> Columns:
-        """The wanted fields of some messages; those that do not fit are named.
+        """The wanted fields of some messages; messages that do not fit are named.
 
         Args:
             payloads: At most so many that their columns fit into memory.
-            room: Where the values of a field may be put, so that nobody has to move them there;
-                asked for once at most for each field. Values that are elsewhere are to be moved.
+            room: Gives room for the values of a field, which then need no copying; called at most once for
+                each field, and not for fields whose values are put together from parts.
         """
         parts, suspects = self._parts(payloads, room)
         defects, cause = self._named(payloads, suspects)
@@ -209,7 +221,7 @@ class ColumnDecoder:
         return self._columns(parts, len(payloads), defects)
 
     def _parts(self, payloads: Payloads, room: Room | None) -> tuple[list[_Part], list[int]]:
-        """What was decoded, and the messages that do not fit."""
+        """The decoded parts, and the messages that do not fit the plan."""
         suspects: list[int] = []
         parts: list[_Part] = []
         left: list[IntArray] = []
@@ -218,7 +230,7 @@ class ColumnDecoder:
         for size, of_size in _by_size(sizes):
             rows = of_size
             for layout in self._layouts.get(size, ()):
-                # Room is asked for where all messages may be alike, once.
+                # Only where all messages may share one layout: several parts are merged, which copies them.
                 part, rows = self._copied(layout, payloads, rows, room if len(rows) == len(sizes) else None)
                 room = None
                 parts += [part] if part else []
@@ -232,7 +244,7 @@ class ColumnDecoder:
                 part, rows = self._copied(found, payloads, rows)
                 assert part is not None
                 parts.append(part)
-                if len(part.rows) >= _FEW:
+                if len(part.rows) >= _FEW:  # a layout of one message would only cost comparisons later
                     self._remember(found)
             left.append(rows)
         rest = np.sort(np.concatenate(left)) if left else np.zeros(0, dtype=np.int64)
@@ -242,15 +254,15 @@ class ColumnDecoder:
             suspects += misfits
         return parts, sorted(suspects)
 
-    def _learnt(self, payloads: Payloads, rows: IntArray) -> _Known | None:
+    def _learnt(self, payloads: Payloads, rows: IntArray) -> _LayoutMatcher | None:
         """The layout of the first of some messages; `None` when it does not fit."""
         message = payloads.one(int(rows[0]))
         try:
-            return _Known(lay_out(self._plan, message), message, self._plan, self._interned)
+            return _LayoutMatcher(lay_out(self._plan, message), message, self._plan, self._interned)
         except MisfitError:
             return None
 
-    def _remember(self, layout: _Known) -> None:
+    def _remember(self, layout: _LayoutMatcher) -> None:
         if self._remembered >= _MOST_LAYOUTS:
             self._layouts.clear()
             self._remembered = 0
@@ -258,14 +270,15 @@ class ColumnDecoder:
         self._remembered += 1
 
     def _copied(
-        self, layout: _Known, payloads: Payloads, rows: IntArray, room: Room | None = None
+        self, layout: _LayoutMatcher, payloads: Payloads, rows: IntArray, room: Room | None = None
     ) -> tuple[_Part | None, IntArray]:
-        """The messages that have a layout, and the indices of those that have not."""
+        """The values of the messages that have a layout, and the indices of the others."""
         size = layout.size
         if not size or not len(rows):
             return (layout.part(rows, layout.empty(len(rows))) if len(rows) else None), rows[:0]
         step = max(1, _BLOCK_BYTES // size)
         numbers = layout.empty(len(rows), room)
+        # A window of the message's size at every byte of the buffer: one indexing gathers a whole block.
         windows = np.ndarray((len(payloads.buffer) - size + 1,), f"V{size}", payloads.buffer, strides=(1,))
         taken: list[IntArray] = []
         others: list[IntArray] = []
@@ -308,7 +321,7 @@ class ColumnDecoder:
     def _by_order(
         self, payloads: Payloads, rows: IntArray, suspects: list[int]
     ) -> Iterator[tuple[bool, IntArray]]:
-        """The messages of each byte order; what has none is suspect."""
+        """The messages of each byte order; messages without a valid encapsulation are suspects."""
         if not self._plan.cdr:
             yield False, rows
             return
@@ -316,6 +329,7 @@ class ColumnDecoder:
         suspects += rows[~long].tolist()
         rows = rows[long]
         first, second = (payloads.buffer[payloads.starts[rows] + i] for i in (0, 1))
+        # 0 0: CDR big-endian, 0 1: little-endian; others are parameter lists or XCDR2.
         plain = (first == 0) & (second <= 1)
         suspects += rows[~plain].tolist()
         for big in (False, True):
@@ -333,7 +347,7 @@ class ColumnDecoder:
             except MisfitError:
                 suspects.append(row)
                 continue
-            known = _Known(layout, message, self._plan, self._interned)
+            known = _LayoutMatcher(layout, message, self._plan, self._interned)
             numbers = known.empty(1)
             known.copy(np.frombuffer(message, dtype=np.uint8).reshape(1, -1), numbers, 0)
             parts.append(known.part(np.array([row], dtype=np.int64), numbers))
@@ -346,18 +360,19 @@ class ColumnDecoder:
         return lambda message: store.deserialize_ros1(message, type_)
 
     def _named(self, payloads: Payloads, suspects: list[int]) -> tuple[tuple[Defect, ...], str]:
-        """What is wrong with the messages that do not fit, in the words of rosbags.
+        """The defects of messages that do not fit, in the words of rosbags.
 
-        Where rosbags accepts one, the second value says so: then rosbags is to decide on all.
+        Where rosbags accepts one, the second value says so: rosbags then decodes all of them.
         """
         defects: list[Defect] = []
         deserialise = self._deserialise()
         for index in suspects:
             try:
                 deserialise(payloads.one(index))
-            except _failures() as error:
+            except _FAILURES as error:
                 defects.append(Defect(index, str(error) or type(error).__name__))
             else:
+                # The plan is wrong about one message, so it is not trusted with any.
                 return (), f"message {index} does not fit the plan, and rosbags reads it"
         return tuple(defects), ""
 
@@ -388,7 +403,7 @@ class ColumnDecoder:
                 )
 
     def _one_by_one(self, payloads: Payloads, cause: str) -> Columns:
-        """Everything as rosbags deserialises it."""
+        """All messages as rosbags deserialises them."""
         self.fallback = cause
         deserialise = self._deserialise()
         defects: list[Defect] = []
@@ -397,7 +412,7 @@ class ColumnDecoder:
         for index in range(len(payloads)):
             try:
                 message = deserialise(payloads.one(index))
-            except _failures() as error:
+            except _FAILURES as error:
                 defects.append(Defect(index, str(error) or type(error).__name__))
                 continue
             rows.append(index)
@@ -428,15 +443,11 @@ class ColumnDecoder:
                 self._read(item, inner, found)
 
 
-def _failures() -> tuple[type[BaseException], ...]:
-    return (SerdeError, *UNDECODABLE)
-
-
 def _by_size(sizes: IntArray) -> Iterator[tuple[int, IntArray]]:
     """The messages of each size, in their order."""
     if not len(sizes):
         return
-    if (sizes == sizes[0]).all():
+    if (sizes == sizes[0]).all():  # most topics, which then need no sorting
         yield int(sizes[0]), np.arange(len(sizes), dtype=np.int64)
         return
     order = np.argsort(sizes, kind="stable")

@@ -1,4 +1,4 @@
-"""Messages waiting to be decoded together: one buffer for all topics, emptied whenever it is full."""
+"""Messages that wait to be decoded together, in one buffer for all topics."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from ariac_score.logs.containers.items import Batch, Bytes, Connection, IntArray
 __all__ = ["SLAB_BYTES", "Pending", "Waiting"]
 
 SLAB_BYTES = 16 << 20
-"""So much waits at most, beyond one message: it bounds the memory that reading needs."""
+"""The most that waits, not counting the last message: it bounds the memory that reading needs."""
 
 _SMALLEST_BYTES = 1 << 16
 _SLAB_MESSAGES = 1 << 17
 _CLOSE_BYTES = 256
+"""Wanted messages with no more than this between them are copied in one piece: so much costs less than a
+copy of its own for each."""
 
 
 @dataclass(frozen=True, eq=False)
 class Waiting:
-    """What waits of one connection.
+    """The waiting messages of one connection.
 
     Attributes:
-        numbers: Of each message its number in the recording, increasing, shape (n,).
+        numbers: The numbers of the messages in the recording, increasing, shape (n,).
         stamps_ns: Their log times, shape (n,).
         payloads: Their bytes.
     """
@@ -38,10 +40,10 @@ class Waiting:
 
 
 class Pending:
-    """Collects messages until there are enough of them to be worth decoding.
+    """Collects messages until they are worth decoding together.
 
-    The buffer is used again and again: memory that is touched for the first time costs more
-    than what is done with it. So what `empty` gives holds until the next message is added.
+    The buffer is reused, because touching fresh memory costs more than all that is done with
+    it. So the views that `empty` returns are valid until the next message is added.
     """
 
     def __init__(self) -> None:
@@ -56,14 +58,14 @@ class Pending:
         return self._used >= SLAB_BYTES or self._count >= _SLAB_MESSAGES
 
     def add(self, message: Message, number: int) -> None:
-        """Take a copy of a message: what it is part of must not be kept from being freed."""
+        """Take a copy of a message, so that the chunk it lies in can be freed."""
         start = self._reserve(len(message.payload))
         self._buffer.data[start : self._used] = message.payload
         self._of(message.connection).extend((number, message.stamp_ns, start, self._used))
         self._count += 1
 
     def _reserve(self, count: int) -> int:
-        """Where the next so many bytes go."""
+        """The place of the next bytes."""
         start, self._used = self._used, self._used + count
         if self._used > len(self._buffer):
             larger = np.empty(max(self._used, 2 * len(self._buffer), _SMALLEST_BYTES), dtype=np.uint8)
@@ -74,10 +76,9 @@ class Pending:
     def take(
         self, batch: Batch, wanted: Container[Connection], first: int
     ) -> Iterator[dict[Connection, Waiting]]:
-        """Take the wanted messages of a batch; what is to be decoded now comes back.
+        """Take the wanted messages of a batch; yields messages that are to be decoded at once.
 
-        Where they are many they are not copied, so what comes back holds until the next
-        batch is asked for.
+        Large portions are not copied, so what is yielded is valid until the next batch is read.
 
         Args:
             batch: Some messages.
@@ -90,7 +91,7 @@ class Pending:
             rows = kept[some]
             if _size(batch, rows) >= SLAB_BYTES // 8:
                 if self._count:
-                    yield self.empty()
+                    yield self.empty()  # first, for these were recorded before
                 yield _in_place(batch, rows, first)
                 continue
             self.add_many(batch, rows, rows + first)
@@ -107,7 +108,7 @@ class Pending:
             self._buffer[start : self._used] = buffer[first:last]
             new_starts, new_ends = starts + (start - first), ends + (start - first)
         else:
-            # Most of it is something else, such as pictures that nobody wants: what lies close is copied.
+            # Most of the stretch is something else, such as unwanted images: copy the wanted runs only.
             order = np.argsort(starts, kind="stable")
             placed, behind = starts[order], np.maximum.accumulate(ends[order])
             breaks = np.flatnonzero(placed[1:] - behind[:-1] > _CLOSE_BYTES) + 1
@@ -133,7 +134,7 @@ class Pending:
         return self._rows[connection]
 
     def empty(self) -> dict[Connection, Waiting]:
-        """Everything that waits, which then waits no more."""
+        """All waiting messages; nothing waits afterwards."""
         buffer = self._buffer[: self._used]
         waiting = {}
         for connection, rows in self._rows.items():
@@ -149,7 +150,7 @@ def _size(batch: Batch, rows: IntArray) -> int:
 
 
 def _portions(batch: Batch, kept: IntArray) -> Iterator[slice]:
-    """The wanted messages of a batch in portions that fit."""
+    """The wanted messages of a batch, in portions of about the size of the buffer."""
     sizes = batch.payloads.ends[kept] - batch.payloads.starts[kept]
     total = np.cumsum(sizes) // SLAB_BYTES
     bounds = [0, *(np.flatnonzero(np.diff(total)) + 1).tolist(), len(kept)]
@@ -159,9 +160,9 @@ def _portions(batch: Batch, kept: IntArray) -> Iterator[slice]:
 
 
 def _in_place(batch: Batch, rows: IntArray, first: int) -> dict[Connection, Waiting]:
-    """Messages of a batch by connection, where they are."""
+    """Messages of a batch by connection, without copying them."""
     sources, payloads = batch.sources[rows], batch.payloads
-    # Small numbers are sorted in one pass.
+    # numpy sorts 8-bit and 16-bit integers by radix sort, in one or two passes.
     few = len(batch.connections) <= 1 << 8
     rows = rows[np.argsort(sources.astype(np.uint8) if few else sources, kind="stable")]
     numbers, stamps_ns = rows + first, batch.stamps_ns[rows]

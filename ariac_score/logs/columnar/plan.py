@@ -1,9 +1,12 @@
-"""A message definition compiled into a plan: how its bytes are walked, and what is kept of them.
+"""A message definition compiled into a plan: how to walk its bytes, and which of them to keep.
 
 A message is a list of steps. A `Block` is a run of fields of fixed size, whose offsets
-depend on nothing but the alignment it starts at; a `Text` and a `Repeat` are what moves
-the fields behind them. What is kept goes into streams: the values of one field, or the
-lengths of one array or sequence, message after message.
+depend on nothing but the alignment of its start; a `Text` or a `Repeat` moves the fields
+behind it. Kept values go into streams: the values of one field, or the lengths of one
+array or sequence, message after message.
+
+CDR aligns a number to its own size, counted from behind the encapsulation, so the offsets
+in a block differ with its start modulo 8, the largest alignment. ROS 1 aligns nothing.
 
 Source: OMG CDR (XCDR1, plain), as ROS 2 writes it; ROS wiki, "msg", section "Serialization".
 """
@@ -49,15 +52,16 @@ _NUMBERS = {
 """As rosbags has them: `byte` is signed, `char` is not."""
 
 _BASE, _NAME, _ARRAY = 1, 2, 3
+# A definition is hostile input: a few lines of nested arrays can stand for more offsets than fit into memory.
 _LARGEST_BLOCK_BYTES = 1 << 22
 _DEEPEST = 64
 _MOST_STEPS = 4096
 _DUMMY = "structure_needs_at_least_one_member"
-"""What ROS 2 writes into an empty message, and ROS 1 does not."""
+"""The byte that ROS 2 writes into an empty message, for IDL has no empty structures; ROS 1 writes none."""
 
 
 class Definitions(Protocol):
-    """What is needed of a type store of rosbags."""
+    """The part of a type store of rosbags that decoding uses."""
 
     max_sequence_length: int
 
@@ -94,7 +98,7 @@ class Stream:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """What its values are stored as."""
+        """The type of its values in a column."""
         if self.kind in ("string", "length"):
             return np.dtype(np.int32 if self.kind == "string" else np.int64)
         return np.dtype(np.bool_) if self.kind == "bool" else np.dtype(_NUMBERS[self.kind])
@@ -112,7 +116,7 @@ class Block:
     Attributes:
         lengths: Bytes from the start of the block to its end, for each start modulo 8, shape (8,).
         kept: Streams, each with the offsets of its values from the start of the block, shape (8, k).
-        counts: Streams of the lengths of fixed arrays in it, each with these lengths.
+        counts: Streams of the lengths of fixed arrays in it, each with those lengths.
     """
 
     lengths: IntArray
@@ -137,8 +141,8 @@ class Repeat:
     """Elements one after the other.
 
     Attributes:
-        count: How many; `None` when the message says it.
-        lengths: The stream for how many there were; `None` when it is not kept.
+        count: Their number; `None` for a sequence, whose length stands in the message.
+        lengths: The stream of their number; `None` when it is not kept.
         body: The steps of one element.
         least: The fewest bytes an element takes.
     """
@@ -179,9 +183,9 @@ class DecodePlan:
         type: Its name.
         cdr: Whether they are CDR; otherwise as ROS 1 packs them.
         steps: What a message consists of.
-        streams: What is kept.
-        fields: What is kept, as a tree.
-        longest_sequence: More elements are refused.
+        streams: The kept values.
+        fields: The kept fields as a tree.
+        longest_sequence: Sequences with more elements are refused.
     """
 
     type: str
@@ -202,7 +206,7 @@ def compile_plan(
         type_: `package/msg/Name`.
         cdr: Whether messages are CDR; otherwise as ROS 1 packs them.
         wanted: Dotted paths of the fields to keep, or of messages of which all fields
-            are kept; `None` keeps everything. Paths that do not exist are passed over.
+            are kept; `None` keeps everything. Paths that do not exist are ignored.
 
     Raises:
         PlanError: The definition cannot be expressed, or the store lacks a type.
@@ -214,15 +218,15 @@ def compile_plan(
 
 @dataclass
 class _Fixed:
-    """A block while it grows: for each start modulo 8 its end and what it keeps."""
+    """A block while it grows: for each start modulo 8 its end and its kept offsets."""
 
     ends: list[int] = field(default_factory=lambda: list(range(8)))
     kept: dict[int, list[list[int]]] = field(default_factory=dict)
     counts: dict[int, list[int]] = field(default_factory=dict)
 
     def add(self, size: int, align: int, stream: int | None) -> None:
-        for phase in range(8):
-            at = -(-self.ends[phase] // align) * align
+        for phase in range(8):  # every alignment the block may start at
+            at = -(-self.ends[phase] // align) * align  # rounded up
             self.ends[phase] = at + size
             if stream is not None:
                 self.kept.setdefault(stream, [[] for _ in range(8)])[phase].append(at - phase)
@@ -302,6 +306,7 @@ class _Compiler:
         self, name: str, what: Any, path: tuple[str, ...], levels: tuple[int, ...], *, fixed: bool, keep: bool
     ) -> tuple[list[Step], list[Field]]:
         (kind, element), bound = what
+        # Before its values: they refer to it as their innermost level.
         own = self._stream(path, "length", levels)
         inner: tuple[Field, ...] = ()
         values: int | None = None
@@ -311,13 +316,14 @@ class _Compiler:
         else:
             body, inner = self.message(element, path, (*levels, own), keep=keep)
         if not keep and not inner:
-            # Nothing of it is kept, so its length is not either.
+            # Nothing of it is kept, so its length is not either. Streams are numbered by place: give it back.
             assert self.streams[-1].number == own
             self.streams.pop()
             lengths, tree = None, []
         else:
             lengths, tree = own, [Field(name, own, values, inner, repeated=True)]
         repeat = Repeat(bound if fixed else None, lengths, tuple(body), sum(_least(s) for s in body))
+        # Their number would not be bounded by the size of the message, but each would be kept.
         if body and not fixed and not repeat.least and inner:
             raise PlanError("it has a sequence whose elements take no bytes and are not empty")
         return [_unrolled(repeat) or repeat], tree
@@ -327,7 +333,7 @@ def _least(step: Step) -> int:
     if isinstance(step, Block):
         return step.least
     if isinstance(step, Text):
-        return 4
+        return 4  # its length word
     return 4 if step.count is None else step.count * step.least
 
 
@@ -347,13 +353,14 @@ def _unrolled(repeat: Repeat) -> Block | None:
 
 
 def _times(block: Block, count: int) -> Block:
-    """A block so many times, each where the one before ends."""
+    """Several copies of a block, each at the end of the one before."""
     phases = np.arange(8)
     if not count:
         return Block(np.zeros(8, dtype=np.int64))
     second = block.lengths  # from the start of the first to the start of the second
     inner = (phases + second) % 8
-    stride = block.lengths[inner]  # the second one starts as all that follow do
+    # All numbers have sizes that divide 8, so from the second element on every start has the same alignment.
+    stride = block.lengths[inner]
     starts = np.concatenate(
         (np.zeros((8, 1), np.int64), second[:, None] + stride[:, None] * np.arange(count - 1)), axis=1
     )

@@ -1,4 +1,4 @@
-"""Message types: how the bytes of a connection become a message.
+"""Message types: how the bytes of a connection become messages or columns.
 
 The definition embedded in the recording decides. Only a recording without
 definitions falls back on the stock types of rosbags and those in `msg/`.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Literal
@@ -20,7 +21,6 @@ from rosbags.typesys.store import Typestore
 from ariac_score.checks.registry import Registry
 from ariac_score.logs.columnar import ColumnDecoder
 from ariac_score.logs.columnar.columns import UNDECODABLE
-from ariac_score.logs.columnar.definitions import FieldDefinitions, parsed_definitions
 from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.wide_text import UNITS, WideDecoder, plain_definition, widened
 from ariac_score.logs.containers.items import Connection
@@ -31,11 +31,12 @@ __all__ = ["Decode", "UnknownTypeError", "bundled_typestore", "column_decoder_fo
 Decode = Callable[["bytes | memoryview"], object]
 
 
+# ASCII, because rosbags turns names into those of Python classes.
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*(/(msg|srv|action))?/[A-Za-z]\w*", re.ASCII)
 
 
 _LONGEST_SEQUENCE = 1 << 24
-"""Elements in one array of a message: bounds those whose elements take no bytes."""
+"""Elements in one array of a message: the size of a message does not bound elements that take no bytes."""
 
 
 _WIDE = re.compile(r"^[ \t]*wstring\b|<[ \t]*wstring\b", re.MULTILINE)
@@ -90,7 +91,7 @@ def decoder_for(connection: Connection) -> Decode:
         UnknownTypeError: The encoding is not one of ROS, no definition of the type is
             known, or the recording's own definition cannot be understood.
     """
-    store, name = _store_of(connection), connection.type
+    store, name = _compiled_store_of(connection), connection.type
     deserialise = store.deserialize_ros1 if connection.encoding == "ros1" else store.deserialize_cdr
 
     def decode(payload: bytes | memoryview) -> object:
@@ -115,54 +116,26 @@ def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = No
     """
     paths = None if wanted is None else tuple(wanted)
     cdr = connection.encoding == "cdr"
-    if cdr and _WIDE.search(connection.definition):
+    if cdr and _WIDE.search(connection.definition):  # ROS 1 has no wide texts
         return _wide_decoder_for(connection, paths)
-    light = _light_store_of(connection)
-    if light is not None:
-        try:
-            return ColumnDecoder(light, connection.type, cdr=cdr, wanted=paths)
-        except PlanError:
-            pass  # rosbags may say it better
-    return ColumnDecoder(_store_of(connection), connection.type, cdr=cdr, wanted=paths)
+    try:
+        return ColumnDecoder(_store_of(connection), connection.type, cdr=cdr, wanted=paths)
+    except PlanError:
+        _compiled_store_of(connection)  # where a definition is at fault, rosbags says what it lacks
+        raise
 
 
 def _wide_decoder_for(connection: Connection, wanted: Iterable[str] | None) -> ColumnDecoder:
-    stores = {unit: _store_of(connection, unit) for unit in UNITS}
+    stores = {unit: _compiled_store_of(connection, unit) for unit in UNITS}
     return WideDecoder(stores, connection.type, wanted=wanted)
 
 
-class _LightStore:
-    """What is needed of a type store to decode columns; rosbags is loaded when a message needs it."""
-
-    def __init__(self, connection: Connection, fielddefs: FieldDefinitions) -> None:
-        self._connection = connection
-        self.fielddefs = fielddefs
-        self.max_sequence_length = _LONGEST_SEQUENCE
-
-    def deserialize_cdr(self, rawdata: bytes, typename: str) -> object:
-        """One message."""
-        return self._store().deserialize_cdr(rawdata, typename)
-
-    def deserialize_ros1(self, rawdata: bytes, typename: str) -> object:
-        """One message."""
-        return self._store().deserialize_ros1(rawdata, typename)
-
-    def _store(self) -> Typestore:
-        try:
-            return _store_of(self._connection)
-        except UnknownTypeError as error:
-            raise ValueError(str(error)) from error
-
-
-def _light_store_of(connection: Connection) -> _LightStore | None:
-    """What is known of a connection's types without rosbags; `None` when rosbags must be asked."""
-    known = {"cdr": ("ros2msg",), "ros1": ("ros1msg",)}.get(connection.encoding, ())
-    if connection.definition_format not in known or not connection.definition:
-        return None
-    if not _TYPE_NAME.fullmatch(connection.type):
-        return None
-    found = parsed_definitions(connection.definition, connection.type)
-    return _LightStore(connection, found) if found else None
+def _compiled_store_of(connection: Connection, unit: str = "") -> Typestore:
+    """The type store of a connection, once rosbags has generated its code for the type."""
+    store = _store_of(connection, unit)
+    with _refusing_definitions():
+        store.get_msgdef(connection.type)
+    return store
 
 
 def _store_of(connection: Connection, unit: str = "") -> Typestore:
@@ -173,10 +146,15 @@ def _store_of(connection: Connection, unit: str = "") -> Typestore:
     )
 
 
-@lru_cache(maxsize=128)  # compiling a definition takes longer than reading a small recording
+@lru_cache(maxsize=128)  # parsing a definition takes longer than reading a small recording
 def _typestore_for(
     encoding: str, name: str, definition_format: str, definition: str, unit: str = ""
 ) -> Typestore:
+    """A store that knows a type and what it consists of.
+
+    `Typestore.get_msgdef`, which generates code for eleven ways to pack a message, is not called:
+    it takes four times as long as all else here, and columns are decoded without that code.
+    """
     if not _TYPE_NAME.fullmatch(name):
         raise UnknownTypeError(f"{name!r} is not the name of a message type")
     if not definition:
@@ -186,15 +164,21 @@ def _typestore_for(
         if not definition_format:
             raise UnknownTypeError("neither the recording nor ariac-score has a definition of this type")
         # A recorder that names the format of an empty text means a message without fields.
-    try:
+    with _refusing_definitions():
         store = get_typestore(Stores.EMPTY)
         store.max_sequence_length = _LONGEST_SEQUENCE
         store.register(_types_of(name, definition_format, definition, unit))
-        store.get_msgdef(name)  # compiles it, and so finds what is missing
+        return store
+
+
+@contextmanager
+def _refusing_definitions() -> Iterator[None]:
+    """Refuse a definition that rosbags cannot use, in words."""
+    try:
+        yield
     except (SerdeError, TypesysError, *UNDECODABLE) as error:
         cause = f"it lacks {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
         raise UnknownTypeError(f"the recording's definition of it cannot be used: {cause}") from error
-    return store
 
 
 def _types_of(name: str, definition_format: str, definition: str, unit: str) -> Typesdict:
@@ -211,6 +195,7 @@ def _parsed(name: str, definition_format: str, definition: str) -> Typesdict:
         return get_types_from_msg(definition, name)
     types: Typesdict = {}
     for section in definition.split(_IDL_SEPARATOR):
+        # rosbag2 puts a line `IDL: package/msg/Name` before each type, which is no IDL.
         head, _, body = section.partition("\n")
         idl = body if head.startswith("IDL: ") else section
         if idl.strip():

@@ -1,4 +1,4 @@
-"""Walking many messages together: one cursor for each, all advancing step by step."""
+"""Walking many messages together: each has a cursor, and all advance step by step."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from ariac_score.logs.containers.items import Bytes, IntArray, Payloads
 __all__ = ["Interned", "Walked", "gathered", "typed", "walk"]
 
 _LONGEST_LOOP = 2048
-"""Messages with more elements that are not of fixed size are walked one by one."""
+"""A message with more elements of variable size is walked on its own: here every element costs a pass over
+all messages that have so many."""
 
 
 @dataclass
 class Walked:
-    """What a walk found.
+    """The outcome of a walk.
 
     Attributes:
         sound: Whether each message fits its definition, shape (n,).
@@ -37,7 +38,7 @@ class Walked:
 
 
 class Interned(dict[bytes, int]):
-    """Codes of texts by their bytes; what is not UTF-8 has code -1."""
+    """Codes of texts by their bytes; bytes that are not UTF-8 have code -1."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -56,13 +57,14 @@ class Interned(dict[bytes, int]):
 
 
 def gathered(buffer: Bytes, places: IntArray, dtype: np.dtype[Any], *, big: bool) -> NDArray[Any]:
-    """The numbers that lie at some places of a buffer, wherever these are."""
+    """The numbers at some places of a buffer, aligned or not."""
     size = dtype.itemsize
     if not len(places):
         return np.zeros(0, dtype=dtype)
     if size == 1:
         found: NDArray[Any] = buffer[places]
     else:
+        # Overlapping windows of raw bytes, one at every place of the buffer, gathered by one indexing.
         windows = np.ndarray((len(buffer) - size + 1,), f"V{size}", buffer.data, strides=(1,))
         found = windows[places]
     return typed(found, dtype, big=big)
@@ -82,8 +84,8 @@ def walk(plan: DecodePlan, payloads: Payloads, interned: Interned, *, big: bool)
 
     Args:
         plan: Of their type.
-        payloads: The messages; the encapsulation of CDR is there and has been looked at.
-        interned: Knows texts, and learns those it does not know.
+        payloads: The messages; that of CDR have a valid encapsulation.
+        interned: The codes of texts; new texts are added.
         big: Whether their numbers are big-endian.
     """
     walker = _Walker(plan, payloads, interned, big=big)
@@ -96,18 +98,18 @@ class _Walker:
     def __init__(self, plan: DecodePlan, payloads: Payloads, interned: Interned, *, big: bool) -> None:
         head = 4 if plan.cdr else 0
         self._plan, self._interned, self._big = plan, interned, big
-        self._passing = Interned()  # of texts that nobody wants, which must be sound all the same
+        self._passing = Interned()  # for unwanted texts, which must be valid all the same
         self._buffer = payloads.buffer
         self._base = payloads.starts + head
         self._size = payloads.ends - self._base
         self._at = np.zeros(len(payloads), dtype=np.int64)
         self._sound = self._size >= 0
         self._lonely = np.zeros(len(payloads), dtype=bool)
-        # Of each stream: which messages, and where in the buffer (or which lengths or codes).
+        # For each stream the messages, and the places in the buffer (or the lengths or codes).
         self._found: dict[int, list[tuple[IntArray, IntArray]]] = {s.number: [] for s in plan.streams}
 
     def run(self, steps: Sequence[Step], rows: IntArray) -> IntArray:
-        """Pass some steps with some messages; returns those that are sound behind them."""
+        """Walk some messages through some steps; returns those still sound afterwards."""
         for step in steps:
             rows = rows[self._sound[rows]]
             if not len(rows):
@@ -132,7 +134,7 @@ class _Walker:
             kept = self._sound[rows]
             rows, what = rows[kept], what[kept]
             if len(found) > 1:
-                # Of one message the values come in its order; the messages are what is mixed.
+                # The values of one message are in order already, so a stable sort by message suffices.
                 order = np.argsort(rows, kind="stable")
                 rows, what = rows[order], what[order]
             counts[stream.number] = np.bincount(rows, minlength=len(self._sound)).astype(np.int64)
@@ -144,7 +146,7 @@ class _Walker:
 
     def _lose(self, rows: IntArray, fits: NDArray[np.bool_]) -> IntArray:
         """Drop the messages that do not fit."""
-        if fits.all():
+        if fits.all():  # mostly, and indexing by a mask copies
             return rows
         self._sound[rows[~fits]] = False
         return rows[fits]
@@ -168,10 +170,10 @@ class _Walker:
         return rows
 
     def _words(self, rows: IntArray) -> tuple[IntArray, IntArray]:
-        """The messages that have a length word where they are, and these; cursors go behind them."""
+        """The messages that have a length word at their cursor, and the words; cursors move behind them."""
         at = self._at[rows]
         if self._plan.cdr:
-            at = (at + 3) & -4
+            at = (at + 3) & -4  # rounded up to a multiple of 4
         fits = at + 4 <= self._size[rows]
         rows = self._lose(rows, fits)
         at = at[fits]
@@ -227,7 +229,7 @@ class _Walker:
         return rows[self._sound[rows]]
 
     def _blocks(self, body: Sequence[Step], rows: IntArray, counts: IntArray) -> IntArray:
-        """Elements of fixed size: the first, and all others at one distance."""
+        """Elements of fixed size. Only the first may start at another alignment than all others."""
         if not body or not isinstance(body[0], Block):
             return rows
         block, at = body[0], self._at[rows]

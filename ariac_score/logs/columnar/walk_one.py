@@ -1,4 +1,4 @@
-"""Walking one message in Python: the layout it proves for all that agree with it where it counts."""
+"""Walking one message in Python, to find a layout that other messages may share."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ariac_score.logs.containers.items import IntArray
 __all__ = ["Layout", "MisfitError", "lay_out"]
 
 _MOST_ELEMENTS = 1 << 22
+"""Elements of variable size are walked one by one in Python; a hostile message must not have millions."""
 
 
 class MisfitError(Exception):
@@ -21,15 +22,15 @@ class MisfitError(Exception):
 
 @dataclass
 class Layout:
-    """Where things lie in a message, and which of its bytes put them there.
+    """The offsets of the values in a message, and the bytes that decide them.
 
-    A message of the same size that has the same deciding bytes has the same layout:
-    walking it would pass the same steps.
+    A message of the same size with the same deciding bytes has the same layout, for walking it
+    would take the same steps. Length words decide, and texts: these are checked and kept with the layout.
 
     Attributes:
         big: Whether its numbers are big-endian.
-        deciding: Stretches of bytes, from the start of the message; neighbours are joined.
-        offsets: For each stream of numbers, where its values lie.
+        deciding: Stretches of deciding bytes, from the start of the message; neighbours are joined.
+        offsets: For each stream of numbers, the offsets of its values.
         counts: For each stream of lengths, its values.
         texts: For each stream of texts, its values.
     """
@@ -66,6 +67,7 @@ class _Walker:
         self._size = len(message) - head
         self._offsets: dict[int, list[IntArray]] = {}
         self._counts: dict[int, list[IntArray]] = {}
+        # The encapsulation decides, too: it gives the byte order.
         self._runs: list[tuple[int, int]] = [(0, 2)] if head else []
         self._elements = 0
         self.layout = Layout(big)
@@ -84,6 +86,7 @@ class _Walker:
 
     def finish(self, end: int) -> None:
         left = self._size - end
+        # Some middlewares pad a CDR message to a multiple of 4 bytes.
         if left < 0 or left > (3 if self._plan.cdr else 0):
             raise MisfitError(f"{left} bytes follow its last field")
         layout = self.layout
@@ -112,9 +115,9 @@ class _Walker:
         return end
 
     def _word(self, at: int) -> tuple[int, int]:
-        """A length word, and where what follows it starts."""
+        """A length word, and the offset behind it."""
         if self._plan.cdr:
-            at = (at + 3) & -4
+            at = (at + 3) & -4  # rounded up to a multiple of 4
         if at + 4 > self._size:
             raise MisfitError(f"it ends before its length at byte {at}")
         start = at + self._head
@@ -125,6 +128,7 @@ class _Walker:
     def _text(self, text: Text, at: int) -> int:
         length, at = self._word(at)
         end = at + length
+        # The length of a CDR text counts its terminator, so it is at least 1; ROS 1 writes none.
         if end > self._size or (self._plan.cdr and not length):
             raise MisfitError(f"its text of {length} bytes at byte {at} cannot be there")
         raw = self._message[at + self._head : end + self._head]
@@ -136,6 +140,7 @@ class _Walker:
             found = raw.decode()
         except UnicodeDecodeError as error:
             raise MisfitError(f"its text at byte {at} is not UTF-8") from error
+        # Texts are no numbers to be copied: messages share a layout only where their texts are equal.
         if length:
             self._runs.append((at + self._head, end + self._head))
         if text.stream is not None:
@@ -146,6 +151,7 @@ class _Walker:
         count = repeat.count
         if count is None:
             count, at = self._word(at)
+            # Before anything is allocated: the number comes from the message.
             if count > self._plan.longest_sequence or at + count * repeat.least > self._size:
                 raise MisfitError(f"its sequence of {count} elements at byte {at} cannot be there")
         elif at + count * repeat.least > self._size:
@@ -163,7 +169,7 @@ class _Walker:
         return at
 
     def _blocks(self, block: Block, count: int, at: int) -> int:
-        """Elements of fixed size: the first, and all others at one distance."""
+        """Elements of fixed size. Only the first may start at another alignment than all others."""
         second = at + int(block.lengths[at & 7])
         stride = int(block.lengths[second & 7])
         end = second + (count - 1) * stride

@@ -1,9 +1,9 @@
 """Wide texts (`wstring`), which middlewares write in three ways, and no recording says in which.
 
-Each way is that of a sequence of numbers, so that a type with wide texts is decoded as three types
-without. A way is ruled out by the first message that does not end where it should, or whose texts
-are none. The way they were written in is never ruled out by sound messages: so what is left over is
-right where it is one way, and where several say the same. Otherwise the messages are refused.
+In each way a text looks like a sequence of numbers, so a type with wide texts is decoded as three
+types without. A message that does not end where it should, or whose texts are not UTF-16, rules a
+way out. Sound messages never rule out the way in which they were written. So the text is certain
+where one way remains, or several that give the same text. Otherwise the messages are refused.
 
 Source: rosidl_typesupport_fastrtps, `cdr_serialize` of `u16string`; Fast-CDR 1 and 2, `Cdr::serialize` of
 `wchar_t`; rmw_cyclonedds_cpp, serialisation of `U16StringValueType`; ROS 2 design, "Unicode support".
@@ -29,8 +29,8 @@ from ariac_score.logs.containers.items import IntArray
 __all__ = ["UNITS", "WideDecoder", "plain_definition", "widened"]
 
 UNITS = ("uint32", "uint16", "uint8")
-"""What the numbers are, in each way: a code unit of UTF-16 in 32 bits (ROS 2 on Fast DDS, of Cyclone DDS
-at first), or in 16 (Fast-CDR 2 itself), or the bytes of these (Cyclone DDS). There is no NUL behind."""
+"""The numbers in each way: code units of UTF-16 in 32 bits (ROS 2 on Fast DDS, early Cyclone DDS) or in
+16 bits (Fast-CDR 2 itself), or the bytes of these (Cyclone DDS). None has a terminator."""
 
 _TYPE, _UNITS = "wide_text/msg/Wide", "units_of_wide_text"
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
@@ -39,7 +39,7 @@ _BOUND = re.compile(r"\bwstring<=[0-9]{1,9}\b", re.ASCII)
 
 
 def plain_definition(definition: str) -> str:
-    """A definition without what rosbags does not parse of wide texts: bounds, constants."""
+    """A definition without the bounds and constants of wide texts, which rosbags does not parse."""
     return _BOUND.sub("wstring", _CONSTANT.sub("", definition))
 
 
@@ -82,7 +82,7 @@ class WideDecoder(ColumnDecoder):
         everything = ColumnDecoder(stores[UNITS[0]], type_, cdr=True)
         wide = [path for path in everything.paths if path.endswith(f".{_UNITS}")]
         self._ways = {
-            # Wide texts that nobody wants must be sound all the same.
+            # Unwanted wide texts are evidence too: one that is not UTF-16 rules its way out.
             unit: ColumnDecoder(store, type_, cdr=True, wanted=None if paths is None else (*paths, *wide))
             for unit, store in stores.items()
         }
@@ -101,18 +101,19 @@ class WideDecoder(ColumnDecoder):
         return super().shape(path) if wide is None else ("string", wide[1][:-1])
 
     def decode(self, payloads: Payloads, room: Room | None = None) -> Columns:  # noqa: ARG002
-        """The wanted fields of some messages; those that do not fit, or fit in several ways, are named.
+        """The wanted fields of some messages; messages that fit in no way, or in several, are named.
 
         Args:
             payloads: At most so many that their columns fit into memory.
-            room: Not used: a slab is decoded more than once.
+            room: Not used: the same messages are decoded several times.
         """
         found = {unit: _Way(self._ways[unit], payloads, unit, self._texts) for unit in self._left}
+        # A message that fits in no way is damaged, and says nothing about the way of the others.
         fitting = np.logical_or.reduce([way.fits for way in found.values()])
         left = [unit for unit, way in found.items() if way.fits[fitting].all()]
         if not left:
             return self._refused(payloads, found, "no one way to read its wide text fits all messages")
-        self._left = tuple(left)
+        self._left = tuple(left)  # for later calls as well: one recorder writes all messages of a topic
         first, *others = (found[unit] for unit in left)
         rows = np.flatnonzero(fitting).astype(np.int64)
         if not all(first.agrees(other, rows) for other in others):
@@ -131,7 +132,7 @@ class WideDecoder(ColumnDecoder):
         )
 
     def _refused(self, payloads: Payloads, found: Mapping[str, _Way], cause: str) -> Columns:
-        """None of some messages, for a reason, unless one has a reason of its own."""
+        """No message at all, for a common cause, unless a message has a cause of its own."""
         first = next(iter(found.values()))
         defects = tuple(
             Defect(row, cause if any(way.fits[row] for way in found.values()) else first.cause(row))
@@ -169,7 +170,7 @@ class _Way:
         return self._causes.get(row, "its wide text is not UTF-16")
 
     def columns_of(self, rows: IntArray) -> dict[str, Column]:
-        """The fields of messages that fit, wide texts as texts."""
+        """The fields of messages that fit, with wide texts as texts."""
         starts, ends = self._payloads.starts[rows], self._payloads.ends[rows]
         found = self.decoder.decode(Payloads(self._payloads.buffer, starts, ends)).columns
         columns = {}
@@ -188,12 +189,12 @@ class _Way:
         return columns
 
     def agrees(self, other: _Way, rows: IntArray) -> bool:
-        """Whether two ways say the same of some messages."""
+        """Whether two ways give the same values for some messages."""
         ours, theirs = self.columns_of(rows), other.columns_of(rows)
         return all(_same(column, theirs[path]) for path, column in ours.items())
 
     def _codes(self, column: Column, rows: IntArray) -> tuple[IntArray, IntArray]:
-        """The number of each text, negative for what is none, and the message it belongs to."""
+        """The code of each text, negative if invalid, and the message it belongs to."""
         texts = replace(column, values=column.offsets[-1][1:], offsets=column.offsets[:-1])
         owners = np.repeat(rows, texts.per_message())
         big = self._payloads.buffer[self._payloads.starts[owners] + 1] == 0
@@ -206,9 +207,10 @@ class _Way:
 
     def _code(self, units: NDArray[Any], *, big: bool) -> int:
         if self._unit == "uint8":
-            if len(units) % 2:
+            if len(units) % 2:  # half a code unit
                 return -1
             units = np.frombuffer(units.tobytes(), dtype=">u2" if big else "<u2")
+        # A NUL would be a terminator, which none of the ways writes; a code unit has 16 bits.
         if (units == 0).any() or (units > 0xFFFF).any():
             return -1
         try:
@@ -223,4 +225,4 @@ def _same(one: Column, other: Column) -> bool:
         return False
     if one.texts is not None:
         return one.text() == other.text()
-    return one.values.tobytes() == other.values.tobytes()
+    return one.values.tobytes() == other.values.tobytes()  # to the bit, so that NaN equals NaN

@@ -1,4 +1,4 @@
-"""Chunks side by side in one buffer, which is used again, inflated while others are looked at."""
+"""Chunks side by side in reused buffers: one buffer is filled while the messages of another are read."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from ariac_score.logs.containers.items import Bytes
 __all__ = ["SLAB_BYTES", "Chunk", "Slab", "Slabs", "nothing_to_do", "scratch"]
 
 SLAB_BYTES = 16 << 20
-"""So many bytes of records lie side by side, in two buffers; a larger chunk has one of its own."""
+"""Bytes of records in one buffer; a larger chunk gets a buffer of its own."""
 
 _LARGEST_INDEX_BYTES = 64 << 20
 _RECORD_BYTES = 1 << 8
-"""What an index record takes besides what it holds, so that there are not too many that hold nothing."""
+"""Counted for each index record besides its body: millions of empty ones would take memory, too."""
 _MOST_JOBS = 16
 _TOGETHER_BYTES = 4 << 20
-"""Chunks of so many bytes in all are given to another thread at once: to wake one takes time."""
+"""Chunks are handed to another thread in groups of about this size, because waking a thread takes time."""
 
 _Fill = Callable[[memoryview], Callable[[], None]]
 
 
 @dataclass
 class Chunk:
-    """A chunk on its way.
+    """A queued chunk.
 
     Attributes:
         start: Where it starts in the file, bytes.
-        end: Where what belongs to it ends in the file, its index included.
+        end: Where it ends in the file, its index included.
         first: Where its records start in the buffer of its slab.
         last: Where they end.
-        finish: Waits until they are there; raises ValueError when they cannot be had.
-        index: What its index records hold.
-        complete: Reads what was left out of it; `None` when nothing was.
+        finish: Waits until they are inflated; raises ValueError when they cannot be.
+        index: The bodies of its index records.
+        complete: Reads the payloads that were left out; `None` when none was.
     """
 
     start: int
@@ -54,17 +54,17 @@ class Chunk:
     _index_bytes: int = 0
 
     def has_room_for(self, length: int) -> bool:
-        """Whether an index record of so many bytes is still looked at."""
+        """Whether an index record of this length is still kept."""
         return self._index_bytes + length <= _LARGEST_INDEX_BYTES
 
     def add_index(self, body: bytes) -> None:
-        """Take what an index record holds."""
+        """Keep the body of an index record."""
         self.index.append(body)
         self._index_bytes += len(body) + _RECORD_BYTES
 
 
 class _Group:
-    """Jobs that are done one after the other: on another thread once they are given to one."""
+    """Jobs that run in order: on another thread if they were given to one, else when waited for."""
 
     def __init__(self) -> None:
         self.size = 0
@@ -73,13 +73,13 @@ class _Group:
         self._wait: Callable[[], None] = self._run
 
     def add(self, job: Callable[[], None], size: int) -> Callable[[], None]:
-        """Take a job for so many bytes; returns what waits for it and raises what it raised."""
+        """Take a job for a number of bytes; returns a function that waits for it and raises its error."""
         self._jobs.append(job)
         self.size += size
         return partial(self._finish, len(self._jobs) - 1)
 
     def give(self, pool: ThreadPoolExecutor) -> None:
-        """Let another thread do them."""
+        """Run them on another thread."""
         self._wait = pool.submit(self._run).result
 
     def _run(self) -> None:
@@ -87,9 +87,9 @@ class _Group:
         for number, job in enumerate(jobs):
             try:
                 job()
-            except Exception as error:  # noqa: BLE001  # whoever waits for it gets it
+            except Exception as error:  # noqa: BLE001  # raised again in `_finish`
                 self._failure = number, error
-                return  # nobody looks at what is behind it
+                return  # nothing behind a damaged chunk counts
 
     def _finish(self, number: int) -> None:
         self._wait()
@@ -98,10 +98,10 @@ class _Group:
 
 
 class Slab:
-    """Chunks side by side.
+    """A buffer of chunks.
 
     Attributes:
-        buffer: Their records one after the other, and room behind them.
+        buffer: Their records one after the other, then unused room.
         chunks: In recorded order.
     """
 
@@ -111,23 +111,26 @@ class Slab:
         self._used = self._packed = 0
 
     def has_room_for(self, size: int, packed: int) -> bool:
-        """Whether a chunk of this size, of so many bytes in the file, fits in."""
+        """Whether a chunk of this size, and of this packed size in the file, fits in.
+
+        Packed bytes are limited as well: the jobs hold them in memory until they run.
+        """
         return self._used + size <= len(self.buffer) and (
             not self.chunks or self._packed + packed <= 2 * SLAB_BYTES
         )
 
     def reserve(self, size: int, packed: int) -> tuple[int, memoryview]:
-        """Where the records of the next chunk start, and the room they get."""
+        """The start of the room for the records of the next chunk, and that room."""
         start, self._used = self._used, self._used + size
         self._packed += packed
         return start, self.buffer.data[start : self._used]
 
     def empty(self) -> None:
-        """Forget the chunks, so that the buffer can be used again."""
+        """Forget the chunks, so that the buffer can be reused."""
         self.chunks, self._used, self._packed = [], 0, 0
 
     def finished(self) -> tuple[Sequence[Chunk], ValueError | None]:
-        """The chunks before the first that cannot be had, and why it cannot."""
+        """The chunks before the first that cannot be inflated, and why it cannot."""
         for number, chunk in enumerate(self.chunks):
             try:
                 chunk.finish()
@@ -137,10 +140,10 @@ class Slab:
 
 
 class Slabs:
-    """Two slabs: one is filled while the other one is looked at.
+    """Two slabs: one is filled while the messages of the other are read.
 
     Args:
-        jobs: Threads, the one that reads included; all others inflate, and if there are none, it does.
+        jobs: Threads, including the one that reads; the others inflate, or it does if there are none.
             0: as many as there are processors.
     """
 
@@ -161,18 +164,20 @@ class Slabs:
 
     @property
     def last(self) -> Chunk | None:
-        """The chunk that was added last, while its slab is not looked at."""
+        """The chunk that was added last, while its slab is still being filled."""
         return self._filling.chunks[-1] if self._filling.chunks else None
 
     def turn(self, size: int, packed: int) -> Iterator[Slab]:
-        """Make room for a chunk; a slab that must be looked at before comes first."""
+        """Make room for a chunk; first yields a slab that must be read before."""
         if self._filling.has_room_for(size, packed):
             return
         self._give()
         if self._waiting is not None:
             yield self._waiting
             self._waiting.empty()
+        # The slab just read becomes the next one to fill, and the filled one the next to read.
         spare, self._waiting = self._waiting, self._filling if self._filling.chunks else None
+        # A large chunk gets a slab of its own, and is alone in memory: both buffers are given up for it.
         if size > SLAB_BYTES:
             if self._waiting is not None:
                 yield self._waiting
@@ -182,12 +187,12 @@ class Slabs:
             self._filling = spare if spare is not None and fits else Slab(SLAB_BYTES)
 
     def room_of(self, chunk: Chunk) -> memoryview:
-        """Where the records of the chunk lie that was added last."""
+        """The room of the chunk that was added last."""
         return self._filling.buffer.data[chunk.first : chunk.last]
 
     def rest(self) -> Iterator[Slab]:
-        """All slabs that were not looked at."""
-        self._group = _Group()  # what was not given is done by whoever looks
+        """All slabs that were not read."""
+        self._group = _Group()  # jobs that were not given to a thread run when their chunk is read
         if self._waiting is not None:
             yield self._waiting
             self._waiting.empty()
@@ -203,10 +208,10 @@ class Slabs:
 
         Args:
             size: Bytes of its records.
-            packed: Bytes of it in the file.
+            packed: Its bytes in the file.
             start: Where it starts there.
-            fill: Given the room for its records it returns the job that puts them there
-                and verifies them; called at once, the job perhaps on another thread.
+            fill: Given the room for its records, returns the job that puts them there and
+                verifies them. It is called at once, the job perhaps on another thread.
         """
         first, room = self._filling.reserve(size, packed)
         job = fill(room)
@@ -219,19 +224,19 @@ class Slabs:
         return chunk
 
     def _give(self) -> None:
-        """Let another thread begin with what was added last."""
+        """Let another thread begin with the chunks added last."""
         if self._pool is not None and self._group.size:
             self._group.give(self._pool)
             self._group = _Group()
 
 
 def nothing_to_do() -> None:
-    """The job of a chunk that lies ready."""
+    """The job of a chunk that needs no inflating."""
 
 
 @contextmanager
 def scratch(size: int) -> Iterator[memoryview]:
-    """Some bytes that hold until the thread asks again; those of before are used again."""
+    """A buffer of the calling thread, valid until its next call, which reuses it."""
     if size > SLAB_BYTES:
         yield memoryview(bytearray(size))
         return
@@ -246,4 +251,5 @@ _OWN = threading.local()
 
 
 def _processors() -> int:
+    # Not `cpu_count` where there is better: a container may be given fewer processors than there are.
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

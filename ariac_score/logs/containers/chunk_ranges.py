@@ -1,8 +1,8 @@
 """Which bytes of an indexed recording a scan for some topics reads, so that they are fetched together.
 
-Nothing depends on what is foreseen here but the number of requests: whatever else the scan reads is
-fetched when it reads it (`ariac_score.logs.containers.ranged`). Why not leave it at that? A request
-takes as long as some 100 kB, and there would be one for each chunk and each index.
+Only the number of requests depends on this forecast: any other bytes that the scan reads are fetched
+when it reads them (`ariac_score.logs.containers.ranged`). Why not leave it at that? A request takes
+as long as some 100 kB, and there would be one for each chunk and each index.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ INDEXED: dict[str, type[ChunkedScan]] = {".mcap": McapScan, ".bag": Ros1Scan}
 
 _FIRST_BYTES = 1 << 16
 _BEFORE_BYTES = 1 << 11
-"""So much is fetched before a chunk: most of the index of the one before it, where chunks are small."""
+"""Fetched before each chunk: most of the index of the previous one, where chunks are small."""
 _BEHIND_BYTES = USUAL_INDEX_BYTES + (1 << 9)
-"""And so much from its start on: its head, and as far as a scan looks for more of the index before it."""
+"""Fetched from its start on: its head, and as far as a scan looks for more of the index before it."""
 
 
 @dataclass(frozen=True)
 class _Body:
-    """The records of a chunk: what its head says, whose messages they hold, and where they are."""
+    """The records of a chunk: its head, the senders of its messages, and its place in the file."""
 
     head: ChunkHead
     senders: frozenset[int]
@@ -44,14 +44,14 @@ def foresee(file: RangedFile, topics: Container[str]) -> bool:
     """Fetch what a scan of a recording will read of it.
 
     Args:
-        file: Of which nothing is here; its suffix is one of `INDEXED`.
-        topics: Whose messages are wanted.
+        file: A file with nothing fetched yet; its suffix is one of `INDEXED`.
+        topics: The topics whose messages are wanted.
 
     Returns:
-        Whether that is less than nearly all: it has an index, and large parts that nobody wants.
+        Whether that pays: the file has an index, and large parts of it are unwanted.
 
     Raises:
-        OSError: It cannot be fetched.
+        OSError: The bytes cannot be fetched.
     """
     scan = INDEXED[file.path.suffix](file.path, topics=topics)
     file.have([(0, _FIRST_BYTES), (file.size - _FIRST_BYTES, file.size)])
@@ -75,7 +75,7 @@ def foresee(file: RangedFile, topics: Container[str]) -> bool:
                 left_out = scan.left_out_of(source, body.head, body.end, known)
                 whole += _without(body, left_out)
         except (LogError, struct.error, ValueError):
-            return False  # the scan says what is wrong with it
+            return False  # the scan will report the damage
         if not file.pays(whole):
             return False
         file.have(whole)
@@ -83,16 +83,16 @@ def foresee(file: RangedFile, topics: Container[str]) -> bool:
 
 
 def _body(scan: ChunkedScan, source: Source, start: int, senders: Collection[int]) -> _Body:
-    source.at(start, _BEHIND_BYTES)  # lest the source read on into what is not here
+    source.at(start, _BEHIND_BYTES)  # keeps the source from reading ahead into bytes that are not here
     head = scan.chunk_at(source, start)
     return _Body(head, frozenset(senders), source.offset, source.offset + head.packed)
 
 
 def _between(bodies: Sequence[_Body], size: int) -> Iterator[Range]:
-    """What lies before, between and behind the chunks, and as far as a scan looks for their indexes."""
+    """The stretches before, between and behind the chunks, as far as a scan looks for their indexes."""
     at = length = 0
     for body in bodies:
-        # A scan looks as far as the index before went, and an eighth more; and to where the chunk starts.
+        # As in `ChunkedScan._index_behind`: as far as the previous index went, and an eighth more.
         usual, length = length + length // 8, max(body.start - at, 0)
         yield at, at + max(usual, length) + USUAL_INDEX_BYTES
         at = body.end
@@ -102,9 +102,9 @@ def _between(bodies: Sequence[_Body], size: int) -> Iterator[Range]:
 def _read(
     scan: ChunkedScan, bodies: Sequence[_Body], outline: Outline, unwanted: set[int]
 ) -> tuple[list[Range], list[tuple[_Body, set[int]]]]:
-    """Chunks that are read whole; and those of which large messages of some senders are left out.
+    """The chunks that are read whole, and those without the large messages of some senders.
 
-    A scan learns who sends what from the chunks: it leaves out nothing of a sender before.
+    A scan learns the topics of senders from the chunks, and reads everything of a sender before that.
     """
     whole, mixed, declared = list[Range](), list[tuple[_Body, set[int]]](), set[int]()
     for body in bodies:

@@ -1,10 +1,10 @@
-"""The one way through a recording of chunks with indexes, which MCAP files and ROS 1 bags share.
+"""Scanning recordings that consist of chunks with indexes: MCAP files and ROS 1 bags.
 
 A chunk is queued together with the index behind it and inflated, perhaps on another thread, while
-the next ones are read. Once a buffer is full, or something comes that does not lie in a chunk, what
-is queued is drained: all messages as one batch where the indexes agree with the head of every
-message, otherwise record by record, for the records are what counts. Payloads and whole chunks that
-nobody wants are left out where the index says where they lie.
+the next ones are read. Once a buffer is full, or a record outside chunks follows, the queue is
+drained: all messages as one batch where the indexes agree with the head of every message, otherwise
+record by record, for the records are what counts. Unwanted payloads and whole chunks are left out
+where the index gives their place.
 
 Why not simply follow the index, as other readers do? An index may be wrong or missing where the
 records are sound, and a file that is read from front to back shows how far it is sound.
@@ -49,21 +49,22 @@ __all__ = [
 ]
 
 LARGE_MESSAGE_BYTES = 1 << 16
-"""From this size on a payload that nobody wants is not read: to skip a smaller one saves nothing."""
+"""Unwanted payloads from this size on are not read; skipping smaller ones saves nothing."""
 
 USUAL_INDEX_BYTES = 1 << 12
+"""How far to look behind a chunk for its index, until the first one shows how long they are."""
 _FEW_NUMBERS = 1 << 16
 
 
 @dataclass(frozen=True)
 class ChunkHead:
-    """What stands before the records of a chunk.
+    """The head of a chunk: the fields before its records.
 
     Attributes:
         size: Bytes of its records, inflated.
-        packed: Bytes of the records as they are in the file.
-        compression: By name; empty or `none` without one.
-        span_ns: The earliest and the latest log time in it, ns; `None` where the head does not say.
+        packed: Bytes of its records in the file.
+        compression: Its name; empty or `none` without one.
+        span_ns: The earliest and the latest log time in it, ns; `None` where heads do not contain them.
         crc: Checksum of its records; 0 without one.
     """
 
@@ -90,7 +91,7 @@ class ChunkHead:
 
 @dataclass(frozen=True, eq=False)
 class MessageHeads:
-    """What the heads of messages in a buffer say.
+    """The heads of messages in a buffer.
 
     Attributes:
         senders: Number of the channel or connection of each message, shape (n,).
@@ -107,12 +108,12 @@ class MessageHeads:
 
 @dataclass(frozen=True)
 class Outline:
-    """What the end of a file says is in it.
+    """The contents of a file as its end announces them.
 
     Attributes:
-        topics: Of each channel or connection.
-        chunks: Those with messages in each chunk, by its start.
-        declares_all: Whether it declares them as well as the chunks do.
+        topics: By the number of each channel or connection.
+        chunks: The channels or connections with messages in each chunk, by its start.
+        declares_all: Whether the end declares them as fully as the chunks do.
     """
 
     topics: Mapping[int, str]
@@ -121,10 +122,10 @@ class Outline:
 
 
 class Lookahead:
-    """Bytes from a place of a file on, read as far as somebody looks.
+    """Bytes from a place of a file on, read on demand.
 
     Attributes:
-        bytes: Those read so far.
+        bytes: The bytes read so far.
     """
 
     def __init__(self, source: Source, start: int, count: int) -> None:
@@ -132,7 +133,7 @@ class Lookahead:
         self._source, self._start = source, start
 
     def reaches(self, end: int) -> bool:
-        """Whether the file goes on up to here, and not so far that no index goes there."""
+        """Whether the file reaches up to here, and no further than an index may reach."""
         missing = end - len(self.bytes)
         if missing > 0 and end <= MAX_PEEK_BYTES:
             more = max(missing + USUAL_INDEX_BYTES, len(self.bytes))
@@ -142,7 +143,7 @@ class Lookahead:
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """The messages of some chunks, and in `runs` what lies between them (see `gaps_between`)."""
+    """The messages of some chunks, and in `runs` the gaps between them (see `gaps_between`)."""
 
     buffer: Bytes
     heads: MessageHeads
@@ -152,7 +153,7 @@ class _Places:
 class ChunkedScan(ABC):
     """One file of chunks; see `ariac_score.logs.containers.items.Scan`.
 
-    A subclass says how the records of its format look; everything else is here.
+    A subclass knows the records of its format; everything else is here.
 
     Args:
         path: The file.
@@ -163,7 +164,7 @@ class ChunkedScan(ABC):
         path: The file.
         sender_kind: What a message belongs to, in the words of the format.
         sender_bytes: Bytes of its number at the start of an index record.
-        message_head_bytes: So much is read of a message whose payload is left out.
+        message_head_bytes: How much is read of a message whose payload is left out.
         smallest_left_out_bytes: Nothing is left out of smaller chunks.
     """
 
@@ -185,11 +186,11 @@ class ChunkedScan(ABC):
         self._contradictions = self._done = self._handed_over = 0
         self._is_draining = False
 
-    # What a format says -----------------------------------------------------------------------
+    # What a format defines ----------------------------------------------------------------------
 
     @abstractmethod
     def _open(self, source: Source) -> None:
-        """Read what comes before the first record, and what the end of the file says is in it.
+        """Read what precedes the first record, and the contents that the end of the file announces.
 
         Raises:
             LogError: It is damaged.
@@ -220,16 +221,16 @@ class ChunkedScan(ABC):
         """Each index record behind a chunk: what it holds, its sender first, and where it ends.
 
         Raises:
-            ValueError: They had better be read one by one.
+            ValueError: They must be read one by one.
         """
 
     @abstractmethod
     def outline(self, source: Source) -> Outline | None:
-        """What the end of the file says, for whoever foresees what a scan reads; `None`: all of it.
+        """The announced contents, for foreseeing which bytes a scan reads; `None`: all of them.
 
         Raises:
             LogError: The file is damaged.
-            ValueError: So it is.
+            ValueError: Likewise.
         """
 
     @abstractmethod
@@ -238,12 +239,12 @@ class ChunkedScan(ABC):
 
         Raises:
             LogError: The file ends before.
-            ValueError: There is none.
+            ValueError: There is no chunk.
         """
 
     @abstractmethod
     def _is_announced(self, start: int, entries: IndexEntries) -> bool:
-        """Whether the end of the file says the same of a chunk as its index, and it declares nothing new."""
+        """Whether the end of the file agrees with the index of a chunk, which declares nothing new."""
 
     @abstractmethod
     def _items_in_chunk(self, records: memoryview, start: int) -> Iterator[Item]:
@@ -251,17 +252,17 @@ class ChunkedScan(ABC):
 
         Raises:
             ValueError: One of them is damaged.
-            struct.error: So it is.
+            struct.error: Likewise.
         """
 
     @staticmethod
     @abstractmethod
     def _entries(indexes: Sequence[Sequence[bytes]]) -> IndexEntries:
-        """What the index records of some chunks say.
+        """The entries of the index records of some chunks.
 
         Raises:
             ValueError: They are no index.
-            struct.error: So it is.
+            struct.error: Likewise.
         """
 
     @staticmethod
@@ -271,32 +272,32 @@ class ChunkedScan(ABC):
 
         Raises:
             ValueError: One of them is damaged.
-            struct.error: So it is.
+            struct.error: Likewise.
         """
 
     @staticmethod
     @abstractmethod
     def _message_heads(buffer: Bytes, offsets: IntArray) -> MessageHeads:
-        """What the heads of the messages at some places say.
+        """The heads of the messages at some places.
 
         Raises:
-            ValueError: There is something else, or a head that is not as all others.
-            struct.error: So it is.
+            ValueError: There is another record, or a head that is built differently.
+            struct.error: Likewise.
         """
 
     def _declare_all(self) -> Iterator[Connection]:
-        """Declare what a chunk that is not read may be the one to declare."""
+        """Declare everything that a chunk which is not read might have declared."""
         yield from ()
 
-    # How far it got ---------------------------------------------------------------------------
+    # Progress ---------------------------------------------------------------------------------
 
     def _reached(self, offset: int) -> None:
-        """Take note that everything before this byte was readable."""
+        """Record that everything before this byte was readable."""
         self._done, self._readable = offset, f"byte {offset}"
 
     @property
     def index_contradictions(self) -> int:
-        """How often the index said something else than the records."""
+        """How often the index contradicted the records."""
         return self._contradictions
 
     @property
@@ -306,11 +307,11 @@ class ChunkedScan(ABC):
 
     @property
     def share(self) -> float:
-        """The share read, 0 to 1, what was handed over last included."""
+        """The share read, 0 to 1, including what was handed over last."""
         source = self._source
         return max(self._done, self._handed_over) / source.size if source and source.size else 0.0
 
-    # The way ----------------------------------------------------------------------------------
+    # The scan ---------------------------------------------------------------------------------
 
     def __iter__(self) -> Iterator[Item]:
         """Every declared connection and message, in recorded order.
@@ -327,7 +328,7 @@ class ChunkedScan(ABC):
                     yield from self._drained(source, slabs.rest())
                 except LogError:
                     if not self._is_draining:
-                        # What is before the damage counts; and where it is damaged too, that comes first.
+                        # What was queued lies before the damage: it is readable, or damaged first.
                         yield from self._drained(source, slabs.rest())
                     raise
             self._close(source)
@@ -335,13 +336,13 @@ class ChunkedScan(ABC):
     def _enqueue_chunk(
         self, source: Source, slabs: Slabs, read_head: Callable[[], ChunkHead], length: int, start: int
     ) -> Iterator[Item]:
-        """Queue a chunk, or pass over it where nobody wants any of its messages.
+        """Queue a chunk, or skip it where none of its messages is wanted.
 
         Args:
-            source: At what follows the head of the record.
+            source: Behind the head of the record.
             slabs: The queue.
             read_head: Reads the head of the chunk, or raises ValueError.
-            length: Bytes of the record behind its own head.
+            length: Bytes of the record without its own head.
             start: Where the record starts.
         """
         end = source.offset + length
@@ -350,7 +351,7 @@ class ChunkedScan(ABC):
             index, behind = self._index_behind(source, end)
             named = {int.from_bytes(body[: self.sender_bytes], "little") for body in index}
             if self._topics is not None and not named <= self._connections.keys():
-                # They are declared in what is queued, or in this chunk: now or never.
+                # They are declared in a queued chunk or in this one. Whether they are wanted is needed now.
                 yield from self._drained(source, slabs.rest())
             unread = self._unread(index, named, head, start)
             if unread is not None:
@@ -382,16 +383,16 @@ class ChunkedScan(ABC):
             for body, last in self._index_records(ahead):  # noqa: B007  # the last one counts
                 found.append(body)
         except ValueError:
-            return [], end
-        # The next one may well be as long; what follows it must be seen to know that it ends.
+            return [], end  # without an index the records are walked
+        # The next index is about as long, and the record behind it must be seen to know that it ends.
         self._usual_index_bytes = last + last // 8 + USUAL_INDEX_BYTES
         return found, end + last
 
     def _unread(self, index: Sequence[bytes], named: set[int], head: ChunkHead, start: int) -> Batch | None:
         """The messages of a chunk that is not read, without their bytes, in recorded order.
 
-        The index alone is not believed: the same must stand elsewhere in the file, or a damaged
-        index could hide messages. `None` where somebody wants one of them, or there is any doubt.
+        The index alone is not trusted: the end of the file must agree with it, or a damaged
+        index could hide messages. `None` where one of them is wanted, or in any doubt.
         """
         if not index or head.size < self.smallest_left_out_bytes or not named <= self._unwanted:
             return None
@@ -400,6 +401,7 @@ class ChunkedScan(ABC):
         except (struct.error, ValueError):
             return None
         offsets = entries.offsets
+        # Two entries for one offset would count a message twice.
         if not len(offsets) or int(offsets.max()) >= head.size or len(np.unique(offsets)) != len(offsets):
             return None
         span_ns = int(entries.stamps_ns.min()), int(entries.stamps_ns.max())
@@ -411,8 +413,9 @@ class ChunkedScan(ABC):
         return self._batch_of(_Places(nothing, heads), slice(0, len(order)))
 
     def _left_out(self, index: Sequence[bytes], head: ChunkHead) -> list[tuple[int, int]]:
-        """Where large payloads lie that nobody wants, if the index is right; the heads will show it."""
+        """The places of large unwanted payloads, if the index is right, which the heads will show."""
         small = head.size < max(self.smallest_left_out_bytes, LARGE_MESSAGE_BYTES)
+        # A compressed chunk is inflated whole anyway.
         if not index or not self._unwanted or not head.plain or small:
             return []
         try:
@@ -429,14 +432,17 @@ class ChunkedScan(ABC):
     def left_out_of(
         self, source: Source, head: ChunkHead, end: int, unwanted: set[int]
     ) -> list[tuple[int, int]]:
-        """What is not read of a chunk that ends here once its senders are known."""
+        """The stretches of a chunk that are not read once its senders are known."""
         self._unwanted = unwanted
         return self._left_out(self._index_behind(source, end)[0], head)
 
     def _enqueue_parts(
         self, source: Source, slabs: Slabs, head: ChunkHead, left_out: Sequence[tuple[int, int]], start: int
     ) -> Chunk:
-        """Queue a chunk without large payloads that nobody wants."""
+        """Queue a chunk without its large unwanted payloads.
+
+        The room for them stays as it is, for the offsets of the index count from the start of the chunk.
+        """
         records = source.offset
 
         def fill(room: memoryview) -> Callable[[], None]:
@@ -450,6 +456,7 @@ class ChunkedScan(ABC):
         chunk = slabs.add(head.size, 0, start, fill)
         room = slabs.room_of(chunk)
 
+        # Only called if the heads contradict the index; then the checksum, too, can be verified.
         def complete() -> None:
             source.read_at(records, room, "chunk")
             head.verify(room)
@@ -459,7 +466,7 @@ class ChunkedScan(ABC):
 
     def _drained(self, source: Source, slabs: Iterable[Slab]) -> Iterator[Item]:
         """The records of queued chunks."""
-        self._is_draining = True  # and stays so where one is damaged: what is behind it does not count
+        self._is_draining = True  # stays set if a chunk is damaged, for nothing behind it counts then
         for slab in slabs:
             chunks, failure = slab.finished()
             self._chunks += len(chunks)
@@ -471,6 +478,7 @@ class ChunkedScan(ABC):
                 yield from self._one_by_one(source, slab, chunks)
             if chunks:
                 self._reached(chunks[-1].end)
+            # Only now: the messages before the damage are handed over first.
             if failure is not None:
                 at = slab.chunks[len(chunks)].start
                 slab.empty()
@@ -478,7 +486,7 @@ class ChunkedScan(ABC):
         self._is_draining = False
 
     def _batch_by_index(self, slab: Slab, chunks: Sequence[Chunk]) -> Batch | None:
-        """All messages of some chunks; `None` where they hold more, or their index is not as it should be."""
+        """All messages of some chunks; `None` where chunks hold other records, or an index is wrong."""
         if not chunks or not all(chunk.index for chunk in chunks):
             return None
         try:
@@ -486,7 +494,7 @@ class ChunkedScan(ABC):
         except (struct.error, ValueError):
             return None
         if [run[:2] for run in places.runs] != [(0, 0)]:
-            return None  # something stands before, between or behind the messages
+            return None  # there are records before, between or behind the messages
         if not all(number in self._connections for number in _distinct(places.heads.senders).tolist()):
             return None
         return self._batch_of(places, slice(0, len(places.heads.senders)))
@@ -523,28 +531,30 @@ class ChunkedScan(ABC):
             yield from self._batch(places, first, last)
 
     def _places(self, buffer: Bytes, offsets: IntArray) -> _Places:
-        """Where messages lie whose records start at some places, increasing.
+        """The messages whose records start at some places, increasing.
 
         Raises:
-            ValueError: There are other things than whole messages, or messages besides them.
-            struct.error: So it is.
+            ValueError: There is something else at a place, or another message in a gap.
+            struct.error: Likewise.
         """
         heads = self._message_heads(buffer, offsets)
+        # Gaps may hold declarations, but a message in one means that the index is incomplete.
         runs = tuple(gaps_between(offsets, heads.ends, len(buffer)))
         if any(len(self._message_offsets(buffer.data[gap:behind])) for gap, behind, _, _ in runs):
             raise ValueError("there are other messages")
         return _Places(buffer, heads, runs)
 
     def _indexed(self, buffer: Bytes, chunks: Sequence[Chunk]) -> _Places:
-        """Where the messages of chunks that lie side by side are, by their indexes.
+        """The messages of chunks that lie side by side in a buffer, by their indexes.
 
         Raises:
             ValueError: An index contradicts its chunk.
-            struct.error: So it is.
+            struct.error: Likewise.
         """
         senders, stamps_ns, offsets, owners = self._entries([chunk.index for chunk in chunks])
         firsts = np.array([chunk.first for chunk in chunks], dtype=np.int64)
         lasts = np.array([chunk.last for chunk in chunks], dtype=np.int64)
+        # Checked chunk by chunk: in the common buffer such an offset would point into the next one.
         if (offsets >= (lasts - firsts)[owners]).any():
             raise ValueError("the index leads out of its chunk")
         offsets = offsets + firsts[owners]
@@ -561,7 +571,7 @@ class ChunkedScan(ABC):
         return places
 
     def _batch(self, places: _Places, first: int, last: int) -> Iterator[Batch]:
-        """Messages that follow each other, up to the first whose sender is not declared."""
+        """Consecutive messages, up to the first whose sender is not declared."""
         senders = places.heads.senders[first:last]
         missing = [number for number in _distinct(senders).tolist() if number not in self._connections]
         if missing:
@@ -587,11 +597,11 @@ class ChunkedScan(ABC):
         return Batch(connections, sources, heads.stamps_ns[rows], Payloads(places.buffer, starts, ends))
 
     def _message(self, sender: int, stamp_ns: int, payload: memoryview, start: int) -> Message:
-        """A message that comes alone.
+        """A single message.
 
         Raises:
             ValueError: Its sender is not declared.
-            LogError: Its log time cannot be one.
+            LogError: Its log time is invalid.
         """
         if sender not in self._connections:
             raise self._undeclared(sender)
@@ -605,7 +615,7 @@ class ChunkedScan(ABC):
         )
 
     def _declared(self, sender: int, connection: Connection) -> Connection:
-        """Take note of a sender that was not declared before."""
+        """Record a sender that was not declared before."""
         self._connections[sender] = connection
         if self._topics is not None and connection.topic not in self._topics:
             self._unwanted.add(sender)
@@ -613,8 +623,8 @@ class ChunkedScan(ABC):
 
 
 def _distinct(numbers: IntArray) -> IntArray:
-    """The different ones of some numbers that are not negative, increasing."""
+    """The distinct ones of some non-negative numbers, increasing."""
     if int(numbers.max(initial=0)) >= _FEW_NUMBERS:
         return np.unique(numbers)
-    # Recorders number from 0 or 1 on; to count is several times as fast as to sort.
+    # Recorders number from 0 or 1 on, and counting is several times as fast as sorting.
     return np.flatnonzero(np.bincount(numbers)).astype(np.int64)

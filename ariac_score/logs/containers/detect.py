@@ -1,4 +1,4 @@
-"""Which scan a recording needs; the containers are imported only when one of them is met."""
+"""Which scan a recording needs."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ __all__ = ["SUFFIXES", "cannot_be_read", "looks_like_recording", "open_scan"]
 
 
 SUFFIXES = (".bag", ".db3", ".mcap")
-"""Of recordings that are files."""
+"""The suffixes of recordings that are files."""
 
 
-_LARGE_BLOCK_BYTES = 31 << 20  # at 32 MiB glibc stops learning
+_LARGE_BLOCK_BYTES = 31 << 20  # from 32 MiB on glibc no longer adapts its threshold
 
 
 _MCAP, _ROS1, _SQLITE = b"\x89MCAP0\r\n", b"#ROSBAG ", b"SQLite format 3\0"
@@ -32,13 +32,14 @@ def looks_like_recording(path: Path) -> bool:
     """Whether this looks like a ROS recording, whole or not.
 
     Raises:
-        OSError: It cannot be looked at.
+        OSError: It cannot be read.
     """
     if path.is_dir():
         metadata = path / METADATA
         if not metadata.is_file():
             return False
         with metadata.open("rb") as file:
+            # Or: a folder with torn metadata is a recording all the same, whose damage is then reported.
             return METADATA_KEY.encode() in file.read(1 << 16) or any(
                 child.suffix in SUFFIXES for child in path.iterdir()
             )
@@ -54,7 +55,7 @@ def looks_like_recording(path: Path) -> bool:
 
 
 def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> Scan:
-    """The scan for what lies at a path, chosen by its first bytes, else by its suffix.
+    """The scan for the recording at a path, chosen by its first bytes, else by its suffix.
 
     Args:
         path: A recording.
@@ -63,7 +64,7 @@ def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None
 
     Raises:
         NothingToScoreError: It is empty, or no recording.
-        LogError: It cannot be looked at, or its metadata cannot be understood.
+        LogError: It cannot be read, or its metadata cannot be understood.
     """
     _let_freed_memory_stay()
     try:
@@ -91,16 +92,18 @@ def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None
 
 
 def _let_freed_memory_stay() -> None:
-    """Have what is freed while reading used again instead of given back to the system.
+    """Make glibc reuse memory that is freed while reading, instead of returning it to the system.
 
-    To get memory back from there takes longer than what is done with it. glibc keeps up to twice
-    the largest block that it got from the system and gave back; so one is, which nobody touches.
+    Getting it back takes longer than all that is done with it. glibc returns blocks above a threshold
+    that grows with the largest block freed so far, so one large block is allocated and freed, untouched.
+
+    Source: mallopt(3), M_MMAP_THRESHOLD and its dynamic adjustment.
     """
     with suppress(MemoryError):
         np.empty(_LARGE_BLOCK_BYTES, dtype=np.uint8)
 
 
 def cannot_be_read(error: OSError | MemoryError, path: Path) -> LogError:
-    """The error for what the operating system refuses."""
+    """The error for a file that the operating system refuses to read."""
     cause = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return LogError(f"it cannot be read: {cause}", file=path, hint="check that it is there and may be read")

@@ -45,7 +45,7 @@ class FolderScan:
 
     @property
     def readable(self) -> str:
-        """How far reading got: the file and the place in it."""
+        """How far reading got: the file, and how far in it."""
         if not self._metadata.files:
             return METADATA
         return (
@@ -54,7 +54,7 @@ class FolderScan:
 
     @property
     def index_contradictions(self) -> int:
-        """How often an index said something else than the records."""
+        """How often an index contradicted the records."""
         return self._contradictions + (self._scan.index_contradictions if self._scan else 0)
 
     @property
@@ -70,6 +70,7 @@ class FolderScan:
         Raises:
             LogError: A file is not whole, or the files do not add up to what the metadata says.
         """
+        # Counted over all files: a lost or exchanged file of a split recording would pass for a short one.
         found = 0
         for number, file in enumerate(self._metadata.files):
             self._contradictions, self._scan, self._current = self.index_contradictions, None, number
@@ -78,6 +79,7 @@ class FolderScan:
                     yield item
                     continue
                 found += len(item) if isinstance(item, Batch) else 1
+                # With compression by message, containers hold zstd frames in place of CDR payloads.
                 if self._metadata.packed == "message":
                     yield from map(self._unpacked, item.messages() if isinstance(item, Batch) else (item,))
                 else:
@@ -91,7 +93,7 @@ class FolderScan:
             )
 
     def _items(self, file: Path) -> Iterator[Connection | Message | Batch]:
-        """What one storage file holds, unpacked beside the recording's folder where it is packed."""
+        """The items of one storage file, which is inflated into a temporary folder where it is compressed."""
         if self._metadata.packed != "file" or file.suffix not in _PACKED_SUFFIXES:
             self._scan = self._scan_of(file)
             yield from self._scan
@@ -110,6 +112,7 @@ class FolderScan:
             except LogError as error:
                 if error.file != str(unpacked):
                     raise
+                # The user knows the compressed file, not our temporary one.
                 raise LogError(error.cause, file=file, place=error.place, hint=error.hint) from error
 
     def _scan_of(self, file: Path) -> Scan:

@@ -1,4 +1,8 @@
-"""Compressed bytes, inflated within limits."""
+"""Inflating compressed bytes within limits.
+
+A few bytes can announce, or become, terabytes. So announced sizes are checked before memory is reserved,
+and no decompressor may produce more than announced.
+"""
 
 from __future__ import annotations
 
@@ -40,10 +44,11 @@ LARGEST_FILE_BYTES = _limit("ARIAC_SCORE_LARGEST_FILE_BYTES", 1 << 37)
 
 
 MOST_INFLATION = _limit("ARIAC_SCORE_MOST_INFLATION", 1000)
-"""So many times its size anything may inflate to, once it is large."""
+"""The largest ratio of inflated to packed bytes, for anything above `_ALWAYS_ALLOWED_BYTES`."""
 
 
 _ALWAYS_ALLOWED_BYTES = 1 << 26
+"""Up to this size the ratio does not matter: uniform data compresses better than it allows."""
 
 
 _INFLATERS = {
@@ -54,7 +59,7 @@ _INFLATERS = {
 
 
 def inflate(packed: bytes | memoryview, compression: str, *, size: int | None = None) -> bytes | memoryview:
-    """Undo a compression without ever producing more than announced.
+    """Inflate some bytes without ever producing more than announced.
 
     Args:
         packed: One compressed frame.
@@ -78,10 +83,10 @@ def inflate(packed: bytes | memoryview, compression: str, *, size: int | None = 
 
 
 def check_announced(size: int, packed: int | None = None) -> None:
-    """Make sure that so many bytes may be inflated at all, from so many packed ones.
+    """Make sure that an announced size, and its ratio to the packed bytes, is within the limits.
 
     Raises:
-        ValueError: They are too many.
+        ValueError: It is not.
     """
     if size > LARGEST_INFLATED_BYTES:
         raise ValueError(f"it announces {size} bytes, more than the {LARGEST_INFLATED_BYTES} allowed")
@@ -92,7 +97,7 @@ def check_announced(size: int, packed: int | None = None) -> None:
 
 
 def inflate_file(packed: Path, into: Path) -> None:
-    """Undo the zstd compression of a whole file, piece by piece.
+    """Inflate a file compressed by zstd, piece by piece.
 
     Raises:
         ValueError: It cannot be inflated, or inflates to more than is allowed.
@@ -118,7 +123,7 @@ def inflate_file(packed: Path, into: Path) -> None:
 
 
 def inflate_into(room: memoryview, packed: bytes | memoryview, compression: str) -> None:
-    """Undo a compression whose announced size is the size of a buffer, into that buffer.
+    """Inflate some bytes into a buffer of the announced size.
 
     Raises:
         ValueError: It cannot be inflated to that size; the message says why.
@@ -129,9 +134,10 @@ def inflate_into(room: memoryview, packed: bytes | memoryview, compression: str)
 
 
 def _inflate_fast(room: memoryview, packed: bytes | memoryview, compression: str) -> bool:
-    """Inflate one whole frame where cramjam is installed, which writes in place.
+    """Inflate one whole frame in place, where cramjam is installed; whether that was done.
 
-    Whatever is odd is left undone, for the slower way to tell.
+    Anything irregular is left to the slower way, whose errors say what is wrong. The end of the
+    frame is found beforehand, because cramjam takes several frames as one.
     """
     cramjam = _cramjam()
     if cramjam is None or not room or _ENDS[compression](packed) != len(packed):
@@ -152,7 +158,7 @@ def _cramjam() -> Any:
 
 
 def _end_of_lz4(packed: bytes | memoryview) -> int:
-    """Where a frame of lz4 ends, by the lengths of its blocks; -1 when it is none.
+    """Where an lz4 frame ends, by the lengths of its blocks; -1 when it is none.
 
     Source: LZ4 frame format description, version 1.6.
     """
@@ -164,6 +170,7 @@ def _end_of_lz4(packed: bytes | memoryview) -> int:
     at = 7 + (8 if flags & 0b1000 else 0)
     behind_block, behind_frame = (4 if flags & bit else 0 for bit in (0b10000, 0b100))
     while at + 4 <= len(packed):
+        # The highest bit marks a block that is not compressed.
         length = int.from_bytes(packed[at : at + 4], "little") & 0x7FFFFFFF
         at += 4
         if not length:
@@ -173,7 +180,7 @@ def _end_of_lz4(packed: bytes | memoryview) -> int:
 
 
 def _end_of_zstd(packed: bytes | memoryview) -> int:
-    """Where the frame that starts some bytes ends; -1 when they are none, or it is not whole.
+    """Where the zstd frame at the start of some bytes ends; -1 when there is no whole one.
 
     Source: RFC 8878, 3.1.1.
     """
@@ -185,6 +192,7 @@ def _end_of_zstd(packed: bytes | memoryview) -> int:
     at = 5 + (1 - alone) + (0, 1, 2, 4)[flags & 3] + size_bytes
     while at + 3 <= len(packed):
         head = int.from_bytes(packed[at : at + 3], "little")
+        # A repeated block holds one byte, whatever size it announces.
         at += 3 + (1 if head >> 1 & 3 == _ZSTD_REPEATED else head >> 3)
         if head & 1:
             return at + 4 * (flags >> 2 & 1)
@@ -204,11 +212,13 @@ def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:
     except ImportError as error:
         raise ValueError(f"its {compression} data needs the Python module {module_name!r}") from error
     engine = getattr(module, name)()
+    # Only the zstd module has an error of its own.
     failures = (OSError, EOFError, RuntimeError, ValueError, getattr(module, "ZstdError", OSError))
     parts: list[bytes] = []
-    room = most + 1
+    room = most + 1  # one byte too many shows that it inflates to more
     try:
         while room > 0 and not engine.eof:
+            # The input is given once; further calls only fetch more output.
             part: bytes = engine.decompress(b"" if parts else bytes(packed), max_length=room)
             parts.append(part)
             room -= len(part)

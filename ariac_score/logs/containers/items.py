@@ -1,4 +1,4 @@
-"""What a container yields: connections, messages, batches, and the bytes they lie in."""
+"""The items that a scan of any container yields: connections, messages, and batches of messages."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ Bytes = NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class Payloads:
-    """The serialised messages of one connection, somewhere in one buffer.
+    """Serialised messages in one buffer.
 
     Attributes:
-        buffer: The bytes; between the messages may be anything.
+        buffer: The bytes; anything may lie between the messages.
         starts: Where each message starts, shape (n,).
         ends: Where it ends, shape (n,); within the buffer.
     """
@@ -67,6 +67,7 @@ class Payloads:
 
 
 _LATEST_NS = 2**63
+"""ROS keeps times in signed 64 bits of nanoseconds, which end in the year 2262."""
 
 
 _TWO_PART_TYPE = re.compile(r"([A-Za-z]\w*)/([A-Za-z]\w*)", re.ASCII)
@@ -81,7 +82,7 @@ class Connection:
 
     Attributes:
         topic: With leading slash.
-        type: `package/msg/Name`; empty when the container does not say.
+        type: `package/msg/Name`; empty when the container does not give it.
         encoding: `cdr`, `ros1`, or whatever the container names.
         definition: Text of the message definition; empty when the recording has none.
         definition_format: `ros1msg`, `ros2msg` or `ros2idl`; empty without definition.
@@ -95,7 +96,7 @@ class Connection:
 
 
 class Message(NamedTuple):
-    """One recorded message: who sent it, its log time in ns, and its bytes."""
+    """One recorded message: its connection, its log time in ns, and its bytes."""
 
     connection: Connection
     stamp_ns: int
@@ -107,9 +108,9 @@ class Batch:
     """Many recorded messages, in recorded order.
 
     Attributes:
-        connections: Who sent some of them.
-        sources: Of each message its sender's place among these, shape (n,).
-        stamps_ns: Their log times in ns, each checked to be one, shape (n,).
+        connections: All that sent one of the messages.
+        sources: The index of each message's connection among these, shape (n,).
+        stamps_ns: Their log times in ns, each verified to be valid, shape (n,).
         payloads: Their bytes.
     """
 
@@ -138,9 +139,9 @@ class Scan(Protocol):
     """One recording, read once from start to end.
 
     Iterating yields every declared connection before its first message, and the
-    messages in recorded order, singly or in batches. Their bytes hold until the next item
-    is asked for: the memory they lie in is used again. It raises `LogError` where the recording stops
-    being readable, and at the end when it turns out not to be whole.
+    messages in recorded order, singly or in batches. Their bytes are valid until the next
+    item, for their memory is reused. It raises `LogError` where the recording stops being
+    readable, and at the end when it turns out not to be whole.
 
     Attributes:
         format: In words.
@@ -160,7 +161,7 @@ class Scan(Protocol):
 
     @property
     def index_contradictions(self) -> int:
-        """How often its index said something else than its records, which then counted."""
+        """How often its index contradicted its records, of which the records counted."""
         ...
 
     def __iter__(self) -> Iterator[Item]:
@@ -179,7 +180,7 @@ def normalised_type(name: str) -> str:
 
 
 def checked_stamp(stamp_ns: object, *, file: Path, place: str) -> int:
-    """A log time that can be one.
+    """A log time, after verifying that it is valid.
 
     Raises:
         LogError: It is negative, beyond the year 2262, or no whole number.
@@ -193,4 +194,4 @@ METADATA = "metadata.yaml"
 
 
 METADATA_KEY = "rosbag2_bagfile_information"
-"""What a rosbag2 folder holds besides its storage files, and the key in it."""
+"""The file that a rosbag2 folder holds besides its storage files, and the key in it."""

@@ -61,7 +61,7 @@ class McapScan(ChunkedScan):
     format = "ROS 2 bag (MCAP)"
     sender_kind, sender_bytes = "channel", 2
     message_head_bytes = _MESSAGE_WORDS.itemsize
-    # To look at a small chunk alone takes longer than to inflate it with its neighbours.
+    # Examining a small chunk on its own takes longer than inflating it with its neighbours.
     smallest_left_out_bytes = 1 << 17
 
     def __init__(self, path: Path, **options: Any) -> None:
@@ -71,7 +71,8 @@ class McapScan(ChunkedScan):
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._schema_of: dict[int, int] = {}
         self._announced: int | None = None
-        # The specification leaves open whether the data section starts at the magic or behind the header.
+        # The specification leaves open whether the data section starts at the magic or behind the header,
+        # so either checksum is accepted.
         self._crc_of_file = self._crc_behind_header = self._crc_of_summary = 0
         self._data_crc_wanted, self._in_summary = True, False
 
@@ -102,6 +103,7 @@ class McapScan(ChunkedScan):
             start = source.offset
             head = source.take(_RECORD.size, "record")
             op, length = _RECORD.unpack(head)
+            # By the specification opcode 0 is invalid, and unknown opcodes are to be skipped.
             if op == 0 or (expected is not None and op != expected):
                 raise source.damaged(f"record type 0x{op:02x} cannot stand here", at=start)
             expected = None
@@ -112,6 +114,7 @@ class McapScan(ChunkedScan):
                 yield from self._enqueue_chunk(source, slabs, read_head, length, start)
                 continue
             what = f"record 0x{op:02x}"
+            # Indexes that could not be read together with their chunk, as with a checksum of all data.
             if op == _MESSAGE_INDEX and held is not None and held.has_room_for(length):
                 body = source.take(length, what)
                 self._add_to_crcs(op, head, body)
@@ -119,7 +122,7 @@ class McapScan(ChunkedScan):
                 held.end = source.offset
                 continue
             yield from self._drained(source, slabs.rest())
-            if op == _CHUNK:
+            if op == _CHUNK:  # longer than the rest of the file
                 yield from self._cut_chunk(source, start)
             body = source.take(length, what) if op in _READ else b""
             if op == _DATA_END:
@@ -145,6 +148,7 @@ class McapScan(ChunkedScan):
             raise ValueError(f"its head has {len(raw)} bytes")
         earliest_ns, latest_ns, size, crc = _CHUNK_HEAD.unpack_from(raw)
         named = int.from_bytes(raw[_CHUNK_HEAD.size :], "little")
+        # Before reading it: the length of the name comes from the file.
         if named > min(_LONGEST_COMPRESSION, length - len(raw)):
             raise ValueError(f"a text of {named} bytes is longer than its record")
         raw += source.take(min(named + 8, length - len(raw)), what)
@@ -164,7 +168,7 @@ class McapScan(ChunkedScan):
     def _fill(self, source: Source, head: ChunkHead, room: memoryview) -> Callable[[], None]:
         if not self._data_crc_wanted:
             return partial(_read_and_inflate, head, room, source.later(head.packed, "chunk"))
-        # The checksum of the whole file needs the bytes in their order, so they are read here.
+        # The checksum of the data section needs the bytes in their order, so they are read here.
         if head.plain:
             source.take_into(room, "chunk")
             self._add_to_crcs(_CHUNK, room)
@@ -190,7 +194,7 @@ class McapScan(ChunkedScan):
             yield ahead.bytes[first:at], at
 
     def outline(self, source: Source) -> Outline | None:
-        """What the summary says; `None`: nothing, or everything is read."""
+        """The contents by the summary; `None` where there is none, or everything is read anyway."""
         self._open(source)
         if self._summary is None or self._data_crc_wanted or not self._summary.chunks:
             return None
@@ -208,12 +212,12 @@ class McapScan(ChunkedScan):
         return self._chunk_head(source, length)
 
     def _is_announced(self, start: int, entries: IndexEntries) -> bool:
-        # What the chunk may declare besides, the summary repeats.
+        # Schemas and channels that the chunk may declare are repeated in the summary.
         channels = frozenset(entries.senders.tolist())
         return self._summary is not None and self._summary.chunks.get(start) == channels
 
     def _declare_all(self) -> Iterator[Connection]:
-        """Declare what the summary repeats: a chunk that is left out may be the one that declares it."""
+        """Declare what the summary repeats, for a chunk that is left out may have declared it."""
         if self._summary is not None and not self._all_declared:
             self._all_declared = True
             for op, body in self._summary.declarations:
@@ -293,6 +297,7 @@ class McapScan(ChunkedScan):
         if not self._in_summary:
             raise source.damaged("no record says that the data end", what="footer", at=start)
         announced = int.from_bytes(record[-4:], "little")
+        # The checksum covers the summary section and the footer up to the checksum itself.
         found = crc32(record[:-4], self._crc_of_summary)
         if announced not in (0, found):
             raise source.damaged(
@@ -317,6 +322,7 @@ class McapScan(ChunkedScan):
         name, at = _text(body, 2)
         encoding, at = _text(body, at)
         definition, _ = _text(body, at)
+        # The summary repeats all schemas; the first declaration counts.
         self._schemas.setdefault(key, (normalised_type(name), encoding, definition))
 
     def _declare_channel(self, body: _Body) -> Iterator[Connection]:
@@ -327,6 +333,7 @@ class McapScan(ChunkedScan):
             if (self._schema_of[key], self._connections[key].topic) != (schema, topic):
                 raise ValueError(f"channel {key} is declared twice, differently")
             return
+        # Schema 0 means none, by the specification.
         if schema and schema not in self._schemas:
             raise ValueError(f"channel {key} needs schema {schema}, which is not declared before it")
         type_, format_, definition = self._schemas.get(schema, ("", "", ""))
@@ -334,14 +341,14 @@ class McapScan(ChunkedScan):
         yield self._declared(key, Connection(topic, type_, encoding, definition, format_))
 
     def _cut_chunk(self, source: Source, start: int) -> Iterator[Item]:
-        """The whole records of a chunk that the file ends in, where it is not compressed."""
+        """The whole records of an uncompressed chunk that the file ends in."""
         head = source.peek(source.left)
         try:
             compression, at = _text(head, _CHUNK_HEAD.size)
             if not compression:
                 yield from self._items_in_chunk(memoryview(head)[at + 8 :], start)
         except (struct.error, ValueError):
-            return  # it ends in the middle of a record: `take` says so
+            return  # it ends in the middle of a record, which `take` reports
         finally:
             self._readable = f"byte {source.size}"
 
@@ -366,10 +373,10 @@ _WHAT = {
 
 
 def _announces_data_crc(source: Source) -> bool:
-    """Whether the end of the data has a checksum, looked up from the end of the file.
+    """Whether the data section has a checksum, looked up from the end of the file.
 
-    Recorders leave it out, and computing it takes longer than reading. What is found here is
-    held against the end of the data once it is reached.
+    Most recorders write none, and computing it takes longer than reading. The answer is compared
+    with the end of the data once that is reached.
     """
     tail = source.at(source.size - len(MAGIC) - _FOOTER_BODY.size - _RECORD.size, _RECORD.size + 8)
     if len(tail) != _RECORD.size + 8 or tail[0] != _FOOTER:
@@ -382,11 +389,11 @@ def _announces_data_crc(source: Source) -> bool:
 
 @dataclass(frozen=True)
 class _Summary:
-    """What the end of a file says is in it.
+    """The contents of a file by its summary section.
 
     Attributes:
         declarations: All schemas, then all channels.
-        chunks: By the start of each chunk the channels whose messages it holds.
+        chunks: The channels with messages in each chunk, by its start.
     """
 
     declarations: Sequence[tuple[int, bytes]]
@@ -394,7 +401,7 @@ class _Summary:
 
 
 def _summary_of(source: Source) -> _Summary | None:
-    """The summary; `None` where it is not to be relied on."""
+    """The summary; `None` where it cannot be relied on."""
     tail = source.at(source.size - len(MAGIC) - _FOOTER_BODY.size, 8)
     start = int.from_bytes(tail, "little")
     end = source.size - len(MAGIC) - _FOOTER_BODY.size - _RECORD.size

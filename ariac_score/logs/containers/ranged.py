@@ -1,7 +1,7 @@
-"""Files of which only some bytes are here; the others are fetched when somebody reads them.
+"""Remote files of which only some bytes are here; the others are fetched when they are read.
 
-The file lies on this machine in its full length, with holes. `open_log` fills those that are read, so
-a scanner that passes over what nobody wants has it never fetched.
+The file has its full length on this machine, with holes, which `open_log` fills when they are read.
+So bytes that a scan skips are never fetched.
 """
 
 from __future__ import annotations
@@ -21,26 +21,29 @@ Range = tuple[int, int]
 """From a byte to before another."""
 
 Fetch = Callable[[Sequence[Range]], Sequence[bytes]]
-"""Gives the bytes of some ranges, all of them, or raises `OSError`."""
+"""Returns the bytes of some ranges, all of them, or raises `OSError`."""
 
 _GAP_BYTES = 1 << 15
-"""What lies so close together is fetched in one go: a request takes as long as some 100 kB."""
+"""Ranges with no more than this between them are fetched as one: a request takes as long as some 100 kB."""
 _TOGETHER_BYTES = 1 << 25
+"""Fetched at a time, for it is held in memory until it is written."""
 _ALONE_BYTES = 1 << 16
+"""An unforeseen read is rounded out to blocks of this size."""
 _WORTH_IT = 0.75
+"""From this share of a file on it is faster to fetch all of it in one go."""
 
 
 class RangedFile:
     """A file with holes.
 
     Args:
-        path: Where it lies; made in its full length when it is not there.
+        path: Its place on this machine; created in its full length when it is not there.
         size: Its length, bytes.
-        fetch: Gives what is missing.
-        identity: What stands for its content where that is not here to be hashed.
+        fetch: Returns missing bytes.
+        identity: Stands for its content, which cannot be hashed while part of it is missing.
 
     Attributes:
-        failure: Why bytes could not be had when they were read; `None` while all could.
+        failure: Why bytes could not be fetched when they were read; `None` while all could.
     """
 
     def __init__(self, path: Path, size: int, fetch: Fetch, identity: str = "") -> None:
@@ -65,7 +68,7 @@ class RangedFile:
         return self.read_bytes == self.size
 
     def missing(self, ranges: Iterable[Range]) -> list[Range]:
-        """What of some ranges is not here, sorted, with what lies between them where that is little."""
+        """The missing parts of some ranges, sorted; parts that are close together are joined."""
         found: list[Range] = []
         for first, last in sorted(ranges):
             start, end = max(0, first), min(last, self.size)
@@ -88,20 +91,20 @@ class RangedFile:
             yield start, end
 
     def have(self, ranges: Iterable[Range]) -> None:
-        """See that some ranges are here.
+        """Fetch some ranges unless they are here.
 
         Raises:
-            OSError: They cannot be had, or written.
+            OSError: They cannot be fetched, or written.
         """
         try:
             for several in _in_turn(self.missing(ranges)):
                 self._fill(several)
         except Exception as failure:
-            self.failure = failure  # whatever becomes of it on its way through a reader
+            self.failure = failure  # a reader may turn it into an error of its own
             raise
 
     def pays(self, ranges: Iterable[Range]) -> bool:
-        """Whether with some more ranges it would still be much less than the whole."""
+        """Whether with some more ranges it would still be much less than the whole file."""
         missing = 0
         for start, end in self.missing(ranges):
             missing += end - start
@@ -117,7 +120,7 @@ class RangedFile:
                 self._add(start, end)
 
     def _add(self, start: int, end: int) -> None:
-        """Take note of bytes that are here; ranges that touch become one."""
+        """Record bytes that are here; ranges that touch become one."""
         first = bisect_left(self._there, start, key=lambda there: there[1])
         last = first
         while last < len(self._there) and self._there[last][0] <= end:
@@ -128,7 +131,7 @@ class RangedFile:
         self._there[first:last] = [(start, end)]
 
     def sha256(self) -> str:
-        """Hash of what is here: of the whole content, or of each stretch after its place and length."""
+        """Hash of the whole content or, of a file with holes, of each stretch after its place and length."""
         digest = hashlib.sha256()
         with self.path.open("rb") as file:
             for start, end in self._there:
@@ -141,7 +144,7 @@ class RangedFile:
 
 
 def _in_turn(ranges: Sequence[Range]) -> Iterator[list[Range]]:
-    """Ranges, a few of them at a time, so that their bytes fit into memory."""
+    """The ranges in groups whose bytes fit into memory."""
     several: list[Range] = []
     count = 0
     parts = (
@@ -164,7 +167,8 @@ _READING: ContextVar[dict[Path, RangedFile] | None] = ContextVar("_READING", def
 
 @contextmanager
 def reading(files: Iterable[RangedFile]) -> Iterator[None]:
-    """Let whoever opens one of these files by `open_log` find its holes filled."""
+    """Within this context `open_log` fills the holes of these files."""
+    # A context variable and no argument: readers of plugins open files by their paths.
     token = _READING.set({file.path.resolve(): file for file in files})
     try:
         yield
@@ -189,7 +193,7 @@ def open_log(path: Path, buffering: int) -> BinaryIO:
 
 
 class _Filled(io.RawIOBase):
-    """A file with holes as a file: what is read is asked for to the byte, or some blocks of it."""
+    """A file with holes, as a file object whose reads fill them."""
 
     def __init__(self, file: RangedFile) -> None:
         self._ranged, self._file, self._at = file, file.path.open("rb", buffering=0), 0
@@ -201,7 +205,7 @@ class _Filled(io.RawIOBase):
         return True
 
     def fileno(self) -> int:
-        return self._file.fileno()  # whoever reads by it says before what is to be there
+        return self._file.fileno()  # readers by descriptor call `RangedFile.have` before
 
     def tell(self) -> int:
         return self._at
@@ -216,7 +220,7 @@ class _Filled(io.RawIOBase):
         if end <= self._at:
             return 0
         if self._ranged.missing([(self._at, end)]):
-            # Nobody foresaw this: ask for some more, for the next bytes will be wanted too.
+            # Unforeseen: fetch some more, for the following bytes will be read next.
             first = self._at - self._at % _ALONE_BYTES
             self._ranged.have([(first, end + -end % _ALONE_BYTES)])
         self._file.seek(self._at)

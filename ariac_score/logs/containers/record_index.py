@@ -1,4 +1,4 @@
-"""Where the records of a chunk lie: from its index, where that agrees with the chunk."""
+"""Arithmetic on the indexes of chunks: entries, records at offsets, gaps between records."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ __all__ = ["IndexEntries", "check_not_crossed", "entries_of", "gaps_between", "r
 
 
 class IndexEntries(NamedTuple):
-    """What the indexes of some chunks say of each message.
+    """The index entries of all messages of some chunks.
 
     Attributes:
-        senders: Number of its channel or connection, shape (n,).
-        stamps_ns: Its log time, ns, shape (n,).
-        offsets: Where its record starts among the records of its chunk, shape (n,).
-        owners: Which of the chunks it is in, shape (n,).
+        senders: Numbers of their channels or connections, shape (n,).
+        stamps_ns: Their log times, ns, shape (n,).
+        offsets: Where each record starts among the records of its chunk, shape (n,).
+        owners: Index of the chunk that each is in, shape (n,).
     """
 
     senders: IntArray
@@ -35,7 +35,7 @@ def entries_of(
     """The entries of all index records of some chunks.
 
     Args:
-        indexes: What the index records of each chunk hold.
+        indexes: The bodies of the index records of each chunk.
         head: Bytes before the entries of an index record.
         words: 32-bit words of an entry.
 
@@ -57,7 +57,7 @@ def entries_of(
 
 
 def records_at(buffer: Bytes, places: IntArray, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """What records of one form hold at some places of a buffer, in which they must lie.
+    """Records of one form at some places of a buffer.
 
     Raises:
         ValueError: A place is outside.
@@ -76,7 +76,7 @@ def gaps_between(starts: IntArray, ends: IntArray, size: int) -> Iterator[tuple[
     Args:
         starts: Where the records start, increasing, shape (n,).
         ends: Where they end, shape (n,).
-        size: Where all ends.
+        size: The size of all, bytes.
 
     Yields:
         Start and end of a gap, then the first record behind it and the one behind the run's last.
@@ -90,7 +90,7 @@ def gaps_between(starts: IntArray, ends: IntArray, size: int) -> Iterator[tuple[
         raise ValueError("records overlap")
     breaks = np.flatnonzero(after > before).tolist()
     if not breaks or breaks[0] != 0:
-        breaks.insert(0, 0)
+        breaks.insert(0, 0)  # the first run always has a gap before it, if only an empty one
     for at, following in zip(breaks, [*breaks[1:], len(starts)], strict=True):
         yield int(before[at]), int(after[at]), at, following
 
@@ -101,7 +101,7 @@ def check_not_crossed(starts: IntArray, ends: IntArray, bounds: IntArray) -> Non
     Args:
         starts: Where the records start, increasing, shape (n,).
         ends: Where they end, shape (n,).
-        bounds: Where nothing may go on, shape (k,).
+        bounds: The ends of chunks, which no record may cross, shape (k,).
 
     Raises:
         ValueError: One does.

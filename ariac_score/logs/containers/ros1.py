@@ -61,7 +61,7 @@ _LARGEST_INDEX_HEADER = 4096
 
 
 def _form_of(head: bytes) -> tuple[np.dtype[Any], list[tuple[int, int]]]:
-    """The form of messages with such a header, and the stretches of it that are the same in all."""
+    """The layout of records with such a header, and the stretches of it that all of them share."""
     connection_at, time_at = (4 + at for at in _built(head))
     words = {"connection": ("<u4", connection_at), "sec": ("<u4", time_at), "nanosec": ("<u4", time_at + 4)}
     words["length"] = ("<u4", 4 + len(head))
@@ -75,7 +75,7 @@ def _form_of(head: bytes) -> tuple[np.dtype[Any], list[tuple[int, int]]]:
 
 
 def _built(head: bytes) -> tuple[int, int]:
-    """Where connection and time stand in the header of a message, which has nothing besides."""
+    """The places of connection and time in the header of a message, which has no other fields but `op`."""
     header = _header(head)
     if _byte(header, b"op") != _MESSAGE or set(header) != {b"op", b"conn", b"time"}:
         raise ValueError("there is no plain message where one should be")
@@ -97,7 +97,7 @@ class Ros1Scan(ChunkedScan):
 
     format = "ROS 1 bag"
     sender_kind, sender_bytes = "connection", 4
-    # Headers are lists of fields of any length; recorders write some 50 bytes.
+    # Headers are lists of fields of any length and order; recorders write some 50 bytes.
     message_head_bytes = 128
 
     def __init__(self, path: Path, **options: Any) -> None:
@@ -115,7 +115,7 @@ class Ros1Scan(ChunkedScan):
             self._contents = _contents_at(source, self._index_at)
 
     def _bag_header(self, source: Source) -> tuple[int, int]:
-        """What the header announces: connections and chunks."""
+        """The numbers of connections and chunks that the bag header announces."""
         start = source.offset
         try:
             header = _header(source.take(_u32(source, "bag header"), "bag header"))
@@ -123,6 +123,7 @@ class Ros1Scan(ChunkedScan):
                 raise ValueError("the first record is not the bag header")
             if header.get(b"encryptor"):
                 raise ValueError("the bag is encrypted")
+            # A recorder writes 0 at first and the place of the index when it closes the bag.
             self._index_at = int.from_bytes(_field(header, b"index_pos", 8), "little")
             if not self._index_at:
                 source.hint = _NOT_CLOSED
@@ -132,7 +133,7 @@ class Ros1Scan(ChunkedScan):
         except ValueError as error:
             raise source.damaged(str(error), what="bag header", at=start) from error
         for _ in source.blocks(_u32(source, "bag header"), "bag header"):
-            pass
+            pass  # padding, so that the header can be rewritten in place
         return connections, chunks
 
     def _records(self, source: Source, slabs: Slabs) -> Iterator[Item]:
@@ -153,12 +154,12 @@ class Ros1Scan(ChunkedScan):
             read_head = partial(_chunk_head, header, length)
             yield from self._enqueue_chunk(source, slabs, read_head, length, start)
             return
-        if op == _INDEX:
+        if op == _INDEX:  # not read together with its chunk: damaged, or behind something else
             for _ in source.blocks(length, what):
                 pass
             return
         yield from self._drained(source, slabs.rest())
-        if op == _CHUNK:
+        if op == _CHUNK:  # longer than the rest of the file
             yield from self._cut_chunk(source, header, start)
         if op not in _READ:
             for _ in source.blocks(length, what):
@@ -198,7 +199,7 @@ class Ros1Scan(ChunkedScan):
             yield connection + ahead.bytes[first:at], at
 
     def outline(self, source: Source) -> Outline | None:
-        """What the end of the bag says; `None`: nothing, or everything is read."""
+        """The contents by the end of the bag; `None` where it has none."""
         self._open(source)
         if self._contents is None or not self._contents.chunks:
             return None
@@ -239,9 +240,10 @@ class Ros1Scan(ChunkedScan):
 
     @staticmethod
     def _message_heads(buffer: Bytes, offsets: IntArray) -> MessageHeads:
-        """What the headers of messages say, which must all be built as the first one."""
+        """The headers of messages, which must all be built like the first one."""
         if not len(offsets):
             return MessageHeads(offsets, offsets, offsets, offsets)
+        # One recorder writes all headers alike, field by field; only connection and time differ.
         head, _ = _sized(buffer.data, int(offsets[0]))
         form, fixed = _form_of(bytes(head))
         words = records_at(buffer, offsets, form)
@@ -266,12 +268,12 @@ class Ros1Scan(ChunkedScan):
                 self._announced[connection] += count
 
     def _cut_chunk(self, source: Source, header: _Header, start: int) -> Iterator[Item]:
-        """The whole records of a chunk that the file ends in, where it is not compressed."""
+        """The whole records of an uncompressed chunk that the file ends in."""
         try:
             if _text(header, b"compression") == "none":
                 yield from self._items_in_chunk(memoryview(source.peek(source.left)), start)
         except (struct.error, ValueError):
-            return  # it ends in the middle of a record: `take` says so
+            return  # it ends in the middle of a record, which `take` reports
         finally:
             self._readable = f"byte {source.size}"
 
@@ -307,12 +309,14 @@ class Ros1Scan(ChunkedScan):
                 "the bag was never closed: it has no index, and its end may be missing; "
                 "`rosbag reindex` makes a copy with what is there"
             )
+        # ROS 1 bags have no checksums, so these counts are the only evidence that nothing is missing.
         found = (len(self._connections), self._chunks, self._chunk_infos)
         if found != (connections, chunks, chunks):
             raise source.damaged(
                 f"the bag header announces {connections} connections and {chunks} chunks, "
                 f"the file holds {found[0]} and {found[1]}, with {found[2]} in its index"
             )
+        # `+` drops connections without messages, which need not be announced.
         if chunks and +self._announced != +self._found:
             raise source.damaged(
                 f"the index announces {self._announced.total()} messages, the chunks hold "
@@ -321,7 +325,7 @@ class Ros1Scan(ChunkedScan):
 
 
 def _chunk_head(header: _Header, length: int) -> ChunkHead:
-    """What the header of a chunk says, behind which so many bytes come.
+    """The head of a chunk, from its header and the bytes that follow it.
 
     Raises:
         ValueError: It contradicts itself.
@@ -334,12 +338,12 @@ def _chunk_head(header: _Header, length: int) -> ChunkHead:
 
 
 _Announced = tuple[tuple[int, int], Counter[int]]
-"""Of a chunk the earliest and the latest log time, ns, and the messages of each connection."""
+"""The earliest and the latest log time of a chunk, ns, and its number of messages by connection."""
 
 
 @dataclass(frozen=True)
 class _Contents:
-    """What the end of a bag says is in it.
+    """The contents of a bag by its index section.
 
     Attributes:
         topics: Of all connections that are declared there.
@@ -356,10 +360,10 @@ def _stamp_ns(header: _Header, name: bytes) -> int:
 
 
 def _contents_at(source: Source, at: int) -> _Contents | None:
-    """What stands at the end of a bag; `None` when it is not understood."""
+    """The index section of a bag; `None` when it is not understood."""
     records, topics, here = memoryview(source.at(at, source.size)), dict[int, str](), 0
     if at + len(records) < source.size:
-        return None  # so large that it is not worth it
+        return None  # larger than `MAX_PEEK_BYTES`
     chunks: dict[int, _Announced] = {}
     try:
         while here < len(records):
@@ -387,7 +391,7 @@ def _u32(source: Source, what: str) -> int:
 
 
 def _sized(records: memoryview, at: int) -> tuple[memoryview, int]:
-    """Bytes with their length before them, and where the next ones start."""
+    """Bytes that follow their length, and where the next ones start."""
     (length,) = _U32.unpack_from(records, at)
     end = at + 4 + length
     if end > len(records):

@@ -1,9 +1,9 @@
-"""Reading a recording from its first byte on: what every container has in common.
+"""Reading the bytes of a recording from front to back, which the scans of all containers share.
 
-The containers are read by scanning, not by their index: so stamps keep their
-recorded order, every checksum is verified, nothing inflates beyond its announced
-size, and of a damaged file we know how far it can be read. rosbags does the
-message definitions and the messages (`ariac_score.logs.columnar.types`).
+Containers are scanned, not read by their index: so stamps keep their recorded order,
+every checksum is verified, nothing inflates beyond its announced size, and it is known
+how far a damaged file is readable. rosbags parses the message definitions
+(`ariac_score.logs.columnar.types`).
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ _BUFFER_BYTES = 1 << 14
 
 
 _KEPT_BYTES = 1 << 20
+"""Bytes looked up elsewhere are kept up to this size, for they are mostly read next."""
 
 
 MAX_PEEK_BYTES = 64 * 2**20
-"""What is looked at of a chunk that the file ends in, bytes."""
+"""The most that is read of a chunk that the file ends in, bytes."""
 
 
 class Source:
@@ -49,8 +50,8 @@ class Source:
         self._parts = ranged(path)
         self.size = path.stat().st_size
         self.offset = 0
-        # What was looked at last, and where it starts: little things are taken from it without
-        # asking the system, which would let other threads go first.
+        # The bytes read last and their offset. Small reads are served from them, because every system
+        # call releases the interpreter lock, and the threads that inflate would take it first.
         self._seen, self._seen_at = b"", 0
 
     def __enter__(self) -> Source:
@@ -91,7 +92,7 @@ class Source:
         return taken
 
     def take_into(self, room: memoryview, what: str) -> None:
-        """The next bytes, put where there is room for them.
+        """The next bytes, read into a buffer.
 
         Raises:
             LogError: The file ends before.
@@ -105,17 +106,17 @@ class Source:
         """Move on over the next bytes, which are read later.
 
         Args:
-            count: How many.
-            what: They are, for the error.
+            count: Their number.
+            what: What they are, for the error.
 
         Returns:
-            Puts them into room of that size, on whatever thread; it raises ValueError when the
-            file ends early.
+            A function that reads them into a buffer of that size, on any thread; it raises
+            ValueError when the file ends early.
 
         Raises:
             LogError: The file ends before.
         """
-        if not hasattr(os, "preadv"):
+        if not hasattr(os, "preadv"):  # such as on Windows: another thread may not move the file's position
             taken = self.take(count, what)
 
             def put(room: memoryview) -> None:
@@ -139,7 +140,7 @@ class Source:
         return read
 
     def read_at(self, offset: int, room: memoryview, what: str) -> None:
-        """Bytes from elsewhere, put where there is room for them, without moving on.
+        """Bytes from elsewhere, read into a buffer without moving on.
 
         Raises:
             LogError: They are not there.
@@ -156,7 +157,7 @@ class Source:
         return self._read(self.offset, min(count, MAX_PEEK_BYTES))
 
     def at(self, offset: int, count: int) -> bytes:
-        """Bytes from elsewhere, as far as they are there, without moving on."""
+        """Bytes from elsewhere, fewer where the file ends, without moving on."""
         if not 0 <= offset < self.size:
             return b""
         count = min(count, MAX_PEEK_BYTES)
@@ -173,12 +174,12 @@ class Source:
             found = os.pread(self._file.fileno(), count, offset)
             if len(found) == count or offset + len(found) >= self.size:
                 return found
-        # The system gave less than there is, or the file has holes.
+        # A read may return less than there is, and a file with holes must be filled first.
         room = bytearray(max(0, min(count, self.size - offset)))
         return bytes(room[: self._read_into(offset, memoryview(room))])
 
     def _read_into(self, offset: int, room: memoryview) -> int:
-        """Put bytes from anywhere where there is room for them; returns how many there were."""
+        """Read bytes from anywhere into a buffer; returns how many there were."""
         done = 0
         self._file.seek(offset)
         while done < len(room):
@@ -189,7 +190,7 @@ class Source:
         return done
 
     def blocks(self, count: int, what: str) -> Iterator[bytes]:
-        """The next bytes, in blocks, for what is passed over."""
+        """The next bytes in blocks, for records that are skipped but count for a checksum."""
         self._reserve(count, what)
         while count:
             block = self.take(min(count, BLOCK_BYTES), what)
@@ -197,7 +198,7 @@ class Source:
             yield block
 
     def _reserve(self, count: int, what: str) -> None:
-        # Before reading: a length word from a hostile file must not make us ask for that much memory.
+        # Before reading: a length word of a hostile file must not make us allocate that much memory.
         if count > self.left:
             raise self.damaged(
                 f"the file is cut off: {what} needs {count} bytes, {max(self.left, 0)} are there", what=what

@@ -35,12 +35,12 @@ MAGIC = b"SQLite format 3\0"
 _HINT = "take another copy of the file, or record the trial again; a score may not rest on part of a log"
 _TABLES = {"topics": {"id", "name", "type"}, "messages": {"id", "topic_id", "timestamp", "data"}}
 _Row = tuple[int, Any, Any, Any]
-"""Number, topic, time and payload of a message, as they stand in the file."""
+"""Row number, topic, time and payload of a message, as stored."""
 
 MAX_STEPS = 20_000_000
 STEPS_PER_BYTE = 20
-"""Reading and checking a message takes some tens of steps of SQLite's machine, and a message some tens of
-bytes; a schema may make them as many as it likes, in checks and indexes of its own."""
+"""Reading and checking a message takes some tens of steps of SQLite's virtual machine, and a message has some
+tens of bytes. A hostile schema can make it any number, in checks and indexes of its own."""
 _STEPS_AT_ONCE = 100_000
 _SMALLEST_LENGTH = 1_000_000
 
@@ -83,12 +83,13 @@ class SqliteScan:
         """
         damage = _damage(self.path)
         try:
-            # Immutable: a log is evidence; no journal is rolled back into it and no lock file left beside it.
+            # Immutable: a log is evidence, so no journal is rolled back into it and no lock file created.
             with closing(
                 sqlite3.connect(f"{self.path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
             ) as bag:
                 bag.execute("PRAGMA trusted_schema=OFF")
-                # Without it SQLite will not even open a file that lost its end; `_damage` reports that.
+                # Without it SQLite does not even open a file that lost its end, although the rows before
+                # are readable; `_damage` reports the loss.
                 bag.execute("PRAGMA writable_schema=ON")
                 bag.execute("PRAGMA ignore_check_constraints=ON")  # they would be computed for each row
                 bag.set_progress_handler(_patience(self.path.stat().st_size), _STEPS_AT_ONCE)
@@ -113,7 +114,7 @@ class SqliteScan:
         return LogError(cause, file=self.path, place=place, hint=_HINT)
 
     def _check_tables(self, bag: sqlite3.Connection) -> None:
-        """Make sure that the two tables are plain ones: a view could run for ever."""
+        """Make sure that the two tables are plain ones: a view or a virtual table could run for ever."""
         for table, columns in _TABLES.items():
             kinds = bag.execute("SELECT type, sql FROM sqlite_master WHERE name = ?", (table,)).fetchall()
             if len(kinds) != 1 or kinds[0][0] != "table" or "VIRTUAL" in str(kinds[0][1]).upper():
@@ -140,11 +141,12 @@ class SqliteScan:
             yield connection
 
     def _messages(self, bag: sqlite3.Connection) -> Iterator[Item]:
+        # The order of rows is the order of recording; an index by time would hide stamps that run backwards.
         ((last,),) = bag.execute("SELECT max(rowid) FROM messages").fetchall() or ((0,),)
         self._rows = last or 0
         payload, wanted = "data", list[Any]()
         if self._topics_wanted is not None:
-            # Payloads that nobody wants are not fetched; the long ones lie on pages of their own.
+            # Unwanted payloads are not read: SQLite keeps long ones on overflow pages, which it then skips.
             wanted = [key for key, c in self._topics.items() if c.topic in self._topics_wanted]
             payload = f"CASE WHEN topic_id IN ({', '.join('?' * len(wanted))}) THEN data ELSE x'' END"
         query = f"SELECT rowid, topic_id, timestamp, {payload} FROM messages ORDER BY rowid"  # noqa: S608  # constants
@@ -185,15 +187,15 @@ class SqliteScan:
 
 
 def _patience(size: int) -> Callable[[], bool]:
-    """What SQLite asks now and then: whether to stop, because no honest file of this size takes as long."""
+    """A progress handler that stops SQLite once no honest file of this size would take as long."""
     left = count(1 + (MAX_STEPS + STEPS_PER_BYTE * size) // _STEPS_AT_ONCE, -1)
     return lambda: next(left) <= 0
 
 
 def _portions(cursor: sqlite3.Cursor) -> Iterator[list[_Row]]:
-    """The rows in portions of some MB; those before a damaged one come before the error.
+    """The rows in portions of some MB; rows before a damaged one are yielded before the error is raised.
 
-    Not by `fetchmany`, which loses the rows that it fetched before it failed.
+    Why not `fetchmany`: where it fails, it loses the rows that it had fetched.
     """
     rows, size = list[_Row](), 0
     try:
@@ -221,18 +223,18 @@ def _definitions(bag: sqlite3.Connection) -> dict[str, tuple[str, str]]:
 
 
 def _damage(path: Path) -> str:
-    """What the file's own header and its neighbours say against it; empty when nothing."""
+    """Damage that shows in the file's header or in journals next to it; empty without any."""
     for suffix in ("-wal", "-journal"):
-        beside = path.with_name(path.name + suffix)
-        if beside.is_file() and beside.stat().st_size:
-            return f"the recording was not closed: {beside.name} beside it holds changes that are not in it"
+        journal = path.with_name(path.name + suffix)
+        if journal.is_file() and journal.stat().st_size:
+            return f"the recording was not closed: {journal.name} holds changes that are not in it"
     size = path.stat().st_size
     with path.open("rb") as file:
         header = file.read(100)
     if len(header) < 100 or not header.startswith(MAGIC):
         return f"the file is not a whole SQLite file: {size} bytes, and its header is cut off or wrong"
     page = int.from_bytes(header[16:18], "big")
-    page = 65536 if page == 1 else page
+    page = 65536 if page == 1 else page  # 65536 does not fit into the field's 16 bits
     # The page count is valid only when the two change counters agree.
     pages = int.from_bytes(header[28:32], "big") if header[24:28] == header[92:96] else 0
     if page and (size % page or size < pages * page):

@@ -1,1 +1,1 @@
-"""Columns to signals, orders and events of one trial."""
+"""From columns of messages to the signals, orders and events of one trial."""

@@ -1,22 +1,25 @@
-"""How long arrays get that grow while a recording is read."""
+"""How long to make arrays that grow while a recording is read.
+
+Why not double them, as lists do? Every doubling copies what is there. The share of the recording that
+was read foretells the final length, and memory that is reserved but never written to costs nothing.
+"""
 
 from __future__ import annotations
 
-__all__ = ["Foreseen"]
+__all__ = ["GrowthForecast"]
 
 _MOST_TIMES = 64
-"""So many times what came so far is room made for at most: where memory is limited, room counts."""
+"""Room is made for at most this many times the elements so far: a memory limit counts reserved room."""
 _AGAIN = 8
-"""Once so many times what there was has come, more is known, and little would have to be moved."""
+"""The forecast is renewed once there are this many times as many elements: it is better then, and copying
+the few elements so far is cheap."""
 
 
-class Foreseen:
-    """Guesses a length from the share of the recording that was read.
-
-    Memory that nothing is written to costs nothing, and moving what was written does.
+class GrowthForecast:
+    """Forecasts the length of one array from the share of the recording that was read.
 
     Args:
-        most: No more elements are foreseen than so many.
+        most: The longest forecast, in elements.
     """
 
     def __init__(self, most: int) -> None:
@@ -27,15 +30,16 @@ class Foreseen:
 
         Args:
             needed: Elements so far.
-            have: Its length; it stays what it is while that is enough.
-            share: The share of the recording that they came from, 0 to 1; 0: not known.
+            have: Its length, which is kept while it suffices.
+            share: The share of the recording that was read, 0 to 1; 0 when not known.
         """
         if needed <= min(have, self._again_at):
             return have
         self._again_at = _AGAIN * needed
-        if share <= 0:
+        if share <= 0:  # a reader that cannot tell how far it is: double
             return have if needed <= have else max(needed, 2 * have)
         guess = min(int(needed / max(share, 1 / _MOST_TIMES)), self._most)
         if max(guess, needed) <= have:
             return have
+        # A tenth more than the forecast: messages come more densely in some parts of a recording.
         return max(guess * 11 // 10, needed * 5 // 4)

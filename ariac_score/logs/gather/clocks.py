@@ -1,8 +1,8 @@
 """Which clock the stamps of a recording are from, and how two clocks are brought together.
 
-A message that its sender stamps is where the stamp says, whatever the way to the recorder took. One without
-is where it was recorded. In a recording of a simulation the former may be simulated and the latter wall
-time; `/clock`, where it is recorded, says which simulated time it was when.
+A message that its sender stamped belongs at that time, however long it took to the recorder. A message
+without a stamp belongs at the time of recording. In a recording of a simulation the former may be simulated
+time and the latter wall time; `/clock`, where it is recorded, relates the two.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from ariac_score.errors import LogError
 from ariac_score.logs.containers.items import IntArray
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
+from ariac_score.trial.clock import LOG_TIME, SIMULATED_TIME, Clock
 from ariac_score.trial.spans import Span
 
 __all__ = ["CLOCK_TOPIC", "CLOCK_TYPE", "LARGEST_CLOCK_DIFFERENCE_S", "Clocks", "TrialClock"]
@@ -22,13 +23,13 @@ __all__ = ["CLOCK_TOPIC", "CLOCK_TYPE", "LARGEST_CLOCK_DIFFERENCE_S", "Clocks", 
 CLOCK_TOPIC, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 
 LARGEST_CLOCK_DIFFERENCE_S = 60.0
-"""Header and log stamps further apart than this come from two clocks."""
+"""Header and log stamps that differ by more than this come from two clocks."""
 
 LARGEST_DELAY_S = 1.0
-"""No message takes longer on one machine: where all of a topic do, some clock may not be set."""
+"""No message takes longer on one machine: where all messages of a topic do, some clock may not be set."""
 
 LARGEST_SILENCE_S = 1.0
-"""Between clock messages further apart than this nobody knows how late it was."""
+"""Between clock messages with a longer pause than this the simulated time is unknown."""
 
 _UNSET_BEYOND_NS = 10**9
 """A stamp of zero is no stamp, except in the first second of a simulation."""
@@ -46,39 +47,39 @@ class TrialClock:
     """The clock that trial times are from.
 
     Attributes:
-        words: What it is.
+        clock: As trials keep it.
         origin_ns: Trial time 0 on it, ns.
         recorded: The recording's first to last message, trial time.
     """
 
-    words: str
+    clock: Clock
     origin_ns: int
     recorded: Span
 
 
 @dataclass(frozen=True)
 class _Stamped:
-    """A message with the number it has in the recording: its own stamp and the recorder's, ns."""
+    """A message by its number in the recording: its own stamp and the recorder's, ns."""
 
     number: int
     stamp_ns: int
     log_ns: int
 
     @property
-    def apart_s(self) -> float:
+    def difference_s(self) -> float:
         return (self.stamp_ns - self.log_ns) / 1e9
 
 
 @dataclass
 class _Topic:
-    """What the headers of one topic are.
+    """The header stamps of one topic, classified.
 
     Attributes:
         near: How many are on the recorder's clock.
         unset: How many are zero.
         plain: How many messages have no header.
-        far: The first that is on neither; `None` without any.
-        last_far: The last such.
+        far: The first stamp on another clock; `None` without any.
+        last_far: The last such stamp.
         least_delay_s: The smallest difference between the recorder's clock and a stamp near it.
     """
 
@@ -108,22 +109,24 @@ class Clocks:
         self._simulated: _SimulatedTime | None = None
 
     def stamps_ns(self, topic: str, numbers: IntArray, header_ns: IntArray, log_ns: IntArray) -> IntArray:
-        """Which stamps of some messages count: their own, or the recorder's where those are zero.
+        """The stamps that count for some messages: their own, or the recorder's where those are zero.
 
         Args:
             topic: Its name; all of its stamps must be on one clock.
-            numbers: The messages, shape (n,).
+            numbers: The numbers of the messages in the recording, shape (n,).
             header_ns: What their headers say, ns, shape (n,).
             log_ns: When they were recorded, ns, shape (n,).
         """
         found = self._topics.setdefault(topic, _Topic())
         delay_s = (log_ns - header_ns) / 1e9
+        # rclcpp and roscpp leave a header stamp at zero unless the sender sets it.
         unset = (header_ns == 0) & (log_ns > _UNSET_BEYOND_NS)
         near = ~unset & (np.abs(delay_s) <= LARGEST_CLOCK_DIFFERENCE_S)
         found.unset += int(unset.sum())
         found.near += int(near.sum())
         if near.any():
             found.least_delay_s = min(found.least_delay_s, float(delay_s[near].min()))
+        # Only the first and the last are kept; whether a clock explains them is known once `/clock` was read.
         far = np.flatnonzero(~unset & ~near)
         for i in far[[0, -1]].tolist() if len(far) else ():
             one = _Stamped(int(numbers[i]), int(header_ns[i]), int(log_ns[i]))
@@ -138,7 +141,7 @@ class Clocks:
         """As `stamps_ns`, of one message.
 
         Raises:
-            LogError: No clock is ever so late.
+            LogError: The stamp is beyond what 64 bits of nanoseconds can hold.
         """
         if not -_LATEST_NS <= header_ns <= _LATEST_NS:
             raise self._mixed(topic, _Stamped(number, header_ns, log_ns))
@@ -150,19 +153,20 @@ class Clocks:
         self._topics.setdefault(topic, _Topic()).plain += count
 
     def tick(self, log_ns: IntArray, simulated_ns: IntArray) -> None:
-        """Take messages of `/clock`: when they were recorded, and what time they say it is, ns."""
-        # Where the recorder's clock is the simulated one, they say nothing new, a thousand times a second.
-        told = np.abs((log_ns - simulated_ns) / 1e9) > LARGEST_CLOCK_DIFFERENCE_S
-        if told.any():
-            self._ticks.append((log_ns[told], simulated_ns[told]))
+        """Take messages of `/clock`: when they were recorded, and the simulated times they give, ns."""
+        # A recorder on simulated time stamps them with the time they give: a thousand a second, all needless.
+        differ = np.abs((log_ns - simulated_ns) / 1e9) > LARGEST_CLOCK_DIFFERENCE_S
+        if differ.any():
+            self._ticks.append((log_ns[differ], simulated_ns[differ]))
 
     def settle(self) -> None:
-        """Decide which clock the trial is on, once all messages were taken.
+        """Decide which clock the trial is on, after the last message.
 
         Raises:
             LogError: The stamps of a topic are on two clocks, or on one that nothing relates to the
                 recorder's; or the simulation was reset.
         """
+        # Within one topic first: `/clock` cannot help where only some of its messages are on another clock.
         mixed = {name: t.far for name, t in self._topics.items() if t.far is not None and t.mixed}
         if mixed:
             raise self._first_of(mixed)
@@ -188,12 +192,12 @@ class Clocks:
         Simulated time has a zero of its own, which other logs of the run share; log time has none.
         """
         if self._simulated is None:
-            words, origin_ns = f"log time, origin {first_ns} ns", first_ns
+            clock, origin_ns = Clock(LOG_TIME, first_ns), first_ns
         else:
-            words, origin_ns = "simulated time", 0
+            clock, origin_ns = Clock(SIMULATED_TIME), 0
         ends_ns = self.of_log(np.array([first_ns, last_ns], dtype=np.int64)).tolist()
         start_s, end_s = ((int(end_ns) - origin_ns) / 1e9 for end_ns in ends_ns)
-        return TrialClock(words, origin_ns, Span(start_s, end_s))
+        return TrialClock(clock, origin_ns, Span(start_s, end_s))
 
     @property
     def simulated(self) -> bool:
@@ -201,25 +205,25 @@ class Clocks:
         return self._simulated is not None
 
     def on_trial_clock(self, topic: str, stamps_ns: IntArray) -> IntArray:
-        """The stamps that were kept of a topic, on the clock of the trial.
+        """The kept stamps of a topic, on the clock of the trial.
 
         Raises:
-            LogError: Nobody knows which simulated time it was when a message was recorded.
+            LogError: The simulated time at which a message was recorded is unknown.
         """
         if self._simulated is None or not len(stamps_ns):
             return stamps_ns
         known = self._topics.get(topic)
         if known is not None and known.far is not None:
-            return stamps_ns
+            return stamps_ns  # header stamps, which are simulated time already
         self._simulated.refuse_unknown(topic, stamps_ns)
         return self.of_log(stamps_ns)
 
     def of_log(self, log_ns: IntArray) -> IntArray:
-        """Log times on the clock of the trial; before its first message a clock has not begun."""
+        """Log times on the clock of the trial."""
         return log_ns if self._simulated is None else self._simulated.at(log_ns)
 
     def note(self, builder: TrialBuilder) -> None:
-        """Tell of topics whose stamps are odd."""
+        """Note the topics whose stamps are irregular as defects."""
         for name, topic in sorted(self._topics.items()):
             builder.defect(
                 "unset_stamps", name, topic.unset, "headers without a stamp; the times of recording were used"
@@ -242,7 +246,7 @@ class Clocks:
         also = f"; {others} messages of that topic are on the recorder's clock or have no stamp"
         return LogError(
             f"two clocks are mixed: on topic {topic} the header says {one.stamp_ns} ns, "
-            f"the recorder {one.log_ns} ns, {one.apart_s:.3f} s apart{also if others else ''}",
+            f"the recorder {one.log_ns} ns, {one.difference_s:.3f} s apart{also if others else ''}",
             file=self._file,
             hint=_REMEDY,
         )
@@ -250,11 +254,11 @@ class Clocks:
 
 @dataclass(frozen=True, eq=False)
 class _SimulatedTime:
-    """Which simulated time it was at which log time.
+    """The simulated time at each log time.
 
     Attributes:
         log_ns: When clock messages were recorded, increasing, shape (n,).
-        ns: What they said, increasing, shape (n,).
+        ns: The simulated times they give, never decreasing, shape (n,).
     """
 
     log_ns: IntArray
@@ -264,8 +268,9 @@ class _SimulatedTime:
     @classmethod
     def of_ticks(cls, ticks: list[tuple[IntArray, IntArray]], file: Path) -> _SimulatedTime:
         log_ns, ns = (np.concatenate(part) for part in zip(*ticks, strict=True))
-        order = np.lexsort((ns, log_ns))
+        order = np.lexsort((ns, log_ns))  # several ticks may be recorded at one time
         log_ns, ns = log_ns[order], ns[order]
+        # Messages may overtake each other on their way; only a real reset goes far back.
         latest_ns = np.maximum.accumulate(ns)
         back_s = float((latest_ns - ns).max()) / 1e9
         if back_s > LARGEST_STEP_BACK_S:
@@ -277,9 +282,9 @@ class _SimulatedTime:
         return cls(log_ns, latest_ns, file)
 
     def at(self, log_ns: IntArray) -> IntArray:
-        """By straight lines between clock messages; before the first and after the last it stands still."""
+        """By straight lines between clock messages; constant before the first and after the last."""
         first_log_ns, first_ns = int(self.log_ns[0]), int(self.ns[0])
-        # From the first message on, so that a float holds every nanosecond.
+        # Relative to the first message: float64 does not hold every nanosecond since 1970.
         since_ns = np.interp(log_ns - first_log_ns, self.log_ns - first_log_ns, self.ns - first_ns)
         found: IntArray = np.rint(since_ns).astype(np.int64) + first_ns
         return found
@@ -290,19 +295,21 @@ class _SimulatedTime:
         return abs(one.stamp_ns - now_ns) / 1e9 <= LARGEST_CLOCK_DIFFERENCE_S
 
     def refuse_unknown(self, topic: str, log_ns: IntArray) -> None:
-        """Refuse times at which the clock was not heard.
+        """Refuse times at which no clock message is near.
 
-        What lies between two clock messages is known as well as they are near in simulated time, and
-        what lies before the first as well as that is near the zero of the simulation.
+        Between two clock messages the error is at most their distance in simulated time, and before the
+        first one at most its distance from the zero of the simulation.
         """
         after = np.searchsorted(self.log_ns, log_ns, side="left")
         last = len(self.ns) - 1
         before_ns = np.where(after > 0, self.ns[np.maximum(after - 1, 0)], 0)
+        # Behind the last message nothing limits the step, so only nearness in log time counts.
         step_ns = np.where(after <= last, self.ns[np.minimum(after, last)] - before_ns, _LATEST_NS)
         near_ns = np.minimum(
             np.abs(log_ns - self.log_ns[np.maximum(after - 1, 0)]),
             np.abs(log_ns - self.log_ns[np.minimum(after, last)]),
         )
+        # A slow simulation ticks rarely in wall time but often in its own: either distance may be short.
         unknown = np.flatnonzero(np.minimum(step_ns, near_ns) / 1e9 > LARGEST_SILENCE_S)
         if len(unknown):
             i = int(unknown[0])

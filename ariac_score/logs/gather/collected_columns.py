@@ -1,4 +1,4 @@
-"""From columns of many messages to what a log map makes of them: stamps, signals, poses."""
+"""From columns of many messages to stamps, signals and poses as the log map defines them."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ _VELOCITY = tuple(f"twist.linear.{axis}" for axis in "xyz")
 
 
 _Wanted = tuple[str, tuple[str, ...]]
-"""What must be there, and the sequences it must lie in."""
+"""The kind a field must be of (number, text, stamp), and the sequences it must lie in."""
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What a channel needs of a message: the fields of its signals, besides what its poses need."""
+    """The fields a channel needs of a message: those of its signals, and those its poses need."""
 
     channel: Channel
     signals: tuple[str, ...]
 
     def fields(self) -> dict[str, _Wanted]:
-        """The paths it needs, each with what must be there and the sequences it must lie in."""
+        """The paths it needs, each with the kind of field and the sequences it must lie in."""
         poses, found = self.channel.poses, dict[str, _Wanted]()
         if poses == "frames":
             inside = ("transforms",)
@@ -74,20 +74,21 @@ class Needs:
 
 
 def columns_for(connection: Connection, needs: Sequence[Needs]) -> ColumnDecoder | None:
-    """A decoder of what some channels need of a connection; `None` when that takes whole messages.
+    """A decoder of the fields some channels need of a connection; `None` when they need whole messages.
 
-    Decoders of orders and submissions take whole messages; and where a field is not what
-    the log map says, only a message can tell what it is instead.
+    Decoder plugins take whole messages; and where a field is not what the log map expects,
+    a whole message is needed to report what it is instead.
 
     Raises:
-        PlanError: Its definition can be read message by message only.
-        UnknownTypeError: It cannot be read at all.
+        PlanError: Its messages can be decoded one by one only.
+        UnknownTypeError: They cannot be decoded at all.
     """
     if any(need.channel.decoder for need in needs):
         return None
     fields = {path: what for need in needs for path, what in need.fields().items()}
     stamps = {path: what for need in needs for path, what in need.stamps().items()}
     must = any(need.channel.stamp == "header" and need.stamps() for need in needs)
+    # A type without a header is no error: unless the log map insists, times of recording count for it.
     decoder = column_decoder_for(connection, fields | stamps)
     if not _has(decoder, stamps):
         if must:
@@ -97,21 +98,22 @@ def columns_for(connection: Connection, needs: Sequence[Needs]) -> ColumnDecoder
 
 
 def by_header(channel: Channel) -> bool:
-    """Whether a channel's messages count by their own stamps, where they have some."""
+    """Whether messages of a channel are placed in time by their own stamps, where they have any."""
     if channel.poses == "frames" and channel.topic.endswith("tf_static"):
-        return False  # it holds at all times
+        return False  # a static transform holds at all times
+    # Gazebo's model states have no header.
     return channel.stamp == "header" or (not channel.stamp and channel.poses != "models")
 
 
 def clock_key(channel: Channel) -> str:
-    """What must be on one clock: what a channel takes of a topic, or all frames, which positions join."""
+    """Names what must be on one clock: a topic, or all frames together, which positions are composed of."""
     if channel.poses == "frames":
         return "/tf_static" if channel.topic.endswith("tf_static") else "/tf"
     return channel.topic if by_header(channel) else f"{channel.topic} by times of recording"
 
 
 def _has(decoder: ColumnDecoder, fields: Mapping[str, _Wanted]) -> bool:
-    """Whether fields are there, and are what they must be."""
+    """Whether fields exist and are of the kinds they must be."""
     shapes = ((decoder.shape(path), wanted) for path, wanted in fields.items())
     return all(s is not None and s[1] == levels and _is(what, s[0]) for s, (what, levels) in shapes)
 
@@ -124,16 +126,16 @@ def _is(what: str, kind: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """The sound ones of some messages of a connection.
+    """Messages of a connection, decoded; those that do not fit their definition are left out.
 
     Attributes:
-        numbers: Their numbers in the recording, shape (n,).
+        sequence_numbers: Their places in the recording, shape (n,).
         log_ns: Their log times, shape (n,).
         columns: Their fields.
-        refused: Why others are not sound, by number.
+        refused: Why the others do not fit, by sequence number.
     """
 
-    numbers: IntArray
+    sequence_numbers: IntArray
     log_ns: IntArray
     columns: Mapping[str, Column]
     refused: dict[int, str]
@@ -145,8 +147,8 @@ class Decoded:
         refused = {int(messages.numbers[defect.index]): defect.cause for defect in found.defects}
         return cls(messages.numbers[found.rows], messages.stamps_ns[found.rows], found.columns, refused)
 
-    def numbers_of(self, paths: Sequence[str]) -> FloatArray:
-        """Some fields side by side, shape (n, k), or (n,) of one field."""
+    def values_of(self, paths: Sequence[str]) -> FloatArray:
+        """The values of some fields, shape (n, k), or (n,) of one field."""
         if len(paths) == 1:
             return self.columns[paths[0]].values.astype(np.float64)
         return _side_by_side(self.columns, paths)
@@ -154,7 +156,7 @@ class Decoded:
     def stamps_ns(self, channel: Channel, clocks: Clocks) -> IntArray:
         """The stamps that count for a channel: one for each message, or for each transform."""
         frames = channel.poses == "frames"
-        log_ns, numbers = self.log_ns, self.numbers
+        log_ns, numbers = self.log_ns, self.sequence_numbers
         if frames:
             counts = self.columns[_CHILD].per_message()
             log_ns, numbers = np.repeat(log_ns, counts), np.repeat(numbers, counts)
@@ -162,6 +164,7 @@ class Decoded:
         if not by_header(channel) or not all(path in self.columns for path in paths):
             clocks.without_header(clock_key(channel), len(log_ns))
             return log_ns
+        # 64 bits first: nanoseconds overflow the 32 bits of `sec` after two seconds.
         sec, nanosec = (self.columns[path].values.astype(np.int64) for path in paths)
         return clocks.stamps_ns(clock_key(channel), numbers, sec * 10**9 + nanosec, log_ns)
 
@@ -174,7 +177,7 @@ def _side_by_side(columns: Mapping[str, Column], paths: Sequence[str]) -> FloatA
 
 
 class _Names:
-    """Names of several columns of texts under common numbers."""
+    """One numbering of names for the text columns of several connections, whose codes differ."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
@@ -182,6 +185,7 @@ class _Names:
 
     def numbered(self, column: Column) -> IntArray:
         assert column.texts is not None
+        # Only the codes in use: a decoder remembers the texts of all messages before.
         used = np.flatnonzero(np.bincount(column.values, minlength=1))
         table = np.zeros(len(column.texts), dtype=np.int64)
         for code in used.tolist():
@@ -199,7 +203,7 @@ _Part = tuple[NDArray[Any], ...]
 
 @dataclass
 class PoseBatch:
-    """Poses from several connections, before they are put into recorded order."""
+    """Poses from several connections, which are handed over in recorded order."""
 
     _names: _Names = field(default_factory=_Names)
     _frames: list[_Part] = field(default_factory=list)
@@ -209,22 +213,23 @@ class PoseBatch:
         """Take the transforms of tf messages."""
         columns = decoded.columns
         fields = [columns[path].values for path in (*_AT, *_TURN)]
-        numbers = np.repeat(decoded.numbers, columns[_CHILD].per_message())
+        numbers = np.repeat(decoded.sequence_numbers, columns[_CHILD].per_message())
         parents, children = (self._names.numbered(columns[path]) for path in (_PARENT, _CHILD))
         moving = np.full(len(parents), not static)
         self._frames.append((numbers, parents, children, stamps_ns, moving, *fields))
 
     def add_models(self, decoded: Decoded, stamps_ns: IntArray, *, links: bool) -> dict[int, str]:
-        """Take the states of model or link states; returns why some messages are refused, by number."""
+        """Take the poses of model or link states; returns why some messages are refused, by number."""
         columns = decoded.columns
         names, poses, twists = (columns[path] for path in ("name", _POSITION[0], _VELOCITY[0]))
         counts = names.per_message()
+        # Three lists of one length, by convention only: a message may break it.
         fits = (poses.per_message() == counts) & (twists.per_message() == counts)
         of_name, of_pose, of_twist = (np.repeat(fits, c.per_message()) for c in (names, poses, twists))
         pose = _side_by_side(columns, (*_POSITION, *_ORIENTATION))[of_pose]
         velocity = _side_by_side(columns, _VELOCITY)[of_twist]
         found = self._names.numbered(names)[of_name]
-        numbers, counts = decoded.numbers, counts[fits]
+        numbers, counts = decoded.sequence_numbers, counts[fits]
         of_links = np.full(len(counts), links)
         self._models.append((numbers[fits], counts, stamps_ns[fits], of_links, found, pose, velocity))
         return dict.fromkeys(numbers[~fits].tolist(), "name, pose and twist differ in length")
@@ -244,7 +249,7 @@ class PoseBatch:
             parts = list(self._frames[0])
             if len(self._frames) > 1:
                 parts = [np.concatenate(part) for part in zip(*self._frames, strict=True)]
-                order = np.argsort(parts[0], kind="stable")
+                order = np.argsort(parts[0], kind="stable")  # transforms of one message keep their order
                 parts = [part[order] for part in parts]
             _, parents, children, stamps_ns, moving, *fields = parts
             tree.add_many(self._names.names, parents, children, fields, stamps_ns, moving, share=share)

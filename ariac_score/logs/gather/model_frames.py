@@ -1,4 +1,4 @@
-"""The poses of models and links that kits are found in, from messages that list everything there is."""
+"""Poses of models and links, from messages that list every one of them, for finding the contents of kits."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from ariac_score.trial.spans import FloatArray
 __all__ = ["ModelFrames"]
 
 KEPT_EVERY_S = 0.05
-"""Model states of a bag are kept this often at most: simulators publish what lies on trays at 20 Hz."""
+"""The shortest time between two messages that are kept: simulators publish the contents of trays at 20 Hz."""
 
 
 @dataclass
 class _Poses:
-    """The poses of one model or link as they come in."""
+    """The poses of one model or link so far."""
 
     frames: array[int] = field(default_factory=lambda: array("q"))
     numbers: array[float] = field(default_factory=lambda: array("d"))
 
     def track(self, name: str, frame_count: int) -> ModelTrack:
-        """Gone is what the next frame does not list, for each frame lists all there is."""
+        """Its track; it is gone where the next frame does not list it, for every frame lists all models."""
         frames = np.array(self.frames, dtype=np.int64)
         after = frames + 1
         gone = after[~np.isin(after, frames) & (after < frame_count)]
@@ -56,6 +56,7 @@ class ModelFrames:
         if self._stamps_ns and 0 <= stamp_ns - self._stamps_ns[-1] < KEPT_EVERY_S * 1e9:
             return
         for name, pose in zip(message.name, message.pose, strict=True):
+            # `None` for names that do not matter: patterns are matched once for each name.
             if name not in self._columns:
                 self._columns[name] = _Poses() if self._finder.follows(name, self._kits) else None
             column = self._columns[name]
@@ -78,6 +79,7 @@ class ModelFrames:
             stamps_ns: The time of each message, ns, shape (m,).
         """
         kept, first = [], len(self._stamps_ns)
+        # A loop: whether a message is kept depends on which one before it was.
         for number, stamp_ns in enumerate(stamps_ns.tolist()):
             if not self._stamps_ns or not 0 <= stamp_ns - self._stamps_ns[-1] < KEPT_EVERY_S * 1e9:
                 kept.append(number)
@@ -102,7 +104,7 @@ class ModelFrames:
         self._stamps_ns = retimed(np.array(self._stamps_ns, dtype=np.int64)).tolist()
 
     def record(self, origin_ns: int) -> KitRecord | None:
-        """What the messages show of kits; `None` when there was none."""
+        """The record of kits that the messages show; `None` without messages."""
         if not self._stamps_ns:
             return None
         t_s = np.array([(stamp_ns - origin_ns) / 1e9 for stamp_ns in self._stamps_ns])

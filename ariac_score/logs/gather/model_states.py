@@ -1,4 +1,4 @@
-"""Where the models and links of Gazebo were, from messages that list them all."""
+"""Positions and velocities of bodies, from messages that list all models or links of Gazebo."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.logs.gather.transforms import IntArray, Retimed, times_s
+from ariac_score.logs.containers.items import IntArray
+from ariac_score.logs.gather.transforms import Retimed, times_s
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body
@@ -88,6 +89,7 @@ class ModelPoses:
                 track.rows.frombytes(rows[own].tobytes())
 
     def _track(self, name: str, *, links: bool) -> _Track | None:
+        # `None` for names that do not matter: patterns are matched once for each name.
         if name not in self._tracks:
             self._tracks[name] = self._new_track(name, links=links)
         return self._tracks[name]
@@ -97,7 +99,7 @@ class ModelPoses:
         for match in self._matches:
             body = match.body_for(model)
             if body is not None and (not links or match.follows_link(link)):
-                self._matched.add(match.match)
+                self._matched.add(match.match)  # the first match wins, as in the order of the log map
                 return _Track(replace(body, links=(link.replace("/", "_"),)) if link else body)
         return None
 

@@ -1,4 +1,4 @@
-"""Counting what a scan passes by."""
+"""Topics, message counts and stamps of a recording, counted while it is scanned."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from ariac_score.checks.contracts import TopicDescription
 from ariac_score.logs.containers.items import Batch, Connection, IntArray, Message
 
-__all__ = ["Survey"]
+__all__ = ["TopicStatistics"]
 
 
 @dataclass
@@ -20,24 +20,24 @@ class _Topic:
     stamps_ns: array[int] = field(default_factory=lambda: array("q"))
 
 
-class Survey:
-    """Counts what a scan passes by: topics, messages, stamps."""
+class TopicStatistics:
+    """Counts topics, messages and stamps while a recording is scanned."""
 
     def __init__(self) -> None:
         self._topics: dict[str, _Topic] = {}
         self.messages = 0
 
     def declare(self, connection: Connection) -> None:
-        """Take note of a topic, even when no message follows."""
+        """Count a topic, even when no message follows."""
         self._topics.setdefault(connection.topic, _Topic()).types.add(connection.type)
 
     def count(self, message: Message) -> None:
-        """Take note of a message of a declared connection."""
+        """Count a message of a declared connection."""
         self.messages += 1
         self._topics[message.connection.topic].stamps_ns.append(message.stamp_ns)
 
     def count_many(self, batch: Batch) -> None:
-        """Take note of many messages of declared connections."""
+        """Count many messages of declared connections."""
         self.messages += len(batch)
         for place, connection in enumerate(batch.connections):
             stamps_ns = batch.stamps_ns[batch.sources == place]
@@ -54,7 +54,7 @@ class Survey:
         return max((int(s.max()) for s in self._stamps_ns()), default=None)
 
     def _stamps_ns(self) -> Iterator[IntArray]:
-        """The stamps of every topic that has some."""
+        """The stamps of every topic that has messages."""
         for topic in self._topics.values():
             if topic.stamps_ns:
                 yield np.frombuffer(topic.stamps_ns, dtype=np.int64)
@@ -70,7 +70,7 @@ class Survey:
         return tuple(_described(name, self._topics[name], origin_ns) for name in sorted(self._topics))
 
     def steps_back(self) -> Iterator[tuple[str, int]]:
-        """Each topic on which stamps run backwards, and how often, sorted by topic."""
+        """The topics whose stamps run backwards, each with how often, sorted by topic."""
         for name in sorted(self._topics):
             stamps = np.frombuffer(self._topics[name].stamps_ns, dtype=np.int64)
             steps = int((np.diff(stamps) < 0).sum())
@@ -87,6 +87,7 @@ def _described(name: str, topic: _Topic, origin_ns: int) -> TopicDescription:
     type_ = ", ".join(sorted(topic.types))
     if not topic.stamps_ns:
         return TopicDescription(name, type_, 0)
+    # Sorted: several publishers of one topic reach the recorder in no particular order.
     stamps = np.sort(np.frombuffer(topic.stamps_ns, dtype=np.int64))
     gap_s = int(np.diff(stamps).max()) / 1e9 if len(stamps) > 1 else None
     first_s, last_s = ((int(stamp) - origin_ns) / 1e9 for stamp in (stamps[0], stamps[-1]))

@@ -1,4 +1,8 @@
-"""Positions of bodies out of tf trees and out of Gazebo's model states."""
+"""Positions of bodies from tf trees.
+
+Unlike a tf2 buffer, which forgets after ten seconds and interpolates across any pause, this keeps all
+samples, settles their order once, and gives no position where a transform was silent too long.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.errors import LogError
-from ariac_score.logs.gather.array_growth import Foreseen
+from ariac_score.logs.containers.items import IntArray
+from ariac_score.logs.gather.array_growth import GrowthForecast
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body
@@ -31,9 +36,6 @@ LARGEST_NORM_ERROR = 0.01
 """How far the norm of a rotation may be from 1. Source: tf2, QUATERNION_NORMALIZATION_TOLERANCE."""
 
 
-IntArray = NDArray[np.int64]
-
-
 Retimed = Callable[[IntArray], IntArray]
 """Turns stamps, ns, into those of another clock."""
 
@@ -41,50 +43,51 @@ Retimed = Callable[[IntArray], IntArray]
 _Row = tuple[float, float, float, float, float, float, float]
 
 
-_Lie = tuple[FloatArray, FloatArray]
-"""How a frame lies in another one: x, y, z in m, shape (3, n), and a quaternion, shape (4, n)."""
+_PoseColumns = tuple[FloatArray, FloatArray]
+"""Poses of one frame in another: x, y, z in m, shape (3, n), and a quaternion x, y, z, w, shape (4, n)."""
 
 
 _FEW_CODES = 1 << 16
+"""Numbers below this are counted rather than sorted, which is several times as fast."""
 
 
 _FEW_PLACES = 16
+"""For fewer places than this it takes longer to test for even spacing than to copy them one by one."""
 
 
 _LONGEST_TURN = 1 << 10
+"""The longest period that is looked for; a robot has fewer frames."""
 
 
 _FEWEST_SAMPLES = 64
-
-
 _LARGEST_GUESS = 1 << 22
 
 
 _BLOCK_ROWS = 1 << 13
-"""So many transforms are composed at a time: what is computed stays in the processor's cache."""
+"""Transforms composed at a time, so that intermediate results stay in the processor's cache."""
 
 
 def times_s(stamps_ns: Sequence[int] | IntArray, origin_ns: int) -> FloatArray:
     """Stamps as trial time, s."""
     stamps = np.asarray(stamps_ns, dtype=np.int64)
     if len(stamps) and stamps.min() < 0:
-        # In Python's integers, whose difference is exact whatever the stamps.
+        # The difference may not fit into 64 bits: Python's integers are exact whatever the stamps.
         return np.array([(stamp_ns - origin_ns) / 1e9 for stamp_ns in stamps.tolist()], dtype=np.float64)
     seconds: FloatArray = (stamps - origin_ns) / 1e9  # the difference is exact, its division rounds once
     return seconds
 
 
 class _Edge:
-    """How a frame lies in its parent: x, y, z (m) and the quaternion x, y, z, w, at its stamps.
+    """The transform of a frame in its parent: x, y, z (m) and the quaternion x, y, z, w, at its stamps.
 
-    What it was is kept in arrays that grow at their end, so that no part is copied twice more.
+    Kept in arrays that grow at their end: a list of parts would be copied once more when it is joined.
     """
 
     def __init__(self) -> None:
         self.static: _Row | None = None
         self._stamps_ns: IntArray = np.empty(0, dtype=np.int64)
         self._columns: FloatArray = np.empty((7, 0))
-        self._used, self._foreseen = 0, Foreseen(_LARGEST_GUESS)
+        self._used, self._foreseen = 0, GrowthForecast(_LARGEST_GUESS)
 
     @property
     def moves(self) -> bool:
@@ -97,7 +100,7 @@ class _Edge:
 
     @property
     def columns(self) -> FloatArray:
-        """What it was at these, shape (7, n)."""
+        """Its values at these stamps, shape (7, n)."""
         return self._columns[:, : self._used]
 
     def retime(self, retimed: Retimed) -> None:
@@ -117,19 +120,19 @@ class _Edge:
         columns: Sequence[FloatArray],
         share: float,
     ) -> None:
-        """Take the samples at some places of arrays; with them a share of all will have come."""
+        """Take the samples at some places of arrays, after which a share of the recording is read."""
         rooms = self.rooms(stamps_ns[places], share)
         for room, column in zip(rooms, columns, strict=True):
             room[:] = column[places]
 
     def rooms(self, stamps_ns: IntArray, share: float) -> FloatArray:
-        """Take the stamps of samples; what is put into these rows, shape (7, n), was so then."""
+        """Take the stamps of samples; returns the room for their values, shape (7, n)."""
         room = self._room(len(stamps_ns), share)
         self._stamps_ns[room] = stamps_ns
         return self._columns[:, room]
 
     def _room(self, count: int, share: float = 0.0) -> slice:
-        """Where the next so many samples go."""
+        """The place of the next samples."""
         start, self._used = self._used, self._used + count
         have = len(self._stamps_ns)
         size = max(_FEWEST_SAMPLES, self._foreseen.length(self._used, have, share))
@@ -142,7 +145,7 @@ class _Edge:
 
 @dataclass(frozen=True, eq=False)
 class _Settled:
-    """A moving transform: sample times, shape (n,), s, and what it was then, shape (7, n)."""
+    """A moving transform: sample times, shape (n,), s, and its values then, shape (7, n)."""
 
     t: FloatArray
     columns: FloatArray
@@ -150,43 +153,46 @@ class _Settled:
     def covers(self, t: FloatArray) -> NDArray[np.bool_]:
         return covered(self.t, t, max_gap_s=MAX_GAP_S)
 
-    def at(self, t: FloatArray) -> _Course:
-        """By straight lines between neighbours."""
-        if np.array_equal(t, self.t):
-            return _Course(self.columns, sampled=True)
-        return _Course(np.stack([np.interp(t, self.t, column) for column in self._continuous]))
+    def at(self, t: FloatArray) -> _Placements:
+        """At other times, by straight lines between neighbours."""
+        if np.array_equal(t, self.t):  # most chains: all links of a robot are stamped alike
+            return _Placements(self.columns, sampled=True)
+        return _Placements(np.stack([np.interp(t, self.t, column) for column in self._continuous]))
 
     @cached_property
     def _continuous(self) -> FloatArray:
-        """Its columns with quaternions fit for interpolation."""
+        """Its columns with neighbouring quaternions on one hemisphere.
+
+        q and -q are one rotation, but the straight line between them passes through zero.
+        """
         columns = self.columns.copy()
         _make_continuous(columns[3:])
         return columns
 
 
 @dataclass(frozen=True, eq=False)
-class _Course:
-    """How a frame lies in the next one at some times, shape (7, n), or (7, 1) where it stays the same.
+class _Placements:
+    """The poses of a frame in the next one of a chain at some times.
 
     Attributes:
-        columns: x, y, z in m, then its quaternion x, y, z, w.
-        sampled: Whether these are samples as they were recorded, not interpolated.
+        columns: x, y, z in m, then its quaternion x, y, z, w, shape (7, n), or (7, 1) where it never moves.
+        sampled: Whether these are samples as recorded, not interpolated ones.
     """
 
     columns: FloatArray
     sampled: bool = False
 
-    def stretch(self, some: slice) -> _Lie:
-        """Its position and a quaternion of about its rotation, at some of the times."""
+    def stretch(self, some: slice) -> _PoseColumns:
+        """Its positions and quaternions of about norm 1, at some of the times."""
         rows = self._rows(some)
         if not self.sampled:
             return rows[:3], rows[3:]
-        # As where one sample is to be made continuous with the one before, so that what is composed
-        # of samples does not hang, in its last bits, on whether others are interpolated.
+        # `_make_continuous` divides by the norm as well: the last bits of a composed position must not
+        # depend on whether another frame of the chain is interpolated.
         return rows[:3], rows[3:] / _norm(rows[3:])
 
     def origin(self, some: slice) -> FloatArray:
-        """Its position alone."""
+        """Its positions alone."""
         return self._rows(some)[:3]
 
     def _rows(self, some: slice) -> FloatArray:
@@ -246,16 +252,16 @@ class TransformTree:
             columns: x, y, z in m and the quaternion x, y, z, w, each of shape (n,).
             stamps_ns: Its time, ns, shape (n,).
             moving: Whether it holds at its time only, shape (n,); otherwise it is static.
-            share: The share of all transforms that will have come, as far as is known, 0 to 1.
+            share: The share of the recording that was read, as far as is known, 0 to 1.
         """
-        pair = parents * len(names) + children
+        pair = parents * len(names) + children  # one number for each edge of the tree
         usable = _are_units(columns[3:])
         for column in columns[:3]:
             usable &= np.isfinite(column)
         all_usable, all_move = bool(usable.all()), bool(moving.all())
-        together = _turn(pair) if all_usable and all_move else 0
-        if together:
-            self._add_in_turn(names, pair[:together], stamps_ns, columns, share)
+        turn = _turn(pair) if all_usable and all_move else 0
+        if turn:
+            self._add_in_turn(names, pair[:turn], stamps_ns, columns, share)
             return
         for key in _keys(pair, len(names) ** 2):
             parent, child = _frame(names[key // len(names)]), _frame(names[key % len(names)])
@@ -272,7 +278,7 @@ class TransformTree:
                 still = found[~moving[found]]
                 if len(still):
                     x, y, z, a, b, c, w = (float(column[still[-1]]) for column in columns)
-                    edge.static = (x, y, z, a, b, c, w)
+                    edge.static = (x, y, z, a, b, c, w)  # the last one replaces those before, as in tf2
                 found = found[moving[found]]
             if len(found):
                 edge.add_many(_even(found), stamps_ns, columns, share)
@@ -285,7 +291,10 @@ class TransformTree:
         columns: Sequence[FloatArray],
         share: float,
     ) -> None:
-        """Take transforms of frames that come in turn, of which the first ones are given."""
+        """Take transforms of frames that follow each other in turn, such as the links of a robot.
+
+        Every message of a robot lists the same links, so the values of a link are a strided slice.
+        """
         taken = []
         for first in np.argsort(pairs).tolist():
             parent, child = (_frame(names[number]) for number in divmod(int(pairs[first]), len(names)))
@@ -306,7 +315,7 @@ class TransformTree:
         """Hand the positions of all matching frames to the builder, with their bodies.
 
         Raises:
-            LogError: A wanted frame hangs on a cycle or on two parents, or its time runs backwards.
+            LogError: A wanted frame has a cycle or two parents above it, or its time runs backwards.
         """
         for child in sorted(self._unusable):
             message = "transforms that are not finite, or whose rotation is no unit quaternion, were left out"
@@ -319,7 +328,7 @@ class TransformTree:
                 self._settle_frame(builder, origin_ns, frame, body)
 
     def _matched(self, match: BodyMatch) -> Iterator[tuple[str, Body]]:
-        """The frames of one kind of body, each with its body; of a link, the body names it."""
+        """The frames that match, each with its body; the frame of a link with a body that names the link."""
         bodies = {frame: body for frame in sorted(self._edges) if (body := match.body_for(frame))}
         yield from bodies.items()
         for frame in sorted(self._edges.keys() - bodies.keys()):
@@ -334,6 +343,7 @@ class TransformTree:
         """The frames above one, up to the root or to where the tree ends."""
         seen = {frame}
         while frame != self._root and frame in self._edges:
+            # In tf2 each sample may name another parent, so the frame would jump between the two.
             parents = sorted(self._edges[frame])
             if len(parents) > 1:
                 raise self._contradiction(
@@ -374,7 +384,7 @@ class TransformTree:
     def _positions(
         self, builder: TrialBuilder, origin_ns: int, chain: Sequence[str]
     ) -> tuple[FloatArray, FloatArray]:
-        """Where the first frame of a chain is, at the times that all its transforms cover."""
+        """The positions of the first frame of a chain, at the times that all its transforms cover."""
         edges = [next(iter(self._edges[frame].values())) for frame in chain]
         moving = {
             frame: self._moving(builder, origin_ns, frame, edge)
@@ -382,16 +392,16 @@ class TransformTree:
             if edge.moves
         }
         t = self._common_times(list(moving.values())) if moving else self._all_times(builder, origin_ns)
+        # No extrapolation, and none across a silence: every transform must be known at every time.
         for settled in moving.values():
             t = t[settled.covers(t)]
         courses = [
-            moving[frame].at(t) if frame in moving else _Course(np.array(edge.static)[:, np.newaxis])
+            moving[frame].at(t) if frame in moving else _Placements(np.array(edge.static)[:, np.newaxis])
             for frame, edge in zip(chain, edges, strict=True)
         ]
         position: FloatArray = np.empty((len(t), 3))
-        with np.errstate(
-            over="ignore", invalid="ignore"
-        ):  # absurd numbers end as infinite: left out, counted
+        # Absurd numbers become infinite, which the builder leaves out and counts.
+        with np.errstate(over="ignore", invalid="ignore"):
             for first in range(0, len(t), _BLOCK_ROWS):
                 some = slice(first, first + _BLOCK_ROWS)
                 chain_there = [course.stretch(some) for course in courses[1:]]
@@ -401,14 +411,14 @@ class TransformTree:
 
     @staticmethod
     def _common_times(moving: Sequence[_Settled]) -> FloatArray:
-        """All times at which one of some transforms was sampled."""
+        """All times at which at least one of some transforms was sampled."""
         first = moving[0].t
         if all(np.array_equal(settled.t, first) for settled in moving[1:]):
             return first
         return distinct(np.concatenate([settled.t for settled in moving]))
 
     def _all_times(self, builder: TrialBuilder, origin_ns: int) -> FloatArray:
-        """When a frame that never moves is somewhere: whenever anything in the tree was seen."""
+        """The times for a frame that never moves: all at which anything in the tree was recorded."""
         edges = [edge for parents in self._edges.values() for edge in parents.values() if edge.moves]
         if edges:
             return times_s(distinct(np.concatenate([edge.stamps_ns for edge in edges])), origin_ns)
@@ -417,6 +427,7 @@ class TransformTree:
 
     def _moving(self, builder: TrialBuilder, origin_ns: int, frame: str, edge: _Edge) -> _Settled:
         """The samples of a moving transform, settled."""
+        # Once for each frame: the links of a robot share most of their chains, and defects count once.
         if frame not in self._settled:
             settled = settle(times_s(edge.stamps_ns, origin_ns), edge.columns.T)
             if settled.largest_step_back_s > LARGEST_STEP_BACK_S:
@@ -459,7 +470,7 @@ def _is_unit(quaternion: Sequence[float]) -> bool:
 
 
 def _are_units(quaternion: Sequence[FloatArray]) -> NDArray[np.bool_]:
-    """As `_is_unit`, which decides where the limit is so near that rounding could."""
+    """As `_is_unit`, which is asked where rounding could decide, so that both ways to decode agree."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         error = np.abs(_norm(quaternion) - 1.0)
         units: NDArray[np.bool_] = error <= LARGEST_NORM_ERROR
@@ -470,7 +481,7 @@ def _are_units(quaternion: Sequence[FloatArray]) -> NDArray[np.bool_]:
 
 
 def _turn(codes: IntArray) -> int:
-    """After how many of some numbers the same different ones come again, to the end; 0 where they do not."""
+    """The period with which some numbers repeat to the end, all different within it; 0 without one."""
     if not len(codes):
         return 0
     again = np.flatnonzero(codes[1 : _LONGEST_TURN + 1] == codes[:1])
@@ -483,14 +494,14 @@ def _turn(codes: IntArray) -> int:
 
 
 def _keys(codes: IntArray, limit: int) -> list[int]:
-    """The different ones of some numbers below a limit, increasing."""
+    """The distinct numbers, increasing, of some below a limit."""
     if limit > _FEW_CODES:
         return [int(code) for code in distinct(codes)]
     return [int(code) for code in np.flatnonzero(np.bincount(codes))]
 
 
 def _even(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
-    """Increasing places as a slice where they are evenly spaced: slices are copied much faster."""
+    """Increasing places, as a slice where they are evenly spaced: slices are copied much faster."""
     if len(places) < _FEW_PLACES:
         return places
     step = int(places[1] - places[0])
@@ -507,7 +518,7 @@ def _norm(quaternion: FloatArray | Sequence[FloatArray]) -> FloatArray:
 
 
 def _make_continuous(quaternions: FloatArray) -> None:
-    """Make quaternions, shape (4, n), unit ones of the same rotations, each in the hemisphere before."""
+    """Turn quaternions, shape (4, n), in place into unit ones, each on the hemisphere of the one before."""
     sign, last = 1.0, np.zeros((4, 1))
     for first in range(0, quaternions.shape[1], _BLOCK_ROWS):
         block = quaternions[:, first : first + _BLOCK_ROWS]
@@ -519,22 +530,21 @@ def _make_continuous(quaternions: FloatArray) -> None:
         sign = -sign if turned[-1] else sign
 
 
-def _composed(origin: FloatArray, chain: Sequence[_Lie]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where the origin of a frame is in another one.
+def _composed(origin: FloatArray, chain: Sequence[_PoseColumns]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The position of a point in the last frame of a chain.
 
     Args:
-        origin: Where it is in the first frame of a chain, x, y, z in m, shape (3, n), or (3, 1) where
-            it stays the same.
-        chain: Of each frame how it lies in the next one: its origin as above, then its quaternion
-            x, y, z, w, whose norm does not matter, shape (4, n) or (4, 1).
+        origin: Its x, y, z in the first frame, m, shape (3, n), or (3, 1) where it never moves.
+        chain: The poses of each frame in the next one: x, y, z in m as above, then a quaternion
+            x, y, z, w of any norm, shape (4, n) or (4, 1).
 
     Returns:
         Its x, y and z in the last one, each of shape (n,) or (1,), in m.
     """
-    x, y, z = origin + 0.0  # 0.0 takes the sign from a zero, as adding to the origin does
+    x, y, z = origin + 0.0  # -0.0 becomes 0.0, as it does in every step below
     for (at_x, at_y, at_z), turn in chain:
         a, b, c, w = turn / _norm(turn)
-        # v + 2 (w (q x v) + q x (q x v))
+        # v + 2 (w (q x v) + q x (q x v)): fewer operations than two products of quaternions.
         p, q, r = b * z - c * y, c * x - a * z, a * y - b * x
         x = x + 2 * (w * p + (b * r - c * q)) + at_x
         y = y + 2 * (w * q + (c * p - a * r)) + at_y

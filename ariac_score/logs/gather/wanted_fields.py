@@ -16,23 +16,24 @@ from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.types import UnknownTypeError, column_decoder_for
 from ariac_score.logs.containers.detect import open_scan
 from ariac_score.logs.containers.items import Batch, Connection, IntArray
-from ariac_score.logs.gather.array_growth import Foreseen
+from ariac_score.logs.gather.array_growth import GrowthForecast
 
 __all__ = ["Table", "read_tables"]
 
 _LARGEST_GUESS = 1 << 26
+"""The most elements that room is made for in advance: 512 MB of float64, if all were written to."""
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """What one connection recorded.
+    """The messages of one connection as columns.
 
     Attributes:
         topic: Its name.
         type: `package/msg/Name`.
         stamps_ns: Log times of its sound messages, shape (n,).
         columns: Its wanted fields by path.
-        defects: Messages that do not fit their definition, in all.
+        defects: How many messages do not fit their definition.
         unreadable: Why none of its messages can be decoded; empty when they can.
     """
 
@@ -49,10 +50,10 @@ class _Grown:
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self._values = np.empty(0, dtype=dtype)
-        self._used, self._foreseen = 0, Foreseen(_LARGEST_GUESS)
+        self._used, self._foreseen = 0, GrowthForecast(_LARGEST_GUESS)
 
     def room(self, dtype: np.dtype[Any], count: int, share: float) -> NDArray[Any]:
-        """Where the next values go; they count once they are added."""
+        """The room for the next values; they count once they are added."""
         needed = self._used + count
         length = self._foreseen.length(needed, len(self._values), share)
         if length > len(self._values):
@@ -62,9 +63,9 @@ class _Grown:
         return self._values[self._used : needed]
 
     def add(self, values: NDArray[Any], share: float) -> None:
-        """Take some values, which may be where there was room for them."""
+        """Take some values, which the decoder may have put into that room already."""
         room = self.room(values.dtype, len(values), share)
-        if values.base is not self._values:
+        if values.base is not self._values:  # otherwise the decoder wrote them in place
             room[:] = values
         self._used += len(values)
 
@@ -73,14 +74,17 @@ class _Grown:
 
 
 class _Bounds:
-    """Where lists start and end that come one after the other; mostly they are of one length."""
+    """The bounds of consecutive lists.
+
+    Joint states and poses come in lists of one length throughout, whose bounds need no memory.
+    """
 
     def __init__(self) -> None:
         self._length, self._count = 0, 0
         self._grown: _Grown | None = None
 
     def add(self, bounds: IntArray, share: float) -> None:
-        """Take some lists, by where each starts and the last one ends."""
+        """Take some lists, given by their starts and the end of the last one."""
         count = len(bounds) - 1
         if not count:
             return
@@ -114,7 +118,9 @@ class _Growing:
         self._stamps_ns = _Grown(np.dtype(np.int64))
         self._values: dict[str, _Grown] = {}
         self._bounds: dict[str, _Bounds] = {}
-        self._last: dict[str, Column] = {}  # one decoder gave them all, so its texts include those before
+        self._last: dict[
+            str, Column
+        ] = {}  # texts of one decoder only grow, so the last column has the codes of all
 
     def take(self, waiting: Waiting, share: float) -> None:
         assert self.decoder is not None
@@ -173,6 +179,7 @@ def read_tables(path: Path, wanted: Mapping[str, Iterable[str] | None], *, jobs:
                 if growing[item].decoder is not None:
                     decoded.add(item)
         elif isinstance(item, Batch):
+            # Numbers in the recording do not matter: each connection has a table of its own.
             for waiting in pending.take(item, decoded, 0):
                 _take(waiting, growing, scan.share)
         elif item.connection in decoded:

@@ -23,6 +23,7 @@ from ariac_score import (
     COMPETITION_ENDED,
     COMPETITION_STARTED,
     ORDER_ANNOUNCED,
+    Clock,
     Event,
     LogDescription,
     LogError,
@@ -47,7 +48,7 @@ __all__ = [
     "run_owners",
 ]
 
-CLOCK = "competition time (simulated seconds since the start)"
+CLOCK = Clock("competition time", detail="simulated seconds since the start")
 FORMAT = "ARIAC database (2025)"
 MAX_ROWS = 100_000
 MAX_ORDERS = 1000
@@ -179,8 +180,8 @@ class AriacDatabaseReader:
                 facts |= {"trial": run.trial, "team": run.competitor, "penalties": len(run.penalties)}
                 facts |= {"submissions": len(run.submissions), "sensor_cost": run.facts["sensor_cost"]}
         except LogError as error:
-            return LogDescription(format=FORMAT, clock=CLOCK, damage=str(error))
-        return LogDescription(format=FORMAT, clock=CLOCK, facts=facts, duration_s=duration_s)
+            return LogDescription(format=FORMAT, clock=str(CLOCK), damage=str(error))
+        return LogDescription(format=FORMAT, clock=str(CLOCK), facts=facts, duration_s=duration_s)
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
         """Orders, penalties, start and end of the wanted run or the only one, and its numbers as facts.

@@ -30,6 +30,7 @@ from ariac_score import (
     LARGEST_STEP_BACK_S,
     ORDER_ANNOUNCED,
     PART_DROPPED,
+    Clock,
     Event,
     LogDefect,
     LogDescription,
@@ -46,7 +47,7 @@ from ariac_score import (
 
 __all__ = ["PerformanceLogReader"]
 
-CLOCK = "simulated time (wall time between whole simulated seconds)"
+CLOCK = Clock("simulated time", detail="wall time between whole simulated seconds")
 MAX_LINE_CHARS = 65_536
 MAX_DROPS = 10_000
 
@@ -109,7 +110,7 @@ class PerformanceLogReader:
             times = _Times(told, path)
             damage = ""
         except LogError as error:
-            return LogDescription(format="ARIAC performance log", clock=CLOCK, damage=str(error))
+            return LogDescription(format="ARIAC performance log", clock=str(CLOCK), damage=str(error))
         score = told.score
         facts: dict[str, int | float | str] = {"layout": score.layout if score else "no final score"}
         if score is not None and score.total is not None:
@@ -124,7 +125,7 @@ class PerformanceLogReader:
         start_s, end_s = times.started_s, times.ended_s
         return LogDescription(
             format="ARIAC performance log",
-            clock=CLOCK,
+            clock=str(CLOCK),
             facts=facts,
             defects=tuple(times.defects),
             damage=damage,

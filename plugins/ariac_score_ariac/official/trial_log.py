@@ -21,6 +21,7 @@ from ariac_score import (
     COMPETITION_ENDED,
     COMPETITION_STARTED,
     ORDER_ANNOUNCED,
+    Clock,
     Event,
     LogDescription,
     LogError,
@@ -36,7 +37,7 @@ from ariac_score import (
 
 __all__ = ["CLOCK", "TrialLogReader"]
 
-CLOCK = "competition time (simulated seconds since the start)"
+CLOCK = Clock("competition time", detail="simulated seconds since the start")
 FORMAT = "ARIAC trial log (2023, 2024)"
 MAX_BYTES = 4_000_000
 
@@ -116,7 +117,7 @@ class TrialLogReader:
         try:
             told = _tell(path)
         except LogError as error:
-            return LogDescription(format=FORMAT, clock=CLOCK, damage=str(error))
+            return LogDescription(format=FORMAT, clock=str(CLOCK), damage=str(error))
         official = told.official(path.name)
         facts: dict[str, int | float | str] = {"layout": told.layout}
         if official.outcome:
@@ -127,7 +128,7 @@ class TrialLogReader:
             facts["orders"] = len(told.orders)
             facts["submitted"] = sum(1 for order in told.orders if order.submitted)
         return LogDescription(
-            format=FORMAT, clock=CLOCK, facts=facts, duration_s=official.process_time_s or 0.0
+            format=FORMAT, clock=str(CLOCK), facts=facts, duration_s=official.process_time_s or 0.0
         )
 
     def read(self, path: Path, wanted: Wanted) -> Trial:

@@ -15,10 +15,11 @@ from ariac_score.checks.contracts import Wanted
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.logs.containers.items import Connection, Message
-from ariac_score.logs.gather import collector as gathering
-from ariac_score.logs.gather.collector import Gathering
+from ariac_score.logs.gather import collector
+from ariac_score.logs.gather.collector import Collector
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, LogMap, TrayMatch
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.spans import Span
 from ariac_score_ariac.kit_from_poses import KitsOfModels
 
@@ -152,10 +153,10 @@ def gathered(items: list[Any], flush_every: int | None, *, together: bool) -> An
     """What is built of the items, or how they are refused."""
     with pytest.MonkeyPatch.context() as patch:
         if not together:
-            patch.setattr(gathering, "columns_for", lambda *_: None)
+            patch.setattr(collector, "columns_for", lambda *_: None)
         quantities = frozenset({"speed", "position", "velocity"})
-        taken = Gathering(Wanted(LOG_MAP, quantities, kits=KitsOfModels()), Path("t.bag"))
-        builder = TrialBuilder("t", file="t.bag", clock="log time")
+        taken = Collector(Wanted(LOG_MAP, quantities, kits=KitsOfModels()), Path("t.bag"))
+        builder = TrialBuilder("t", file="t.bag", clock=Clock("log time"))
         builder.recorded = Span(0.0, 9.0)
         try:
             for number, item in enumerate(items):
