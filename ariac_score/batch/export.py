@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ariac_score.batch.description import refuse_other_version
 from ariac_score.batch.index import INDEX, RUNS, check_index, checked_rows
-from ariac_score.batch.supervise import described
 from ariac_score.errors import UsageError
 
 __all__ = ["COLUMNS", "TABLES", "table_csv", "write_parquet"]
@@ -64,7 +64,7 @@ def _check(root: Path) -> None:
         BatchError: They do not say the same.
         UsageError: Another version made the batch.
     """
-    described(root)
+    refuse_other_version(root)
     if (root / INDEX).is_file() and (root / RUNS).is_file():
         check_index(root, (row for row, _ in checked_rows(root)))
 

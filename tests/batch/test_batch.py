@@ -25,6 +25,7 @@ import yaml
 
 from ariac_score import load_rule_set, score_trial
 from ariac_score.batch import address, pricing, supervise, worker
+from ariac_score.batch.description import Shard
 from ariac_score.batch.index import Row
 from ariac_score.batch.isolated import earlier_document, measure_apart
 from ariac_score.batch.local import LocalExecutor
@@ -102,14 +103,12 @@ def batch(
     plan = plan_batch(path, rules)
     rule_set = load_rule_set(plan.rules)
     store = Store(out)
-    about: dict[str, object] = {"batch": plan.id}
-    if part != (1, 1):
-        about["shard"] = {"number": part[0], "of": part[1]}
+    own = None if part == (1, 1) else Shard(*part)
     with store.working() as work:
         chosen = executor(out, work) if executor else Inline(out)
         tasks = of_shard(plan.tasks, *part)
         setting = BatchSetting.of(rule_set, limits)
-        return run_batch(tasks, rule_set, setting, store, work, chosen, about=about, again=again)
+        return run_batch(tasks, rule_set, setting, store, work, chosen, name=plan.id, shard=own, again=again)
 
 
 def local(target: Callable[..., None] = worker.perform_into) -> Callable[[Path, Path], LocalExecutor]:
@@ -1049,7 +1048,7 @@ def test_a_batch_of_other_rules_or_other_runs_is_not_ranked(
     assert "put the new prices on it first" in capsys.readouterr().err
     shutil.copytree(tmp_path / "in/logs/aurora/kitting_1", tmp_path / "in/logs/aurora/kitting_9")
     assert main(command) == 4
-    assert "1 runs are not in it: aurora/kitting/9" in capsys.readouterr().err
+    assert "1 run is not in it: aurora/kitting/9" in capsys.readouterr().err
     assert main(["rank", str(tmp_path / "in"), "--batch", str(tmp_path / "in")]) == 4
     assert "this is no folder of a batch" in capsys.readouterr().err
 
@@ -1165,9 +1164,19 @@ def describe(part: Path, **changes: object) -> None:
     file.write_text(json.dumps({**json.loads(file.read_text()), **changes}), encoding="utf-8")
 
 
+def test_a_description_that_is_damaged_is_written_anew(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "out")
+    file = tmp_path / "out/batch.json"
+    before = file.read_bytes()
+    file.write_bytes(b"\xff" + before)
+
+    assert batch(trials, tmp_path / "out").scored_now == 0
+    assert file.read_bytes() == before
+
+
 def test_a_missing_shard_is_named(trials: Path, tmp_path: Path) -> None:
     parts = halves(trials, tmp_path)
-    with pytest.raises(UsageError, match="1 of 2 shards are missing: 2/2"):
+    with pytest.raises(UsageError, match="1 of 2 shards is missing: 2/2"):
         joined(parts[:1], tmp_path / "out")
 
 

@@ -94,7 +94,7 @@ def score(
     setting = BatchSetting.of(rule_set, LIMITS, ranges=ranges)
     with store.working() as work:
         chosen = executor(work) if executor else Inline()
-        return run_batch(plan.tasks, rule_set, setting, store, work, chosen, about={"batch": plan.id})
+        return run_batch(plan.tasks, rule_set, setting, store, work, chosen, name=plan.id)
 
 
 def elsewhere(uri: str, tmp_path: Path, rules: str = RULES, *, ranges: bool = False) -> BatchPlan:
@@ -389,10 +389,9 @@ def test_parts_and_wholes_are_kept_apart_and_do_not_join(web: Web, tmp_path: Pat
 def _scored(web: Web, out: Path, tmp_path: Path, *, ranges: bool) -> Path:
     plan = elsewhere(f"{web.url}/t/", tmp_path, ranges=ranges)
     rule_set, store = load_rule_set(RULES), Store(out)
-    about: dict[str, object] = {"batch": plan.id} | ({"read": "parts"} if ranges else {})
     with store.working() as work:
         setting = BatchSetting.of(rule_set, LIMITS, ranges=ranges)
-        run_batch(plan.tasks, rule_set, setting, store, work, Inline(), about=about)
+        run_batch(plan.tasks, rule_set, setting, store, work, Inline(), name=plan.id)
     return out
 
 
@@ -796,7 +795,7 @@ def test_a_worker_is_bound_to_the_size_of_a_result_only_when_all_is_fetched(web:
     setting = BatchSetting.of(rule_set, Limits(wall_s=120.0, output_bytes=1 << 20))
     with store.working() as work:
         executor = LocalExecutor(1, None, work)
-        run_batch(plan.tasks, rule_set, setting, store, work, executor, about={"batch": plan.id})
+        run_batch(plan.tasks, rule_set, setting, store, work, executor, name=plan.id)
         assert not list(work.glob("*.near"))
 
     assert outcomes(tmp_path / "out") == {"run.mcap": "unreadable"}  # bytes follow the end

@@ -663,7 +663,7 @@ def test_workers_that_cannot_work_end_the_batch_and_not_the_runs(
     pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
     monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.cannot_work)
-    monkeypatch.setattr("ariac_score.batch.dask.STRANGE_HAND_ATTEMPTS", 1)
+    monkeypatch.setattr("ariac_score.batch.dask.KILLED_FROM_OUTSIDE_ATTEMPTS", 1)
 
     with cluster(1) as made, pytest.raises(BatchError, match="No space left") as caught:
         list(on_a_cluster(made.scheduler_address, ["a.jsonl"], trials, tmp_path))
