@@ -249,18 +249,18 @@ def test_whatever_changes_among_the_files_of_a_run_changes_its_signature(tmp_pat
     assert len(set(told)) == len(told) == 7
 
 
-def test_a_signature_is_told_of_a_relative_path_by_the_folder_it_is_in(
+def test_the_signature_of_a_relative_path_is_that_of_the_current_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("here", "there"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "log.txt").touch()
-    told = []
+    signatures = []
     for name in ("here", "there"):
         monkeypatch.chdir(tmp_path / name)
-        told.append(address.signature_of(RunTask("", "a", 1, "log.txt")))
+        signatures.append(address.signature_of(RunTask("", "a", 1, "log.txt")))
 
-    assert told[0] != told[1]
+    assert signatures[0] != signatures[1]
 
 
 # Going on ------------------------------------------------------------------------------
@@ -455,7 +455,7 @@ def test_tables_that_contradict_the_documents_are_neither_exported_nor_joined(
         assert main(["export", str(tmp_path / "out"), "-o", str(tmp_path / name)]) == 7
         assert not (tmp_path / name).exists()
     assert "call 'batch' again" in capsys.readouterr().err
-    with pytest.raises(BatchError, match=r"what its document does not|something else than runs\.jsonl"):
+    with pytest.raises(BatchError, match=r"contradicts its document|contradicts runs\.jsonl"):
         joined([tmp_path / "out"], tmp_path / "whole")
 
 
@@ -1093,7 +1093,7 @@ def test_every_task_is_in_exactly_one_shard(count: int) -> None:
 
 
 def test_a_folder_without_rules_or_entries_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="nothing says by which rules"):
+    with pytest.raises(UsageError, match="no rule set is given"):
         plan_batch(tmp_path)
     with pytest.raises(NothingToScoreError, match="the folder is empty"):
         plan_batch(tmp_path, RULES)

@@ -256,14 +256,14 @@ def test_a_list_that_lies_elsewhere_names_nothing_outside_its_folder(
     trials: Path, web: Web, tmp_path: Path, line: str
 ) -> None:
     (trials / "list.txt").write_text(f"{line}\n", encoding="utf-8")
-    with pytest.raises(UsageError, match="which is no name of a file"):
+    with pytest.raises(UsageError, match="which cannot be the name of a file"):
         elsewhere(f"{web.url}/trials/list.txt", tmp_path)
 
 
 @pytest.mark.parametrize(
     ("text", "cause"),
     [
-        ("https://h/a.mcap\nhttps://g/a.mcap\n", "two runs are called 'a.mcap': here and in line 1"),
+        ("https://h/a.mcap\nhttps://g/a.mcap\n", "two runs are named 'a.mcap': here and in line 1"),
         ("https://h/a b.mcap\n", "is no address of a run"),
         ("https://h/?secret=1 x y\n", "'https://h/' is no address of a run"),
         ("# nothing\n", "it lists no run"),
@@ -275,7 +275,7 @@ def test_a_list_that_is_none_is_refused_with_its_line(tmp_path: Path, text: str,
     listed.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises((DataFileError, NothingToScoreError), match=cause.replace("?", r"\?")):
         plan_list(listed, RULES)
-    with pytest.raises(UsageError, match="nothing says by which rules"):
+    with pytest.raises(UsageError, match="no rule set is given"):
         plan_list(listed, "")
 
 
@@ -603,7 +603,7 @@ def test_more_than_was_announced_is_not_fetched_to_its_end(web: Web, tmp_path: P
     (web.root / "run.bin").write_bytes(bytes(50_000_000))
     storage = Storage(f"{web.url}/run.bin")
 
-    with pytest.raises(remote.UnreachableError, match="more than the announced 1000 bytes come"):
+    with pytest.raises(remote.UnreachableError, match="more than the announced 1000 bytes came"):
         storage.fetch(replace(storage.file(), size=1000), tmp_path / "into")
     assert (tmp_path / "into").stat().st_size < 25_000_000
 
@@ -755,7 +755,7 @@ def test_an_empty_folder_and_an_output_elsewhere_are_refused(
 
 @pytest.mark.parametrize("name", ["../x", "a/../../x", "/etc/passwd", "a//b", "a\\b", "a\0b", "."])
 def test_a_listing_that_leads_out_of_its_folder_is_refused(name: str) -> None:
-    with pytest.raises(UsageError, match="which is no name of a file"):
+    with pytest.raises(UsageError, match="which cannot be the name of a file"):
         remote.check_inside(name, "s3://bucket/x")
 
 
@@ -796,6 +796,6 @@ def test_a_worker_is_bound_to_the_size_of_a_result_only_when_all_is_fetched(web:
     with store.working() as work:
         executor = LocalExecutor(1, None, work)
         run_batch(plan.tasks, rule_set, setting, store, work, executor, name=plan.id)
-        assert not list(work.glob("*.near"))
+        assert not list(work.glob("*.fetched"))
 
     assert outcomes(tmp_path / "out") == {"run.mcap": "unreadable"}  # bytes follow the end

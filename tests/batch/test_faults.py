@@ -141,7 +141,7 @@ def test_a_run_whose_process_is_killed_again_and_again_is_tried_at_last_and_alon
     assert summary_of(found["0_bad.jsonl"].document or b"").outcome == "scored"
 
 
-def test_how_a_run_died_is_told_by_what_happened_mostly(trials: Path, tmp_path: Path) -> None:
+def test_the_reason_names_the_death_that_happened_most_often(trials: Path, tmp_path: Path) -> None:
     found = run_here(hands.is_always_killed, ["a.jsonl"], trials, tmp_path / "out")
 
     reason = summary_of(found["a.jsonl"].document or b"").reason
@@ -732,10 +732,10 @@ def looked(
     clock = [0.0]
     monkeypatch.setattr(patience.time, "monotonic", lambda: clock[0])
     one = Patience("tcp://here:1", seen, BatchSetting.of(load_rule_set(RULES), Limits(wall_s)))
-    one.came()
+    one.reset()
     try:
         for clock[0] in times_s:
-            one.look()
+            one.check()
     except BatchError as error:
         return str(error)
     return ""
