@@ -159,7 +159,7 @@ def test_a_report_about_another_run_is_none() -> None:
         RunTask("", "a", 2, "/x/a"),
         RunTask("team", "a", 1, "/x/a"),
     ):
-        with pytest.raises(ValueError, match="it is about"):
+        with pytest.raises(ValueError, match="it is a report of"):
             parse_report(task, report)
 
 
