@@ -1,20 +1,20 @@
 """Every error the project raises on purpose.
 
     ScoreError                      something a user can act on; carries a hint and an exit code
-    ├── UsageError                  4  the command line asks for something that does not exist
+    ├── UsageError                  4  the command line names something that does not exist
     ├── DataFileError               4  a YAML or JSON file we read as data is wrong
     │   ├── RuleSetError            4  a rule set
     │   └── LogMapError             4  a log map
     ├── FormulaError                4  a formula cannot be parsed or evaluated
-    │   ├── NeedsCohortError        6  it asks for a value across teams, and none is given
-    │   └── UnknownFactError        6  it asks for a fact that no record of the trial states
+    │   ├── NeedsCohortError        6  it needs a value across teams, and none is given
+    │   └── UnknownFactError        6  it needs a fact that no record of the trial states
     ├── PluginError                 3  a plugin misbehaves
     │   ├── PluginNotFoundError     4  a name that no installed distribution provides
     │   └── PluginConflictError     4  two distributions provide one name
     ├── LogError                    6  a log cannot be read as a trial
     │   ├── NothingToScoreError     5  the path is missing, empty or not a trial log at all
     │   │   └── RunEndedError       5  the official text says that the run crashed or was cancelled
-    │   └── MissingSignalError      6  a check asked for a signal that the log does not contain
+    │   └── MissingSignalError      6  a check needs a signal that the log does not contain
     ├── ResultError                 6  a stored result is damaged or does not add up
     └── BatchError                  7  a batch could not be finished; what it has done is kept
 
@@ -56,7 +56,7 @@ def did_you_mean(name: str, known: Iterable[str], *, what: str = "known") -> str
     "did you mean 'weight'?"
     """
     names = sorted(known)
-    near = get_close_matches(str(name), names, n=1, cutoff=0.6)  # YAML has names that are numbers
+    near = get_close_matches(str(name), names, n=1, cutoff=0.6)  # in YAML, a name may be a number
     if near:
         return f"did you mean {near[0]!r}?"
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
@@ -92,7 +92,7 @@ class ScoreError(Exception):
 
 
 class UsageError(ScoreError):
-    """The command line asks for something that does not exist."""
+    """The command line names something that does not exist."""
 
     exit_code = 4
 
@@ -118,13 +118,13 @@ class FormulaError(ScoreError):
 
 
 class NeedsCohortError(FormulaError):
-    """A formula asks for a value across teams (`cohort.…`), and none is given."""
+    """A formula needs a value across teams (`cohort.…`), and none is given."""
 
     exit_code = 6
 
 
 class UnknownFactError(FormulaError):
-    """A formula asks for a fact, such as an order's priority, that no record of the trial states."""
+    """A formula needs a fact, such as an order's priority, that no record of the trial states."""
 
     exit_code = 6
 
@@ -168,7 +168,7 @@ class RunEndedError(NothingToScoreError):
 
 
 class MissingSignalError(LogError):
-    """A check asked for a signal that the log does not contain."""
+    """A check needs a signal that the log does not contain."""
 
     def __init__(self, name: str, recorded: Iterable[str]) -> None:
         self.name = name

@@ -31,13 +31,13 @@ __all__ = [
 _SCHEMA = "ariac-score/batch/1"
 _BLOCK = 1 << 20
 MOST_ENTRIES = 100_000
-"""Files and folders of one run that are looked at."""
+"""The most files and folders that one run may have."""
 
 
 def basis_of(prepared: Prepared) -> str:
-    """Hash of what measures, whatever is measured: the checks, the log map, the edition, the code.
+    """Hash of everything but the run that a measurement depends on: checks, log map, edition, code.
 
-    Prices are not in it: when only they change, what was measured stays good.
+    Prices are not in it: when only they change, measurements stay valid.
     """
     rule_set = prepared.rule_set
     checks = [[check.name, check.use, dict(check.parameters)] for check in rule_set.checks.values()]
@@ -45,20 +45,21 @@ def basis_of(prepared: Prepared) -> str:
 
 
 def measuring_address(task: RunTask, contents: str, basis: str) -> str:
-    """Address of what is measured of a run."""
+    """Address of the measurement of a run."""
+    # Left out where it does not hold, so that older addresses stay what they were.
     binding = ["binding"] if task.binding else []
     return _hash([contents, task.team, task.trial, basis, *binding])
 
 
 class RunTooLargeError(ScoreError):
-    """The files of a run are more than those of one run may be: nobody would see the end of them."""
+    """The files of a run are too many, or too large to be read in the time of one run."""
 
 
 def files_of(task: RunTask) -> Iterator[tuple[str, Path]]:
-    """Every file of a run with the name it is known by, sorted; folders that are links are not entered.
+    """Every file of a run with its name in results, sorted; folders that are links are not entered.
 
     Raises:
-        RunTooLargeError: There are more of them than are looked at.
+        RunTooLargeError: There are more than `MOST_ENTRIES`.
     """
     path, _, run = task.path.partition("#run=")
     where = Path(path)
@@ -71,12 +72,12 @@ def files_of(task: RunTask) -> Iterator[tuple[str, Path]]:
 
 
 def refuse_excess(task: RunTask, most_bytes: int) -> None:
-    """See that the files of a run can be read in the time it has, by what the file system says of them.
+    """Refuse a run whose files cannot be read in its time, by the sizes that the file system states.
 
     A sparse file of any size takes no room on a disk, and a day to read.
 
     Raises:
-        RunTooLargeError: They are larger together than those of one run may be, or too many.
+        RunTooLargeError: They are too large together, or too many.
     """
     sizes = [(size, name) for name, file in files_of(task) if (size := _size(file))]
     total = sum(size for size, _ in sizes)
@@ -104,30 +105,30 @@ def _size(file: Path) -> int:
 
 
 def signature_of(task: RunTask) -> str:
-    """Hash of what the file system says about the files of a run; it changes whenever one of them does.
+    """Hash of the sizes, times and inodes of the files of a run; it changes whenever one of them does.
 
-    Of a run that lies elsewhere it is what its storage said. Empty where that is nothing, and of a run
-    with more files than are looked at.
+    Of a remote run it is the hash of what its storage stated. Empty where that is nothing, and for a run
+    with more than `MOST_ENTRIES` files.
     """
     if task.remote:
         return task.signature
     path = task.path.partition("#run=")[0]
     if not path.startswith("/"):
-        path = f"{os.getcwd()}/{path}"  # noqa: PTH109  # as in `_statuses`
+        path = f"{os.getcwd()}/{path}"  # noqa: PTH109  # a season has thousands
     try:
-        told = [status for name in (path, *task.also) for status in sorted(_statuses(name))]
+        statuses = [status for name in (path, *task.also) for status in sorted(_statuses(name))]
     except RunTooLargeError:
         return ""
-    return _hash([task.path, *told])
+    return _hash([task.path, *statuses])
 
 
 _Status = tuple[str, int, int, int, int]
 
 
 def _statuses(path: str) -> list[_Status]:
-    """Size, number and times of a file, or of all below a folder; folders that are links are not entered.
+    """Size, inode and times of a file, or of all below a folder; folders that are links are not entered.
 
-    Plain strings throughout: of a season that is done this is most of what a call does.
+    Plain strings and `os` instead of `Path`: for a season that is finished, this is most of the work.
     """
     try:
         status = os.stat(path)  # noqa: PTH116
@@ -137,27 +138,27 @@ def _statuses(path: str) -> list[_Status]:
 
 
 def _below(folder: str) -> list[_Status]:
-    told = []
+    statuses = []
     for path, entry, number in _walk(folder):
         if entry is None:
-            told.append((path, -2, number, 0, 0))
+            statuses.append((path, -2, number, 0, 0))
         elif entry.is_symlink() and os.path.isdir(path):  # noqa: PTH112
-            told.append((path, -3, 0, 0, 0))
+            statuses.append((path, -3, 0, 0, 0))
         else:
             try:
-                told.append(_status(path, entry.stat()))
+                statuses.append(_status(path, entry.stat()))
             except OSError as error:
-                told.append((path, -1, error.errno or 0, 0, 0))
-    return told
+                statuses.append((path, -1, error.errno or 0, 0, 0))
+    return statuses
 
 
 def _walk(folder: str) -> Iterator[tuple[str, os.DirEntry[str] | None, int]]:
-    """All below a folder that is no folder, in any order; folders that cannot be listed with an error number.
+    """Every file below a folder, in any order; a folder that cannot be listed, with its error number.
 
-    Not recursive, and not `Path.rglob`, which is: folders within folders may be deeper than Python's stack.
+    Not recursive, as `Path.rglob` is: a stranger's folders may be nested deeper than Python's stack.
 
     Raises:
-        RunTooLargeError: There is more than is looked at.
+        RunTooLargeError: There are more than `MOST_ENTRIES` files and folders.
     """
     waiting, seen = [folder], 0
     while waiting:
@@ -180,13 +181,14 @@ def _walk(folder: str) -> Iterator[tuple[str, os.DirEntry[str] | None, int]]:
 
 
 def _status(path: str, status: os.stat_result) -> _Status:
+    # The inode and the time of change too: a copy may keep the time of modification, but not these.
     return path, status.st_size, status.st_ino, status.st_mtime_ns, status.st_ctime_ns
 
 
 def contents_of(task: RunTask) -> str:
     """Hash of the names and contents of the files of a run; one that cannot be read counts as such.
 
-    It takes as long as there is to read: only a process that is ended in time may call it.
+    It takes as long as the files take to read: only a process with a time limit may call it.
     """
     return _hash([[name, *_content(file)] for name, file in files_of(task)])
 

@@ -24,10 +24,10 @@ __all__ = ["DaskExecutor", "dask_executor"]
 _AHEAD = 4
 """Tasks that wait at the scheduler for each thread of a worker."""
 _ALONE = 2
-"""How often a run that was there when worker after worker was lost is tried again, with nothing beside it."""
+"""Attempts, with no other run at work, at a run that was there when several workers were lost."""
 _CONNECT_S = 20
 _ANSWER_S = 10
-"""How long the scheduler may take to say how many workers it has."""
+"""How long the scheduler may take to state its workers."""
 _Value = TypeVar("_Value")
 
 
@@ -35,10 +35,9 @@ _Value = TypeVar("_Value")
 class DaskExecutor:
     """Runs tasks on a cluster.
 
-    A worker that is lost takes its run to another one. What was with several that were lost, or whose own
-    process was killed again and again, is put off to the end and then tried alone, for most of it only
-    stood beside the run that took them; one that takes worker after worker with it even then is given
-    up, by name.
+    The run of a worker that is lost goes to another one. A run that was on several lost workers, or whose
+    own process was killed again and again, is tried alone at the end: most such runs only shared a worker
+    with the one that brought it down. A run that brings down worker after worker even then is given up.
 
     The setting goes with every task: what is kept on the workers is lost with them.
 
@@ -61,14 +60,14 @@ class DaskExecutor:
         patience = Patience(self._address(), lambda: len(self._threads()), setting)
         under_way: dict[Any, RunTask] = {}
 
-        def begin(count: int) -> None:
+        def submit_next(count: int) -> None:
             for task in islice(waiting, count):
                 future = self._submit(task, setting)
                 under_way[future] = task
                 future.add_done_callback(finished.put)
 
         with self.client:
-            begin((sum(self._threads().values()) or 1) * _AHEAD)
+            submit_next((sum(self._threads().values()) or 1) * _AHEAD)
             while under_way:
                 future = _waited(lambda most_s: finished.get(timeout=most_s), patience)
                 task = under_way.pop(future)
@@ -78,7 +77,7 @@ class DaskExecutor:
                 else:
                     yield done
                 future.release()
-                begin(1)
+                submit_next(1)
             for task in suspects:
                 yield self._alone(task, setting, patience)
 
@@ -89,7 +88,7 @@ class DaskExecutor:
         """The threads of each worker.
 
         Raises:
-            BatchError: The scheduler does not say.
+            BatchError: The scheduler does not answer.
         """
         try:
             threads: dict[str, int] = self.client.nthreads(callback_timeout=_ANSWER_S)
@@ -115,10 +114,10 @@ class DaskExecutor:
         )
 
     def _result(self, future: Any, task: RunTask, patience: Patience) -> Done | None:
-        """What came of a task; `None` when all workers that had it were lost.
+        """The outcome of a task; `None` when all workers that had it were lost.
 
-        That it was finished is no promise: a result lies with its worker until it is fetched, and when that
-        worker is lost somebody has to do the work again.
+        A finished task may still have to be done again: its result lies on its worker until it is fetched,
+        and is lost with that worker.
         """
         error = _waited(future.exception, patience)
         if future.cancelled():
@@ -145,18 +144,18 @@ class DaskExecutor:
 
 
 def _waited(ask: Callable[[float], _Value], patience: Patience) -> _Value:
-    """What comes of asking, which takes a time-out, as long as there is somebody to wait for.
+    """The answer of a call that takes a time-out, repeated as long as the cluster can still give one.
 
     Raises:
-        BatchError: There is nobody.
+        BatchError: It cannot.
     """
     while True:
         try:
             value = ask(LOOK_S)
         except (Empty, distributed.TimeoutError):
-            patience.look()
+            patience.check()
         else:
-            patience.came()
+            patience.reset()
             return value
 
 
@@ -166,12 +165,12 @@ def dask_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> DaskEx
     Raises:
         UsageError: No address is given, or nothing answers there.
     """
-    del work  # workers may be elsewhere, and do not see it
+    del work  # workers may be on other machines, which do not see it
     if not scheduler:
         raise UsageError("the Dask executor needs a scheduler", hint="--scheduler tcp://HOST:8786")
     if jobs:
         raise UsageError(
-            "how many runs go on at a time is for the workers to say", hint="drop --jobs; start more workers"
+            "the workers decide how many runs are scored at a time", hint="drop --jobs; start more workers"
         )
     try:
         return DaskExecutor(distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False), out)

@@ -20,7 +20,7 @@ def executor_names() -> list[str]:
 
 
 def make_executor(name: str, *, jobs: int, scheduler: str, out: Path, work: Path) -> Any:
-    """An executor, made by what its entry point names.
+    """An executor by name.
 
     Args:
         name: Such as `local` or `dask`.

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ariac_score.batch.index import INDEX, RUNS, check_index, checked_rows
-from ariac_score.batch.supervise import described
+from ariac_score.batch.description import refuse_other_version
+from ariac_score.batch.index import AGAIN, INDEX, RUNS, check_index, checked_rows
 from ariac_score.errors import UsageError
 
 __all__ = ["COLUMNS", "TABLES", "table_csv", "write_parquet"]
@@ -33,6 +33,7 @@ COLUMNS = {
 TABLES = tuple(COLUMNS)
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""With what a cell begins that a spreadsheet runs as a formula (OWASP, "CSV Injection")."""
 
 
 def _rows(root: Path, table: str) -> Iterator[tuple[Any, ...]]:
@@ -53,18 +54,18 @@ def _rows(root: Path, table: str) -> Iterator[tuple[Any, ...]]:
         raise UsageError(
             f"cannot be read: {cause}",
             file=file,
-            hint="call 'batch' again with this folder: it writes it anew",
+            hint=AGAIN,
         ) from cause
 
 
 def _check(root: Path) -> None:
-    """Hold the tables against each other and against the documents, before anything is written.
+    """Compare the tables with each other and with the documents, before anything is written.
 
     Raises:
-        BatchError: They do not say the same.
+        BatchError: They contradict each other.
         UsageError: Another version made the batch.
     """
-    described(root)
+    refuse_other_version(root)
     if (root / INDEX).is_file() and (root / RUNS).is_file():
         check_index(root, (row for row, _ in checked_rows(root)))
 
@@ -74,7 +75,7 @@ def table_csv(root: Path, table: str) -> str:
 
     Raises:
         UsageError: The folder holds no finished batch.
-        BatchError: Its tables do not say what its documents say.
+        BatchError: Its tables contradict its documents.
     """
     _check(root)
     out = io.StringIO()
@@ -96,7 +97,7 @@ def write_parquet(root: Path, table: str, file: Path) -> None:
 
     Raises:
         UsageError: pyarrow is not installed, or the folder holds no finished batch.
-        BatchError: Its tables do not say what its documents say.
+        BatchError: Its tables contradict its documents.
     """
     try:
         import pyarrow as pa  # noqa: PLC0415  # an extra

@@ -1,4 +1,4 @@
-"""The files of a run that lies elsewhere, brought to the machine that scores it."""
+"""Fetching the files of a remote run to the machine that scores it."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from ariac_score.logs.containers.chunk_ranges import INDEXED, foresee
 from ariac_score.logs.containers.inflating import LARGEST_FILE_BYTES
 from ariac_score.logs.containers.ranged import RangedFile, reading
 
-__all__ = ["Near", "bring", "mode_of", "name_below", "still_the_same"]
+__all__ = ["Fetched", "fetch_run", "is_unchanged", "mode_of", "name_below"]
 
 _WORTH_PARTS_BYTES = 1 << 20
+"""Smaller recordings are always fetched whole."""
 
 
 @dataclass(frozen=True)
-class Near:
-    """A run whose files are here.
+class Fetched:
+    """A remote run whose files are on this machine.
 
     Attributes:
         task: The same run with paths of this machine; results of it are those of a local run.
-        signature: What the storage said of the files before they were fetched; it may be empty.
+        signature: Hash of what the storage stated about the files before they were fetched; may be empty.
         contents: Hash of their names and contents.
-        parts: Those of which not everything is here.
+        parts: The files of which only parts were fetched.
     """
 
     task: RunTask
@@ -38,37 +39,37 @@ class Near:
 
 
 def mode_of(ranges: bool) -> str:
-    """How files are read, in a word: what was read in parts is not known as a whole."""
+    """How files are read, as a part of their signature: what was read in parts has another hash."""
     return "parts" if ranges else "whole"
 
 
-def bring(
+def fetch_run(
     task: RunTask, folder: Path, topics: Container[str] | None = None, *, most_bytes: int = LARGEST_FILE_BYTES
-) -> Near:
-    """Fetch the files of a run into a folder, laid out as they lie elsewhere.
+) -> Fetched:
+    """Fetch the files of a run into a folder, under the names that they have in their storage.
 
     Args:
         task: Named by a URI.
         folder: Where they are put.
         topics: Whose messages are wanted; then only parts of an indexed recording are fetched, where
-            its storage gives parts. `None`: everything is.
+            its storage serves parts. `None`: everything is fetched.
         most_bytes: Of all files that are fetched whole, together.
 
     Raises:
         RunTooLargeError: They have more bytes.
-        ScoreError: They cannot be had; the message says why.
-        OSError: They cannot be kept here.
+        ScoreError: They cannot be fetched; the message says why.
+        OSError: They cannot be written here.
     """
     path, hash_sign, run = task.path.partition("#run=")
     root = folder / "log"
     parts: list[RangedFile] = []
     stored: list[Stored] = []
-    near = []
+    places = []
     whole_bytes = 0
     for uri in (path, *task.also):
         storage = Storage(uri)
         place = root / name_below(task.root, uri)
-        near.append(place)
+        places.append(place)
         if storage.is_folder():
             place.mkdir(parents=True, exist_ok=True)
             files = [(file, place / file.name) for file in storage.files()]
@@ -83,34 +84,34 @@ def bring(
                 whole_bytes += storage.fetch(file, into, most_bytes=left)
     here = replace(
         task,
-        path=f"{near[0]}{hash_sign}{run}",
+        path=f"{places[0]}{hash_sign}{run}",
         root=str(root) if task.root else "",
-        also=tuple(str(place) for place in near[1:]),
+        also=tuple(str(place) for place in places[1:]),
         signature="",
     )
     with reading(parts):
         contents = contents_of(here)
     signature = signature_of_stored(stored, mode_of(topics is not None))
-    return Near(here, signature, contents, tuple(parts))
+    return Fetched(here, signature, contents, tuple(parts))
 
 
-def still_the_same(task: RunTask, near: Near, *, ranges: bool) -> bool:
-    """Whether the storage still says of the files what it said before they were fetched.
+def is_unchanged(task: RunTask, fetched: Fetched, *, ranges: bool) -> bool:
+    """Whether the storage still states the same about the files as before they were fetched.
 
     Raises:
-        ScoreError: It does not say anything.
+        ScoreError: It does not answer.
     """
     stored: list[Stored] = []
     for uri in (task.path.partition("#run=")[0], *task.also):
         storage = Storage(uri)
         stored += storage.files() if storage.is_folder() else [storage.file()]
-    return signature_of_stored(stored, mode_of(ranges)) == near.signature
+    return signature_of_stored(stored, mode_of(ranges)) == fetched.signature
 
 
 def _in_parts(
     storage: Storage, file: Stored, into: Path, topics: Container[str] | None, parts: list[RangedFile]
 ) -> bool:
-    """Fetch one file in parts, where that is wanted, can be done, and pays; whether it was."""
+    """Fetch one file in parts, if that is wanted, possible and worth it; whether it was."""
     if topics is not None and into.suffix in INDEXED and file.size >= _WORTH_PARTS_BYTES:
         try:
             found = storage.ranges(file, into)
@@ -118,12 +119,12 @@ def _in_parts(
                 parts.append(found)
                 return True
         except ScoreError:
-            pass  # it may be had whole, or that will say what is wrong
+            pass  # fetching it whole succeeds, or reports what is wrong
     return False
 
 
 def name_below(root: str, uri: str) -> str:
-    """The name of a file below a root, or its own where there is none."""
+    """The name of a file relative to a root, or its last part where there is none."""
     base = root.rstrip("/") + "/"
     if not root or not uri.startswith(base):
         return name_of(uri)

@@ -1,6 +1,6 @@
-"""What is known about files that were hashed before, so that a finished batch is not read again.
+"""Hashes of the files of runs, remembered so that a finished batch is not read again.
 
-It is a cache of this machine and no part of the batch: losing it costs time and nothing else.
+A cache of this machine and no part of the batch: losing it costs time and nothing else.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ __all__ = ["HashCache"]
 
 
 class HashCache:
-    """Hashes of contents by what the file system said of the files.
+    """Hashes of contents by the signature of the files, see `address.signature_of`.
 
     Args:
         out: Folder of the batch.
@@ -36,7 +36,7 @@ class HashCache:
         return found[0] if found else ""
 
     def note(self, signature: str, contents: str) -> None:
-        """Remember a pair; where that cannot be done, it is not remembered."""
+        """Remember a pair, unless the cache cannot be written."""
         if signature and contents:
             try:
                 self._connection.execute("INSERT OR REPLACE INTO seen VALUES (?, ?)", (signature, contents))
@@ -51,7 +51,7 @@ class HashCache:
             return
 
     def close(self) -> None:
-        """Keep what was noted, and let go of the file."""
+        """Keep what was noted, and close the file."""
         self.keep()
         self._connection.close()
 
@@ -67,10 +67,11 @@ def _open(file: Path) -> sqlite3.Connection:
         file.parent.mkdir(parents=True, exist_ok=True)
         connection = sqlite3.connect(file, timeout=1.0)
         connection.execute("PRAGMA cache_size = -512")  # KiB: what is noted between two calls of `keep`
-        connection.execute("PRAGMA locking_mode = EXCLUSIVE")  # nobody else is at work in that folder
+        # Without a lock for each statement: `Store.working` keeps other batches out of the folder.
+        connection.execute("PRAGMA locking_mode = EXCLUSIVE")
         connection.execute(table)
         return connection
-    except (OSError, sqlite3.Error):
+    except (OSError, sqlite3.Error):  # a home that nobody may write in: the batch goes on without
         connection = sqlite3.connect(":memory:")
         connection.execute(table)
         return connection

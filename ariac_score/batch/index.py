@@ -1,8 +1,7 @@
-"""The tables of a batch: `runs.jsonl` to read, `index.sqlite` to ask.
+"""The tables of a batch: `runs.jsonl` to read, `index.sqlite` to query.
 
-Both follow from the objects and can be made again from them; they hold no clock and no path of a
-machine, so that the same runs give the same bytes. (The header of a SQLite file names the version
-of SQLite that wrote it.)
+Both can be made again from the stored documents. They hold no clock and no path of a machine, so that
+the same runs give the same bytes. (The header of a SQLite file names the version of SQLite that wrote it.)
 """
 
 from __future__ import annotations
@@ -41,6 +40,7 @@ __all__ = [
 RUNS = "runs.jsonl"
 INDEX = "index.sqlite"
 AGAIN = "call 'batch' again with this folder: it makes again what is missing or wrong"
+"""What to do about a damaged batch, for a hint."""
 
 _TABLES = """
 CREATE TABLE runs (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NULL, outcome TEXT NOT NULL,
@@ -52,10 +52,11 @@ CREATE TABLE checks (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NU
   PRIMARY KEY (team, trial, run, name)) WITHOUT ROWID;
 """
 _LITTLE_MEMORY = "PRAGMA cache_size = -256"
-"""So many KiB of a file are held; the system has all of it in memory anyway, for as long as it likes."""
+"""KiB of a file that SQLite caches; the operating system caches it anyway."""
 _AT_A_TIME = 256
+"""Rows that are written in one call of SQLite."""
 _BLOCK = 1 << 16
-_OURS = f'"schema": "{RESULT.tag}"'.encode()
+_CURRENT = f'"schema": "{RESULT.tag}"'.encode()
 
 
 class Row(Struct, frozen=True, forbid_unknown_fields=True):
@@ -107,7 +108,7 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def summary(self) -> Summary:
-        """What it says of its run."""
+        """The part of it that is not about the document."""
         return Summary(self.outcome, self.reason, self.score, self.task, self.checks)
 
     def as_line(self) -> str:
@@ -129,7 +130,9 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Written(NamedTuple):
-    """A row as tables hold it, for those who need not know of its checks.
+    """A row as tables hold it, for those who do not need its checks.
+
+    A call on a finished season looks at every row, and should not build all their checks.
 
     Attributes:
         outcome: Of the run.
@@ -152,16 +155,16 @@ class Written(NamedTuple):
 
     @classmethod
     def from_line(cls, line: str) -> Written:
-        """A row that `Row.from_line` has read once."""
-        told = json.loads(line)
-        return cls(told["outcome"], told["reason"], told["object"], told["sha256"], line)
+        """A row from a line that `Row.from_line` has accepted."""
+        fields = json.loads(line)
+        return cls(fields["outcome"], fields["reason"], fields["object"], fields["sha256"], line)
 
 
 class Rows:
-    """Rows that come in any order and are read back sorted, kept on disk whatever their number."""
+    """Rows that come in any order and are read back sorted, kept on disk, for a batch may have any number."""
 
     def __init__(self, work: Path) -> None:
-        self._asked: tuple[TaskKey, Written | None] | None = None
+        self._looked_up: tuple[TaskKey, Written | None] | None = None
         self._added: list[tuple[str, str, int, str]] = []
         self._connection = sqlite3.connect(work / "rows.sqlite")
         self._connection.execute("PRAGMA journal_mode = OFF")
@@ -177,34 +180,34 @@ class Rows:
         """Take the line of a run; a later one replaces it."""
         self._added.append((*key, line))
         if len(self._added) >= _AT_A_TIME:
-            self._put_down()
+            self._flush()
 
-    def _put_down(self) -> None:
+    def _flush(self) -> None:
         added, self._added = self._added, []
         self._connection.executemany("INSERT OR REPLACE INTO lines VALUES (?, ?, ?, ?)", added)
 
     def remember(self, rows: Iterable[tuple[Row, str]]) -> None:
-        """Take the rows of an earlier call with their lines, to be asked for."""
+        """Take the rows of an earlier call with their lines, for `earlier`."""
         self._connection.executemany(
             "INSERT OR REPLACE INTO earlier VALUES (?, ?, ?, ?)", ((*row.key, line) for row, line in rows)
         )
 
     def earlier(self, key: TaskKey) -> Written | None:
-        """The row that a run had in an earlier call, if it had one; asked twice, the same object."""
-        if self._asked is None or self._asked[0] != key:
+        """The row that a run had in an earlier call, if any; the same object when called again."""
+        if self._looked_up is None or self._looked_up[0] != key:
             line = self._line("earlier", key)
-            self._asked = key, Written.from_line(line) if line else None
-        return self._asked[1]
+            self._looked_up = key, Written.from_line(line) if line else None
+        return self._looked_up[1]
 
     def lines(self) -> Iterator[str]:
         """The rows as lines, by team, trial and number."""
-        self._put_down()
+        self._flush()
         for (line,) in self._connection.execute("SELECT line FROM lines ORDER BY team, trial, run"):
             yield line
 
     def get(self, key: TaskKey) -> Row | None:
         """The row of a run, if there is one."""
-        self._put_down()
+        self._flush()
         line = self._line("lines", key)
         return Row.from_line(line) if line else None
 
@@ -216,12 +219,12 @@ class Rows:
         return found[0] if found else ""
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._connection.close()
 
 
 def read_rows(file: Path) -> Iterator[tuple[Row, str]]:
-    """The rows in a file with their lines; one that is none is passed over, its run looked at again."""
+    """The rows in a file with their lines; a damaged one is passed over, and its run looked at again."""
     try:
         with file.open(encoding="ascii", errors="replace") as lines:
             for line in lines:
@@ -234,10 +237,10 @@ def read_rows(file: Path) -> Iterator[tuple[Row, str]]:
 
 
 def checked_rows(root: Path) -> Iterator[tuple[Row, bytes]]:
-    """The rows of a finished batch with their documents, each held against what it says of its document.
+    """The rows of a finished batch with their documents, each row compared with its document.
 
     Raises:
-        BatchError: A line is no row, or a document is missing, damaged, or says something else.
+        BatchError: A line is no row, or a document is missing, damaged, or contradicts its row.
     """
     file = root / RUNS
     with file.open(encoding="ascii", errors="replace") as lines:
@@ -249,9 +252,9 @@ def checked_rows(root: Path) -> Iterator[tuple[Row, bytes]]:
             document = _document(row, root) if row.object else b""
             if newer := _newer(document):
                 raise BatchError(newer, file=root / row.object, hint="update ariac-score")
-            if row.object and not _says(row, document):
+            if row.object and not _agrees(row, document):
                 raise BatchError(
-                    f"it says of run {'/'.join(map(str, row.key)).lstrip('/')} what its document does not",
+                    f"the row of run {'/'.join(map(str, row.key)).lstrip('/')} contradicts its document",
                     file=file,
                     place=f"line {number}",
                     hint=AGAIN,
@@ -268,13 +271,13 @@ def _document(row: Row, root: Path) -> bytes:
     except OSError as cause:
         raise BatchError(f"cannot be read: {cause.strerror}", file=source, hint=AGAIN) from cause
     if hashlib.sha256(document).hexdigest() != row.sha256:
-        raise BatchError("is not what was written: its hash is another one", file=source, hint=AGAIN)
+        raise BatchError("was changed since it was written: its hash is another one", file=source, hint=AGAIN)
     return document
 
 
 def _newer(document: bytes) -> str:
-    """What to tell of a document that a newer version wrote; empty for any other."""
-    if _OURS in document or not document:
+    """The error message for a document that a newer version wrote; empty for any other."""
+    if _CURRENT in document or not document:
         return ""
     try:
         return RESULT.newer(json.loads(document))
@@ -283,12 +286,12 @@ def _newer(document: bytes) -> str:
 
 
 def _is_object(name: str) -> bool:
-    """Whether a name leads to a result and nowhere else: it comes out of a file."""
+    """Whether a name, which comes out of a file, leads to a result and nowhere else."""
     parts = name.split("/")
     return len(parts) == 4 and parts[0] == "objects" and all(p and p.strip(".") for p in parts)
 
 
-def _says(row: Row, document: bytes) -> bool:
+def _agrees(row: Row, document: bytes) -> bool:
     try:
         return Row.kept(row.key, document, row.object).as_line() == row.as_line()
     except (ValueError, KeyError, TypeError, AttributeError):
@@ -296,10 +299,10 @@ def _says(row: Row, document: bytes) -> bool:
 
 
 def check_index(root: Path, rows: Iterable[Row]) -> None:
-    """Hold the index of a batch against its rows, which come by team, trial and number.
+    """Compare the index of a batch with its rows, which come by team, trial and number.
 
     Raises:
-        BatchError: It says something else.
+        BatchError: They differ.
     """
     file = root / INDEX
     try:
@@ -321,11 +324,11 @@ def check_index(root: Path, rows: Iterable[Row]) -> None:
     except sqlite3.Error as cause:
         raise BatchError(f"cannot be read: {cause}", file=file, hint=AGAIN) from cause
     if not alike:
-        raise BatchError(f"it says something else than {RUNS}", file=file, hint=AGAIN)
+        raise BatchError(f"it contradicts {RUNS}", file=file, hint=AGAIN)
 
 
 def tables_sha256(root: Path) -> str:
-    """One hash over both tables; empty when one is not there."""
+    """One hash over both tables; empty when one is missing."""
     digest = hashlib.sha256()
     try:
         for name in (RUNS, INDEX):
@@ -344,10 +347,10 @@ def write_tables(store: Store, rows: Rows, work: Path, *, trusted: bool = False)
         store: The folder of the batch.
         rows: All rows.
         work: Folder for unfinished work.
-        trusted: The index that is there follows from the rows that are there.
+        trusted: The stored index is known to follow from the stored rows.
 
     Returns:
-        Whether the index contradicted the rows that were there.
+        Whether the stored index contradicted the stored rows.
 
     Raises:
         OSError: The disk is full.
@@ -363,7 +366,7 @@ def write_tables(store: Store, rows: Rows, work: Path, *, trusted: bool = False)
     if as_before and _same(index, store.root / INDEX):
         return False
     contradicted = as_before and (store.root / INDEX).is_file()
-    (store.root / RUNS).unlink(missing_ok=True)  # the tables are of one mind, or the first is not there
+    (store.root / RUNS).unlink(missing_ok=True)  # a batch without it is unfinished, so the two never differ
     index.replace(store.root / INDEX)
     lines.replace(store.root / RUNS)
     return contradicted
@@ -398,7 +401,7 @@ def _write_index(file: Path, lines: Iterator[str]) -> None:
 
 
 def _index_rows(row: Row) -> tuple[tuple[Any, ...], list[tuple[Any, ...]]]:
-    """What stands in either table of the index of a run."""
+    """The row of a run in the table `runs`, and those in `checks`."""
     checks = [
         (*row.key, c.name, c.satisfied, c.violated, c.inconclusive, c.not_applicable, c.worst_robustness)
         for c in row.checks

@@ -1,7 +1,7 @@
 """One run in a process of its own, on a worker of a cluster, which itself is often not allowed to fork.
 
 A keeper, `python -m ariac_score.batch.isolated`, is started once for each worker process. It has
-everything imported and gives each run a process out of that; tasks come in as lines of JSON.
+everything imported and forks a process for each run; jobs come in as lines of JSON.
 """
 
 from __future__ import annotations
@@ -12,14 +12,16 @@ import signal
 import subprocess
 import sys
 import tempfile
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from threading import Lock
-from typing import IO, Any
+from typing import IO
+
+import msgspec
 
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.store import Store
-from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
+from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done, parse_report, report_of
 
 __all__ = ["absolute", "earlier_document", "measure_apart"]
@@ -29,14 +31,40 @@ _LARGEST_SENT_BYTES = 4 << 20
 """What is sent along with a task; schedulers are not made for more."""
 
 
+@dataclass(frozen=True)
+class _Job:
+    """What a worker process hands to its keeper.
+
+    Attributes:
+        task: The run.
+        setting: Rules and limits.
+        report: File for the outcome.
+        out: Folder with the stored document of the run; empty without one.
+    """
+
+    task: RunTask
+    setting: BatchSetting
+    report: str
+    out: str
+
+    def as_line(self) -> bytes:
+        """The job as a line of JSON."""
+        # Not msgspec's encoder, which refuses the half surrogate pairs of names that are no UTF-8.
+        return json.dumps(asdict(self)).encode("ascii") + b"\n"
+
+    @classmethod
+    def from_line(cls, line: bytes) -> _Job:
+        """A job as it was written."""
+        return msgspec.convert(json.loads(line), cls)
+
+
 def measure_apart(task: RunTask, setting: BatchSetting, earlier: bytes = b"") -> Done:
     """Score one run in a fresh process on this machine.
 
     Args:
         task: The run.
         setting: Rules and limits.
-        earlier: The document of the run that the task names, for this machine may not see the folder
-            of the batch.
+        earlier: The document that `task.earlier` names: this machine may not see the folder of the batch.
 
     Raises:
         OSError: The keeper died, twice; another machine may do better.
@@ -44,13 +72,12 @@ def measure_apart(task: RunTask, setting: BatchSetting, earlier: bytes = b"") ->
     with tempfile.TemporaryDirectory(prefix="ariac-score-") as folder:
         report = Path(folder) / "report"
         out = _laid_out(task, earlier, Path(folder) / "out") if earlier else ""
-        wire = {"task": asdict(task), "setting": asdict(setting), "report": str(report), "out": out}
-        _KEEPER.ask(json.dumps(wire).encode("ascii") + b"\n")
+        _KEEPER.perform(_Job(task, setting, str(report), out))
         return parse_report(task, report.read_bytes())
 
 
 def earlier_document(task: RunTask, out: Path | None) -> bytes:
-    """What is stored of a run, to be sent along with its task; empty when that is nothing of use."""
+    """The stored document of a run, to be sent along with its task; empty when there is none of use."""
     if out is None or not task.earlier:
         return b""
     try:
@@ -61,7 +88,7 @@ def earlier_document(task: RunTask, out: Path | None) -> bytes:
 
 
 def _laid_out(task: RunTask, earlier: bytes, out: Path) -> str:
-    """The folder of a batch that has this one document."""
+    """Make the folder of a batch that holds this one document."""
     place = Path(task.earlier)
     store = Store(out)
     store.put(store.measured(place.parent.name) / place.name, earlier)
@@ -83,21 +110,26 @@ def _absolute(name: str) -> str:
 
 
 class _Keeper:
-    """The keeper of this worker process, started when it is first asked, and again when it died."""
+    """The keeper of this worker process, started with the first job, and again when it died."""
 
     def __init__(self) -> None:
         self._lock = Lock()
         self._process: subprocess.Popen[bytes] | None = None
 
-    def ask(self, line: bytes) -> None:
-        """Have one task done."""
-        with self._lock:
-            if not self._tried(line):
+    def perform(self, job: _Job) -> None:
+        """Have one job done.
+
+        Raises:
+            OSError: The keeper died, twice.
+        """
+        line = job.as_line()
+        with self._lock:  # a worker of a cluster may have several threads
+            if not self._succeeds(line):
                 self._process = None
-                if not self._tried(line):
+                if not self._succeeds(line):
                     raise OSError("the process that keeps the scorer ready died twice")
 
-    def _tried(self, line: bytes) -> bool:
+    def _succeeds(self, line: bytes) -> bool:
         if self._process is None:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "ariac_score.batch.isolated"],
@@ -118,7 +150,7 @@ class _Keeper:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """Let a keeper go when its worker process ends."""
+    """End a keeper when its worker process ends."""
     process.kill()
     process.communicate()
 
@@ -127,18 +159,18 @@ _KEEPER = _Keeper()
 
 
 def _serve(lines: IO[bytes], ready: IO[bytes]) -> None:
-    """Do one task after the other until nobody asks any more."""
+    """Do one job after the other until there are no more."""
+    # Ctrl-C goes to the whole process group; the worker process decides when its keeper ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with tempfile.TemporaryDirectory(prefix="ariac-score-") as work:
-        # One for all: a process that outlived its server may not write where a later one is looked for.
+        # One executor for all jobs, because it numbers reports: a process that outlived its server could
+        # otherwise write its report where that of a later run is looked for.
         executor = LocalExecutor(1, None, Path(work))
         for line in lines:
-            wire: dict[str, Any] = json.loads(line)
-            task = RunTask(**{**wire["task"], "also": tuple(wire["task"]["also"])})
-            setting = BatchSetting(**{**wire["setting"], "limits": Limits(**wire["setting"]["limits"])})
-            executor.out = Path(wire["out"]) if wire["out"] else None
-            (done,) = executor.run([task], setting)
-            Path(wire["report"]).write_bytes(report_of(done))
+            job = _Job.from_line(line)
+            executor.out = Path(job.out) if job.out else None
+            (done,) = executor.run([job.task], job.setting)
+            Path(job.report).write_bytes(report_of(done))
             ready.write(_READY)
             ready.flush()
 

@@ -24,8 +24,9 @@ from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import (
     NO_ROOM,
     Done,
-    kept_apart,
+    fetched_folder,
     limit_threads,
+    note_file,
     noted,
     parse_report,
     perform_into,
@@ -35,6 +36,7 @@ __all__ = [
     "AND_AGAIN",
     "KILLED_FROM_OUTSIDE_ATTEMPTS",
     "OWN_FAULT_ATTEMPTS",
+    "SETTING_VARIABLE",
     "LocalExecutor",
     "begin_server",
     "died",
@@ -49,55 +51,61 @@ __all__ = [
 OWN_FAULT_ATTEMPTS = 2
 """Attempts at a run whose process died of itself, as of a fault in a library: it dies again."""
 KILLED_FROM_OUTSIDE_ATTEMPTS = 12
-"""Attempts at a run whose process somebody killed: it does not deserve to lose its score for that."""
+"""Attempts at a run whose process was killed from outside: it does not deserve to lose its score for that."""
 AND_AGAIN = "and call again: what was scored is kept, and only the rest is done"
 """What to do when it is the machines that failed, for a hint."""
 _ALARM = signal.SIGALRM
-"""Ends a process that nobody ends in time, see `worker.perform_into`."""
+"""Ends a process whose supervisor is gone, see `worker.perform_into`."""
 _SERVER_LOST = 255
-"""The exit code of a process whose server died, and nobody knows how it ended."""
-_STRANGE_BESIDE_OTHERS = 3
-"""Attempts beside other runs; then it is tried alone at the end: together they may need too much memory."""
-_STRANGE_HANDS = frozenset(
+"""`multiprocessing`'s exit code of a process whose fork server died before it could report another."""
+_KILLED_AMONG_OTHERS_ATTEMPTS = 3
+"""Attempts while other runs go on, before one alone at the end: together they may need too much memory."""
+_KILLED_FROM_OUTSIDE = frozenset(
     {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP, -_ALARM, _SERVER_LOST}
 )
+"""Exit codes of a process that somebody killed: the kernel short of memory, a user, a scheduler."""
 _START_ATTEMPTS = 5
 _LONGEST_WAIT_S = 1.0
 _KILLED_S = 10.0
 """How long a process may take to be gone once it is killed."""
-_SETTING = "ARIAC_SCORE_BATCH_SETTING"
+SETTING_VARIABLE = "ARIAC_SCORE_BATCH_SETTING"
+"""Environment variable that names the file of the setting for which the fork server prepares."""
 
 
 @dataclass(frozen=True)
 class _Deaths:
-    """How the process of a run died, so far; kept apart, so that strange hands change no reason.
+    """How the process of a run died, so far.
+
+    Its own faults and kills from outside are counted separately, so that what a machine does to a run
+    never changes the reason it gets.
 
     Attributes:
         own: Exit codes when it died of itself.
-        strange: Those when somebody killed it, or the server it came from.
+        from_outside: Those when somebody killed it, or the server it came from.
     """
 
     own: tuple[int | None, ...] = ()
-    strange: tuple[int | None, ...] = ()
+    from_outside: tuple[int | None, ...] = ()
 
     def and_one(self, code: int | None) -> _Deaths:
-        if code in _STRANGE_HANDS:
-            return replace(self, strange=(*self.strange, code))
+        if code in _KILLED_FROM_OUTSIDE:
+            return replace(self, from_outside=(*self.from_outside, code))
         return replace(self, own=(*self.own, code))
 
     @property
     def given_up(self) -> bool:
-        return len(self.own) >= OWN_FAULT_ATTEMPTS or len(self.strange) >= KILLED_FROM_OUTSIDE_ATTEMPTS
+        return len(self.own) >= OWN_FAULT_ATTEMPTS or len(self.from_outside) >= KILLED_FROM_OUTSIDE_ATTEMPTS
 
     @property
     def put_off(self) -> bool:
-        return len(self.strange) >= _STRANGE_BESIDE_OTHERS
+        return len(self.from_outside) >= _KILLED_AMONG_OTHERS_ATTEMPTS
 
-    def told(self) -> tuple[int | None, int]:
-        """How it died mostly, and how often it was tried."""
-        alike = self.own if len(self.own) >= OWN_FAULT_ATTEMPTS else self.strange
-        seen = [code for code in alike if code != _SERVER_LOST] or list(alike)
-        return Counter(seen).most_common(1)[0][0], len(alike)
+    def most_common(self) -> tuple[int | None, int]:
+        """The exit code to report, and the number of attempts it stands for."""
+        codes = self.own if len(self.own) >= OWN_FAULT_ATTEMPTS else self.from_outside
+        # How the process ended is unknown where its server was lost; any other code says more.
+        known = [code for code in codes if code != _SERVER_LOST] or list(codes)
+        return Counter(known).most_common(1)[0][0], len(codes)
 
 
 @dataclass
@@ -113,8 +121,8 @@ class _Running:
 class LocalExecutor:
     """Runs tasks on this machine.
 
-    Time in which nobody looked after them does not count against runs: when a machine sleeps, or
-    stops the batch, they did not go on either.
+    Time in which this executor did not run does not count against runs: when a machine sleeps, or the
+    batch is stopped, they did not go on either.
 
     Attributes:
         jobs: Processes at a time.
@@ -155,11 +163,11 @@ class LocalExecutor:
                     return
                 for ended in self._ended(running):
                     running.remove(ended)
-                    came = self._settle(ended, setting)
-                    if isinstance(came, Done):
-                        yield came
+                    outcome = self._settle(ended, setting)
+                    if isinstance(outcome, Done):
+                        yield outcome
                     else:
-                        (at_last if came.put_off else again).append((ended.task, came))
+                        (at_last if outcome.put_off else again).append((ended.task, outcome))
         finally:
             for one in running:
                 stop(one.process)
@@ -171,27 +179,29 @@ class LocalExecutor:
         return _Running(task, deaths, process, report, time.monotonic() + setting.limits.wall_s)
 
     def _ended(self, running: list[_Running]) -> list[_Running]:
-        """Those that have ended, or must; waits for the first of them."""
+        """Those that have ended, or must end now; waits for the first of them."""
         patience = min(one.deadline for one in running) - time.monotonic()
         sentinels = [one.process.sentinel for one in running]
         ready = wait(sentinels, timeout=max(0.0, min(patience, _LONGEST_WAIT_S)))
         now = time.monotonic()
+        # One wait may last `_LONGEST_WAIT_S`; twice that leaves room for a busy machine.
         unseen_s, self._looked_s = now - self._looked_s - 2 * _LONGEST_WAIT_S, now
         for one in running:
             one.deadline += max(0.0, unseen_s)
         return [one for one in running if one.process.sentinel in ready or one.deadline <= now]
 
     def _settle(self, ended: _Running, setting: BatchSetting) -> Done | _Deaths:
-        """What came of a process that has ended, or is beyond its time; its deaths when it is tried again."""
+        """The outcome of a process that has ended or is late; its deaths when it is to be tried again."""
         process, task = ended.process, ended.task
         late = process.is_alive()
         if late:
             stop(process)
         code = process.exitcode
-        with suppress(ValueError):  # it is still there
+        with suppress(ValueError):  # the kernel still holds it
             process.close()
         contents, signature = _cleared(ended)
-        with suppress(OSError, ValueError, KeyError):
+        # First of all the report: a process may be killed, or late, after it had left one.
+        with suppress(OSError, ValueError):
             done = parse_report(task, ended.report.read_bytes())
             ended.report.unlink()
             return done
@@ -202,19 +212,19 @@ class LocalExecutor:
         deaths = ended.deaths.and_one(code)
         if not deaths.given_up:
             return deaths
-        done = died(task, *deaths.told())
+        done = died(task, *deaths.most_common())
         return replace(done, contents=contents, signature=signature, put_off=deaths.put_off)
 
 
 def _cleared(ended: _Running) -> tuple[str, str]:
-    """Clear away what the process of a run fetched and noted; hash and signature, where it got so far.
+    """Remove what the process of a run fetched and noted; hash and signature, where it got so far.
 
-    Hashing the files here instead would hold up the whole batch: nobody ends the supervisor in time.
+    Hashing the files here instead could hold up the whole batch: the supervisor has no time limit.
     """
     if ended.task.remote:
-        shutil.rmtree(kept_apart(ended.report, ".near"), ignore_errors=True)
+        shutil.rmtree(fetched_folder(ended.report), ignore_errors=True)
     found = noted(ended.report)
-    kept_apart(ended.report, ".contents").unlink(missing_ok=True)
+    note_file(ended.report).unlink(missing_ok=True)
     return found
 
 
@@ -226,7 +236,7 @@ def too_late(task: RunTask, setting: BatchSetting) -> Done:
 
 
 def died(task: RunTask, code: int | None, attempts: int) -> Done:
-    """A run whose process ended without a report, as often as it was tried."""
+    """A run whose process ended without a report in each attempt."""
     number = -code if code is not None and code < 0 else 0
     what = f"by signal {number} ({signal.Signals(number).name})" if number else f"with exit code {code}"
     times = f"{attempts} times"
@@ -245,7 +255,7 @@ def _first(tasks: Iterator[RunTask]) -> tuple[RunTask, _Deaths] | None:
 
 
 def started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...]) -> BaseProcess:
-    """A new process; where the server it should come from is just being killed, from the next one."""
+    """A new process. Where the fork server is just being killed, the next attempt starts another one."""
     for attempt in range(1, _START_ATTEMPTS + 1):
         process: BaseProcess = context.Process(target=target, args=arguments, daemon=True)
         try:
@@ -260,28 +270,28 @@ def started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...
 
 
 def stop(process: BaseProcess) -> None:
-    """Kill a process; one that the kernel holds, as for a disk that does not answer, is left behind."""
+    """Kill a process; one that the kernel holds, such as for a disk that does not answer, is left behind."""
     with suppress(ValueError, OSError):
         process.kill()
         process.join(_KILLED_S)
 
 
 def fresh_processes(work: Path, setting: BatchSetting) -> Any:
-    """Processes that inherit nothing of ours, from a server that has imported everything."""
+    """A context for processes that inherit nothing of this one; their server has imported everything."""
     limit_threads()
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
-    file, told = work / "setting.json", json.dumps(asdict(setting))
-    if not file.is_file() or file.read_text(encoding="ascii") != told:  # the server may be reading it
-        file.write_text(told, encoding="ascii")
-    os.environ[_SETTING] = str(file.absolute())
+    file, text = work / "setting.json", json.dumps(asdict(setting))
+    if not file.is_file() or file.read_text(encoding="ascii") != text:  # the server may be reading it
+        file.write_text(text, encoding="ascii")
+    os.environ[SETTING_VARIABLE] = str(file.absolute())
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["ariac_score.batch.preload"])
     return context
 
 
 def begin_server(context: Any) -> None:
-    """Have the server import everything while the caller goes on, where there is one."""
+    """Have the fork server, if there is one, import everything while the caller goes on."""
     if context.get_start_method() == "forkserver":
         forkserver.ensure_running()
 

@@ -1,17 +1,18 @@
-"""Joining the parts of a batch that were scored apart."""
+"""Joining the parts of a batch, such as its shards, in one folder."""
 
 from __future__ import annotations
 
-import json
 import sqlite3
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from msgspec import structs
+
+from ariac_score.batch.description import DESCRIPTION, RULES, BatchDescription, load_description
 from ariac_score.batch.index import RUNS, Row, Rows, check_index, checked_rows, read_rows, write_tables
 from ariac_score.batch.store import Store
-from ariac_score.batch.supervise import DESCRIPTION, Report, described, unwritable
+from ariac_score.batch.supervise import Report, unwritable
 from ariac_score.errors import BatchError, UsageError
 
 __all__ = ["merge_batches"]
@@ -31,9 +32,11 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
         BatchError: Two parts have different results for one run, a document is missing or
             damaged, or the folder cannot be written.
     """
-    described = [(part, _description(part)) for part in parts]
-    told = _told_alike(described, mixed_code=mixed_code)
-    _refuse_gaps([description for _, description in described])
+    descriptions = [_description(part) for part in parts]
+    for part, description in zip(parts[1:], descriptions[1:], strict=True):
+        _refuse_difference(part, description, parts[0], descriptions[0], mixed_code=mixed_code)
+    _refuse_gaps(descriptions)
+    joined = structs.replace(descriptions[0], shard=None)
     outcomes = Counter[str]()
     rows = None
     try:
@@ -44,8 +47,8 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
             check_index(part, (row for row, _ in read_rows(part / RUNS)))
         for line in rows.lines():
             outcomes[Row.from_line(line).outcome] += 1
-        store.put(store.root / DESCRIPTION, (json.dumps(told, sort_keys=True, indent=1) + "\n").encode())
-        store.put(store.root / "rules.yaml", (parts[0] / "rules.yaml").read_bytes())
+        store.put(store.root / DESCRIPTION, joined.text().encode("utf-8"))
+        store.put(store.root / RULES, (parts[0] / RULES).read_bytes())
         write_tables(store, rows, work)
     except (OSError, sqlite3.OperationalError) as cause:
         raise unwritable(cause, store) from cause
@@ -78,64 +81,66 @@ def _take(row: Row, document: bytes, part: Path, store: Store, rows: Rows) -> No
         )
 
 
-def _description(part: Path) -> Mapping[str, Any]:
-    told = described(part)
-    if not told:
-        raise UsageError(
-            "this is no folder of a batch", file=part, hint=f"it needs {DESCRIPTION}, which 'batch' writes"
-        )
+def _description(part: Path) -> BatchDescription:
+    description = load_description(part, hint=f"it needs {DESCRIPTION}, which 'batch' writes")
     if not (part / RUNS).is_file():
         raise UsageError(
             "this batch has not finished", file=part, hint="call 'batch' again with this folder, then merge"
         )
-    return told
+    return description
 
 
-def _told_alike(
-    described: Sequence[tuple[Path, Mapping[str, Any]]], *, mixed_code: bool
-) -> Mapping[str, Any]:
-    """What the parts say of themselves, the shard left out; they must say the same."""
-    first_path, first = described[0]
-    for path, told in described[1:]:
-        for key, what in (
-            ("batch", "competition"),
-            ("rule_set", "rule set"),
-            ("read", "way of reading"),
-            ("code", "code"),
-        ):
-            if told.get(key) == first.get(key) or (key == "code" and mixed_code):
-                continue
-            raise UsageError(
-                f"it was made by {_worded(told, key)}, and {first_path} by {_worded(first, key)}: "
-                f"another {what}",
-                file=path,
-                hint="--mixed-code joins them all the same; a ranking should rest on one code"
-                if key == "code"
-                else "join only parts of one batch",
-            )
-    return {key: value for key, value in first.items() if key != "shard"}
+_DIFFERENCES = {
+    "batch": "another competition",
+    "rule_set": "another rule set",
+    "read": "another way of reading",
+    "code": "another code",
+}
+"""What it means when two descriptions differ in a field; each shard differs in `shard`."""
 
 
-def _refuse_gaps(described: Sequence[Mapping[str, Any]]) -> None:
+def _refuse_difference(
+    part: Path, description: BatchDescription, first_part: Path, first: BatchDescription, *, mixed_code: bool
+) -> None:
+    """Refuse to join a part of another batch than the first.
+
+    Raises:
+        UsageError: It was made by other rules or other code, or of other runs.
+    """
+    for key, meaning in _DIFFERENCES.items():
+        if getattr(description, key) == getattr(first, key) or (key == "code" and mixed_code):
+            continue
+        raise UsageError(
+            f"it was made by {_field_text(description, key)}, and {first_part} by "
+            f"{_field_text(first, key)}: {meaning}",
+            file=part,
+            hint="--mixed-code joins them all the same; a ranking should rest on one code"
+            if key == "code"
+            else "join only parts of one batch",
+        )
+
+
+def _refuse_gaps(descriptions: Sequence[BatchDescription]) -> None:
     """Refuse to join shards of which one is missing: its runs would be dropped in silence."""
-    shards = [told["shard"] for told in described if "shard" in told]
-    for count in {shard["of"] for shard in shards}:
-        numbers = {shard["number"] for shard in shards if shard["of"] == count}
+    shards = [description.shard for description in descriptions if description.shard is not None]
+    for count in {shard.of for shard in shards}:
+        numbers = {shard.number for shard in shards if shard.of == count}
         missing = sorted(set(range(1, count + 1)) - numbers)
         if missing:
             named = ", ".join(f"{number}/{count}" for number in missing[:5])
+            are = "is" if len(missing) == 1 else "are"
             raise UsageError(
-                f"{len(missing)} of {count} shards are missing: {named}{', …' if missing[5:] else ''}",
+                f"{len(missing)} of {count} shards {are} missing: {named}{', …' if missing[5:] else ''}",
                 hint="name the folders of all shards",
             )
 
 
-def _worded(told: Mapping[str, Any], key: str) -> str:
-    value = told.get(key)
+def _field_text(description: BatchDescription, key: str) -> str:
+    """A field of a description, for an error message."""
     if key == "read":
-        return "reading parts" if value == "parts" else "reading everything"
-    if key == "rule_set" and isinstance(value, Mapping):
-        return f"{value.get('id')} ({str(value.get('sha256'))[:12]}…)"
-    if key == "code" and isinstance(value, list):
-        return ", ".join(f"{c['package']} {c['version']} ({c['sha256'][:12]}…)" for c in value)
-    return repr(value)
+        return "reading parts" if description.read == "parts" else "reading everything"
+    if key == "rule_set":
+        return f"{description.rule_set.id} ({description.rule_set.sha256[:12]}…)"
+    if key == "code":
+        return ", ".join(f"{code.package} {code.version} ({code.sha256[:12]}…)" for code in description.code)
+    return repr(description.batch)

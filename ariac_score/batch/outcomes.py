@@ -1,4 +1,4 @@
-"""How a run can end, and the document that says so where there is no result."""
+"""The outcomes of a run, and the document that states one where there is no result."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ __all__ = [
     "UNSETTLED",
     "CheckCounts",
     "Summary",
+    "error_text",
     "outcome_document",
     "outcome_of",
     "summary_of",
-    "told_within",
 ]
 
 OUTCOMES: Mapping[str, str] = {
@@ -73,10 +73,10 @@ def outcome_of(error: ScoreError) -> str:
     return next((outcome for kind, outcome in kinds if isinstance(error, kind)), "unreadable")
 
 
-def told_within(error: ScoreError, root: Path) -> str:
-    """What went wrong and what to do, with the file named from a folder: the same words anywhere."""
-    words = str(error).replace(f"{root}/", "")
-    return f"{words}; {error.hint}".replace(f"{root}/", "") if error.hint else words
+def error_text(error: ScoreError, root: Path) -> str:
+    """What went wrong and what to do, with files named relative to a folder: the same on any machine."""
+    text = f"{error}; {error.hint}" if error.hint else str(error)
+    return text.replace(f"{root}/", "")
 
 
 class OutcomeDocument(Struct, frozen=True, tag_field="schema", tag="ariac-score/outcome/1"):

@@ -1,4 +1,4 @@
-"""How long a batch waits for a cluster of which nothing comes."""
+"""How long a batch waits for a cluster that gives no result."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ariac_score.errors import BatchError
 __all__ = ["LOOK_S", "Patience"]
 
 LOOK_S = 5.0
-"""Between two looks at a cluster while nothing comes."""
+"""Between two looks at a cluster while no result comes."""
 WITHOUT_WORKERS_S = 300.0
 """How long workers may be away: a cluster that grows on demand needs minutes to bring its first."""
 
@@ -22,12 +22,12 @@ WITHOUT_WORKERS_S = 300.0
 class Patience:
     """Ends the wait for a cluster that does not work any more.
 
-    While there are workers, the longest honest wait is that for one run which strange hands kill again
-    and again shortly before its time is up.
+    While there are workers, the longest wait that can still end well is that for one run whose process is
+    killed from outside again and again, each time shortly before its time is up.
 
     Attributes:
-        cluster: Its address, for whoever has to see to it.
-        workers: Says how many workers it has.
+        cluster: Its address, for the error message.
+        workers: Returns how many workers it has.
         setting: With the time that a run may take.
     """
 
@@ -38,18 +38,18 @@ class Patience:
     _silent_s: float = field(default=0.0, init=False)
     _without_s: float = field(default=0.0, init=False)
 
-    def came(self) -> None:
-        """Begin anew: something has come."""
+    def reset(self) -> None:
+        """Start over: a result has come."""
         self._looked_s, self._silent_s, self._without_s = time.monotonic(), 0.0, 0.0
 
-    def look(self) -> None:
-        """See whether waiting on makes sense.
+    def check(self) -> None:
+        """Check whether it makes sense to wait on.
 
         Raises:
             BatchError: The cluster has had no worker, or has given nothing, for too long.
         """
         now = time.monotonic()
-        # No more than two looks' time: a machine that slept, or was stopped, did not wait.
+        # At most the time of two looks: a machine that slept, or was stopped, did not wait.
         passed_s, self._looked_s = min(now - self._looked_s, 2 * LOOK_S), now
         self._silent_s += passed_s
         count = self._count()

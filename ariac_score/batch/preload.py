@@ -1,4 +1,4 @@
-"""Imported by the server of processes, so that each run starts with everything loaded."""
+"""Imported by the fork server, so that the process of each run starts with everything loaded."""
 
 from __future__ import annotations
 
@@ -9,25 +9,24 @@ from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
+import msgspec
+
 from ariac_score.batch import worker
+from ariac_score.batch.local import SETTING_VARIABLE
 from ariac_score.batch.remote import load_library
-from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
+from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.checks.contracts import GROUPS
 from ariac_score.errors import ScoreError
 from ariac_score.logs.columnar.types import bundled_typestore
 
-__all__ = ["SETTING", "worker"]
-
-SETTING = "ARIAC_SCORE_BATCH_SETTING"
-"""Environment variable with the file of the setting that most runs will have."""
-
+__all__ = ["worker"]
 
 _LATE = ("concurrent.futures.thread", "lz4.frame", "numpy.ma")
-"""What libraries import only when a log asks for it."""
+"""Modules that libraries import only when a log needs them."""
 
 
 def _load_everything() -> None:
-    """Import every plugin; one that cannot be is named where it is asked for."""
+    """Import every plugin; one that cannot be imported is reported where it is used."""
     for name in _LATE:
         with suppress(ImportError):
             import_module(name)
@@ -43,9 +42,8 @@ def _load_everything() -> None:
 
 
 def _prepare(file: str) -> None:
-    """Build the rule set, and go through the motions once, with nothing to score."""
-    told = json.loads(Path(file).read_text(encoding="ascii"))
-    setting = BatchSetting(**{**told, "limits": Limits(**told["limits"])})
+    """Build the rule set, and score an empty folder once, which fills caches that each fork inherits."""
+    setting = msgspec.convert(json.loads(Path(file).read_text(encoding="ascii")), BatchSetting)
     for scheme in filter(None, setting.storages.split(",")):
         load_library(scheme)
     with tempfile.TemporaryDirectory(prefix="ariac-score-") as nothing:
@@ -53,6 +51,6 @@ def _prepare(file: str) -> None:
 
 
 _load_everything()
-if os.environ.get(SETTING):
-    with suppress(OSError, ValueError, ScoreError):  # each run prepares itself, and says what is wrong
-        _prepare(os.environ[SETTING])
+if os.environ.get(SETTING_VARIABLE):
+    with suppress(OSError, ValueError, ScoreError):  # each run prepares itself, and reports what is wrong
+        _prepare(os.environ[SETTING_VARIABLE])

@@ -1,7 +1,7 @@
-"""Other prices on what was measured: thousands of results in seconds, without a log.
+"""Pricing stored measurements by other rules: thousands of results in seconds, without a log.
 
-Pricing is code of ours and asks no plugin, so results are priced in a few processes that stay. They
-read and write the documents themselves: between processes go only names and rows.
+Pricing runs no plugin, so it needs no process for each run: a few processes stay. They read and write
+the documents themselves; only names and rows are sent between processes.
 """
 
 from __future__ import annotations
@@ -31,12 +31,13 @@ from ariac_score.scoring.ruleset import RuleSet
 __all__ = ["Measurement", "Priced", "Pricing"]
 
 _AT_A_TIME = 32
+"""Measurements that a process gets in one message."""
 _AHEAD = 1024
-"""So many are looked for while the processes start, and are known at a time."""
+"""Measurements that wait, at most; the first so many are looked up while the processes start."""
 _AT_LEAST_S = 60.0
-"""How long an answer may take where the limit of a run is shorter: these are some at a time."""
+"""How long an answer may take where the limit of a run is shorter: it is about `_AT_A_TIME` of them."""
 _GOING_S = 10.0
-"""How long a process may take to finish what it has begun when nobody wants more of it."""
+"""How long a process may take to finish what it has begun before it is killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +46,9 @@ class Measurement:
 
     Attributes:
         task: The run.
-        address: Of what was measured.
-        stored: Name of the result under other rules, beside which the one under these will lie.
-        sha256: Its hash, where the tables know it: then it need not be checked again.
+        address: Of the measurement.
+        stored: File name of the result under other rules; the new one is written to the same folder.
+        sha256: Its hash, where the tables have it: then it need not be checked again.
     """
 
     task: RunTask
@@ -56,16 +57,16 @@ class Measurement:
     sha256: str
 
 
-_Asked = tuple[TaskKey, str, str, str]
-"""A measurement on its way to a process: key, address, stored, sha256."""
+_Request = tuple[TaskKey, str, str, str]
+"""A measurement as it is sent to a process: key, address, stored, sha256."""
 
 
 Priced = tuple[Measurement, "Written | None"]
-"""A measurement with the row of its result, which is stored; `None` where its log must be looked at."""
+"""A measurement with the row of its new result, which is stored; `None` where its log has to be read."""
 
 
 class Pricing:
-    """Puts other prices on measurements, in a few processes, while more of them are looked for.
+    """Prices measurements by other rules, in a few processes, while the caller looks up more of them.
 
     Args:
         setting: The rules.
@@ -81,7 +82,7 @@ class Pricing:
         self._started = False
 
     def take(self, one: Measurement) -> Iterator[Priced]:
-        """Take a measurement, and give those that are priced by now.
+        """Take a measurement, and yield those that are priced by now.
 
         Raises:
             OSError: The folder cannot be written, as when the disk is full.
@@ -94,49 +95,49 @@ class Pricing:
             yield from self._go_on()
 
     def rest(self) -> Iterator[Priced]:
-        """Give all that are left.
+        """Yield all that are left.
 
         Raises:
             OSError: As in `take`.
         """
-        while self._waiting or any(pricer.asked for pricer in self._pricers.values()):
+        while self._waiting or any(pricer.at_work for pricer in self._pricers.values()):
             yield from self._go_on()
 
     def close(self) -> None:
-        """Let the processes go."""
+        """End the processes."""
         for pricer in self._pricers.values():
             pricer.end()
         self._pricers.clear()
 
     def _go_on(self) -> Iterator[Priced]:
-        """Hand out what waits, and wait for whoever is ready first."""
+        """Hand out what waits, and wait for the first answer."""
         if not self._started:
             self._start()
         for pricer in self._pricers.values():
             self._hand_out(pricer)
-        if not self._pricers:  # nobody is left to price them
+        if not self._pricers:  # all of them have died
             yield from ((self._waiting.popleft(), None) for _ in range(len(self._waiting)))
             return
-        at_work = [place for place, pricer in self._pricers.items() if pricer.asked]
+        at_work = [place for place, pricer in self._pricers.items() if pricer.at_work]
         ready = wait(at_work, timeout=max(self._setting.limits.wall_s, _AT_LEAST_S))
-        for connection in () if ready else at_work:  # they are stopped or stuck: somebody else has to do it
+        for connection in () if ready else at_work:  # they are stopped or stuck: their logs are read instead
             yield from self._without(connection)
         for connection in ready:
             pricer = self._pricers[connection]
-            asked, rows = pricer.asked, pricer.answer()
+            measurements, rows = pricer.at_work, pricer.answer()
             if rows is None:
-                pricer.asked = asked
+                pricer.at_work = measurements
                 yield from self._without(connection)
             else:
-                self._hand_out(pricer)
-                yield from zip(asked, rows, strict=True)
+                self._hand_out(pricer)  # first, so that it works while the caller takes the rows
+                yield from zip(measurements, rows, strict=True)
 
     def _without(self, connection: Any) -> Iterator[Priced]:
-        """Go on without a process; what it was asked for has no price."""
+        """Go on without a process; what it was working on has no price."""
         pricer = self._pricers.pop(connection)
-        asked, pricer.asked = pricer.asked, ()
+        measurements, pricer.at_work = pricer.at_work, ()
         pricer.end()
-        yield from ((one, None) for one in asked)
+        yield from ((one, None) for one in measurements)
 
     def _start(self) -> None:
         self._started = True
@@ -145,30 +146,35 @@ class Pricing:
             self._pricers[pricer.connection] = pricer
 
     def _hand_out(self, pricer: _Pricer) -> None:
-        if self._waiting and not pricer.asked:
+        if self._waiting and not pricer.at_work:
             count = min(_AT_A_TIME, len(self._waiting))
-            pricer.ask([self._waiting.popleft() for _ in range(count)])
+            pricer.send([self._waiting.popleft() for _ in range(count)])
 
 
 class _Pricer:
-    """A process that prices what it is asked to, some at a time."""
+    """A process that prices measurements, some at a time.
+
+    Attributes:
+        at_work: Those that it is pricing; empty when it waits.
+        connection: To the process.
+    """
 
     def __init__(self, context: Any, setting: BatchSetting, store: Store) -> None:
-        self.asked: Sequence[Measurement] = ()
+        self.at_work: Sequence[Measurement] = ()
         self.connection, other = context.Pipe()
         self._process: BaseProcess = started(context, _serve, (other, setting, str(store.root)))
         other.close()
 
-    def ask(self, measurements: Sequence[Measurement]) -> None:
-        """Have some priced; a process that has died says so when it is to answer."""
-        self.asked = measurements
+    def send(self, measurements: Sequence[Measurement]) -> None:
+        """Have some priced; that the process has died is noticed by `answer`."""
+        self.at_work = measurements
         with suppress(OSError):
             self.connection.send(
                 [(one.task.key, one.address, one.stored, one.sha256) for one in measurements]
             )
 
     def answer(self) -> list[Written | None] | None:
-        """The rows of what was asked; `None` when the process died.
+        """The rows of the measurements that were sent; `None` when the process died.
 
         Raises:
             OSError: It could not write.
@@ -178,28 +184,29 @@ class _Pricer:
         except (EOFError, ConnectionError):
             return None
         finally:
-            self.asked = ()
+            self.at_work = ()
         if isinstance(rows, OSError):
             raise rows
         return rows
 
     def end(self) -> None:
-        """Let the process finish what it writes, and go."""
+        """End the process once it has finished what it writes."""
         self.connection.close()
         self._process.join(_GOING_S)
         stop(self._process)
 
 
 def _serve(connection: Connection, setting: BatchSetting, out: str) -> None:
-    """What such a process does, until nobody asks any more."""
+    """What such a process does until the connection is closed."""
+    # Ctrl-C goes to the whole process group; the supervisor decides when its processes end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     store = Store(Path(out))
     with suppress(EOFError, ConnectionError, ScoreError):
         rule_set = prepared(setting)[0].rule_set
         while True:
-            asked: list[_Asked] = connection.recv()
+            requests: list[_Request] = connection.recv()
             try:
-                connection.send([_priced(*one, setting.rules_sha256, rule_set, store) for one in asked])
+                connection.send([_priced(*one, setting.rules_sha256, rule_set, store) for one in requests])
             except ConnectionError:
                 return
             except OSError as error:
@@ -209,7 +216,7 @@ def _serve(connection: Connection, setting: BatchSetting, out: str) -> None:
 def _priced(
     key: TaskKey, address: str, stored: str, known: str, rules_sha256: str, rule_set: RuleSet, store: Store
 ) -> Written | None:
-    """The row of a result under other rules, once it is stored; `None` where the log must be looked at.
+    """Store a result under other rules; its row, or `None` where the log has to be read.
 
     Raises:
         OSError: It cannot be written.
@@ -225,7 +232,7 @@ def _priced(
 
 
 def _measured(place: Path, known: str) -> Result:
-    """A stored result, checked as a whole unless it has the hash that is known."""
+    """A stored result, checked as a whole unless it has the known hash."""
     document = place.read_bytes()
     if sha256(document).hexdigest() == known:
         return result_in(document, place, known=True)

@@ -37,8 +37,8 @@ _HINT = (
 class RayExecutor:
     """Runs tasks on a cluster.
 
-    A worker that is lost takes its run to another one; a run that takes worker after worker with
-    it is given up, by name.
+    The run of a worker that is lost goes to another one; a run that brings down worker after worker is
+    given up.
 
     Attributes:
         out: Folder of the batch, for what is stored of the runs.
@@ -70,7 +70,7 @@ class RayExecutor:
             while under_way:
                 finished, _ = ray.wait(list(under_way), num_returns=1, timeout=LOOK_S)
                 if not finished:
-                    patience.look()
+                    patience.check()
                     continue
                 task = under_way.pop(finished[0])
                 done = _result(finished[0], task, patience)
@@ -80,7 +80,8 @@ class RayExecutor:
                     yield done
                 for following in islice(waiting, 1):
                     under_way[submitted(following)] = following
-            for task in suspects:  # alone
+            # Alone at the end: together with others they may have needed too much memory.
+            for task in suspects:
                 yield _result(submitted(task), task, patience)
         finally:
             ray.shutdown()
@@ -92,29 +93,30 @@ def _workers() -> int:
 
 
 def _fetched(future: Any, patience: Patience) -> Done:
-    """What came of a task, as long as there is somebody to wait for.
+    """The outcome of a task, awaited as long as the cluster can still give one.
 
     Raises:
-        BatchError: There is nobody.
-        RayError: What became of it instead.
+        BatchError: It cannot.
+        RayError: The task failed.
     """
     while True:
         try:
             done: Done = ray.get(future, timeout=LOOK_S)
         except ray.exceptions.GetTimeoutError:
-            patience.look()
+            patience.check()
         else:
-            patience.came()
+            patience.reset()
             return done
 
 
 def _result(future: Any, task: RunTask, patience: Patience) -> Done:
     try:
         done = _fetched(future, patience)
-    except ray.exceptions.WorkerCrashedError:  # its words name a process and a machine
+    # Ray's own messages name processes and machines, and a reason has to be the same anywhere.
+    except ray.exceptions.WorkerCrashedError:
         return lost(task, "killed", "worker after worker that scored it was lost")
     except ray.exceptions.RayError as error:
-        cause = getattr(error, "cause", error)  # what was raised there; the words of Ray name a process
+        cause = getattr(error, "cause", error)
         what = f"{type(cause).__name__}: {cause}".split("\n", maxsplit=1)[0]
         if isinstance(error, OSError):
             raise BatchError(
@@ -130,15 +132,15 @@ def ray_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> RayExec
     Raises:
         UsageError: No address is given, or nothing answers there.
     """
-    del work  # workers may be elsewhere, and do not see it
+    del work  # workers may be on other machines, which do not see it
     if not scheduler:
         raise UsageError("the Ray executor needs an address", hint="--scheduler ray://HOST:10001, or auto")
     if jobs:
         raise UsageError(
-            "how many runs go on at a time is for the cluster to say", hint="drop --jobs; add machines"
+            "the cluster decides how many runs are scored at a time", hint="drop --jobs; add machines"
         )
     try:
-        _knock(scheduler)
+        _check_reachable(scheduler)
         ray.init(address=scheduler, log_to_driver=False, logging_level="ERROR")
     except (ConnectionError, OSError, ValueError, RuntimeError) as cause:
         raise UsageError(
@@ -147,18 +149,18 @@ def ray_executor(*, jobs: int, scheduler: str, out: Path, work: Path) -> RayExec
     return RayExecutor(out)
 
 
-def _knock(scheduler: str) -> None:
-    """See that somebody listens at an address: Ray itself takes ten minutes to say that nobody does.
+def _check_reachable(scheduler: str) -> None:
+    """Try to connect to an address: Ray itself takes ten minutes to report that nothing listens there.
 
     Raises:
-        OSError: Nobody does.
+        OSError: Nothing does.
         ValueError: It is no address.
     """
     address = _current() if scheduler == "auto" else scheduler
     parts = urlsplit(address if "://" in address else f"//{address}")
     host, port = parts.hostname, parts.port
     if not host or not port:
-        return  # Ray says what is wrong with it
+        return  # Ray reports what is wrong with it
     if not parts.scheme and host in ("localhost", "127.0.0.1", "::1"):
         host = ray.util.get_node_ip_address()  # where Ray would look for it
     socket.create_connection((host, port), timeout=_CONNECT_S).close()
@@ -166,8 +168,8 @@ def _knock(scheduler: str) -> None:
 
 def _current() -> str:
     """The cluster that this machine is part of, as far as that is known."""
-    if told := os.environ.get("RAY_ADDRESS"):
-        return told
+    if address := os.environ.get("RAY_ADDRESS"):
+        return address
     with suppress(OSError):
         folder = Path(os.environ.get("RAY_TMPDIR") or tempfile.gettempdir())
         return (folder / "ray" / "ray_current_cluster").read_text(encoding="utf-8").strip()

@@ -1,8 +1,8 @@
-"""Files that are named by a URI: what a storage says of them, and fetching them.
+"""Files that are named by a URI: what their storage states about them, and fetching them.
 
-Everything a storage says is a stranger's word: names stay inside the folder they are put in, a file
-that is longer than it was said to be is not fetched to its end, and what is told of a failure holds
-neither credentials nor the signature of an address.
+A storage is not trusted: names stay inside the folder they are put in, a file that is longer than
+announced is not fetched to its end, and error messages hold neither credentials nor the signature of
+an address.
 """
 
 from __future__ import annotations
@@ -41,29 +41,34 @@ __all__ = [
 ]
 
 MOST_FILES = 200_000
-"""Files below a folder that are looked at."""
+"""The most files below a folder."""
 MAX_DEPTH = 8
+"""The deepest folder of a web server that is listed: pages may link to each other without end."""
 ATTEMPTS = 3
 PAUSE_S = 0.5
-"""Before a request is made again; twice as long before the next."""
+"""Before the second attempt; twice as long before the third."""
 _AT_A_TIME = 16
+"""Requests at a time."""
 ANSWER_S = 300.0
-"""How long a storage may take to say one thing, such as what is in a page or about a file."""
+"""How long a storage may take for one answer, such as a page of a listing or the status of a file."""
 LISTING_S = 1800.0
 """How long the listing of a whole folder may take."""
 
+# Under which keys the libraries of storages state what changes with the content of a file: a checksum or
+# version, else its times.
 _CONTENT = ("ETag", "etag", "md5Hash", "crc32c", "Content-MD5", "content_md5", "Digest", "generation")
 _TIMES = ("mtime", "created", "ino", "LastModified", "Last-Modified", "last_modified", "updated")
 _SECRET = re.compile(r"[?#].*\Z", re.DOTALL)
 _QUERY = re.compile(r"\?[^\s'\")]+")
 _OWNER = re.compile(r"(\w+://)[^/@\s]*@")
 _URI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z][A-Za-z0-9+.-]*)*://.*", re.DOTALL)
-_LATER = frozenset({408, 425, 429, 500, 502, 503, 504})
+_TRANSIENT = frozenset({408, 425, 429, 500, 502, 503, 504})
+"""HTTP status codes after which another attempt may succeed."""
 _Value = TypeVar("_Value")
 
 
 class UnreachableError(BatchError):
-    """A storage does not give what is asked of it; another time it may."""
+    """A storage does not serve a file or listing; another time it may."""
 
 
 class _SilentError(OSError):
@@ -71,7 +76,7 @@ class _SilentError(OSError):
 
 
 class _GrownError(OSError):
-    """More came than the storage had said there was."""
+    """More came than the storage had announced."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +86,8 @@ class Stored:
     Attributes:
         path: As the storage's library wants it.
         name: Below the folder that was listed, with `/`.
-        size: Bytes; -1 when nobody says.
-        identity: What changes when the content does, such as an ETag; empty when nobody says.
+        size: In bytes; -1 when unknown.
+        identity: What changes when the content does, such as an ETag; empty when unknown.
     """
 
     path: str
@@ -92,7 +97,7 @@ class Stored:
 
 
 def is_uri(text: str) -> bool:
-    """Whether a name is one of a storage rather than a path of this machine.
+    """Whether a name is a URI rather than a path of this machine.
 
     >>> is_uri("s3://bucket/season"), is_uri("season")
     (True, False)
@@ -101,7 +106,7 @@ def is_uri(text: str) -> bool:
 
 
 def shown(uri: str) -> str:
-    """A URI without what may be secret in it.
+    """A URI without the parts that may be secret.
 
     >>> shown("https://me:secret@host/a.mcap?X-Amz-Signature=0abc")
     'https://host/a.mcap'
@@ -111,7 +116,7 @@ def shown(uri: str) -> str:
 
 
 def name_of(uri: str) -> str:
-    """The last part of a URI, as a file is called that is fetched.
+    """The last part of a URI, under which its file is stored here.
 
     >>> name_of("https://host/run%201/?list=1"), name_of("s3://bucket/a.mcap")
     ('run 1', 'a.mcap')
@@ -122,22 +127,22 @@ def name_of(uri: str) -> str:
 
 
 def signature_of_stored(files: Iterable[Stored], *about: str) -> str:
-    """Hash of what a storage says of some files; empty where it says nothing that would change with them."""
-    told = sorted((shown(file.path), file.size, file.identity) for file in files)
-    if not told or any(not identity for _, _, identity in told):
+    """Hash of what a storage states about some files; empty where nothing of that would change with them."""
+    stated = sorted((shown(file.path), file.size, file.identity) for file in files)
+    if not stated or any(not identity for _, _, identity in stated):
         return ""
-    text = json.dumps([*about, *told], ensure_ascii=True)
+    text = json.dumps([*about, *stated], ensure_ascii=True)
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
 class Storage:
-    """What a URI leads to.
+    """The folder or file that a URI names.
 
     Args:
         uri: Of a folder or file.
 
     Raises:
-        UsageError: A library is missing, or nobody knows such URIs.
+        UsageError: A library is missing, or none reads such URIs.
     """
 
     def __init__(self, uri: str) -> None:
@@ -147,12 +152,12 @@ class Storage:
         self.path = self.path.rstrip("/") if not self._web else self.path
 
     def child(self, name: str, *, folder: bool = False) -> str:
-        """The URI of what has a name below this one."""
-        told = quote(name) if self._web else name
-        return f"{self.uri.rstrip('/')}/{told}{'/' if folder else ''}"
+        """The URI of a file or folder below this one."""
+        quoted = quote(name) if self._web else name  # `#` and `?` belong to names elsewhere
+        return f"{self.uri.rstrip('/')}/{quoted}{'/' if folder else ''}"
 
     def file(self) -> Stored:
-        """What is said of the file.
+        """The file itself.
 
         Raises:
             NothingToScoreError: There is none.
@@ -162,7 +167,7 @@ class Storage:
         return _stored(self._info(self.path), self.path, name_of(self.uri))
 
     def is_folder(self) -> bool:
-        """Whether it is a folder; on the web, whether its name ends as that of one."""
+        """Whether it is a folder; on the web, whether its name ends with `/`."""
         if self._web:
             return urlsplit(self.uri).path.endswith("/")
         return bool(self._info(self.path)["type"] == "directory")
@@ -172,14 +177,14 @@ class Storage:
 
         Raises:
             NothingToScoreError: There is no such folder.
-            UnreachableError: The storage does not answer, or has more than can be runs.
+            UnreachableError: The storage does not answer, or has more than `MOST_FILES`.
             UsageError: It wants other credentials.
         """
         if self._web:
             until = time.monotonic() + LISTING_S
             found = list(islice(self._walked(self.path, 0, until), MOST_FILES + 1))
         else:
-            found = self._told(self._found, within_s=LISTING_S)
+            found = self._ask(self._found, within_s=LISTING_S)
         if len(found) > MOST_FILES:
             raise UnreachableError(
                 f"more than {MOST_FILES} files: this does not look like a folder of runs",
@@ -204,10 +209,10 @@ class Storage:
         try:
             return _stored(self._info(file.path), file.path, file.name)
         except ScoreError:
-            return file  # the worker says why
+            return file  # the worker reports why
 
     def _info(self, path: str) -> Any:
-        return self._told(lambda: self._system.info(path), within_s=ANSWER_S)
+        return self._ask(lambda: self._system.info(path), within_s=ANSWER_S)
 
     def _found(self) -> list[tuple[str, Mapping[str, Any]]]:
         if self._system.info(self.path)["type"] != "directory":
@@ -219,24 +224,24 @@ class Storage:
     def _walked(
         self, url: str, depth: int, until: float, below: str = ""
     ) -> Iterator[tuple[str, Mapping[str, Any]]]:
-        """What the pages of a web server list, page by page.
+        """The files that the pages of a web server list, page by page.
 
         Raises:
-            UnreachableError: They are not at their end when the time is; a server may make up pages for ever.
+            UnreachableError: The time is up; a server may make up pages for ever.
         """
         base = url.rstrip("/") + "/"
         if time.monotonic() > until:
             raise UnreachableError(
                 f"the folder is not listed to its end after {LISTING_S:g} s",
                 file=shown(self.uri),
-                hint="name a folder of runs, or list the runs in a .txt",
+                hint="name a folder of runs, or list the runs in a .txt file",
             )
         count = 0
-        page = self._told(lambda: self._system.ls(base, detail=True), base, within_s=ANSWER_S)
+        page = self._ask(lambda: self._system.ls(base, detail=True), base, within_s=ANSWER_S)
         for info in sorted(page, key=lambda info: str(info["name"])):
             own = info["name"].removeprefix(base)
             if own == info["name"] or not own or "?" in own or "#" in own or "/" in own.rstrip("/"):
-                continue  # links to elsewhere, or to the same page sorted otherwise
+                continue  # a link to another folder, or to this page in another order
             name = below + unquote(own)
             count += 1
             if info["type"] != "directory":
@@ -254,8 +259,8 @@ class Storage:
         Args:
             file: Which.
             into: Where it is put.
-            most_bytes: Where the storage does not say how large it is.
-            within_s: For whoever is not ended in time, as the process of a run is.
+            most_bytes: Where the storage does not state its size.
+            within_s: Time limit, for callers other than the process of a run, which has its own.
 
         Returns:
             Its size.
@@ -263,12 +268,12 @@ class Storage:
         Raises:
             OSError: The disk is full.
             NothingToScoreError: There is no such file.
-            UnreachableError: It does not come, or another one than was announced.
+            UnreachableError: It cannot be fetched, or is another one than was announced.
             UsageError: The storage wants other credentials.
         """
         into.parent.mkdir(parents=True, exist_ok=True)
         most = file.size if file.size >= 0 else most_bytes
-        self._told(
+        self._ask(
             lambda: self._system.get_file(file.path, str(into), callback=_bounded(most)),
             file.path,
             within_s=within_s,
@@ -281,93 +286,93 @@ class Storage:
         return size
 
     def ranges(self, file: Stored, into: Path) -> RangedFile | None:
-        """A file of which parts are fetched when they are read; `None` where it can only be had whole.
+        """A file of which parts are fetched when they are read; `None` where only the whole is served.
 
         Raises:
-            OSError: It cannot be made here.
+            OSError: It cannot be written here.
         """
-        if file.size < 0 or not file.identity or not self._gives_parts(file):
+        if file.size < 0 or not file.identity or not self._serves_parts(file):
             return None
         into.parent.mkdir(parents=True, exist_ok=True)
         return RangedFile(into, file.size, partial(self._parts, file), file.identity)
 
-    def _gives_parts(self, file: Stored) -> bool:
-        """Whether parts can be asked for: a web server may give the whole file all the same."""
+    def _serves_parts(self, file: Stored) -> bool:
+        """Whether parts can be requested: a web server may ignore that and send the whole file."""
         if not self._web:
             return True
 
-        def ask() -> bool:
+        def request() -> bool:
             with self._system.open(file.path, "rb", size=file.size, cache_type="none") as parts:
                 parts.seek(1)
                 return len(parts.read(1)) == 1
 
         try:
-            return self._told(ask, file.path, within_s=ANSWER_S)
+            return self._ask(request, file.path, within_s=ANSWER_S)
         except ScoreError:
             return False
 
     def _parts(self, file: Stored, ranges: Sequence[Range]) -> Sequence[bytes]:
         starts, ends = [start for start, _ in ranges], [end for _, end in ranges]
 
-        def ask() -> Any:
+        def request() -> Any:
             paths = [file.path] * len(ranges)
             parts = self._system.cat_ranges(paths, starts, ends, on_error="raise", batch_size=_AT_A_TIME)
             for (start, end), part in zip(ranges, parts, strict=True):
                 if len(part) > end - start:
-                    raise _GrownError("the server gives whole files where parts are asked for")
+                    raise _GrownError("the server sends whole files where parts are requested")
                 if len(part) < end - start:
                     raise OSError(f"{len(part)} bytes came instead of {end - start}")
             return parts
 
-        parts: Sequence[bytes] = self._told(ask, file.path)
+        parts: Sequence[bytes] = self._ask(request, file.path)
         return parts
 
-    def _told(self, ask: Callable[[], _Value], path: str = "", *, within_s: float | None = None) -> _Value:
-        """What a storage answers; where it fails for a moment it is asked again.
+    def _ask(self, request: Callable[[], _Value], path: str = "", *, within_s: float | None = None) -> _Value:
+        """The answer of a storage, with further attempts where it fails for a moment.
 
         Args:
-            ask: Asks it.
-            path: What about, where that is not all of it.
-            within_s: For whoever is not ended in time, as the process of a run is.
+            request: Makes the request.
+            path: What it is about, where that is not `uri`.
+            within_s: Time limit, for callers other than the process of a run, which has its own.
 
         Raises:
-            ScoreError: What is wrong, in words.
+            ScoreError: It failed; the message holds nothing secret.
         """
         about = shown(path or self.uri)
         for attempt in range(1, ATTEMPTS + 1):
             try:
-                return ask() if within_s is None else _answered(ask, within_s)
+                return request() if within_s is None else _answered(request, within_s)
             except ScoreError:
                 raise
             except Exception as cause:  # noqa: BLE001  # every protocol has errors of its own
-                error = _worded(cause, about)
+                error = _as_score_error(cause, about)
                 if not isinstance(error, UnreachableError) or attempt == ATTEMPTS or _final(cause):
                     raise error from None  # the cause may quote a secret address
                 time.sleep(PAUSE_S * 2 ** (attempt - 1))
         raise AssertionError("the last attempt returns or raises")
 
 
-def _answered(ask: Callable[[], _Value], within_s: float) -> _Value:
-    """What comes of asking, if it comes in time.
+def _answered(request: Callable[[], _Value], within_s: float) -> _Value:
+    """The answer to a request, if it comes in time.
 
-    Not every library ends its requests by itself. The thread that hangs is left behind, and as a daemon it
-    does not keep the process: those of a pool would.
+    Not every library has time limits. The thread of a request that hangs is left behind; as a daemon it
+    does not keep the process alive, as a thread of a pool would.
 
     Raises:
         _SilentError: Nothing came.
         Exception: What the library raised.
     """
-    came: SimpleQueue[tuple[bool, Any]] = SimpleQueue()
+    answers: SimpleQueue[tuple[bool, Any]] = SimpleQueue()
 
-    def asking() -> None:
+    def run() -> None:
         try:
-            came.put((True, ask()))
-        except BaseException as error:  # noqa: BLE001  # handed over to whoever waits
-            came.put((False, error))
+            answers.put((True, request()))
+        except BaseException as error:  # noqa: BLE001  # raised again by the thread that waits
+            answers.put((False, error))
 
-    Thread(target=asking, daemon=True).start()
+    Thread(target=run, daemon=True).start()
     try:
-        good, value = came.get(timeout=within_s)
+        good, value = answers.get(timeout=within_s)
     except Empty:
         raise _SilentError(f"no answer within {within_s:g} s") from None
     if good:
@@ -380,16 +385,16 @@ _AGAIN = "it changed while it was read, or the connection broke: call again"
 
 
 def load_library(scheme: str) -> None:
-    """Import what reads such URIs, where it is installed; nothing is connected."""
+    """Import the library for a kind of URI, where it is installed, without connecting to anything."""
     with suppress(ImportError, ValueError):
         _fsspec().get_filesystem_class(scheme.rpartition("::")[2])
 
 
 def _fsspec() -> Any:
-    """The library of storages, with that of gs:// told to ask over HTTP alone.
+    """The library of storages, with that of gs:// set to use HTTP alone.
 
-    Of each bucket gcsfs would first ask its kind, over gRPC. Only zonal buckets need that, and where
-    nobody answers it takes a minute, in the process of every run.
+    By default gcsfs first requests the kind of each bucket, over gRPC. Only zonal buckets need that, and
+    where nobody answers it takes a minute, in the process of every run.
     """
     import fsspec  # noqa: PLC0415  # an extra
 
@@ -413,9 +418,9 @@ def _opened(uri: str) -> tuple[Any, str]:
             hint="pip install 'ariac-score[remote]' brings those of s3://, gs:// and https://",
         ) from cause
     except Exception as cause:  # noqa: BLE001  # every protocol has errors of its own
-        error = _worded(cause, shown(uri))
+        error = _as_score_error(cause, shown(uri))
         if isinstance(error, UsageError) or isinstance(cause, OSError):
-            raise error from None  # credentials, or whoever says what they are worth
+            raise error from None  # no credentials, or the server that checks them cannot be reached
         raise UsageError(
             f"no storage can be reached by such a URI: {_plain(cause)}",
             file=shown(uri),
@@ -433,48 +438,50 @@ def _stored(info: Mapping[str, Any], path: str, name: str) -> Stored:
 
 
 def check_inside(name: str, uri: str) -> None:
-    """Refuse names that would lead out of the folder they are put in.
+    """Refuse a name that would lead out of the folder it is put in.
 
     Raises:
-        UsageError: One does.
+        UsageError: It would.
     """
     parts = name.split("/")
     if any(part in ("", ".", "..") for part in parts) or "\0" in name or "\\" in name:
         raise UsageError(
-            f"it lists {name[:80]!r}, which is no name of a file", file=shown(uri), hint="rename or remove it"
+            f"it lists {name[:80]!r}, which cannot be the name of a file",
+            file=shown(uri),
+            hint="rename or remove it",
         )
 
 
 def _bounded(most: int) -> Any:
-    """Watches a file come, and ends it where more comes than there is said to be."""
+    """A callback that ends a download once more than a number of bytes has come."""
     from fsspec.callbacks import Callback  # noqa: PLC0415  # an extra
 
     class Bounded(Callback):  # type: ignore[misc]  # of a library without types
         def call(self, *_: Any, **__: Any) -> None:
             if self.value > most:
-                raise _GrownError(f"more than the announced {most} bytes come")
+                raise _GrownError(f"more than the announced {most} bytes came")
 
     return Bounded()
 
 
 def _status(cause: BaseException) -> int:
-    """The status of HTTP that an error, or one it comes from, is about; 0 without one."""
+    """The HTTP status of an error, or of one that caused it; 0 without one."""
     for error in _chain(cause):
         if isinstance(error, OSError) and str(error).startswith("Forbidden"):
-            return 403  # so gcsfs says it
+            return 403  # an error of gcsfs has the word and not the number
         response = getattr(error, "response", None)
         answer = response.get("ResponseMetadata", {}) if isinstance(response, Mapping) else {}
-        # Of its own a `code` is gcsfs's; asked for that of its class, the library of the web complains.
+        # `vars`, because gcsfs sets `code` on the error, and reading that of aiohttp's class is deprecated.
         codes = (getattr(error, "status", 0), vars(error).get("code", 0), answer.get("HTTPStatusCode", 0))
-        for told in codes:
-            code = int(told) if isinstance(told, str) and told.isdecimal() else told
+        for stated in codes:
+            code = int(stated) if isinstance(stated, str) and stated.isdecimal() else stated
             if isinstance(code, int) and 400 <= code < 600:
                 return code
     return 0
 
 
 def _chain(cause: BaseException) -> Iterator[BaseException]:
-    """An error and those it comes from."""
+    """An error and those that caused it."""
     error: BaseException | None = cause
     while error is not None:
         yield error
@@ -482,14 +489,14 @@ def _chain(cause: BaseException) -> Iterator[BaseException]:
 
 
 def _final(cause: BaseException) -> bool:
-    """Whether it would be the same another time."""
+    """Whether another attempt would fail in the same way."""
     status = _status(cause)
     final = isinstance(cause, _GrownError | _SilentError | NotADirectoryError)
-    return final or (bool(status) and status not in _LATER)
+    return final or (bool(status) and status not in _TRANSIENT)
 
 
-def _worded(cause: BaseException, about: str) -> ScoreError:
-    """What went wrong, in words that hold nothing secret."""
+def _as_score_error(cause: BaseException, about: str) -> ScoreError:
+    """The error to raise for one of a library; its message holds nothing secret."""
     status = _status(cause)
     denied = isinstance(cause, PermissionError) or status in (401, 403, 407)
     if denied or "Credential" in type(cause).__name__ or type(cause).__name__ == "RefreshError":
@@ -509,14 +516,14 @@ def _worded(cause: BaseException, about: str) -> ScoreError:
 
 
 def _is_missing(cause: BaseException) -> bool:
-    """Whether a missing file is meant: to fsspec a host that is not there is a missing file too."""
+    """Whether a file is missing: fsspec reports a host that cannot be reached as a missing file, too."""
     below = cause.__cause__ or cause.__context__
     return below is None or isinstance(below, FileNotFoundError) or "Client" not in type(below).__name__
 
 
 def _plain(cause: BaseException) -> str:
-    """The words of an error without addresses, which may be secret."""
+    """The message of an error without addresses, which may be secret."""
     below = cause.__cause__ if isinstance(cause, FileNotFoundError) and cause.__cause__ else cause
-    words = re.sub(r"\w+://\S+", lambda found: shown(found[0].rstrip("')\"")), str(below)).strip()
-    words = _QUERY.sub("", words)  # of addresses that are told without their host
-    return f"{type(below).__name__}: {words}"[:300] if words else type(below).__name__
+    message = re.sub(r"\w+://\S+", lambda found: shown(found[0].rstrip("')\"")), str(below)).strip()
+    message = _QUERY.sub("", message)  # of addresses without their host
+    return f"{type(below).__name__}: {message}"[:300] if message else type(below).__name__

@@ -1,7 +1,7 @@
-"""Planning a batch of runs that lie elsewhere: a folder named by a URI, or a list of URIs.
+"""Planning a batch of remote runs: a folder named by a URI, or a list of URIs.
 
-A folder elsewhere is planned as if it were here: its names are laid out as empty files in a folder of
-this machine, with `competition.yaml` and what that names, and the rules of a local folder find the runs.
+A remote folder is planned like a local one: its names are laid out as empty files in a folder of this
+machine, with `competition.yaml` and what that names, and the rules for local folders find the runs.
 """
 
 from __future__ import annotations
@@ -35,24 +35,25 @@ from ariac_score.ranking.competition import FILE
 __all__ = ["LIST_ENDING", "plan_elsewhere", "plan_list"]
 
 LIST_ENDING = ".txt"
-"""Of a file that lists runs."""
+"""Suffix of a file that lists runs."""
 _LARGEST_TEXT_BYTES = 4 << 20
 _LARGEST_DATABASE_BYTES = 1 << 30
 _MOST_LINES = 100_000
 _AT_A_TIME = 16
+"""Requests to storages at a time."""
 
 
 def plan_elsewhere(
     uri: str, rules: str, work: Path, *, ranges: bool = False, part: tuple[int, int] = (1, 1)
 ) -> BatchPlan:
-    """Find the runs below a URI, as `plan_batch` finds those of a local folder.
+    """Find the runs below a URI, as `plan_batch` does in a local folder.
 
     Args:
         uri: Of a folder, a `competition.yaml`, or a list of runs.
         rules: Rule set to use instead of the one a competition names.
         work: An empty folder; the plan may name rules in it, so it has to stay until they are loaded.
         ranges: Whether only parts of recordings are to be fetched.
-        part: Number and count of the shards; of a list, the storage is asked about the runs of this one.
+        part: Number and count of the shards; for a list, only the runs of this shard are looked up.
 
     Raises:
         ScoreError: As `plan_batch`; or the storage does not answer, or wants other credentials.
@@ -60,7 +61,7 @@ def plan_elsewhere(
     if name_of(uri).endswith(LIST_ENDING):
         file = work / name_of(uri)
         _fetch_small(Storage(uri), Storage(uri).file(), file, _LARGEST_TEXT_BYTES)
-        return plan_list(file, rules, ranges=ranges, part=part, beside=_folder_of(uri))
+        return plan_list(file, rules, ranges=ranges, part=part, base=_folder_of(uri))
     if name_of(uri) == FILE:
         uri = uri[: uri.rindex(FILE)]
     storage = Storage(uri)
@@ -68,11 +69,11 @@ def plan_elsewhere(
     here = work / (name_of(uri) or "runs")
     _lay_out(storage, files, here)
     plan = plan_batch(here, rules)
-    return replace(plan, tasks=_elsewhere(plan.tasks, files, storage, here, ranges=ranges))
+    return replace(plan, tasks=_remote_tasks(plan.tasks, files, storage, here, ranges=ranges))
 
 
 def _folder_of(uri: str) -> str:
-    """The folder of a file, without what signs the address of that file alone."""
+    """The folder of a file, without a query: that is a signature for the address of the file alone."""
     web = uri.startswith(("http://", "https://"))
     return (re.split(r"[?#]", uri, maxsplit=1)[0] if web else uri).rpartition("/")[0]
 
@@ -87,12 +88,16 @@ def _listed(storage: Storage) -> list[Stored]:
 
 
 def _hidden(name: str) -> bool:
-    """Whether it is hidden at the top of the folder, where runs are looked for."""
+    """Whether it is hidden at the top of the folder, where runs are found."""
     return name.startswith(".")
 
 
+# A storage of objects may have the names `a` and `a/b` at once, which a file system cannot.
+_NAME_ERRORS = (errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.EILSEQ)
+
+
 def _lay_out(storage: Storage, files: Sequence[Stored], here: Path) -> None:
-    """Make a folder that looks like the one elsewhere to whoever only looks at names."""
+    """Make a folder with the names of the remote one."""
     here.mkdir()
     for file in files:
         place = here / file.name
@@ -100,13 +105,7 @@ def _lay_out(storage: Storage, files: Sequence[Stored], here: Path) -> None:
             place.parent.mkdir(parents=True, exist_ok=True)
             place.touch()
         except OSError as cause:
-            if cause.errno not in (
-                errno.EEXIST,
-                errno.ENOTDIR,
-                errno.EISDIR,
-                errno.ENAMETOOLONG,
-                errno.EILSEQ,
-            ):
+            if cause.errno not in _NAME_ERRORS:
                 raise
             raise UsageError(
                 f"{file.name[:80]!r} cannot be a file here: {cause.strerror}",
@@ -121,19 +120,22 @@ def _lay_out(storage: Storage, files: Sequence[Stored], here: Path) -> None:
 
 
 def _needed(file: Path, known: Mapping[str, Stored]) -> dict[str, int]:
-    """What a competition cannot be planned without: its own rules with what lies beside, and databases."""
+    """Files without which a competition cannot be planned, with the largest size of each.
+
+    Those are its databases and its own rules, with the YAML files in the same folder, which these may extend.
+    """
     try:
-        told = load_yaml(file).data
+        competition = load_yaml(file).data
     except ScoreError:
-        return {}  # whoever loads it says what is wrong
-    if not isinstance(told, dict):
+        return {}  # `plan_batch` loads it again, and reports what is wrong
+    if not isinstance(competition, dict):
         return {}
     needed: dict[str, int] = {}
-    rules, runs = told.get("rules"), told.get("runs")
+    rules, runs = competition.get("rules"), competition.get("runs")
     if isinstance(rules, str) and rules in known:
-        beside = PurePosixPath(rules).parent
+        folder = PurePosixPath(rules).parent
         for name in known:
-            if PurePosixPath(name).parent == beside and name.endswith((".yaml", ".yml")) and name != FILE:
+            if PurePosixPath(name).parent == folder and name.endswith((".yaml", ".yml")) and name != FILE:
                 needed[name] = _LARGEST_TEXT_BYTES
     databases: Any = runs.get("databases") if isinstance(runs, dict) else None
     for name in databases if isinstance(databases, list) else ():
@@ -152,10 +154,10 @@ def _fetch_small(storage: Storage, file: Stored, into: Path, largest_bytes: int)
     storage.fetch(file, into, most_bytes=largest_bytes, within_s=LISTING_S)
 
 
-def _elsewhere(
+def _remote_tasks(
     tasks: Sequence[RunTask], files: Sequence[Stored], storage: Storage, here: Path, *, ranges: bool
 ) -> tuple[RunTask, ...]:
-    """The tasks of a folder that was laid out, with the URIs of what they stand for."""
+    """The tasks of a folder that was laid out, with the URIs of the remote files."""
     below: dict[str, list[Stored]] = defaultdict(list)
     for file in files:
         for name in (file.name, *(above.as_posix() for above in PurePosixPath(file.name).parents)):
@@ -174,60 +176,60 @@ def _elsewhere(
             continue
         path, stored = uri(task.path)
         also = [uri(name) for name in task.also]
-        told = [*stored, *(file for _, configs in also for file in configs)]
+        all_stored = [*stored, *(file for _, configs in also for file in configs)]
         found.append(
             replace(
                 task,
                 path=path,
                 root=storage.uri.rstrip("/") if task.root else "",
                 also=tuple(name for name, _ in also),
-                signature=signature_of_stored(told, mode_of(ranges)),
+                signature=signature_of_stored(all_stored, mode_of(ranges)),
             )
         )
     return tuple(found)
 
 
 def plan_list(
-    file: Path, rules: str, *, ranges: bool = False, part: tuple[int, int] = (1, 1), beside: str = ""
+    file: Path, rules: str, *, ranges: bool = False, part: tuple[int, int] = (1, 1), base: str = ""
 ) -> BatchPlan:
-    """The runs that a text file lists, one a line: a URI, or a path from the folder of the list.
+    """The runs that a text file lists, one on each line: a URI, or a path relative to the list.
 
-    Before it may stand a name; otherwise the run is called as its file. Empty lines, and what follows
-    `#` at the start of a line, are passed over.
+    A name may stand before a URI; otherwise the run has the name of its file. Empty lines and lines that
+    start with `#` are skipped.
 
     Args:
         file: The list.
         rules: Rule set.
         ranges: Whether only parts of recordings are to be fetched.
-        part: Number and count of the shards; storages are asked about the runs of this one.
-        beside: The URI of the folder of the list, where it was fetched from elsewhere.
+        part: Number and count of the shards; only the runs of this shard are looked up.
+        base: The URI of the folder of the list, where it was fetched from one.
 
     Raises:
-        DataFileError: Two runs have one name, or a line is none.
+        DataFileError: Two runs have one name, or a line is no address.
         NothingToScoreError: It lists nothing.
-        UsageError: Nothing says by which rules.
+        UsageError: No rule set is given.
     """
     if not rules:
         raise UsageError(
-            "nothing says by which rules",
+            "no rule set is given",
             file=file,
-            hint="name a rule set with --rules; 'ariac-score rules list' shows those that come along",
+            hint="name a rule set with --rules; 'ariac-score rules list' shows those that are installed",
         )
     lines = _lines(file)
     tasks: dict[str, RunTask] = {}
     places: dict[str, int] = {}
     for number, line in lines:
-        name, path = _entry(file, number, line, beside)
+        name, path = _entry(file, number, line, base)
         if name in tasks:
             raise DataFileError(
-                f"two runs are called {name!r}: here and in line {places[name]}",
+                f"two runs are named {name!r}: here and in line {places[name]}",
                 file=file,
                 place=f"line {number}",
                 hint="write a name before the address: NAME URI",
             )
         tasks[name], places[name] = RunTask("", name, 1, path), number
     if not tasks:
-        raise NothingToScoreError("it lists no run", file=file, hint="write one URI or path a line")
+        raise NothingToScoreError("it lists no run", file=file, hint="write one URI or path on each line")
     ordered = sorted(tasks.values(), key=lambda task: task.key)
     mine, until = list(of_shard(ordered, *part)), time.monotonic() + LISTING_S
     with ThreadPoolExecutor(_AT_A_TIME) as pool:
@@ -240,7 +242,9 @@ def _lines(file: Path) -> list[tuple[int, str]]:
     try:
         if file.stat().st_size > _LARGEST_TEXT_BYTES:
             raise DataFileError(
-                f"a list has at most {_LARGEST_TEXT_BYTES} bytes", file=file, hint="make two lists of it"
+                f"it is longer than the {_LARGEST_TEXT_BYTES} bytes that a list may have",
+                file=file,
+                hint="split it into several lists",
             )
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as cause:
@@ -248,11 +252,15 @@ def _lines(file: Path) -> list[tuple[int, str]]:
     lines = [(i, line.strip()) for i, line in enumerate(text.splitlines(), start=1)]
     found = [(i, line) for i, line in lines if line and not line.startswith("#")]
     if len(found) > _MOST_LINES:
-        raise DataFileError(f"a list has at most {_MOST_LINES} runs", file=file, hint="make two lists of it")
+        raise DataFileError(
+            f"it lists {len(found)} runs, more than the {_MOST_LINES} that a list may have",
+            file=file,
+            hint="split it into several lists",
+        )
     return found
 
 
-def _entry(file: Path, number: int, line: str, beside: str) -> tuple[str, str]:
+def _entry(file: Path, number: int, line: str, base: str) -> tuple[str, str]:
     """Name and address of a line."""
     words = line.split()
     if not is_uri(line) and len(words) == 2 and is_uri(words[1]):
@@ -263,19 +271,19 @@ def _entry(file: Path, number: int, line: str, beside: str) -> tuple[str, str]:
                 f"{shown(line)[:80]!r} is no address of a run",
                 file=file,
                 place=f"line {number}",
-                hint="write %20 for a space; a name stands before the address",
+                hint="write %20 for a space, and a name before the address",
             )
         return name_of(line), line
-    if beside:
-        check_inside(line.rstrip("/"), f"{beside}/{file.name}")
-        uri = Storage(beside).child(line.rstrip("/"), folder=line.endswith("/"))
+    if base:
+        check_inside(line.rstrip("/"), f"{base}/{file.name}")
+        uri = Storage(base).child(line.rstrip("/"), folder=line.endswith("/"))
         return name_of(uri), uri
     path = file.parent / line
     return path.name, str(path)
 
 
 def _signed(task: RunTask, until: float, *, ranges: bool) -> RunTask:
-    """The task with what its storage says of its files; one that cannot be had says so when it is scored."""
+    """The task with the signature of its files; what a storage refuses is reported when the run is scored."""
     if not task.remote or time.monotonic() > until:
         return task
     try:

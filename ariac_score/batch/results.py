@@ -1,15 +1,15 @@
-"""What a batch found out, for those who rank it."""
+"""The results of a batch, for those who rank it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from ariac_score.batch.description import load_description
 from ariac_score.batch.index import RUNS, Row, read_rows
-from ariac_score.batch.supervise import described
 from ariac_score.errors import FormulaError, LogError, RunEndedError, ScoreError, UsageError
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.runs import without_sketch
-from ariac_score.results.result import Result
+from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import load_result
 from ariac_score.scoring.ruleset import RuleSet
 
@@ -31,14 +31,10 @@ def results_of_batch(
         UsageError: The folder holds no finished batch of this competition under these rules.
     """
     again = f"ariac-score batch {competition.file} -o {folder}"
-    told = described(folder)
-    try:
-        made_under = told["rule_set"]["id"], told["rule_set"]["sha256"]
-    except (KeyError, TypeError) as cause:
-        raise UsageError("this is no folder of a batch", file=folder, hint=again) from cause
-    if made_under != (rule_set.id, rule_set.sha256):
+    scored_under = load_description(folder, hint=again).rule_set
+    if scored_under != Pinned(rule_set.id, rule_set.sha256):
         raise UsageError(
-            f"it was scored under {made_under[0]} ({made_under[1][:12]}…), not under {rule_set.id} "
+            f"it was scored under {scored_under.id} ({scored_under.sha256[:12]}…), not under {rule_set.id} "
             f"({rule_set.sha256[:12]}…)",
             file=folder,
             hint=f"put the new prices on it first: {again}",
@@ -47,7 +43,8 @@ def results_of_batch(
     missing = [run.key for run in competition.runs if run.key not in rows]
     if missing:
         named = ", ".join("/".join(map(str, key)) for key in missing[:3])
-        raise UsageError(f"{len(missing)} runs are not in it: {named}", file=folder, hint=again)
+        runs = "run is" if len(missing) == 1 else "runs are"
+        raise UsageError(f"{len(missing)} {runs} not in it: {named}", file=folder, hint=again)
     return {run.key: _result(rows[run.key], folder, sketches=sketches) for run in competition.runs}
 
 

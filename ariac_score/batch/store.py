@@ -1,4 +1,4 @@
-"""The folder of a batch: results under content addresses, each whole or not there."""
+"""The folder of a batch: results under content addresses, each complete or absent."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LARGEST_DOCUMENT_BYTES = 1 << 30
 
 
 class Store:
-    """Where a batch keeps what it found.
+    """Where a batch keeps results and tables.
 
     ```
     OUT/objects/ab/<address of what was measured>/<rules>.json   a result, or why there is none
@@ -51,15 +51,15 @@ class Store:
 
     @property
     def journal(self) -> Path:
-        """The rows of a call that has not ended, one line each: what a killed batch had found out."""
+        """The rows of a call that has not ended, one line each: what remains of a killed batch."""
         return self.root / ".rows.jsonl"
 
     def place(self, address: str, rules_sha256: str) -> Path:
-        """Where the result of a measurement under a rule set lies, or will."""
+        """The file for the result of a measurement under a rule set."""
         return self.root / self.name_of(address, rules_sha256)
 
     def name_of(self, address: str, rules_sha256: str) -> str:
-        """That place as tables name it."""
+        """The name of that file within the folder, as tables have it."""
         return f"{_OBJECTS}/{address[:2]}/{address}/{rules_sha256[:16]}.json"
 
     def read(self, name: str) -> bytes:
@@ -75,12 +75,12 @@ class Store:
         return self.root / _OBJECTS / address[:2] / address
 
     def priced_otherwise(self, address: str) -> Path | None:
-        """The same measurement as another rule set priced it; `None` when there is none."""
+        """A result of the same measurement under any rule set; `None` when there is none."""
         folder = self.measured(address)
         return next(iter(sorted(folder.glob("*.json"))), None) if folder.is_dir() else None
 
     def put(self, place: Path, document: bytes) -> None:
-        """Write a file that is either complete or not there.
+        """Write a file that is either complete or absent.
 
         Raises:
             OSError: The disk is full, or the folder cannot be written.
@@ -94,7 +94,7 @@ class Store:
         try:
             with os.fdopen(handle, "wb") as out:
                 out.write(document)
-            part.chmod(0o644)
+            part.chmod(0o644)  # `mkstemp` lets nobody else read it
             part.replace(place)
         except BaseException:
             part.unlink(missing_ok=True)
@@ -102,12 +102,12 @@ class Store:
 
     @contextmanager
     def working(self) -> Iterator[Path]:
-        """A folder for unfinished work, alone: two batches never write into one folder.
+        """A folder for unfinished work, under a lock: two batches never write into one folder.
 
-        What an interrupted batch left behind is cleared away, half-written files included.
+        What an interrupted batch left behind is removed, half-written files included.
 
         Raises:
-            UsageError: Another batch is at work here, or nobody may write here.
+            UsageError: Another batch is writing here, or this user may not.
         """
         try:
             lock = (self.root / _LOCK).open("w")
@@ -143,12 +143,12 @@ class Store:
 
 
 def read_document(place: str | Path) -> bytes:
-    """A document of a batch, which may have been made elsewhere, in memory.
+    """The bytes of a document of a batch, which a stranger may have made.
 
     Raises:
         OSError: It is not there, cannot be read, is a pipe or device, or is larger than any document.
     """
-    status = os.stat(place)  # noqa: PTH116  # a season has thousands
+    status = os.stat(place)  # noqa: PTH116  # faster than `Path`, and a season has thousands
     if not stat.S_ISREG(status.st_mode):
         raise OSError(errno.EINVAL, "it is no plain file")
     if status.st_size > LARGEST_DOCUMENT_BYTES:
@@ -160,7 +160,7 @@ def read_document(place: str | Path) -> bytes:
 
 
 def _clear_parts(folder: str) -> None:
-    """Clear away half-written files; plain strings, for a season has as many folders as runs."""
+    """Remove half-written files; plain strings instead of `Path`, for there is a folder for each run."""
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_dir(follow_symlinks=False):

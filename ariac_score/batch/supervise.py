@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import errno
-import json
 import sqlite3
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
 from sys import intern
-from typing import IO, Any, Protocol
+from typing import IO, Protocol
 
 from ariac_score.batch.address import basis_of, measuring_address, signature_of
+from ariac_score.batch.description import DESCRIPTION, RULES, BatchDescription, Shard, refuse_other_version
 from ariac_score.batch.hash_cache import HashCache
 from ariac_score.batch.index import RUNS, Row, Rows, Written, read_rows, tables_sha256, write_tables
 from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
@@ -27,15 +27,13 @@ from ariac_score.batch.worker import Done
 from ariac_score.engine.measure import needs_alike
 from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.provenance import code_of
-from ariac_score.errors import BatchError, ResultError, ScoreError, UsageError
+from ariac_score.errors import BatchError, ResultError, ScoreError
+from ariac_score.results.result import Code, Pinned
 from ariac_score.results.result_file import load_result
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 
-__all__ = ["DESCRIPTION", "SCHEMA", "Executor", "Report", "described", "run_batch", "unwritable"]
+__all__ = ["Executor", "OnOutcome", "Report", "run_batch", "unwritable"]
 
-SCHEMA = "ariac-score/batch/1"
-DESCRIPTION = "batch.json"
-RULES = "rules.yaml"
 _BEFORE = ".rules-before.yaml"
 """The rules of the last batch that ended, until this one does: its measurements are still of use."""
 _KEEP_EVERY, _KEEP_AFTER_S = 64, 1.0
@@ -93,9 +91,10 @@ def run_batch(
     work: Path,
     executor: Executor,
     *,
-    about: Mapping[str, object],
+    name: str,
+    shard: Shard | None = None,
     again: bool = False,
-    told: OnOutcome = lambda _key, _outcome, _reason: None,
+    on_outcome: OnOutcome = lambda _key, _outcome, _reason: None,
 ) -> Report:
     """Score what is not scored yet, and write the tables.
 
@@ -106,87 +105,77 @@ def run_batch(
         store: The folder of the batch.
         work: Folder for unfinished work, from `Store.working`.
         executor: Where runs are scored.
-        about: What the description of the batch says beside rules and code.
+        name: Of the competition or folder, for the description of the batch.
+        shard: Which part of the batch the tasks are; `None` for all of it.
         again: Try those again that ended without being read to the end: late, out of memory, killed.
-        told: Called for each run.
+        on_outcome: Called for each run.
 
     Raises:
         BatchError: The folder cannot be written, as when the disk is full; what was found is kept.
         UsageError: A newer version made the folder.
         ScoreError: A check of the rules cannot be built.
     """
-    described(store.root)
-    prepared = prepare(rule_set)  # what is wrong with it is said once, not for every run
-    basis = basis_of(prepared)
+    refuse_other_version(store.root)
+    prepared = prepare(rule_set)  # what is wrong with it is reported once, not for every run
     setting = replace(setting, earlier_basis=_earlier_basis(store, prepared, setting))
-    seen, rows = HashCache(store.root), _remembering(store, work)
-    pricing = Pricing(setting, store, work)
-    settled, kept_s = _Settled(rows, told), time.monotonic()
-    now, cpu_s, contradictions, trusted = 0, 0.0, 0, _as_written(store, seen)
-
-    def missing() -> Iterator[RunTask]:
-        nonlocal contradictions
-        for task in tasks:
-            found = _stored(task, basis, setting, store, seen, rows, again=again, trusted=trusted)
-            if isinstance(found, Written):
-                contradictions += _contradicted(rows.earlier(task.key), found)
-                settled.add(task.key, found, known=True)
-            elif found is not None:
-                yield from settled.add_priced(pricing.take(found))
-            else:
-                yield _with_earlier(task, rows)
-        yield from settled.add_priced(pricing.rest())
-
-    def look(still: Iterable[RunTask]) -> None:
-        nonlocal now, cpu_s, kept_s
-        for done in executor.run(_told_apart(still, settled), setting):
-            known = _addressed(done, basis)
-            settled.add(known.task.key, Written.of(_kept(known, setting, store)))
-            seen.note(known.signature, known.contents)
-            now += 1
-            cpu_s += done.cpu_s
-            if now % _KEEP_EVERY == 0 or time.monotonic() - kept_s > _KEEP_AFTER_S:
-                seen.keep()
-                kept_s = time.monotonic()
-
+    description = BatchDescription(
+        name,
+        Pinned(rule_set.id, rule_set.sha256),
+        tuple(Code(*code) for code in code_of(prepared)),
+        "parts" if setting.ranges else "",
+        shard,
+    )
     try:
-        settled.journal = store.journal.open("a", encoding="ascii", newline="\n")
-        _describe(store, prepared, setting, about)
-        look(missing())
-        contradictions += write_tables(store, rows, work, trusted=trusted)
-        _finished(store, seen)
+        with ExitStack() as opened:
+            rows = opened.enter_context(closing(Rows(work)))
+            # The journal last: it is newer than the tables, and a later row replaces an earlier one.
+            rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
+            hashes = opened.enter_context(closing(HashCache(store.root)))
+            trusted = _unchanged(store, hashes)  # before the journal is made, whose presence is a sign
+            journal = store.journal.open("a", encoding="ascii", newline="\n")
+            opened.callback(_close, journal)
+            pricing = opened.enter_context(closing(Pricing(setting, store, work)))
+            settled = _Settled(rows, journal, on_outcome)
+            call = _Call(basis_of(prepared), setting, store, rows, hashes, pricing, settled, trusted, again)
+            _describe(store, description, setting)
+            call.score(tasks, executor)
+            call.contradictions += write_tables(store, rows, work, trusted=trusted)
+            _finish(store, hashes)
     except (OSError, sqlite3.OperationalError) as cause:
         raise unwritable(cause, store) from cause
-    finally:
-        pricing.close()
-        _let_go(settled.journal, seen, rows)
-    return Report(dict(settled.outcomes), now, cpu_s, contradictions)
+    return Report(dict(settled.outcomes), call.scored_now, call.cpu_s, call.contradictions)
+
+
+def _close(journal: IO[str]) -> None:
+    with suppress(OSError):  # each row was flushed when it was written, or that raised
+        journal.close()
 
 
 @dataclass
 class _Settled:
-    """The runs of which is known what becomes of them, kept and told as they come.
+    """The runs whose outcome is known, reported as they come.
 
     Attributes:
         rows: Where their rows go.
-        told: Who is told.
-        journal: Where rows that are new stand until the tables are written.
+        journal: Where new rows stand until the tables are written.
+        on_outcome: Called for each.
         outcomes: How many runs have which outcome.
     """
 
     rows: Rows
-    told: OnOutcome
-    journal: IO[str] | None = None
+    journal: IO[str]
+    on_outcome: OnOutcome
     outcomes: Counter[str] = field(default_factory=Counter)
 
     def add(self, key: TaskKey, row: Written, *, known: bool = False) -> None:
-        """Take the row of a run, which an earlier call has found out or this one."""
+        """Take the row of a run; `known` when an earlier call found it out."""
         self.rows.add(key, row.line)
-        if self.journal is not None and not known:
+        if not known:
             self.journal.write(row.line)
+            # The supervisor may be killed at any moment, and the next call goes on from here.
             self.journal.flush()
         self.outcomes[row.outcome] += 1
-        self.told(key, row.outcome, row.reason)
+        self.on_outcome(key, row.outcome, row.reason)
 
     def add_priced(self, found: Iterable[Priced]) -> Iterator[RunTask]:
         """Take the rows of those that have their price; the tasks for which that cannot be done."""
@@ -196,15 +185,113 @@ class _Settled:
             else:
                 self.add(one.task.key, row)
 
+    def add_refused(self, task: RunTask) -> None:
+        """Take a run that cannot be distinguished from another one."""
+        document = outcome_document("refused", task.refused, team=task.team, trial=task.trial)
+        self.add(task.key, Written.of(Row.of(task.key, summary_of(document))))
 
-def _remembering(store: Store, work: Path) -> Rows:
-    """Room for rows, with those of earlier calls."""
-    try:
-        rows = Rows(work)
-        rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
-    except sqlite3.OperationalError as cause:
-        raise unwritable(cause, store) from cause
-    return rows
+
+@dataclass
+class _Call:
+    """One call of a batch: what it works with, and what it has done.
+
+    Attributes:
+        basis: Hash of the checks, the log map and the code.
+        setting: Rules and limits.
+        store: The folder of the batch.
+        rows: Of this call and of earlier ones.
+        hashes: Of files that were hashed before.
+        pricing: Puts the prices of now on measurements of earlier rules.
+        settled: The runs whose outcome is known.
+        trusted: The tables are as this machine wrote them.
+        again: Try those again that ended without being read to the end.
+    """
+
+    basis: str
+    setting: BatchSetting
+    store: Store
+    rows: Rows
+    hashes: HashCache
+    pricing: Pricing
+    settled: _Settled
+    trusted: bool
+    again: bool
+    scored_now: int = 0
+    cpu_s: float = 0.0
+    contradictions: int = 0
+
+    def score(self, tasks: Iterable[RunTask], executor: Executor) -> None:
+        """Score those that are missing.
+
+        Raises:
+            OSError: The folder cannot be written, as when the disk is full.
+        """
+        kept_s = time.monotonic()
+        for done in executor.run(self._missing(tasks), self.setting):
+            known = self._addressed(done)
+            self.settled.add(known.task.key, Written.of(self._stored_row(known)))
+            self.hashes.note(known.signature, known.contents)
+            self.scored_now += 1
+            self.cpu_s += done.cpu_s
+            if self.scored_now % _KEEP_EVERY == 0 or time.monotonic() - kept_s > _KEEP_AFTER_S:
+                self.hashes.keep()
+                kept_s = time.monotonic()
+
+    def _missing(self, tasks: Iterable[RunTask]) -> Iterator[RunTask]:
+        """The tasks that have to be scored; all others are settled on the way."""
+        for task in tasks:
+            if task.refused:
+                self.settled.add_refused(task)
+                continue
+            found = self._stored(task)
+            if isinstance(found, Written):
+                self.contradictions += _contradicted(self.rows.earlier(task.key), found)
+                self.settled.add(task.key, found, known=True)
+            elif found is not None:
+                yield from self.settled.add_priced(self.pricing.take(found))
+            else:
+                yield _with_earlier(task, self.rows)
+        yield from self.settled.add_priced(self.pricing.rest())
+
+    def _stored(self, task: RunTask) -> Written | Measurement | None:
+        """The row of a run that is scored already, or what of it is measured under other prices.
+
+        `None` when it is neither, or nobody can tell without reading its files.
+        """
+        signature = signature_of(task)
+        contents = self.hashes.contents(signature) if signature else ""
+        if not contents:
+            return None
+        address = measuring_address(task, contents, self.basis)
+        name = self.store.name_of(address, self.setting.rules_sha256)
+        row = _row_at(task.key, name, self.store, self.rows, trusted=self.trusted)
+        if row is not None:
+            return None if self.again and row.outcome in _WORTH_ANOTHER_TRY else row
+        earlier = self.rows.earlier(task.key)
+        if earlier is not None and earlier.object.split("/")[-2:-1] == [address]:
+            return Measurement(task, address, intern(earlier.object.rpartition("/")[2]), earlier.sha256)
+        other = self.store.priced_otherwise(address)
+        return None if other is None else Measurement(task, address, intern(other.name), "")
+
+    def _addressed(self, done: Done) -> Done:
+        """What an executor brought, with its address; empty where its process hashed nothing."""
+        if done.address or done.document is None or not done.contents:
+            return done
+        return replace(done, address=measuring_address(done.task, done.contents, self.basis))
+
+    def _stored_row(self, done: Done) -> Row:
+        """The row of what came of a task, its document stored."""
+        key = done.task.key
+        if not done.address and done.document is not None:
+            return Row.of(key, summary_of(done.document))
+        name = self.store.name_of(done.address, self.setting.rules_sha256)
+        if done.document is None:
+            return Row.kept(key, self.store.read(name), name)
+        self.store.put(self.store.root / name, done.document)
+        return Row.kept(key, done.document, name)
+
+
+_WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_large", "failed"})
 
 
 def _earlier_basis(store: Store, prepared: Prepared, setting: BatchSetting) -> str:
@@ -217,7 +304,7 @@ def _earlier_basis(store: Store, prepared: Prepared, setting: BatchSetting) -> s
         rules = prepare(earlier, registry=prepared.registry)
         return basis_of(rules) if needs_alike(rules, prepared) else ""
     except (OSError, ValueError, ScoreError):
-        return ""  # the first call, or rules that cannot be read any more
+        return ""  # rules that this version, or without a plugin that is gone, cannot be read any more
 
 
 def _earlier_rules(store: Store, setting: BatchSetting) -> str:
@@ -236,70 +323,17 @@ def _with_earlier(task: RunTask, rows: Rows) -> RunTask:
     return task if row is None else replace(task, earlier=row.object, earlier_sha256=row.sha256)
 
 
-def _told_apart(tasks: Iterable[RunTask], settled: _Settled) -> Iterator[RunTask]:
-    """The tasks that can be scored; the others are settled by name."""
-    for task in tasks:
-        if not task.refused:
-            yield task
-            continue
-        document = outcome_document("refused", task.refused, team=task.team, trial=task.trial)
-        settled.add(task.key, Written.of(Row.of(task.key, summary_of(document))))
-
-
-def _stored(
-    task: RunTask,
-    basis: str,
-    setting: BatchSetting,
-    store: Store,
-    seen: HashCache,
-    rows: Rows,
-    *,
-    again: bool,
-    trusted: bool,
-) -> Written | Measurement | None:
-    """The row of a run that is scored already, or what of it is measured under other prices.
-
-    `None` when it is neither, or nobody can tell without reading its files.
-    """
-    if task.refused:
-        return None
-    signature = signature_of(task)
-    contents = seen.contents(signature) if signature else ""
-    if not contents:
-        return None
-    address = measuring_address(task, contents, basis)
-    row = _row_at(task.key, store.name_of(address, setting.rules_sha256), store, rows, trusted=trusted)
-    if row is not None:
-        return None if again and row.outcome in _WORTH_ANOTHER_TRY else row
-    earlier = rows.earlier(task.key)
-    if earlier is not None and earlier.object.split("/")[-2:-1] == [address]:
-        return Measurement(task, address, intern(earlier.object.rpartition("/")[2]), earlier.sha256)
-    other = store.priced_otherwise(address)
-    return None if other is None else Measurement(task, address, intern(other.name), "")
-
-
-_WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_large", "failed"})
-
-
 _TABLES = "the tables"
 """Under which name `HashCache` keeps the hash of the tables that were written last."""
 
 
-def _let_go(journal: IO[str] | None, seen: HashCache, rows: Rows) -> None:
-    if journal is not None:
-        with suppress(OSError):
-            journal.close()
-    seen.close()
-    rows.close()
+def _unchanged(store: Store, hashes: HashCache) -> bool:
+    """Whether the tables are as this machine wrote them: then ten thousand documents need not be parsed."""
+    return not store.journal.exists() and hashes.contents(_TABLES) == (tables_sha256(store.root) or "none")
 
 
-def _as_written(store: Store, seen: HashCache) -> bool:
-    """Whether the tables are as this machine wrote them: then ten thousand documents need not be read."""
-    return not store.journal.exists() and seen.contents(_TABLES) == (tables_sha256(store.root) or "none")
-
-
-def _finished(store: Store, seen: HashCache) -> None:
-    seen.note(_TABLES, tables_sha256(store.root))
+def _finish(store: Store, hashes: HashCache) -> None:
+    hashes.note(_TABLES, tables_sha256(store.root))
     (store.root / _BEFORE).unlink(missing_ok=True)
     store.journal.unlink()
 
@@ -329,67 +363,19 @@ def _contradicted(earlier: Written | None, found: Written) -> bool:
     )
 
 
-def _addressed(done: Done, basis: str) -> Done:
-    """What an executor brought, with the address it belongs to; empty where its process hashed nothing."""
-    if done.address or done.document is None or not done.contents:
-        return done
-    return replace(done, address=measuring_address(done.task, done.contents, basis))
-
-
-def _kept(done: Done, setting: BatchSetting, store: Store) -> Row:
-    """The row of what came of a task, its document stored."""
-    task = done.task
-    if not done.address and done.document is not None:
-        return Row.of(task.key, summary_of(done.document))
-    name = store.name_of(done.address, setting.rules_sha256)
-    if done.document is None:
-        return Row.kept(task.key, store.read(name), name)
-    store.put(store.root / name, done.document)
-    return Row.kept(task.key, done.document, name)
-
-
-def _describe(store: Store, prepared: Prepared, setting: BatchSetting, about: Mapping[str, object]) -> None:
+def _describe(store: Store, description: BatchDescription, setting: BatchSetting) -> None:
     """Write by which rules and code, and for what, before anything else."""
-    names = ("distribution", "version", "package", "sha256")
-    told = {
-        "schema": SCHEMA,
-        "rule_set": {"id": prepared.rule_set.id, "sha256": prepared.rule_set.sha256},
-        "code": [dict(zip(names, code, strict=True)) for code in code_of(prepared)],
-        **about,
-    }
-    text = json.dumps(told, sort_keys=True, indent=1, ensure_ascii=True) + "\n"
     rules, before = store.root / RULES, store.root / _BEFORE
     if rules.is_file() and not before.exists() and rules.read_bytes() != setting.rules.encode("utf-8"):
         store.put(before, rules.read_bytes())
-    for name, content in ((DESCRIPTION, text), (RULES, setting.rules)):
-        place = store.root / name
-        if not place.is_file() or place.read_text(encoding="utf-8") != content:
-            store.put(place, content.encode("utf-8"))
-
-
-def described(folder: Path) -> Mapping[str, Any]:
-    """What a batch says of itself; nothing where nobody can tell.
-
-    Raises:
-        UsageError: Another version made it, which this one cannot read.
-    """
-    try:
-        told = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    if not isinstance(told, dict) or not isinstance(told.get("schema"), str):
-        return {}
-    if told["schema"] != SCHEMA:
-        raise UsageError(
-            f"it was made as {told['schema']}, and this version reads {SCHEMA}",
-            file=folder,
-            hint="use the version that made it, or a folder of its own",
-        )
-    return told
+    for name, text in ((DESCRIPTION, description.text()), (RULES, setting.rules)):
+        place, content = store.root / name, text.encode("utf-8")
+        if not place.is_file() or place.read_bytes() != content:
+            store.put(place, content)
 
 
 def unwritable(cause: OSError | sqlite3.Error, store: Store) -> BatchError:
-    """What to tell when the folder of a batch, or a table in it, cannot be written."""
+    """The error to raise when the folder of a batch, or a table in it, cannot be written."""
     reason = getattr(cause, "strerror", None) or str(cause)
     full = getattr(cause, "errno", 0) in (errno.ENOSPC, errno.EDQUOT) or "disk is full" in reason
     return BatchError(

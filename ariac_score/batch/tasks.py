@@ -1,4 +1,4 @@
-"""What is to be scored: the runs of a competition, or whatever lies in a folder."""
+"""What is to be scored: the runs of a competition, or the entries of a folder."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ class RunTask:
         team: Its team; empty in a plain folder.
         trial: Its trial.
         number: Of the run.
-        path: Where it was recorded; a URI where a library reads it from elsewhere.
+        path: Of its log or folder; a URI where it is remote.
         root: Folder that names in the result are relative to; empty for the run's own.
-        also: Configurations that lie elsewhere.
+        also: Configurations outside its folder.
         binding: Whether those count even where the run brings its own.
-        refused: Why it cannot be told apart from another; empty when it can.
-        signature: What a storage said of its files when they were listed, hashed; empty where
-            nobody asked or nothing was said.
-        earlier: A document of it in the folder of the batch, made by other rules; empty without one.
-        earlier_sha256: Its hash.
+        refused: Why it cannot be distinguished from another run; empty when it can.
+        signature: Hash of what a storage stated about its files when they were listed; empty for local
+            files, and where the storage stated nothing.
+        earlier: Name of its document under other rules, in the folder of the batch; empty without one.
+        earlier_sha256: Hash of that document.
     """
 
     team: str
@@ -53,7 +53,7 @@ class RunTask:
 
     @property
     def remote(self) -> bool:
-        """Whether it lies elsewhere, named by a URI."""
+        """Whether it is named by a URI."""
         return "://" in self.path
 
     @property
@@ -64,7 +64,7 @@ class RunTask:
 
 @dataclass(frozen=True)
 class Limits:
-    """What one run may use before it is stopped; it costs that run alone.
+    """What one run may use before it is stopped, which costs that run alone.
 
     Attributes:
         wall_s: Time on the clock, s.
@@ -81,17 +81,17 @@ class Limits:
 
 @dataclass(frozen=True)
 class BatchSetting:
-    """What all runs of a batch have in common, in words that any worker understands.
+    """What all runs of a batch have in common, as plain values that any worker can be sent.
 
     Attributes:
         rules: The whole rule set as YAML.
         rules_id: Its id.
         rules_sha256: Hash of the files it was written in.
-        rules_file: Where it was loaded from; files it names lie beside it.
+        rules_file: Where it was loaded from; files it names are in the same folder.
         limits: For each run.
-        ranges: Whether of a recording that lies elsewhere only what is wanted is fetched.
-        earlier_basis: Of the rules that scored before in this folder, where their measurements hold
-            for checks that both have; empty otherwise.
+        ranges: Whether of a remote recording only the wanted parts are fetched.
+        earlier_basis: Basis of the rules that scored in this folder before, if their measurements hold for
+            the checks that both have; empty otherwise.
         storages: The schemes of the URIs of runs, separated by commas; workers load their libraries once.
     """
 
@@ -127,7 +127,7 @@ class BatchPlan:
         rules: Rule set by name or path.
         tasks: Sorted by key.
         competition: Where the tasks come from; `None` for a plain folder.
-        strangers: What lies among the runs without being one.
+        strangers: Entries among the runs that are none.
     """
 
     id: str
@@ -147,7 +147,7 @@ def plan_batch(path: Path, rules: str = "") -> BatchPlan:
     Raises:
         NothingToScoreError: There is nothing at the path.
         DataFileError: `competition.yaml` is malformed.
-        UsageError: Nothing says by which rules.
+        UsageError: No rule set is given.
     """
     official = path.is_dir() and ((path / FILE).is_file() or (path / "logs").is_dir())
     if path.is_file() or official:
@@ -158,9 +158,9 @@ def plan_batch(path: Path, rules: str = "") -> BatchPlan:
         )
     if not rules:
         raise UsageError(
-            "nothing says by which rules",
+            "no rule set is given",
             file=path,
-            hint="name a rule set with --rules; 'ariac-score rules list' shows those that come along",
+            hint="name a rule set with --rules; 'ariac-score rules list' shows those that are installed",
         )
     with os.scandir(path) as listed:
         names = sorted(entry.name for entry in listed if not entry.name.startswith("."))
@@ -196,10 +196,10 @@ def _of_competition(competition: Competition) -> BatchPlan:
 
 
 def shard(text: str) -> tuple[int, int]:
-    """The shard that `i/n` names, 1 to n.
+    """Number and count of a shard written as `i/n`, with i from 1 to n.
 
     Raises:
-        UsageError: It names none.
+        UsageError: It is no shard.
 
     >>> shard("2/8")
     (2, 8)
@@ -214,5 +214,5 @@ def shard(text: str) -> tuple[int, int]:
 
 
 def of_shard(tasks: Sequence[RunTask], number: int, count: int) -> Iterator[RunTask]:
-    """Every n-th task, so that neighbours, which are alike, spread over the shards."""
+    """Every n-th task: neighbours are of one team and take as long, so they spread over the shards."""
     return (task for place, task in enumerate(tasks) if place % count == number - 1)

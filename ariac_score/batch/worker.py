@@ -13,9 +13,11 @@ import signal
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
+
+import msgspec
 
 from ariac_score.batch.address import (
     RunTooLargeError,
@@ -25,10 +27,10 @@ from ariac_score.batch.address import (
     refuse_excess,
     signature_of,
 )
-from ariac_score.batch.fetched import Near, bring, still_the_same
-from ariac_score.batch.outcomes import outcome_document, outcome_of, told_within
+from ariac_score.batch.fetched import Fetched, fetch_run, is_unchanged
+from ariac_score.batch.outcomes import error_text, outcome_document, outcome_of
 from ariac_score.batch.store import Store
-from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask, TaskKey
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import reprice
@@ -43,9 +45,10 @@ from ariac_score.scoring.ruleset import RuleSet, expanded_yaml
 __all__ = [
     "NO_ROOM",
     "Done",
+    "fetched_folder",
     "installed",
-    "kept_apart",
     "limit_threads",
+    "note_file",
     "noted",
     "parse_report",
     "perform",
@@ -55,11 +58,10 @@ __all__ = [
 ]
 
 _ORPHANED_S = 60.0
-"""How long beyond its time a process lives when nobody is left who would end it."""
+"""How long a process may go on beyond its time when its supervisor is gone."""
 
 NO_ROOM = 74
-"""With which the process of a run ends when the disk is too full for its report: no fault of the run."""
-_NOTE = ".contents"
+"""Exit code of the process of a run when the disk is too full for its report: no fault of the run."""
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 _BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -67,17 +69,17 @@ _BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @dataclass(frozen=True)
 class Done:
-    """What came of a task.
+    """The outcome of a task.
 
     Attributes:
         task: The task.
-        address: Of what was measured; empty when nobody got so far.
+        address: Of the measurement; empty when it did not get so far.
         contents: Hash of the files of the run; empty likewise.
-        signature: What the file system said of them at that time.
+        signature: Hash of their status before they were read.
         document: The result or outcome; `None` when it is stored already.
-        cpu_s: What its process took of the processor, s; 0 when nobody knows.
-        put_off: Its process was killed by others, as often as it was tried; where many machines are at
-            work, it is worth another try when nothing else is under way.
+        cpu_s: Processor time of its process, s; 0 when unknown.
+        put_off: Its process was killed from outside in each attempt; on a cluster it is worth another
+            attempt when no other run is under way.
     """
 
     task: RunTask
@@ -93,11 +95,11 @@ Hashed = Callable[[str, str], None]
 """Called with the hash of the files of a run and with their signature, once both are known."""
 
 
-def _nobody(_contents: str, _signature: str) -> None:
-    """Remember nothing: nobody is left to ask when this process dies."""
+def _forget(_contents: str, _signature: str) -> None:
+    """Remember nothing: when this process dies, nobody is left to ask."""
 
 
-def perform(task: RunTask, setting: BatchSetting, out: Path | None = None, hashed: Hashed = _nobody) -> Done:
+def perform(task: RunTask, setting: BatchSetting, out: Path | None = None, hashed: Hashed = _forget) -> Done:
     """Score one run, or find that it is scored already.
 
     Args:
@@ -105,18 +107,26 @@ def perform(task: RunTask, setting: BatchSetting, out: Path | None = None, hashe
         setting: Rules and limits.
         out: Folder of the batch, where this worker can see it: a stored measurement is priced
             again instead of measured.
-        hashed: For whoever wants to know what was read even when this process does not end well.
+        hashed: Called as soon as the files are hashed, in case this process does not end well.
     """
     if task.remote:
         with tempfile.TemporaryDirectory(prefix="ariac-score-") as folder:
-            return _perform_elsewhere(task, setting, out, Path(folder), lambda _near: None)
-    return _perform_here(task, setting, out, hashed, changing=False)
+            return _perform_remote(task, setting, out, Path(folder), lambda _fetched: None)
+    return _perform_local(task, setting, out, hashed, changing=False)
 
 
-def _perform_here(
+def _perform_local(
     task: RunTask, setting: BatchSetting, out: Path | None, hashed: Hashed, *, changing: bool
 ) -> Done:
-    """Score a run whose files are here; those with holes change while they are read."""
+    """Score a run whose files are on this machine.
+
+    Args:
+        task: The run.
+        setting: Rules and limits.
+        out: As in `perform`.
+        hashed: As in `perform`.
+        changing: Its files change while they are read, because only parts were fetched so far.
+    """
     before = signature_of(task)
     try:
         refuse_excess(task, setting.limits.input_bytes)
@@ -126,16 +136,16 @@ def _perform_here(
     hashed(contents, before)
     try:
         rules, basis = prepared(setting)
-    except ScoreError as error:  # this machine has not what the one has where the batch began
-        words = told_within(error, Path(setting.rules_file).parent)
-        return Done(task, "", contents, before, _because(task, "failed", words))
+    except ScoreError as error:  # this worker lacks a plugin that the machine of the supervisor has
+        reason = error_text(error, Path(setting.rules_file).parent)
+        return Done(task, "", contents, before, _because(task, "failed", reason))
     address = measuring_address(task, contents, basis)
     store = Store(out) if out is not None else None
     if store is not None and _is_result(store.place(address, setting.rules_sha256)):
         return Done(task, address, contents, before, None)
     document = _priced_again(store, address, rules.rule_set) if store is not None else None
     if document is None:
-        known = _known(task, contents, setting, store) if store is not None else None
+        known = _measured_before(task, contents, setting, store) if store is not None else None
         document = _scored(task, rules, known)
     if not changing and signature_of(task) != before:
         document = _because(task, "changing", "its files changed while they were read; call again when done")
@@ -146,27 +156,31 @@ def _perform_here(
     return Done(task, address, contents, before, document)
 
 
-def _perform_elsewhere(
-    task: RunTask, setting: BatchSetting, out: Path | None, folder: Path, brought: Callable[[Near], None]
+def _perform_remote(
+    task: RunTask,
+    setting: BatchSetting,
+    out: Path | None,
+    folder: Path,
+    on_fetched: Callable[[Fetched], None],
 ) -> Done:
-    """Fetch a run, score what came, and see that nothing changed meanwhile."""
+    """Fetch a run, score it, and check that it did not change meanwhile."""
     rules, _ = prepared(setting)
     topics = topics_read(rules) if setting.ranges else None
     try:
-        near = bring(task, folder, topics, most_bytes=setting.limits.input_bytes)
+        fetched = fetch_run(task, folder, topics, most_bytes=setting.limits.input_bytes)
     except RunTooLargeError as error:
         return _beyond_size(task, error)
     except (ScoreError, OSError) as error:
         return _unreachable(task, error)
-    brought(near)
-    with reading(near.parts):
-        done = _perform_here(near.task, setting, out, _nobody, changing=bool(near.parts))
-        done = replace(done, task=task, signature=near.signature)
-    failures = [file.failure for file in near.parts if file.failure is not None]
+    on_fetched(fetched)
+    with reading(fetched.parts):
+        done = _perform_local(fetched.task, setting, out, _forget, changing=bool(fetched.parts))
+        done = replace(done, task=task, signature=fetched.signature)
+    failures = [file.failure for file in fetched.parts if file.failure is not None]
     if failures:
         return _unreachable(task, failures[0])
     try:
-        same = still_the_same(task, near, ranges=setting.ranges)
+        same = is_unchanged(task, fetched, ranges=setting.ranges)
     except ScoreError as error:
         return _unreachable(task, error)
     if same:
@@ -175,18 +189,18 @@ def _perform_elsewhere(
 
 
 def _beyond_size(task: RunTask, error: RunTooLargeError) -> Done:
-    """A run with more or larger files than may be; nobody hashed them, so the next call looks again."""
+    """A run with too many or too large files; they were not hashed, so the next call looks again."""
     return Done(task, "", "", "", _because(task, "too_large", f"{error}; {error.hint}"))
 
 
 def _unreachable(task: RunTask, error: Exception) -> Done:
-    """A run whose files could not be had; nothing of it is kept, so that the next call asks again."""
+    """A run whose files could not be fetched; nothing of it is kept, so that the next call tries again."""
     hint = getattr(error, "hint", "")
     return Done(task, "", "", "", _because(task, "unreachable", f"{error}; {hint}" if hint else str(error)))
 
 
 def _is_result(place: Path) -> bool:
-    """Whether a whole result lies there, which follows from itself; an outcome is found out again."""
+    """Whether a sound result lies there; not an outcome, which is found out again."""
     try:
         load_result(place)
     except ScoreError:
@@ -205,8 +219,8 @@ def _priced_again(store: Store, address: str, rule_set: RuleSet) -> bytes | None
         return None  # an outcome, a damaged file, a formula without a value: measure, and say what is wrong
 
 
-def _known(task: RunTask, contents: str, setting: BatchSetting, store: Store) -> Result | None:
-    """What was measured of the same files, by the same code, under rules that share some checks.
+def _measured_before(task: RunTask, contents: str, setting: BatchSetting, store: Store) -> Result | None:
+    """The result of the same files, by the same code, under rules that share some checks.
 
     The address says so: it is that of the earlier rules and the code of now only when neither the
     files nor any code has changed since.
@@ -221,7 +235,7 @@ def _known(task: RunTask, contents: str, setting: BatchSetting, store: Store) ->
             return None
         return read_result(place, known=True)
     except (OSError, ScoreError):
-        return None  # an outcome, or a damaged file: ask every check
+        return None  # an outcome, or a damaged file: run every check
 
 
 def _scored(task: RunTask, rules: Prepared, known: Result | None) -> bytes:
@@ -241,7 +255,7 @@ def _scored(task: RunTask, rules: Prepared, known: Result | None) -> bytes:
     except ScoreError as error:
         if isinstance(error, PluginError) and isinstance(error.__cause__, (MemoryError, OSError)):
             _blame_the_machine(error.__cause__)
-        return _because(task, outcome_of(error), told_within(error, root))
+        return _because(task, outcome_of(error), error_text(error, root))
     except MemoryError:
         raise
     except Exception as error:  # noqa: BLE001  # a fault of ours may cost one run, never the others
@@ -249,7 +263,7 @@ def _scored(task: RunTask, rules: Prepared, known: Result | None) -> bytes:
 
 
 def _blame_the_machine(cause: MemoryError | OSError) -> None:
-    """Raise what is no plugin's fault: somebody had to be the one that asked for the last of it."""
+    """Raise what is no plugin's fault: any code could have been the one to need the last memory or disk."""
     if isinstance(cause, MemoryError):
         raise MemoryError from None
     if cause.errno in _NO_ROOM:
@@ -262,15 +276,15 @@ def _because(task: RunTask, outcome: str, reason: str) -> bytes:
 
 @cache
 def installed() -> Registry:
-    """The installed plugins, found once in a process and in those that come out of it."""
+    """The installed plugins, found once in a process and in those forked from it."""
     return Registry()
 
 
 @cache
 def prepared(setting: BatchSetting) -> tuple[Prepared, str]:
-    """The rules and the basis of a setting, made once in a process and in those that come out of it."""
+    """The rules and the basis of a setting, made once in a process and in those forked from it."""
     rules = prepare(setting.rule_set(), registry=installed())
-    expanded_yaml(rules.rule_set)  # it keeps its text
+    expanded_yaml(rules.rule_set)  # cached, and every result holds it
     return rules, basis_of(rules)
 
 
@@ -280,16 +294,17 @@ def prepared(setting: BatchSetting) -> tuple[Prepared, str]:
 def perform_into(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """What the process of one run does: keep the limits, score, leave a report.
 
-    The report is a line of JSON, then the document; it appears whole or not at all. Whoever began the
-    process ends it when it is late; should nobody be left to do so, as after `kill -9`, an alarm does.
+    The report is a line of JSON, then the document; it appears whole or not at all. The supervisor ends
+    the process when it is late; after a `kill -9` of the supervisor, an alarm does.
     """
     signal.setitimer(signal.ITIMER_REAL, setting.limits.wall_s + _ORPHANED_S)
-    _keep(setting.limits, 0 if task.remote else setting.limits.output_bytes)
-    _hush()
+    # What is fetched may be larger than a result, so its size is limited only afterwards.
+    _set_limits(setting.limits, 0 if task.remote else setting.limits.output_bytes)
+    _silence()
     try:
-        _leave(_wherever(task, setting, out, report), report)
+        _write_report(_perform_within(task, setting, out, report), report)
     except MemoryError:
-        short = True  # what holds the memory is let go when this block is left
+        short = True  # the traceback, which holds the memory, is released when this block is left
     except OSError as error:
         os._exit(NO_ROOM if error.errno in _NO_ROOM else 1)
     else:
@@ -298,87 +313,113 @@ def perform_into(task: RunTask, setting: BatchSetting, out: Path | None, report:
         gc.collect()
         limit = setting.limits.memory_bytes >> 20
         reason = f"it needed more than {limit} MiB; raise --memory-mb if the log is sound"
-        _leave(Done(task, "", *noted(report), _because(task, "out_of_memory", reason)), report)
-    os._exit(0)  # nothing is left to be tidied up, and taking modules apart takes as long as a small trial
+        _write_report(Done(task, "", *noted(report), _because(task, "out_of_memory", reason)), report)
+    os._exit(0)  # nothing is left to tidy up, and a regular exit takes as long as a small trial
 
 
-def _wherever(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> Done:
-    """Score a run that lies here, or fetch it first."""
+def _perform_within(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> Done:
+    """Score a run, noting its hash and tightening the limits once its files are fetched."""
 
     def hashed(contents: str, signature: str) -> None:
-        kept_apart(report, _NOTE).write_text(f"{contents} {signature}", encoding="ascii")
+        note_file(report).write_text(f"{contents} {signature}", encoding="ascii")
 
-    def brought(near: Near) -> None:
-        hashed(near.contents, task.signature)
-        largest = max((file.size for file in near.parts), default=0)
-        _keep(setting.limits, max(largest, setting.limits.output_bytes))
+    def on_fetched(fetched: Fetched) -> None:
+        hashed(fetched.contents, task.signature)
+        largest = max((file.size for file in fetched.parts), default=0)
+        _set_limits(setting.limits, max(largest, setting.limits.output_bytes))
 
     if task.remote:
-        return _perform_elsewhere(task, setting, out, kept_apart(report, ".near"), brought)
+        return _perform_remote(task, setting, out, fetched_folder(report), on_fetched)
     return perform(task, setting, out, hashed)
 
 
 def noted(report: Path) -> tuple[str, str]:
-    """Hash and signature of the files of a run, as its process noted them; empty when it got not so far."""
+    """Hash and signature of the files of a run as its process noted them; empty when it did not."""
     try:
-        contents, _, signature = kept_apart(report, _NOTE).read_text(encoding="ascii").partition(" ")
+        contents, _, signature = note_file(report).read_text(encoding="ascii").partition(" ")
     except (OSError, ValueError):
         return "", ""
     whole = len(contents) == hashlib.sha256().digest_size * 2
     return (contents, signature) if whole else ("", "")
 
 
-def _leave(done: Done, report: Path) -> None:
+def _write_report(done: Done, report: Path) -> None:
     part = report.with_suffix(".part")
     part.write_bytes(report_of(done))
     part.replace(report)
 
 
-def kept_apart(report: Path, what: str) -> Path:
-    """Where the process of a run keeps what others clear away when it has ended."""
-    return report.with_suffix(what)
+def note_file(report: Path) -> Path:
+    """Where the process of a run notes the hash of its files; the supervisor removes it."""
+    return report.with_suffix(".contents")
+
+
+def fetched_folder(report: Path) -> Path:
+    """Where the process of a remote run puts its files; the supervisor removes it."""
+    return report.with_suffix(".fetched")
+
+
+@dataclass(frozen=True)
+class _Head:
+    """The first line of a report; what follows it is the document.
+
+    Attributes:
+        run: Team, trial and number.
+        path: Of the run.
+        address: As in `Done`.
+        contents: As in `Done`.
+        signature: As in `Done`.
+        stored: The document is stored already, and does not follow.
+        cpu_s: As in `Done`.
+        put_off: As in `Done`.
+    """
+
+    run: TaskKey
+    path: str
+    address: str
+    contents: str
+    signature: str
+    stored: bool
+    cpu_s: float
+    put_off: bool
 
 
 def report_of(done: Done) -> bytes:
-    """What came of a task, for `parse_report`."""
-    head = {"address": done.address, "contents": done.contents, "signature": done.signature}
-    head["of"] = _told(done.task)
-    head["stored"] = "yes" if done.document is None else ""
-    head["put_off"] = "yes" if done.put_off else ""
+    """The outcome of a task, for `parse_report`."""
     used = resource.getrusage(resource.RUSAGE_SELF)
-    head["cpu_s"] = str(done.cpu_s or used.ru_utime + used.ru_stime)
-    return json.dumps(head).encode("ascii") + b"\n" + (done.document or b"")
-
-
-def _told(task: RunTask) -> str:
-    return json.dumps([*task.key, task.path])
+    head = _Head(
+        done.task.key,
+        done.task.path,
+        done.address,
+        done.contents,
+        done.signature,
+        done.document is None,
+        done.cpu_s or used.ru_utime + used.ru_stime,
+        done.put_off,
+    )
+    # Not msgspec's encoder, which refuses the half surrogate pairs of names that are no UTF-8.
+    return json.dumps(asdict(head)).encode("ascii") + b"\n" + (done.document or b"")
 
 
 def parse_report(task: RunTask, report: bytes) -> Done:
-    """What a process left behind.
+    """The outcome of a task, as its process reported it.
 
     Raises:
-        ValueError: It is not whole, or is about another run: nobody may get the score of a neighbour.
+        ValueError: The report is not whole, or of another run, whose score this one may not get.
     """
     line, _, document = report.partition(b"\n")
-    head = json.loads(line)
-    if head["of"] != _told(task):
-        raise ValueError(f"it is about {head['of']}")
-    return Done(
-        task,
-        head["address"],
-        head["contents"],
-        head["signature"],
-        None if head["stored"] else document,
-        float(head["cpu_s"]),
-        bool(head["put_off"]),
-    )
+    head = msgspec.convert(json.loads(line), _Head)
+    if (head.run, head.path) != (task.key, task.path):
+        raise ValueError(f"it is a report of {head.path}")
+    stored = None if head.stored else document
+    return Done(task, head.address, head.contents, head.signature, stored, head.cpu_s, head.put_off)
 
 
-def _keep(limits: Limits, largest_bytes: int) -> None:
+def _set_limits(limits: Limits, largest_bytes: int) -> None:
     """Bind this process to its limits, 0 for none yet; nothing it starts can lift them."""
     bounds = {resource.RLIMIT_CORE: 0}
     if largest_bytes:
+        # A report has a line more than its document, which `_perform_local` holds to the limit.
         bounds[resource.RLIMIT_FSIZE] = largest_bytes + (1 << 20)
     if limits.memory_bytes:
         bounds[resource.RLIMIT_AS] = limits.memory_bytes
@@ -389,14 +430,15 @@ def _keep(limits: Limits, largest_bytes: int) -> None:
             resource.setrlimit(kind, (most, most))
 
 
-def _hush() -> None:
-    """Give what this process prints to nobody: hundreds of runs may not talk into one terminal."""
+def _silence() -> None:
+    """Discard what this process prints: hundreds of runs may not write to one terminal."""
     sys.stdout.flush()
     sys.stderr.flush()
-    words = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(words, 1)
-    os.dup2(words, 2)
-    os.close(words)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    # The descriptors, not `sys.stdout`: libraries in C print, too.
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    os.close(nowhere)
 
 
 def limit_threads() -> None:

@@ -15,6 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from ariac_score.batch.description import Shard
 from ariac_score.batch.executors import make_executor
 from ariac_score.batch.remote import is_uri
 from ariac_score.batch.remote_plans import LIST_ENDING, plan_elsewhere, plan_list
@@ -122,13 +123,8 @@ def _run(
     """Score what is missing, write the tables, say what came of it."""
     store = Store(arguments.output)
     tasks = list(of_shard(plan.tasks, *part))
-    about: dict[str, object] = {"batch": plan.id}
-    if setting.ranges:
-        about["read"] = "parts"
-    if part != (1, 1):
-        about["shard"] = {"number": part[0], "of": part[1]}
     try:
-        with store.working() as work, _progress(len(tasks)) as told:
+        with store.working() as work, _progress(len(tasks)) as on_outcome:
             executor = make_executor(
                 arguments.executor,
                 jobs=arguments.jobs,
@@ -137,7 +133,16 @@ def _run(
                 work=work,
             )
             report = run_batch(
-                tasks, rule_set, setting, store, work, executor, about=about, again=arguments.again, told=told
+                tasks,
+                rule_set,
+                setting,
+                store,
+                work,
+                executor,
+                name=plan.id,
+                shard=None if part == (1, 1) else Shard(*part),
+                again=arguments.again,
+                on_outcome=on_outcome,
             )
     except KeyboardInterrupt:
         print("interrupted; what was scored is kept, and the same command goes on", file=sys.stderr)

@@ -12,7 +12,7 @@ from typing import Any
 
 from ariac_score.batch.tasks import BatchSetting, Limits
 from ariac_score.errors import UsageError
-from ariac_score.platforms.codabench import Bundle, Problem, check_bundle, dry_run, pack, score, write_bundle
+from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
 from ariac_score.platforms.evalai import (
     Api,
     ApiError,
@@ -22,6 +22,7 @@ from ariac_score.platforms.evalai import (
     challenge_files,
     check_challenge,
 )
+from ariac_score.platforms.problems import Problem
 from ariac_score.platforms.submission import load_phase
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import write
@@ -35,7 +36,8 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "platform",
-        description="Write what a platform needs, check it before the upload, try it as the platform would.",
+        description="Write the files that a platform needs, check them before the upload, and try them as "
+        "the platform would.",
     )
     platforms = parser.add_subparsers(dest="platform", metavar="PLATFORM", required=True)
     _codabench(platforms.add_parser("codabench", help="bundle, check, dry-run, pack, score"))
@@ -57,59 +59,60 @@ def _codabench(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="ID[=CONFIG]",
-        help="a trial, with its configuration; may be given several times",
+        help="a trial, with its configuration; repeatable",
     )
     one.add_argument("--time-limit-s", type=int, default=600, metavar="S", help="for one submission")
-    one.add_argument("-o", "--output", type=Path, required=True, metavar="ZIP")
+    one.add_argument("-o", "--output", type=Path, required=True, metavar="ZIP", help="file to write")
     one.set_defaults(run=_bundle)
-    one = actions.add_parser("check", help="what the platform would reject late, or get wrong in silence")
-    one.add_argument("bundle", type=Path, metavar="ZIP")
+    one = actions.add_parser("check", help="find what the platform would reject late or get wrong in silence")
+    one.add_argument("bundle", type=Path, metavar="ZIP", help="the competition bundle")
     one.set_defaults(run=_check_bundle)
-    one = actions.add_parser("dry-run", help="do to a submission what the platform's worker does")
-    one.add_argument("bundle", type=Path, metavar="ZIP")
-    one.add_argument("submission", type=Path, metavar="SUBMISSION")
-    one.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder to lay it out in"
-    )
+    one = actions.add_parser("dry-run", help="score a submission as the platform's worker does")
+    one.add_argument("bundle", type=Path, metavar="ZIP", help="the competition bundle")
+    one.add_argument("submission", type=Path, metavar="SUBMISSION", help="the zip of a team")
+    one.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="new folder to work in")
     one.set_defaults(run=_dry_run)
-    one = actions.add_parser("pack", help="a submission that the platform does not take for a program")
+    one = actions.add_parser("pack", help="pack a submission that the platform does not take for a program")
     one.add_argument("trials", type=Path, nargs="+", metavar="TRIAL", help="log, or folder of a trial")
-    one.add_argument("-o", "--output", type=Path, required=True, metavar="ZIP")
+    one.add_argument("-o", "--output", type=Path, required=True, metavar="ZIP", help="file to write")
     one.set_defaults(run=_pack)
-    one = actions.add_parser("score", help="what the scoring program does in its container")
+    one = actions.add_parser("score", help="score a submission; for the scoring program in its container")
     one.add_argument("input", type=Path, metavar="INPUT", help="folder with ref and res")
-    one.add_argument("output", type=Path, metavar="OUTPUT")
+    one.add_argument("output", type=Path, metavar="OUTPUT", help="folder for scores and page")
     one.set_defaults(run=_score)
 
 
 def _evalai(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     one = actions.add_parser("config", help="write challenge_config.yaml")
-    one.add_argument("--title", required=True)
-    one.add_argument("--phase", required=True, metavar="CODENAME")
+    one.add_argument("--title", required=True, help="of the challenge")
+    one.add_argument(
+        "--phase", required=True, metavar="CODENAME", help="code name of the phase, such as finals"
+    )
     where = one.add_mutually_exclusive_group()
     where.add_argument("-o", "--output", type=Path, metavar="FILE", help="the configuration alone")
     where.add_argument(
         "--folder",
         type=Path,
         metavar="DIR",
-        help="the configuration with the files that the importer asks for",
+        help="the configuration with the files that the importer requires",
     )
     one.set_defaults(run=_config)
-    one = actions.add_parser("check", help="what the platform would get wrong in silence")
-    one.add_argument("config", type=Path, metavar="FILE")
+    one = actions.add_parser("check", help="find what the platform would get wrong in silence")
+    one.add_argument("config", type=Path, metavar="FILE", help="challenge_config.yaml")
     one.set_defaults(run=_check_config)
     one = actions.add_parser(
         "worker",
         help="score the submissions of a challenge",
-        description="Takes AUTH_TOKEN, API_SERVER, QUEUE_NAME and CHALLENGE_PK from the environment, and "
-        "AUTH_SCHEME (Bearer or Token; without it the one is tried that the other is refused for).",
+        description="Score the submissions in the queue of a challenge. Takes AUTH_TOKEN, API_SERVER, "
+        "QUEUE_NAME and CHALLENGE_PK from the environment, and AUTH_SCHEME: Bearer or Token; without it, "
+        "both are tried.",
     )
     one.add_argument(
         "phase", type=Path, metavar="DIR", help="reference data: phase.json, ruleset.yaml, trials/"
     )
     one.add_argument(
-        "--store", type=Path, required=True, metavar="DIR", help="folder for submissions, answers"
+        "--store", type=Path, required=True, metavar="DIR", help="folder for submissions and answers"
     )
     one.add_argument(
         "--phase-codename",
@@ -130,40 +133,42 @@ def _bundle(arguments: argparse.Namespace) -> int:
     }
     bundle = Bundle(arguments.title, arguments.image, arguments.start, arguments.end, arguments.time_limit_s)
     write_bundle(bundle, rule_set, BatchSetting.of(rule_set, limits), trials, arguments.output)
-    print(f"wrote {arguments.output}; 'platform codabench dry-run' tries it with a submission")
+    print(f"wrote {plain(str(arguments.output))}; 'platform codabench dry-run' tries it with a submission")
     return _check_bundle(argparse.Namespace(bundle=arguments.output))
 
 
 def _check_bundle(arguments: argparse.Namespace) -> int:
-    return _told(check_bundle(arguments.bundle))
+    return _show(check_bundle(arguments.bundle))
 
 
 def _check_config(arguments: argparse.Namespace) -> int:
-    return _told(check_challenge(arguments.config))
+    return _show(check_challenge(arguments.config))
 
 
-def _told(problems: Sequence[Problem]) -> int:
+def _show(problems: Sequence[Problem]) -> int:
     for problem in problems:
         word = "problem" if problem.severe else "worth a look"
         print(plain(f"{word}: {problem.where}: {problem.what}"))
         print(plain(f"  hint: {problem.remedy}"))
     if not problems:
-        print("nothing that the platform would trip over")
+        print("no problem found")
     return EXIT_PROBLEMS if any(problem.severe for problem in problems) else 0
 
 
 def _dry_run(arguments: argparse.Namespace) -> int:
     code = dry_run(arguments.bundle, arguments.submission, arguments.output)
-    words = "the platform would show" if code == 0 else "the platform would show a failure, and keep only"
-    shown = "scores.json and detailed_results.html" if code == 0 else "detailed_results.html"
-    print(f"{words} {shown} in {arguments.output / 'output'}")
+    output = plain(str(arguments.output / "output"))
+    if code == 0:
+        print(f"the platform would show scores.json and detailed_results.html in {output}")
+    else:
+        print(f"the platform would show a failure, and keep only detailed_results.html in {output}")
     return code
 
 
 def _pack(arguments: argparse.Namespace) -> int:
     count = pack(arguments.trials, arguments.output)
     size = arguments.output.stat().st_size
-    print(f"wrote {arguments.output}: {count} file{'' if count == 1 else 's'}, {size} bytes")
+    print(f"wrote {plain(str(arguments.output))}: {count} file{'' if count == 1 else 's'}, {size} bytes")
     return 0
 
 
@@ -194,19 +199,19 @@ def _worker(arguments: argparse.Namespace) -> int:
     server, token, queue, challenge = (os.environ[name] for name in names)
     api = Api(server, token, queue, int(challenge), os.environ.get("AUTH_SCHEME", ""))
     phase, codename = load_phase(arguments.phase), arguments.phase_codename
-    worker = Worker(api, phase, arguments.store, time.sleep, _say, codename)
+    worker = Worker(api, phase, arguments.store, time.sleep, _log, codename)
     while True:
         try:
             if worker.once():
                 continue
         except ApiError as error:
-            _say(f"the platform could not be asked: {error}")
-            if not error.passes or arguments.once:
+            _log(f"the platform did not answer: {error}")
+            if not error.transient or arguments.once:
                 raise UsageError(str(error), hint="check server, token, queue and challenge") from error
         if arguments.once:
             return 0
         time.sleep(_IDLE_S)
 
 
-def _say(line: str) -> None:
+def _log(line: str) -> None:
     print(plain(line), file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""Documents held against the published schemas; JSON read strictly."""
+"""Published schemas and the check of documents against them; strict JSON; where the shipped data are."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def strict_json(text: str, *, parse_float: Callable[[str], Any] = float) -> Any:
 
     Args:
         text: The whole text.
-        parse_float: What makes numbers with a point or exponent.
+        parse_float: Makes the value of a number with a point or exponent.
 
     Raises:
-        ValueError: Not JSON, a key stands twice in an object, or a number is none (NaN) or without end.
+        ValueError: Not JSON, a key comes twice in an object, or a number is NaN or infinite.
         RecursionError: It is nested too deeply.
 
     >>> strict_json('{"a": 1, "a": 2}')
@@ -50,7 +50,8 @@ def schema(name: str) -> Any:
 
 
 def _folder(package: str) -> Path:
-    """Where a package of data lies; `importlib.resources` takes longer to load than to read it."""
+    """The folder of a package of data."""
+    # Not `importlib.resources`, which takes longer to load than the data to read.
     (folder,) = import_module(f"ariac_score.{package}").__path__
     return Path(folder)
 
@@ -63,21 +64,22 @@ def _validator(name: str, definition: str) -> Draft202012Validator:
 
 
 def schema_errors(data: Any, name: str, definition: str = "") -> list[tuple[Place, str, str]]:
-    """What breaks a schema: for each fault its path, the cause and the remedy, misspelt keys first."""
+    """The faults of a value by a schema: for each its path, the cause and the remedy."""
     faults = [_deepest(fault) for fault in _validator(name, definition).iter_errors(data)]
-    worded = [(fault.validator == "required", _worded(fault)) for fault in faults]
-    # A key that is missing is most often there, misspelt.
-    return [fault for _, fault in sorted(worded, key=lambda one: (one[0], [str(p) for p in one[1][0]]))]
+    described = [(fault.validator == "required", _description(fault)) for fault in faults]
+    # Missing keys last: most often the key is there, misspelt, and its own fault says so better.
+    return [fault for _, fault in sorted(described, key=lambda one: (one[0], [str(p) for p in one[1][0]]))]
 
 
 def _deepest(fault: Any) -> Any:
-    """The fault inside an `anyOf` that went furthest, which is what the author meant."""
+    """The fault within an `anyOf` at the deepest place: that alternative is most likely the one meant."""
     while fault.context:
         fault = max(fault.context, key=lambda inner: (len(inner.absolute_path), -len(str(inner.message))))
     return fault
 
 
-def _worded(fault: Any) -> tuple[Place, str, str]:
+def _description(fault: Any) -> tuple[Place, str, str]:
+    """Path, cause and remedy of a fault."""
     path = tuple(fault.absolute_path)
     if fault.validator == "additionalProperties" and isinstance(fault.instance, dict):
         known = [*fault.schema.get("properties", {})]
@@ -111,7 +113,7 @@ def _worded(fault: Any) -> tuple[Place, str, str]:
 
 
 def validate(document: YamlDocument, name: str, *, error: type[DataFileError] = DataFileError) -> None:
-    """Hold a document against a published schema.
+    """Check a document against a published schema.
 
     Raises:
         DataFileError: (or `error`) with file, line, path, cause and remedy of the first fault.

@@ -1,7 +1,4 @@
-"""Data files: safe YAML from strangers, our own schemas, and where the shipped data lies.
-
-This is the one place that knows where `rules/` and `schemas/` are.
-"""
+"""YAML that strangers may have written, read within limits, with the line of each value."""
 
 from __future__ import annotations
 
@@ -19,22 +16,14 @@ __all__ = ["Place", "RepeatedKey", "YamlDocument", "is_there", "load_yaml", "par
 
 
 MAX_BYTES = 4_000_000
-
-
 MAX_DEPTH = 64
-
-
 MAX_NODES = 200_000
 """Nodes after aliases are expanded, so that a few lines cannot stand for billions."""
-
-
 LARGEST_INTEGER = 2**64
-"""Beyond this no time stamp is meant, and Python may refuse to print the number."""
+"""No time stamp is larger, and Python refuses to print a number of thousands of digits."""
 
-
+# The loader in C is absent where PyYAML was installed without libyaml.
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
 _TAG_MAP, _TAG_SEQ = "tag:yaml.org,2002:map", "tag:yaml.org,2002:seq"
 
 
@@ -47,12 +36,12 @@ def _never(_path: Place) -> bool:
 
 @dataclass(frozen=True)
 class RepeatedKey:
-    """A key that stands twice in one map; the later value was taken.
+    """A key that comes twice in one map; the later value was taken.
 
     Attributes:
         path: From the root.
-        line: Where it stands again, from 1.
-        first_line: Where it stood first.
+        line: Of the later one, from 1.
+        first_line: Of the earlier one.
     """
 
     path: Place
@@ -69,7 +58,7 @@ class YamlDocument:
         file: The file as the user named it.
         sha256: Hash of its bytes.
         lines: Line (from 1) of each value, by its path from the root.
-        repeats: Keys given twice where the caller lets them be.
+        repeats: Keys given twice, where the caller allows that.
     """
 
     data: Any
@@ -79,7 +68,7 @@ class YamlDocument:
     repeats: tuple[RepeatedKey, ...] = ()
 
     def place(self, path: Sequence[str | int]) -> str:
-        """Words for a path: the line and a JSON path such as `line 7, $.terms.order`."""
+        """A path for an error message: the line and a JSON path, such as `line 7, $.terms.order`."""
         where = "$" + "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path)
         known = tuple(path)
         while known and known not in self.lines:
@@ -108,7 +97,7 @@ def read_text(path: Path, *, error: type[DataFileError] = DataFileError, max_byt
 
 
 def is_there(path: Path) -> bool:
-    """Whether something lies at a path; nothing does where the system refuses the name."""
+    """Whether a path exists; it does not where the system refuses the name."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -159,9 +148,9 @@ def parse_yaml(
     except yaml.MarkedYAMLError as cause:
         mark = cause.problem_mark or cause.context_mark
         place = f"line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        words = " ".join(w for w in (cause.context, cause.problem) if w)
+        problem = " ".join(text for text in (cause.context, cause.problem) if text)
         raise error(
-            f"malformed YAML: {words}", file=file, place=place, hint="check indentation, quotes and colons"
+            f"malformed YAML: {problem}", file=file, place=place, hint="check indentation, quotes and colons"
         ) from None
     except yaml.YAMLError as cause:
         raise error(
@@ -177,7 +166,7 @@ def parse_yaml(
 
 
 def _check_depth(text: str, file: str, error: type[DataFileError]) -> None:
-    """Refuse deep nesting before anything recursive sees it."""
+    """Refuse deep nesting before anything recursive sees it: `yaml.compose` would exhaust the stack."""
     depth = 0
     events: Iterator[Any] = iter(yaml.parse(text, Loader=_Loader))
     for event in events:
@@ -274,12 +263,12 @@ class _Builder:
         try:
             value = self._scalars.construct_object(node)
         except (yaml.YAMLError, ValueError) as cause:
-            words = str(cause).splitlines()[0]
+            problem = str(cause).splitlines()[0]
             raise self._refusal(
-                node, f"{node.value!r} is not a plain value: {words}", "quote it if text is meant"
+                node, f"{node.value!r} is not a plain value: {problem}", "quote it if text is meant"
             ) from None
         if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
-            raise self._refusal(node, "so large a whole number is not allowed", "quote it if text is meant")
+            raise self._refusal(node, "so large a number is not allowed", "quote it if text is meant")
         return value
 
     def _items(self, node: yaml.MappingNode, path: Place) -> Iterator[tuple[Any, Any]]:

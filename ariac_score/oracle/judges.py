@@ -1,9 +1,9 @@
-"""What an oracle thinks of a trace: the standing of every check after each event.
+"""The opinion of an oracle about a trace: the verdict of every check after each event.
 
-The verdict of an event is that of the trace up to and including it. What a monitor has
-said counts for as long as it accepts a gap; after that nothing is known, and nothing is
-claimed. A check whose monitor cannot watch online, or whose signals the log map does
-not give as they are, has its say when the trace is over.
+The verdict of an event is that of the trace up to and including it. The verdict of a monitor
+counts for as long as the monitor accepts a gap; after that it is unknown. A check is judged
+only when the trace is over if its monitor cannot watch online, or if it needs signals that
+the log map does not map directly from a topic.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Event = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Opinion:
-    """What to answer.
+    """The answer to an event.
 
     Attributes:
         verdict: One of the words of the protocol, in lower case.
@@ -65,7 +65,7 @@ class Judge(Protocol):
         """Judge the trace up to and including an event.
 
         Raises:
-            ValueError: The event cannot be judged; the trace stands as before.
+            ValueError: The event cannot be judged; the state does not change.
         """
         ...
 
@@ -82,7 +82,7 @@ class Bench(Protocol):
     later: Mapping[str, str]
 
     def judge(self) -> Judge:
-        """A judge who knows nothing yet."""
+        """A judge at the beginning of a trace."""
         ...
 
 
@@ -95,10 +95,10 @@ class _Live:
 
     Attributes:
         name: The check.
-        plugin: What it uses.
-        monitor: Built.
+        plugin: Of its monitor.
+        monitor: With its parameters.
         signals: Those of the log map that it needs.
-        max_gap_s: How long what it says counts, s; without end where it speaks of events alone.
+        max_gap_s: How long its verdict counts, s; infinite where it needs only events.
     """
 
     name: str
@@ -133,7 +133,7 @@ class RulesBench:
             if not why_not:
                 gap_s = min((need.max_gap_s for need in each.needs if not need.optional), default=math.inf)
                 live = _Live(name, each.plugin, check, _signals_for(check, self._map), gap_s)
-                why_not = str(getattr(_begun(live, self._map.bodies), "undecided", ""))
+                why_not = str(getattr(_watch(live, self._map.bodies), "undecided", ""))
             if why_not:
                 later[name] = why_not
             else:
@@ -144,7 +144,7 @@ class RulesBench:
         self._topics = _topics(self._map, wanted, registry)
 
     def judge(self) -> Judge:
-        """A judge who knows nothing yet."""
+        """A judge at the beginning of a trace."""
         return _RulesJudge(self._lives, self._topics, self._map.bodies)
 
 
@@ -168,7 +168,7 @@ def _signals_for(check: OnlineMonitor, log_map: LogMap) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class _Source:
-    """Where the value of one signal stands in the events of one topic."""
+    """The fields of the events of one topic that hold the value of one signal."""
 
     signal: str
     unit: str
@@ -176,10 +176,10 @@ class _Source:
     at_least: float
 
     def sample(self, event: Event, t_s: float) -> Sample:
-        """The sample an event holds.
+        """The sample that an event holds.
 
         Raises:
-            ValueError: It holds none that can be one.
+            ValueError: A field is missing, no number, or impossible for the signal.
         """
         if len(self.paths) == 1:
             return Sample(self.signal, t_s, self._number(event, self.paths[0]), self.unit)
@@ -202,18 +202,18 @@ class _Source:
 
 @dataclass(frozen=True)
 class _Topic:
-    """What the events of one topic hold.
+    """How the events of one topic are read.
 
     Attributes:
         sources: Its signals.
-        decoders: Who understands its messages, each with the type that the log map gives them.
+        decoders: Of its messages, each with the type that the log map gives them.
     """
 
     sources: tuple[_Source, ...] = ()
     decoders: tuple[tuple[str, GuardedDecoder], ...] = ()
 
     def events(self, event: Event, t_s: float) -> list[Happened]:
-        """What an event tells that happened; what cannot be understood is left to the end."""
+        """The events of the trial in a message; one that cannot be decoded is left to the end."""
         found = []
         for type_, decoder in self.decoders:
             try:
@@ -249,38 +249,39 @@ def _source(field_map: FieldMap) -> _Source:
     return _Source(field_map.signal, field_map.unit, paths, known.at_least if known else -math.inf)
 
 
-class _Said:
-    """What one check says by now, by subject, each with the time at which it said so."""
+class _CheckState:
+    """The latest verdict of one check for each subject, with the time of the event that led to it."""
 
     def __init__(self, live: _Live, bodies: Sequence[Body]) -> None:
-        self.live, self.watch = live, _begun(live, bodies)
-        self.standings: dict[str, tuple[InstantVerdict, float | None]] = {}
+        self.live, self.watch = live, _watch(live, bodies)
+        self.verdicts: dict[str, tuple[InstantVerdict, float | None]] = {}
+        # Times are floats: a gap of exactly the longest may come out a little larger.
         self.longest_s = live.max_gap_s + 1e-9
 
     def step(self, samples: Sequence[Sample], events: Sequence[Happened], t_s: float | None) -> None:
-        """Have it take what has come."""
+        """Have the monitor take samples and events."""
         signals = self.live.signals
         own = [sample for sample in samples if sample.signal in signals]
         if not own and not events:
             return
         try:
-            for standing in self.watch.step(own, events):
-                self.standings[standing.subject] = standing, t_s
+            for verdict in self.watch.step(own, events):
+                self.verdicts[verdict.subject] = verdict, t_s
         except Exception as cause:
             live = self.live
             raise broken(live.plugin, f"raised {type(cause).__name__}: {cause}", of=live.name) from cause
 
     def known(self, t_s: float | None) -> Iterator[InstantVerdict]:
-        """What still counts at the time of an event, as far as that has one."""
-        for standing, said_s in self.standings.values():
+        """The verdicts that still count at the time of an event; all of them where it has none."""
+        for verdict, since_s in self.verdicts.values():
             if (
-                standing.final
+                verdict.final
                 or t_s is None
-                or said_s is None
-                or t_s - said_s <= self.longest_s
-                or clock_of(t_s) != clock_of(said_s)
+                or since_s is None
+                or t_s - since_s <= self.longest_s
+                or clock_of(t_s) != clock_of(since_s)  # nothing follows from times of two clocks
             ):
-                yield standing
+                yield verdict
 
 
 class _RulesJudge:
@@ -288,7 +289,7 @@ class _RulesJudge:
 
     def __init__(self, lives: Sequence[_Live], topics: Mapping[str, _Topic], bodies: Sequence[Body]) -> None:
         self._topics = topics
-        self._said = [_Said(live, bodies) for live in lives]
+        self._states = [_CheckState(live, bodies) for live in lives]
         self._latest: dict[str, float] = {}
 
     def take(self, event: Event) -> Opinion:
@@ -303,8 +304,8 @@ class _RulesJudge:
             self._check_times(samples, t_s)
         events = topic.events(event, 0.0 if t_s is None else t_s) if topic.decoders else []
         if samples or events:
-            for said in self._said:
-                said.step(samples, events, t_s)
+            for state in self._states:
+                state.step(samples, events, t_s)
         return self._opinion(t_s)
 
     def _check_times(self, samples: Sequence[Sample], t_s: float) -> None:
@@ -320,26 +321,27 @@ class _RulesJudge:
         violated: list[tuple[str, InstantVerdict]] = []
         undecided = nothing = False
         everything_final = True
-        for said in self._said:
-            speaks = not said.live.signals  # of an event that did not come nothing has to be said
-            for standing in said.known(t_s):
-                speaks = True
-                everything_final = everything_final and standing.final
-                if standing.verdict is Verdict.VIOLATED:
-                    violated.append((said.live.name, standing))
-                elif standing.verdict is Verdict.INCONCLUSIVE:
+        for state in self._states:
+            known = not state.live.signals  # a check of events alone has no verdict before the first of them
+            for verdict in state.known(t_s):
+                known = True
+                everything_final = everything_final and verdict.final
+                if verdict.verdict is Verdict.VIOLATED:
+                    violated.append((state.live.name, verdict))
+                elif verdict.verdict is Verdict.INCONCLUSIVE:
                     undecided = True
-            everything_final = everything_final and bool(said.live.signals)
-            nothing = nothing or not speaks
+            # A later event may still violate a check of events alone.
+            everything_final = everything_final and bool(state.live.signals)
+            nothing = nothing or not known
         if violated:
-            words = "; ".join(f"{name}: {s.subject}: {s.message}" for name, s in violated)
-            return Opinion(FALSE if any(s.final for _, s in violated) else CURRENTLY_FALSE, words)
-        if undecided or nothing or not any(said.standings for said in self._said):
+            spec = "; ".join(f"{name}: {v.subject}: {v.message}" for name, v in violated)
+            return Opinion(FALSE if any(v.final for _, v in violated) else CURRENTLY_FALSE, spec)
+        if undecided or nothing or not any(state.verdicts for state in self._states):
             return Opinion(UNKNOWN)
         return Opinion(TRUE if everything_final else CURRENTLY_TRUE)
 
 
-def _begun(live: _Live, bodies: Sequence[Body]) -> OnlineWatch:
+def _watch(live: _Live, bodies: Sequence[Body]) -> OnlineWatch:
     try:
         return live.monitor.begin(bodies)
     except Exception as cause:
@@ -349,11 +351,11 @@ def _begun(live: _Live, bodies: Sequence[Body]) -> OnlineWatch:
 # Specifications --------------------------------------------------------------------------
 
 SPEC_MONITOR = "rml.spec"
-"""The monitor that judges events by a specification file; its parameter `spec` names the file."""
+"""The monitor that judges events by a specification; its parameter `spec` is the text."""
 
 
 class SpecBench:
-    """Judges by a specification, which speaks of events as they are.
+    """Judges by a specification of events, without a log map.
 
     Args:
         file: The specification.
@@ -395,7 +397,9 @@ class SpecBench:
         try:
             self._guarded(monitor.begin_events)
         except ValueError as cause:
-            raise RuleSetError(f"nothing can be judged by it: {cause}", file=file) from cause
+            raise RuleSetError(
+                f"no event can be judged by it: {cause}", file=file, hint="correct the specification"
+            ) from cause
 
     def _built(self, parameters: Mapping[str, object], file: Path) -> object:
         try:
@@ -404,7 +408,7 @@ class SpecBench:
             raise RuleSetError(error.cause, file=file, hint=error.hint) from error
 
     def judge(self) -> Judge:
-        """A judge who knows nothing yet."""
+        """A judge at the beginning of a trace."""
         return _SpecJudge(self._guarded(self._monitor.begin_events), self._guarded)
 
     def _guarded(self, call: Callable[..., Any], *arguments: object) -> Any:
@@ -424,22 +428,18 @@ class _SpecJudge:
 
     def take(self, event: Event) -> Opinion:
         """Judge the trace up to and including an event."""
-        standing: InstantVerdict = self._guarded(self._watch.take, _bare(event))
-        return Opinion(_word(standing), standing.message if standing.verdict is Verdict.VIOLATED else "")
+        verdict: InstantVerdict = self._guarded(self._watch.take, _without_verdict(event))
+        return Opinion(_word(verdict), verdict.message if verdict.verdict is Verdict.VIOLATED else "")
 
 
-def _bare(event: Event) -> dict[str, Any]:
-    """The event without what an earlier oracle added to it."""
-    return dict(_members(event))
+def _without_verdict(event: Event) -> dict[str, Any]:
+    """The event without the verdict that an earlier oracle added."""
+    return {name: value for name, value in event.items() if name not in ("verdict", "spec")}
 
 
-def _members(event: Event) -> Iterator[tuple[str, Any]]:
-    return ((name, value) for name, value in event.items() if name not in ("verdict", "spec"))
-
-
-def _word(standing: InstantVerdict) -> str:
-    if standing.verdict is Verdict.VIOLATED:
-        return FALSE if standing.final else CURRENTLY_FALSE
-    if standing.verdict is Verdict.INCONCLUSIVE:
+def _word(verdict: InstantVerdict) -> str:
+    if verdict.verdict is Verdict.VIOLATED:
+        return FALSE if verdict.final else CURRENTLY_FALSE
+    if verdict.verdict is Verdict.INCONCLUSIVE:
         return UNKNOWN
-    return TRUE if standing.final else CURRENTLY_TRUE
+    return TRUE if verdict.final else CURRENTLY_TRUE

@@ -1,4 +1,4 @@
-"""The verdicts of an earlier run held against ours, event by event."""
+"""The recorded verdicts of an earlier run compared with ours, event by event."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from ariac_score.oracle.judges import UNKNOWN, Bench, Judge, Opinion
 __all__ = ["NEGATIVE", "Disagreement", "Replay", "replay", "replay_text"]
 
 NEGATIVE = frozenset({"false", "currently_false", "violation", "violated"})
-"""The verdicts that a monitor takes for a violation; text and truth values alike, in lower case."""
+"""The verdicts that a monitor takes for a violation; text and truth values, in lower case."""
 
 _SHOWN = 20
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """An event of which one side says that it violates, and the other that it does not.
+    """An event that is a violation by the recorded verdict and none by ours, or the other way round.
 
     Attributes:
-        line: Where it stands in the log.
+        line: Its line in the log.
         channel: Its topic.
         theirs: The recorded verdict.
-        ours: What our judge says.
+        ours: The opinion of our judge.
     """
 
     line: int
@@ -39,9 +39,9 @@ class Replay:
     """How the recorded verdicts compare.
 
     Attributes:
-        agreeing: Events on which both say the same.
-        undecided: Events of which one side, or both, do not know.
-        without: Events for which no verdict is recorded.
+        agreeing: Events on which both agree.
+        undecided: Events that at least one of the two cannot decide.
+        without: Events without a recorded verdict.
         differences: In order of the log.
     """
 

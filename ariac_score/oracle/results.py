@@ -1,11 +1,10 @@
-"""What is left when an oracle stops: findings and scores as of the logs, and how the conversations went."""
+"""What an oracle writes when it stops: findings and scores of its logs, and a report of its connections."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
@@ -14,14 +13,60 @@ from ariac_score.engine.read import find_trial, read_needed
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import NothingToScoreError, ScoreError
 from ariac_score.oracle.conversation import Conversation
+from ariac_score.results.codec import Format
 from ariac_score.results.result import Measured
 from ariac_score.results.result_file import as_json, findings_json
 from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["SCHEMA", "report_json", "write_results"]
+__all__ = ["Connection", "OracleReport", "report_json", "write_results"]
 
-SCHEMA = "ariac-score/oracle/1"
 REPORT = "oracle.json"
+
+
+@dataclass(frozen=True)
+class Connection:
+    """How one connection went.
+
+    Attributes:
+        log: Name of its event log.
+        events: Events in the log.
+        verdicts: How often each verdict was given.
+        bad_frames: Frames that were no JSON object.
+        unjudged_events: Events that could not be judged.
+        first_fault: What was wrong with the first of either; empty when there was none.
+        ended: How it ended.
+        not_scored: Why its log has no findings; empty when it has.
+    """
+
+    log: str
+    events: int
+    verdicts: Mapping[str, int]
+    bad_frames: int
+    unjudged_events: int
+    first_fault: str
+    ended: str
+    not_scored: str
+
+
+@dataclass(frozen=True)
+class OracleReport:
+    """How the connections of an oracle went.
+
+    It has no clock, so that the same conversations give the same bytes.
+
+    Attributes:
+        judged_by: The rule set's or specification's name.
+        refused_connections: How many were refused.
+        connections: In the order in which they came.
+    """
+
+    judged_by: str
+    refused_connections: int
+    connections: tuple[Connection, ...]
+
+
+REPORT_FORMAT = Format("oracle", 1, OracleReport, made_by="'oracle'")
+"""How a report is stored."""
 
 
 def write_results(
@@ -35,8 +80,8 @@ def write_results(
 ) -> list[Path]:
     """Write the report and, under a rule set, findings and score of every event log.
 
-    Scoring a log afterwards gives the same: it is what is done here. A log without
-    orders has no score, but its monitors have their findings.
+    The logs are scored as `score` would, so both give the same. A log without orders has no score, but
+    its monitors have their findings.
 
     Args:
         folder: Where the event logs are.
@@ -53,7 +98,7 @@ def write_results(
     faults: dict[Path, str] = {}
     registry = Registry()
     for conversation in conversations if rule_set is not None else ():
-        assert rule_set is not None  # or there is nothing to go through
+        assert rule_set is not None  # without one, the loop is empty
         try:
             written += _scored(conversation.log, rule_set, log_map, registry)
         except ScoreError as error:
@@ -77,10 +122,10 @@ def _scored(log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> l
 
 
 def _measured(log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> Measured:
-    """The findings in a log that no order makes a trial of.
+    """The findings in a log that has no orders, and so is no trial.
 
     Raises:
-        ScoreError: The log holds nothing at all, or a plugin fails.
+        ScoreError: The log is empty, or a plugin fails.
     """
     prepared = prepare(rule_set, log_map=log_map, registry=registry)
     bundle, readers = find_trial(log, registry)
@@ -95,27 +140,22 @@ def report_json(
     refused: int = 0,
     faults: dict[Path, str] | None = None,
 ) -> str:
-    """How the conversations went, as text; it has no clock, so the same ones give the same bytes."""
-    data = {
-        "schema": SCHEMA,
-        "judged_by": judged_by,
-        "refused_connections": refused,
-        "connections": [_data(conversation, faults or {}) for conversation in conversations],
-    }
-    return json.dumps(data, sort_keys=True, indent=1) + "\n"
-
-
-def _data(conversation: Conversation, faults: dict[Path, str]) -> dict[str, Any]:
-    return {
-        "log": conversation.log.name,
-        "events": conversation.events,
-        "verdicts": dict(conversation.verdicts),
-        "bad_frames": conversation.bad_frames,
-        "unjudged_events": conversation.unjudged,
-        "first_fault": conversation.first_fault,
-        "ended": conversation.ended,
-        "not_scored": faults.get(conversation.log, ""),
-    }
+    """The report on some conversations, as JSON."""
+    not_scored = faults or {}
+    connections = tuple(
+        Connection(
+            conversation.log.name,
+            conversation.events,
+            dict(conversation.verdicts),
+            conversation.bad_frames,
+            conversation.unjudged,
+            conversation.first_fault,
+            conversation.ended,
+            not_scored.get(conversation.log, ""),
+        )
+        for conversation in conversations
+    )
+    return REPORT_FORMAT.text(OracleReport(judged_by, refused, connections))
 
 
 def _write(file: Path, text: str) -> None:

@@ -1,9 +1,8 @@
 """The WebSocket side of the oracle: connections, limits, and an end in which nothing is lost.
 
-The protocol is that of the library `websockets`, without its input and output: one thread
-for each connection waits for the client, judges, and replies, and nobody else touches its
-socket. So an event is answered without passing from thread to thread, and what a flood
-brings at once is answered at once.
+The protocol comes from the library `websockets`, without its input and output: one thread for
+each connection waits for the client, judges, and replies, and no other thread uses its socket.
+So no event has to pass from thread to thread, and events that arrive together are answered together.
 """
 
 from __future__ import annotations
@@ -26,27 +25,27 @@ if TYPE_CHECKING:
 
 __all__ = ["Limits", "Oracle"]
 
-_TOO_BIG, _GOING_AWAY = 1009, 1001
+_TOO_BIG, _GOING_AWAY = 1009, 1001  # close codes of RFC 6455, section 7.4.1
 _LAST_PORT = 65_535
 _OPENING_S = 5.0
-"""How long one who has connected may take to say that it speaks the protocol, s."""
+"""How long a client may take for the handshake, s."""
 _STRANGERS = 16
-"""How many may be about to say so, beyond the connections that are taken."""
+"""How many clients may be in the handshake, beyond the connections that are accepted."""
 _LOOK_EVERY_S = 0.05
-"""How often one who waits looks whether it is time to stop, s."""
+"""How often a thread that waits checks whether the oracle stops, s."""
 _CHUNK_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What one oracle takes on.
+    """What one oracle accepts.
 
     Attributes:
         frame_bytes: A longer frame ends its connection.
-        connections: Further ones are refused at the handshake, which a monitor takes for an
-            absent oracle; refused later it would take the end for a verdict.
+        connections: Further ones are refused at the handshake, as if there were no oracle; a monitor
+            would take a later refusal for a verdict.
         events_per_s: A connection that sends more is read more slowly, not cut off; 0: any rate.
-        closing_s: How long a client may take to say goodbye when the oracle stops, s.
+        closing_s: How long a client may take to close the connection when the oracle stops, s.
     """
 
     frame_bytes: int = 1_000_000
@@ -58,7 +57,7 @@ class Limits:
         if not 0 < self.frame_bytes <= MAX_LINE_BYTES:
             raise ValueError(f"a frame may have 1 to {MAX_LINE_BYTES:,} bytes, which a log can hold")
         if self.connections < 1 or not self.events_per_s >= 0 or not self.closing_s > 0:
-            raise ValueError("at least one connection, a rate from 0, and time to close are needed")
+            raise ValueError("at least one connection, a rate of 0 or more, and time to close are needed")
 
 
 class Pace:
@@ -77,7 +76,7 @@ class Pace:
         self._left, self._at = events_per_s, now() if events_per_s else 0.0
 
     def step(self) -> None:
-        """Take one event, waiting first where the rate asks for it."""
+        """Take one event, after the time that the rate requires."""
         if not self._rate:
             return
         if self._left < 1.0:
@@ -96,14 +95,14 @@ class Oracle:
 
     Args:
         bench: Makes the judges.
-        folder: Where the event log of each connection goes; made where missing.
+        folder: For the event log of each connection; made where missing.
         host: Address to listen on.
         port: Port; 0 takes any free one.
-        limits: What it takes on.
+        limits: What it accepts.
 
     Raises:
-        UsageError: The address cannot be had, the folder cannot be written or holds
-            something already, or the library for the protocol is not installed.
+        UsageError: The address is not free, the folder cannot be written or is not empty, or the library
+            for the protocol is not installed.
     """
 
     def __init__(
@@ -130,7 +129,7 @@ class Oracle:
 
     @property
     def url(self) -> str:
-        """Where it is reached."""
+        """Its address."""
         host, port = self._socket.getsockname()[:2]
         return f"ws://{f'[{host}]' if ':' in host else host}:{port}"
 
@@ -141,7 +140,7 @@ class Oracle:
                 client, _ = self._socket.accept()
             except TimeoutError:
                 continue
-            except OSError:  # closed by `stop`; or out of handles, which a connection that ends gives back
+            except OSError:  # closed by `stop`; or out of file handles, until a connection ends
                 self._stopping.wait(_LOOK_EVERY_S)
                 continue
             with self._changed:
@@ -167,7 +166,7 @@ class Oracle:
             thread.join(max(0.0, self._stopped_at_s + patience_s - time.monotonic()))
 
     def _late(self) -> bool:
-        """Whether clients have had all the time to say goodbye."""
+        """Whether clients have had all their time to close."""
         return time.monotonic() > self._stopped_at_s + self._limits.closing_s
 
     # One connection, in a thread of its own ----------------------------------------------
@@ -179,23 +178,23 @@ class Oracle:
                 conversation = self._greeted(wire)
                 if conversation is not None:
                     self._converse(wire, conversation)
-                wire.say_goodbye(self._limits.closing_s)
+                wire.close(self._limits.closing_s)
         except OSError:
-            pass  # it has gone
+            pass  # the client has gone
         finally:
             with self._changed:
                 self._threads.discard(threading.current_thread())
 
     def _greeted(self, wire: _Wire) -> Conversation | None:
-        """The conversation with one who asked for it; `None` where it did not, or cannot be had."""
+        """The conversation after the handshake; `None` where the client made none, or was refused."""
         until_s = time.monotonic() + _OPENING_S
         while not self._stopping.is_set() and time.monotonic() < until_s and not wire.ended:
             wire.receive()
             for request in wire.protocol.events_received():
-                response = wire.protocol.accept(request)  # type: ignore[arg-type]  # that comes first
+                response = wire.protocol.accept(request)  # type: ignore[arg-type]  # the first event is the request
                 conversation = self._begun() if response.status_code == _SWITCHING else None
                 if response.status_code == _SWITCHING and conversation is None:
-                    response = wire.protocol.reject(503, "the oracle has all the connections it takes\n")
+                    response = wire.protocol.reject(503, "the oracle has as many connections as it accepts\n")
                 wire.protocol.send_response(response)
                 try:
                     wire.flush()
@@ -216,7 +215,7 @@ class Oracle:
             log = self._folder / f"connection_{number:03}.jsonl"
             try:
                 conversation = Conversation(self._bench.judge(), log)
-            except OSError:  # what it says could not be kept
+            except OSError:  # its log cannot be written
                 self.refused += 1
                 return None
             self.conversations.append(conversation)
@@ -243,7 +242,7 @@ class Oracle:
 
     def _answer_all(self, wire: _Wire, conversation: Conversation) -> None:
         def wait(seconds: float) -> None:
-            wire.flush()  # what was answered is not kept back with what has to wait
+            wire.flush()  # earlier replies do not wait with this one
             self._stopping.wait(seconds)
 
         pace, message = Pace(self._limits.events_per_s, wait), _Message()
@@ -262,7 +261,7 @@ class Oracle:
             wire.receive()
 
     def _how(self, protocol: ServerProtocol) -> str:
-        """How a connection came to its end."""
+        """How a connection ended, for the report."""
         sent = protocol.close_sent
         if protocol.close_rcvd_then_sent:
             return "closed by the client"
@@ -282,7 +281,7 @@ class _Wire:
     Args:
         client: Its socket.
         protocol: What they mean.
-        late: Whether the oracle stops and has waited long enough.
+        late: Whether the oracle stops, and has waited long enough.
 
     Attributes:
         ended: Whether the client sends no more.
@@ -297,26 +296,26 @@ class _Wire:
 
     @property
     def closing(self) -> bool:
-        """Whether either side has said goodbye."""
+        """Whether either side has closed the connection."""
         return self.protocol.close_rcvd is not None or self.protocol.close_sent is not None
 
     def receive(self) -> None:
-        """Wait a little while for what comes."""
+        """Wait a short time for bytes."""
         try:
-            came = self._socket.recv(_CHUNK_BYTES)
+            received = self._socket.recv(_CHUNK_BYTES)
         except TimeoutError:
             return
-        if came:
-            self.protocol.receive_data(came)
+        if received:
+            self.protocol.receive_data(received)
         else:
             self.ended = True
             self.protocol.receive_eof()
 
     def flush(self) -> None:
-        """Send what is to be sent; a client that does not read is waited for.
+        """Send what the protocol has to send, waiting for a client that does not read.
 
         Raises:
-            ConnectionError: It does not take it, and the oracle stops; or it has gone.
+            ConnectionError: The client has gone; or it does not read, and the oracle stops.
         """
         parts = self.protocol.data_to_send()
         if not parts:
@@ -332,13 +331,14 @@ class _Wire:
                 raise
             except OSError as cause:
                 raise ConnectionResetError(cause.strerror) from cause
-        if parts[-1] == b"":  # the protocol's word for the end
+        if parts[-1] == b"":  # so `websockets` marks the end of the stream
             self._socket.shutdown(socket.SHUT_WR)
 
-    def say_goodbye(self, within_s: float) -> None:
-        """Say that the oracle stops, where nobody has said goodbye, and let the client finish.
+    def close(self, within_s: float) -> None:
+        """Close the connection, if neither side has, and let the client finish.
 
-        What it still sends is read, for otherwise it could lose what it has not read yet.
+        What it still sends is read: a socket that is closed with unread bytes is reset, and the client
+        would lose replies that it has not read yet.
         """
         if self.protocol.state.name == "OPEN":
             self.protocol.send_close(_GOING_AWAY, "the oracle stops")
@@ -350,7 +350,7 @@ class _Wire:
 
 
 class _Message:
-    """Puts a message together from its frames; others may stand between them."""
+    """Puts a message together from its frames; control frames may come between them."""
 
     def __init__(self) -> None:
         from websockets.frames import DATA_OPCODES  # noqa: PLC0415  # only those who serve need it
@@ -374,7 +374,7 @@ class _Message:
 
 
 def _library() -> type[ServerProtocol]:
-    """The protocol, from the library that speaks it.
+    """The protocol, from its library.
 
     Raises:
         UsageError: It is not installed.
@@ -392,10 +392,10 @@ def _bound(host: str, port: int) -> socket.socket:
     """A socket that listens.
 
     Raises:
-        UsageError: The address cannot be had.
+        UsageError: The address is not free.
     """
     try:
-        if not 0 <= port <= _LAST_PORT:  # some systems would take another one
+        if not 0 <= port <= _LAST_PORT:  # some systems would take another port
             raise ValueError("ports are 0 to 65535")
         (family, *_, address), *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         return socket.create_server(address[:2], family=family)
@@ -416,7 +416,7 @@ def _empty_folder(folder: Path) -> Path:
         ) from cause
     if taken is not None:
         raise UsageError(
-            f"holds something already ({taken.name})",
+            f"it is not empty: {taken.name} is in it",
             file=folder,
             hint="name a new folder with -o: results are not overwritten",
         )

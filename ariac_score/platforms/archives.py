@@ -1,14 +1,16 @@
-"""Archives that strangers sent, opened within limits: no way out of the folder, no links, no bombs."""
+"""Archives of strangers, unpacked within limits: no way out of the folder, no links, no bombs."""
 
 from __future__ import annotations
 
+import errno
+import io
 import lzma
 import stat
 import struct
 import tarfile
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -16,11 +18,14 @@ from typing import IO
 
 from ariac_score.errors import LogError
 
-__all__ = ["ArchiveLimits", "is_archive", "unpack"]
+__all__ = ["PACKED_STAMP", "ArchiveLimits", "is_archive", "unpack", "zipped"]
+
+PACKED_STAMP = (2020, 1, 1, 0, 0, 0)
+"""The time of all members of the zips we write: the same files give the same bytes."""
 
 _BLOCK = 1 << 20
 _SMALL = 1 << 20
-"""Below this size no ratio is a bomb."""
+"""What any archive may unpack to, whatever its ratio."""
 
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -34,8 +39,8 @@ _DAMAGE = (
     RuntimeError,
     ValueError,
 )
-"""What the library says of damage: RuntimeError of a password or an unknown method (NotImplementedError),
-ValueError of a name that is no UTF-8 (UnicodeDecodeError), of a date or of a place before the file."""
+"""What the libraries raise for damage: also RuntimeError for a password or an unknown method
+(NotImplementedError), ValueError for a name that is no UTF-8 (UnicodeDecodeError), a date or an offset."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +92,16 @@ def unpack(archive: Path, into: Path, limits: ArchiveLimits | None = None) -> tu
 
     Raises:
         LogError: It is damaged or encrypted, a name leads out of the folder or comes twice, a
-            member is a link or a device, or a limit is passed; what came out before stays in the folder.
+            member is a link or a device, or a limit is exceeded; what came out before stays in the folder.
+        OSError: The disk is full, which is no fault of the archive.
     """
     limits = limits or ArchiveLimits()
     into.mkdir(parents=True, exist_ok=True)
     try:
         return tuple(sorted(_unpacked(archive, into, limits)))
     except _DAMAGE as cause:
+        if isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise
         raise _refused(archive, "", f"it cannot be read: {cause}", "send the archive again") from cause
 
 
@@ -106,10 +114,9 @@ def _unpacked(archive: Path, into: Path, limits: ArchiveLimits) -> Iterator[Path
         parts = _parts(archive, member, limits)
         if not parts:
             continue
+        # Where capitals do not matter, as on macOS, the second of two such names replaces the first.
         folded = "/".join(parts).casefold()
-        if seen.get(folded, "folder" if member.folder else "") != ("folder" if member.folder else ""):
-            raise _refused(archive, member.name, "the name comes twice", "keep one of the two")
-        if not member.folder and folded in seen:
+        if folded in seen and not (member.folder and seen[folded] == "folder"):
             raise _refused(archive, member.name, "the name comes twice", "keep one of the two")
         seen[folded] = "folder" if member.folder else "file"
         target = into.joinpath(*parts)
@@ -119,13 +126,13 @@ def _unpacked(archive: Path, into: Path, limits: ArchiveLimits) -> Iterator[Path
         target.parent.mkdir(parents=True, exist_ok=True)
         assert member.stream is not None
         with closing(member.stream) as source, target.open("xb") as out:
-            while block := source.read(_BLOCK):
+            while block := source.read(_BLOCK):  # counted, for the sizes in the headers may lie
                 total += len(block)
                 if total > limits.bytes:
                     raise _refused(archive, member.name, f"it holds more than {limits.bytes} bytes", _SMALLER)
                 if total > most:
-                    words = f"it unpacks to more than {limits.ratio} times its size"
-                    raise _refused(archive, member.name, words, "an archive of logs does not")
+                    cause = f"it unpacks to more than {limits.ratio} times its size"
+                    raise _refused(archive, member.name, cause, "no archive of logs does; pack it again")
                 out.write(block)
         yield target
 
@@ -137,7 +144,7 @@ def _members(archive: Path) -> Iterator[_Member]:
     if zipfile.is_zipfile(archive):
         with zipfile.ZipFile(archive) as zipped:
             for info in zipped.infolist():
-                mode = info.external_attr >> 16
+                mode = info.external_attr >> 16  # as Unix has it; 0 where the archive was made elsewhere
                 plain = not mode or stat.S_IFMT(mode) in (0, stat.S_IFREG, stat.S_IFDIR)
                 if not info.filename:
                     raise _refused(archive, "", "a member has no name", _RENAME)
@@ -172,6 +179,18 @@ def _parts(archive: Path, member: _Member, limits: ArchiveLimits) -> tuple[str, 
 
 
 _RENAME = "name it plainly and pack again"
+
+
+def zipped(files: Mapping[str, bytes]) -> bytes:
+    """A zip of files by name; the same files give the same bytes."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name, content in files.items():
+            info = zipfile.ZipInfo(name, PACKED_STAMP)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = 0o644 << 16
+            packed.writestr(info, content)
+    return out.getvalue()
 
 
 def _refused(archive: Path, member: str, cause: str, hint: str) -> LogError:

@@ -1,11 +1,10 @@
-"""Codabench: a bundle for the organiser, a pack for the team, and the program that scores.
+"""Codabench: a bundle for the organiser, a pack for the team, and the scoring program.
 
 Source: notes on Codabench (commit c7dbc75), sections 2 and 5.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import re
@@ -28,9 +27,10 @@ import yaml
 from ariac_score.batch.tasks import BatchSetting
 from ariac_score.documents.yaml import is_there, parse_yaml
 from ariac_score.errors import LogError, ScoreError, UsageError
-from ariac_score.platforms.archives import unpack
-from ariac_score.platforms.neutral import COLUMNS, checked_metrics
+from ariac_score.platforms.archives import PACKED_STAMP, unpack, zipped
+from ariac_score.platforms.neutral import COLUMNS
 from ariac_score.platforms.page import progress_page, result_page
+from ariac_score.platforms.problems import Problem, mappings_in
 from ariac_score.platforms.submission import (
     HASHES,
     PHASE,
@@ -44,17 +44,17 @@ from ariac_score.platforms.submission import (
 from ariac_score.results.result_file import as_json
 from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["Bundle", "Problem", "check_bundle", "dry_run", "pack", "score", "write_bundle", "zipped"]
+__all__ = ["Bundle", "check_bundle", "dry_run", "pack", "score", "write_bundle"]
 
 EXIT_SCORER_FAILED = 3
 DEFAULT_QUEUE_S = 600
 """Longest run on the platform's own queue, s, whatever a phase asks for."""
 LONGEST_KEY = 36
-_STAMP = (2020, 1, 1, 0, 0, 0)
-"""Of all members of the zips we write: the same bundle has the same bytes."""
+"""Characters of the key of a column, which the platform's database holds."""
 _DIGEST = re.compile(r".+@sha256:[0-9a-f]{64}")
 _TRIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 _RESERVED = ("metadata.yaml", "metadata")
+"""Files at the root of a zip by which the platform takes it for a program."""
 
 _PROGRAM = '''\
 """Scores a submission with ariac-score, which is part of the image."""
@@ -71,9 +71,9 @@ def main(inputs, output):
         from ariac_score.platforms.codabench import score
     except Exception:
         traceback.print_exc()
-        words = "The scorer could not be started. The organisers have the log; this attempt should not count."
+        text = "The scorer could not be started. The organisers have the log; this attempt should not count."
         page = Path(output) / "detailed_results.html"
-        page.write_text(f"<!doctype html><meta charset=utf-8><p>{html.escape(words)}</p>", encoding="utf-8")
+        page.write_text(f"<!doctype html><meta charset=utf-8><p>{html.escape(text)}</p>", encoding="utf-8")
         return 3
     return score(Path(inputs), Path(output))
 
@@ -104,23 +104,6 @@ class Bundle:
     time_limit_s: int = DEFAULT_QUEUE_S
     submissions: int = 30
     submissions_per_day: int = 3
-
-
-@dataclass(frozen=True)
-class Problem:
-    """Something the platform would not have told of, or only much later.
-
-    Attributes:
-        where: File and place.
-        what: What is wrong.
-        remedy: What to do.
-        severe: Whether the bundle cannot work like this.
-    """
-
-    where: str
-    what: str
-    remedy: str
-    severe: bool = True
 
 
 # The bundle ------------------------------------------------------------------------------
@@ -155,8 +138,6 @@ def write_bundle(
     names = {trial: f"trials/{trial}.yaml" if config else "" for trial, config in trials.items()}
     reference = {PHASE: phase_text(bundle.title, setting, names).encode(), RULES: setting.rules.encode()}
     reference |= {names[trial]: _content(config) for trial, config in trials.items() if config}
-    keys = [column.key for column in COLUMNS]
-    reference["leaderboard_keys.json"] = (json.dumps(keys) + "\n").encode()
     reference[HASHES] = hashes_text(reference).encode()
     metadata = "command: python3 /app/program/scoring.py /app/input /app/output\n"
     program = {"metadata.yaml": metadata.encode(), "scoring.py": _PROGRAM.encode()}
@@ -196,7 +177,7 @@ def _unwritable(output: Path, cause: OSError) -> UsageError:
 
 
 def _competition(bundle: Bundle, rule_set: RuleSet) -> str:
-    told = {
+    competition = {
         "version": 2,
         "title": bundle.title,
         "description": f"Scored by ariac-score under {rule_set.id}: {rule_set.title}",
@@ -248,7 +229,7 @@ def _competition(bundle: Bundle, rule_set: RuleSet) -> str:
             }
         ],
     }
-    return yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
+    return yaml.safe_dump(competition, sort_keys=False, allow_unicode=True)
 
 
 def _rules_page(rule_set: RuleSet) -> str:
@@ -257,20 +238,8 @@ def _rules_page(rule_set: RuleSet) -> str:
     return f"# {rule_set.title}\n\nSource: {rule_set.source}\n\n{notes}\n## Columns\n\n{columns}"
 
 
-def zipped(files: Mapping[str, bytes]) -> bytes:
-    """A zip of files by name; the same files give the same bytes."""
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as packed:
-        for name, content in files.items():
-            info = zipfile.ZipInfo(name, _STAMP)
-            info.compress_type = zipfile.ZIP_DEFLATED
-            info.external_attr = 0o644 << 16
-            packed.writestr(info, content)
-    return out.getvalue()
-
-
 def _logo() -> bytes:
-    """A plain square, 64 pixels wide: the platform wants a picture."""
+    """A plain square, 64 pixels wide: the platform requires a picture."""
     row = b"\0" + b"\x1f\x5f\x8b" * 64
     header = struct.pack(">IIBBBBB", 64, 64, 8, 2, 0, 0, 0)
     chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(row * 64)), (b"IEND", b""))
@@ -285,7 +254,7 @@ def _logo() -> bytes:
 
 
 def check_bundle(path: Path) -> list[Problem]:
-    """Everything about a bundle that the platform rejects late, or gets wrong in silence."""
+    """Everything about a bundle that the platform rejects late or gets wrong in silence."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             unpack(path, Path(folder))
@@ -302,53 +271,54 @@ def _problems(folder: Path) -> Iterator[Problem]:
         )
         return
     try:
-        told = parse_yaml(file.read_bytes(), file=file.name).data
+        competition = parse_yaml(file.read_bytes(), file=file.name).data
     except ScoreError as error:
         yield Problem("competition.yaml", error.cause, error.hint)
         return
-    if not isinstance(told, dict):
-        yield Problem("competition.yaml", "it is no mapping", "write it with 'platform codabench bundle'")
+    if not isinstance(competition, dict):
+        yield Problem("competition.yaml", "it is no mapping", _WRITE)
         return
-    yield from _leaderboard_problems(told)
-    yield from _phase_problems(told)
-    if not _DIGEST.fullmatch(str(told.get("docker_image", ""))):
+    yield from _leaderboard_problems(competition)
+    yield from _phase_problems(competition)
+    if not _DIGEST.fullmatch(str(competition.get("docker_image", ""))):
         yield Problem(
             "competition.yaml: docker_image",
-            "the image is not named by its digest, so that scores may change when somebody pushes another",
+            "the image is not named by its digest: scores may change when another one is pushed",
             "give NAME@sha256:DIGEST",
             severe=False,
         )
-    if not _listed(told, "tasks"):
-        yield Problem("competition.yaml: tasks", "there is none", "write it with 'platform codabench bundle'")
-    for task in _listed(told, "tasks"):
+    tasks = mappings_in(competition, "tasks")
+    if not tasks:
+        yield Problem("competition.yaml: tasks", "there is none", _WRITE)
+    for task in tasks:
         for key in ("scoring_program", "reference_data"):
             yield from _member_problems(folder, str(task.get(key, "")), key)
-    for page in [*(p.get("file") for p in _listed(told, "pages")), told.get("image"), told.get("terms")]:
+    pages = [page.get("file") for page in mappings_in(competition, "pages")]
+    for page in (*pages, competition.get("image"), competition.get("terms")):
         if page and not (is_there(folder / str(page)) and (folder / str(page)).is_file()):
             yield Problem("competition.yaml", f"{page} is not in the zip", "add the file")
 
 
-def _listed(told: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
-    value = told.get(key)
-    return [entry for entry in value if isinstance(entry, dict)] if isinstance(value, list) else []
+_WRITE = "write it with 'platform codabench bundle'"
 
 
-def _leaderboard_problems(told: Mapping[str, Any]) -> Iterator[Problem]:
+def _leaderboard_problems(competition: Mapping[str, Any]) -> Iterator[Problem]:
     where = "competition.yaml: leaderboards"
-    if "leaderboards" not in told:
-        wrong = " ('leaderboard' is what the documentation says, and the unpacker rejects it)"
+    if "leaderboards" not in competition:
+        wrong = " ('leaderboard', as the documentation has it, is rejected by the platform)"
         yield Problem(
-            where, f"there is none{wrong if 'leaderboard' in told else ''}", "name it 'leaderboards'"
+            where, f"there is none{wrong if 'leaderboard' in competition else ''}", "name it 'leaderboards'"
         )
         return
-    columns = [column for board in _listed(told, "leaderboards") for column in _listed(board, "columns")]
+    boards = mappings_in(competition, "leaderboards")
+    columns = [column for board in boards for column in mappings_in(board, "columns")]
     keys = [str(column.get("key")) for column in columns]
     wanted = [column.key for column in COLUMNS]
     if sorted(keys) != sorted(wanted):
         yield Problem(
             where,
             f"its keys are {', '.join(keys)}; the scorer writes {', '.join(wanted)}",
-            "unknown keys are skipped without a word: use those of the scorer",
+            "use those of the scorer: the platform skips unknown keys without a message",
         )
     for key in keys:
         if len(key) > LONGEST_KEY:
@@ -357,7 +327,7 @@ def _leaderboard_problems(told: Mapping[str, Any]) -> Iterator[Problem]:
         if "computation" in column:
             yield Problem(
                 where,
-                f"{column.get('key')!r} is computed by the platform, and we send it",
+                f"{column.get('key')!r} is computed by the platform, and the scorer sends it",
                 "drop 'computation'",
             )
         if column.get("index") == 0 and column.get("sorting") != "desc":
@@ -370,21 +340,19 @@ def _leaderboard_problems(told: Mapping[str, Any]) -> Iterator[Problem]:
         yield Problem(where, "the column with index 0 is not 'final'", "give 'final' the index 0")
 
 
-def _phase_problems(told: Mapping[str, Any]) -> Iterator[Problem]:
-    phases = _listed(told, "phases")
+def _phase_problems(competition: Mapping[str, Any]) -> Iterator[Problem]:
+    phases = mappings_in(competition, "phases")
     if not phases:
-        yield Problem(
-            "competition.yaml: phases", "there is none", "write it with 'platform codabench bundle'"
-        )
+        yield Problem("competition.yaml: phases", "there is none", _WRITE)
     for number, phase in enumerate(phases):
         where = f"competition.yaml: phases[{number}]"
         limit = phase.get("execution_time_limit")
         if type(limit) is not int or limit < 1:
-            yield Problem(where, f"{limit!r} s are no time to score in", "give seconds, such as 600")
+            yield Problem(where, f"execution_time_limit {limit!r} is no time", "give seconds, such as 600")
         elif limit > DEFAULT_QUEUE_S:
             yield Problem(
                 where,
-                f"{limit} s are granted on a queue of your own; the default one stops at {DEFAULT_QUEUE_S} s",
+                f"the phase grants {limit} s, and the platform's own queue stops at {DEFAULT_QUEUE_S} s",
                 "set up a queue with workers of your own",
                 severe=False,
             )
@@ -403,7 +371,7 @@ def _date_problems(where: str, phase: Mapping[str, Any]) -> Iterator[Problem]:
             dates[key] = datetime.fromisoformat(str(phase[key]).replace("Z", "+00:00")).replace(tzinfo=None)
         except ValueError:
             yield Problem(where, f"{key} {str(phase[key])!r} is no date", "write it as 2026-09-01")
-    if len(dates) == len(("start", "end")) and dates["end"] <= dates["start"]:
+    if len(dates) == 2 and dates["end"] <= dates["start"]:
         yield Problem(where, "it ends before it begins", "give an end after the start")
 
 
@@ -428,8 +396,8 @@ def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
         if key == "scoring_program" and "metadata.yaml" in names:
             yield from _command_problems(name, (Path(inner) / "metadata.yaml").read_bytes())
         if key == "reference_data" and HASHES not in names:
-            words = f"it has no {HASHES}, so that nobody would notice a file that was changed"
-            yield Problem(name, words, "write it with 'platform codabench bundle'", severe=False)
+            what = f"it has no {HASHES}, so that a changed file would go unnoticed"
+            yield Problem(name, what, _WRITE, severe=False)
         if key == "reference_data" and {PHASE, RULES} <= names:
             try:
                 check_configurations(load_phase(Path(inner)))
@@ -440,12 +408,12 @@ def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
 
 def _command_problems(name: str, text: bytes) -> Iterator[Problem]:
     try:
-        told = parse_yaml(text, file=f"{name}/metadata.yaml").data
+        metadata = parse_yaml(text, file=f"{name}/metadata.yaml").data
     except ScoreError as error:
         yield Problem(f"{name}/metadata.yaml", error.cause, error.hint)
         return
-    if not isinstance(told, dict) or not told.get("command"):
-        yield Problem(f"{name}/metadata.yaml", "it has no 'command'", "say how the program is called")
+    if not isinstance(metadata, dict) or not metadata.get("command"):
+        yield Problem(f"{name}/metadata.yaml", "it has no 'command'", "give the command that starts it")
 
 
 # What teams hand in ----------------------------------------------------------------------
@@ -455,7 +423,7 @@ def pack(paths: Sequence[Path], output: Path) -> int:
     """Pack trials into a submission that the platform does not take for a program.
 
     Args:
-        paths: Logs and folders of trials; each comes under its own name.
+        paths: Logs and folders of trials; each keeps its own name.
         output: The zip.
 
     Returns:
@@ -482,7 +450,7 @@ def pack(paths: Sequence[Path], output: Path) -> int:
     try:
         with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as packed:
             for name, file in members:
-                info = zipfile.ZipInfo(name, _STAMP)
+                info = zipfile.ZipInfo(name, PACKED_STAMP)
                 info.compress_type = zipfile.ZIP_DEFLATED
                 info.external_attr = 0o644 << 16
                 with file.open("rb") as source, packed.open(info, "w", force_zip64=True) as out:
@@ -501,7 +469,7 @@ def _members_of(path: Path) -> Iterator[tuple[str, Path]]:
     root = path.resolve().parent
     for file in sorted(path.resolve().rglob("*")) if path.is_dir() else [path.resolve()]:
         if file.is_symlink():
-            raise UsageError("it is a link", file=file, hint="replace it by the file it means")
+            raise UsageError("it is a link", file=file, hint="replace it by the file it leads to")
         if file.is_file():
             yield file.relative_to(root).as_posix(), file
 
@@ -510,7 +478,7 @@ def _members_of(path: Path) -> Iterator[tuple[str, Path]]:
 
 
 def score(inputs: Path, output: Path) -> int:
-    """What the scoring program does in its container; the exit code.
+    """Score a submission in the container of the platform; the exit code.
 
     A bad submission is a scored outcome and ends with 0. A broken scorer ends with 3: the platform
     then keeps neither scores nor files, and only the page survives.
@@ -521,7 +489,7 @@ def score(inputs: Path, output: Path) -> int:
     """
     lines: list[str] = []
 
-    def told(line: str) -> None:
+    def on_line(line: str) -> None:
         lines.append(line)
         _write(output / "detailed_results.html", progress_page(lines))
 
@@ -530,43 +498,46 @@ def score(inputs: Path, output: Path) -> int:
         _write(output / "detailed_results.html", progress_page(()))
         phase = load_phase(inputs / "ref")
         with tempfile.TemporaryDirectory(prefix="ariac-score-") as work:
-            scored = score_submission(inputs / "res", phase, Path(work), told=told)
+            scored = score_submission(inputs / "res", phase, Path(work), on_line=on_line)
         for (trial, number), result in sorted(scored.results.items()):
-            place = output / "results" / f"{_plain(trial)}_{number}.json"
+            place = output / "results" / f"{_file_name(trial)}_{number}.json"
             place.parent.mkdir(exist_ok=True)
             _write(place, as_json(result))
-        _write(output / "platform_scores.json", scored.export.as_json())
+        _write(output / "platform_scores.json", scored.export.text())
         _write(output / "detailed_results.html", result_page(scored))
-        _write(output / "scores.json", json.dumps(checked_metrics(scored.export.metrics), allow_nan=False))
+        # The scores last: whatever fails before this leaves none.
+        numbers = scored.export.metrics.by_column()
+        _write(output / "scores.json", json.dumps(numbers, allow_nan=False))
         print(scored.export.message)  # noqa: T201  # the platform shows what the program prints
-    except Exception as error:  # noqa: BLE001  # whatever it is, it may not look like a score
+    except Exception as error:  # noqa: BLE001  # no fault of ours may look like a score
         print(f"{type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
-        words = "The scorer failed. The organisers have the log; this attempt should not count."
-        with suppress(OSError):  # a folder that nobody may write in has no page either
+        notice = "The scorer failed. The organisers have the log; this attempt should not count."
+        with suppress(OSError):  # a folder that cannot be written has no page either
             (output / "scores.json").unlink(missing_ok=True)
-            _write(output / "detailed_results.html", progress_page([*lines, words]))
+            _write(output / "detailed_results.html", progress_page([*lines, notice]))
         return EXIT_SCORER_FAILED
     return 0
 
 
-def _plain(name: str) -> str:
-    """A name that is one file anywhere."""
+def _file_name(name: str) -> str:
+    """A name under which any file system stores one file."""
     return re.sub(r"[^A-Za-z0-9._-]", "_", name).lstrip(".") or "trial"
 
 
 def _write(place: Path, text: str) -> None:
-    """Whole or not at all: the platform looks every few seconds."""
+    """Write a file completely or not at all: the platform reads it every few seconds."""
     temporary = place.with_name(f".{place.name}.tmp")
-    temporary.write_text(text, encoding="utf-8")
+    # A name in a tar archive may have no place in UTF-8.
+    temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     temporary.replace(place)
 
 
 def dry_run(bundle: Path, submission: Path, folder: Path, *, python: str = sys.executable) -> int:
-    """Do to a submission what the platform's worker does, in the same folders; the exit code.
+    """Score a submission as the platform's worker does, in the same folders; the exit code.
 
     Args:
         bundle: The competition bundle.
-        submission: What a team handed in.
+        submission: The zip of a team.
         folder: Where `program`, `input` and `output` are laid out; empty or not there.
         python: The interpreter to use instead of the image.
 
@@ -581,21 +552,21 @@ def dry_run(bundle: Path, submission: Path, folder: Path, *, python: str = sys.e
         raise UsageError("the folder is not empty", file=folder, hint="name a new one")
     folder = folder.absolute()
     unpack(bundle, folder / "bundle")
-    told = yaml.safe_load((folder / "bundle/competition.yaml").read_text(encoding="utf-8"))
-    task = told["tasks"][0]
+    competition = yaml.safe_load((folder / "bundle/competition.yaml").read_text(encoding="utf-8"))
+    task = competition["tasks"][0]
     unpack(folder / "bundle" / task["scoring_program"], folder / "program")
     unpack(folder / "bundle" / task["reference_data"], folder / "input/ref")
     _predict(submission, folder)
     output = folder / "output"
     output.mkdir()
     command = yaml.safe_load((folder / "program/metadata.yaml").read_text(encoding="utf-8"))["command"]
-    words = [word.replace("/app", str(folder), 1) for word in str(command).split()]
-    words[0] = python if words[0].startswith("python") else words[0]
+    arguments = [word.replace("/app", str(folder), 1) for word in str(command).split()]
+    arguments[0] = python if arguments[0].startswith("python") else arguments[0]
     environment = {"PYTHONUNBUFFERED": "1", "PATH": os.environ.get("PATH", "")}
-    limit_s = min(told["phases"][0]["execution_time_limit"], DEFAULT_QUEUE_S)
+    limit_s = min(competition["phases"][0]["execution_time_limit"], DEFAULT_QUEUE_S)
     try:
         ended = subprocess.run(  # noqa: S603  # the bundle is the organiser's own
-            words, cwd=folder / "program", env=environment, timeout=limit_s, check=False
+            arguments, cwd=folder / "program", env=environment, timeout=limit_s, check=False
         )
     except subprocess.TimeoutExpired:
         return EXIT_SCORER_FAILED
@@ -604,7 +575,7 @@ def dry_run(bundle: Path, submission: Path, folder: Path, *, python: str = sys.e
 
 
 def _predict(submission: Path, folder: Path) -> None:
-    """What becomes of a submission before it is scored: one with `metadata` at its root is a program."""
+    """Lay out a submission as the platform does: one with `metadata` at its root is run as a program."""
     result = folder / "input/res"
     unpacked = folder / "submission"
     unpack(submission, unpacked)

@@ -1,4 +1,4 @@
-"""EvalAI: the configuration of a challenge, and the worker that scores its submissions elsewhere.
+"""EvalAI: the configuration of a challenge, and the worker that scores its submissions remotely.
 
 Its own workers are too old and too small for this engine, so challenges are evaluated remotely.
 
@@ -14,33 +14,33 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import msgspec
 import yaml
 
 from ariac_score.documents.yaml import is_there, parse_yaml
-from ariac_score.errors import BatchError, ScoreError, UsageError
-from ariac_score.platforms.archives import is_archive
-from ariac_score.platforms.codabench import Problem, zipped
-from ariac_score.platforms.neutral import COLUMNS, PlatformScores, checked_metrics
+from ariac_score.errors import ScoreError, UsageError
+from ariac_score.platforms.archives import is_archive, zipped
+from ariac_score.platforms.neutral import COLUMNS, PlatformScores
+from ariac_score.platforms.problems import Problem, mapping_in, mappings_in
 from ariac_score.platforms.submission import Phase, score_submission
 
 __all__ = [
     "Api",
     "ApiError",
     "Challenge",
+    "Evaluation",
     "Worker",
     "challenge_config",
     "challenge_files",
     "check_challenge",
-    "failed_body",
-    "finished_body",
 ]
 
 SUFFIXES = (".zip", ".mcap", ".bag", ".db3", ".jsonl")
-"""What a submission may be; the platform's own list has none of these but `.zip`."""
+"""Files that may be submitted; of these the platform's default list has only `.zip`."""
 LARGEST_SUBMISSION = 4 << 30
 _CODENAME = re.compile(r"[a-z0-9_]{1,100}")
 _DONE = ("finished", "failed", "cancelled")
@@ -76,7 +76,7 @@ def challenge_config(challenge: Challenge) -> str:
     """`challenge_config.yaml` for a challenge that is evaluated remotely.
 
     Raises:
-        UsageError: The code name is none.
+        UsageError: The code name has other characters.
     """
     if not _CODENAME.fullmatch(challenge.phase):
         raise UsageError(
@@ -91,7 +91,7 @@ def challenge_config(challenge: Challenge) -> str:
             for column in COLUMNS
         },
     }
-    told = {
+    config = {
         "title": challenge.title,
         "remote_evaluation": True,
         "evaluation_script": "evaluation_script.zip",
@@ -126,7 +126,7 @@ def challenge_config(challenge: Challenge) -> str:
             }
         ],
     }
-    return yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
+    return yaml.safe_dump(config, sort_keys=False, allow_unicode=True)
 
 
 _SCRIPT = """\
@@ -138,11 +138,11 @@ def evaluate(*_, **__):
 def challenge_files(challenge: Challenge) -> dict[str, bytes]:
     """The configuration with the files that it names, by name.
 
-    The importer asks for a script and an annotation also where neither is used; the script says so,
-    should anybody run it.
+    The importer requires a script and an annotation file even where neither is used; the script raises an
+    error that says so.
 
     Raises:
-        UsageError: The code name is none.
+        UsageError: The code name has other characters than the platform takes.
     """
     config = challenge_config(challenge)
     script = {"__init__.py": b"from .main import evaluate\n", "main.py": _SCRIPT.encode()}
@@ -156,61 +156,65 @@ def challenge_files(challenge: Challenge) -> dict[str, bytes]:
 def check_challenge(file: Path) -> list[Problem]:
     """Everything about a configuration that the platform gets wrong in silence."""
     try:
-        told = parse_yaml(file.read_bytes(), file=str(file)).data
+        config = parse_yaml(file.read_bytes(), file=str(file)).data
     except OSError as cause:
         return [Problem(str(file), f"cannot be read: {cause.strerror}", "check the path")]
     except ScoreError as error:
         return [Problem(str(file), error.cause, error.hint)]
-    if not isinstance(told, dict):
+    if not isinstance(config, dict):
         return [Problem(str(file), "it is no mapping", "write it with 'platform evalai config'")]
-    return [*_problems(told), *_file_problems(told, file.parent)]
+    return [*_problems(config), *_file_problems(config, file.parent)]
 
 
-def _file_problems(told: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
-    named = [("evaluation_script", told.get("evaluation_script"))]
+def _file_problems(config: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
+    named = [("evaluation_script", config.get("evaluation_script"))]
     named += [
         (f"challenge_phases[{number}]: test_annotation_file", phase.get("test_annotation_file"))
-        for number, phase in enumerate(_listed(told, "challenge_phases"))
+        for number, phase in enumerate(mappings_in(config, "challenge_phases"))
     ]
     for where, name in named:
         if not isinstance(name, str) or not is_there(folder / name) or not (folder / name).is_file():
             yield Problem(
                 where,
-                f"{name!r} does not lie beside the configuration, and the importer asks for it",
+                f"{name!r} is not in the folder of the configuration, and the importer requires it",
                 "write it with 'platform evalai config --folder'",
                 severe=False,
             )
 
 
-def _problems(told: Mapping[str, Any]) -> Iterator[Problem]:
-    if told.get("remote_evaluation") is not True:
+def _problems(config: Mapping[str, Any]) -> Iterator[Problem]:
+    if config.get("remote_evaluation") is not True:
         what = "the platform's own workers are Python 3.7 to 3.9 with 1 GiB: this engine does not run there"
         yield Problem("remote_evaluation", what, "set it to true, and run 'platform evalai worker'")
     labels = [column.key for column in COLUMNS]
     for key in ("leaderboard", "dataset_splits", "challenge_phases", "challenge_phase_splits"):
-        if not _listed(told, key):
-            yield Problem(key, "there is none, or it is no list of mappings", "write it as 'config' does")
-    for number, board in enumerate(_listed(told, "leaderboard")):
-        where, schema = f"leaderboard[{number}]", _mapping(board.get("schema"))
+        if not mappings_in(config, key):
+            yield Problem(
+                key,
+                "there is none, or it is no list of mappings",
+                "write it as 'platform evalai config' does",
+            )
+    for number, board in enumerate(mappings_in(config, "leaderboard")):
+        where, schema = f"leaderboard[{number}]", mapping_in(board.get("schema"))
         stated = schema.get("labels")
         if not isinstance(stated, list) or sorted(map(str, stated)) != sorted(labels):
             yield Problem(where, "its labels are not those of the worker", f"use {', '.join(labels)}")
-        for label, about in _mapping(schema.get("metadata")).items():
-            if "sort_ascending" not in _mapping(about):
+        for label, about in mapping_in(schema.get("metadata")).items():
+            if "sort_ascending" not in mapping_in(about):
                 yield Problem(
                     f"{where}: metadata: {label}",
                     "without 'sort_ascending' the label is sorted ascending: the worst would lead",
-                    "say sort_ascending: false for scores",
+                    "add sort_ascending: false for scores",
                 )
-    splits = {str(split.get("codename")) for split in _listed(told, "dataset_splits")}
-    for number, phase in enumerate(_listed(told, "challenge_phases")):
+    splits = {str(split.get("codename")) for split in mappings_in(config, "dataset_splits")}
+    for number, phase in enumerate(mappings_in(config, "challenge_phases")):
         yield from _phase_problems(f"challenge_phases[{number}]", phase, splits)
-    for number, split in enumerate(_listed(told, "challenge_phase_splits")):
+    for number, split in enumerate(mappings_in(config, "challenge_phase_splits")):
         if split.get("show_leaderboard_by_latest_submission"):
             yield Problem(
                 f"challenge_phase_splits[{number}]",
                 "the leaderboard would come newest first, not sorted by score",
-                "show_leaderboard_by_latest_submission: false",
+                "set show_leaderboard_by_latest_submission: false",
             )
 
 
@@ -221,7 +225,7 @@ def _phase_problems(where: str, phase: Mapping[str, Any], splits: set[str]) -> I
         yield Problem(
             where,
             f"submissions ending in {', '.join(missing)} are refused",
-            f'allowed_submission_file_types: "{", ".join(SUFFIXES)}"',
+            f'set allowed_submission_file_types: "{", ".join(SUFFIXES)}"',
         )
     if str(phase.get("codename")) not in splits:
         yield Problem(
@@ -231,55 +235,59 @@ def _phase_problems(where: str, phase: Mapping[str, Any], splits: set[str]) -> I
         )
 
 
-def _listed(told: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    value = told.get(key)
-    return [entry for entry in value if isinstance(entry, dict)] if isinstance(value, list) else []
-
-
-def _mapping(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, dict) else {}
-
-
 # What the platform is sent ---------------------------------------------------------------
 
 
-def finished_body(scores: PlatformScores, *, split: str, phase_pk: int, submission_pk: int) -> dict[str, Any]:
-    """The body that ends an evaluation: the shape that the code takes, which is not that of the guide.
+@dataclass(frozen=True)
+class Evaluation:
+    """The body that ends an evaluation, in the shape that the platform's code takes.
 
-    Args:
-        scores: What came of the submission.
-        split: Code name of the dataset split; the platform knows no other name.
-        phase_pk: Number of the phase.
-        submission_pk: Number of the submission.
+    Its guide has another shape, with `result` as a list; the code parses a text.
 
-    Raises:
-        BatchError: A number cannot be stored.
+    Attributes:
+        challenge_phase: Number of the phase.
+        submission: Number of the submission.
+        submission_status: `FINISHED` or `FAILED`.
+        stdout: Shown to the participant.
+        stderr: Why it failed.
+        environment_log: Of the container that the platform would have started.
+        result: The rows of the leaderboard, as JSON.
+        metadata: For the host of the challenge, as JSON.
     """
-    row = {"split": split, "show_to_participant": True, "accuracies": checked_metrics(scores.metrics)}
-    return {
-        "challenge_phase": phase_pk,
-        "submission": submission_pk,
-        "submission_status": "FINISHED",
-        "stdout": f"{scores.message}\nresult sha256 {scores.result_sha256 or 'none'}\n",
-        "stderr": "",
-        "environment_log": "",
-        "result": json.dumps([row], allow_nan=False),
-        "metadata": json.dumps({"status": scores.status, "result_sha256": scores.result_sha256}),
-    }
 
+    challenge_phase: int
+    submission: int
+    submission_status: str
+    stdout: str = ""
+    stderr: str = ""
+    environment_log: str = ""
+    result: str = "[]"
+    metadata: str = "{}"
 
-def failed_body(message: str, *, phase_pk: int, submission_pk: int) -> dict[str, Any]:
-    """The body that ends an evaluation which the scorer could not do."""
-    return {
-        "challenge_phase": phase_pk,
-        "submission": submission_pk,
-        "submission_status": "FAILED",
-        "stdout": "",
-        "stderr": message,
-        "environment_log": "",
-        "result": "[]",
-        "metadata": "{}",
-    }
+    @classmethod
+    def finished(cls, scores: PlatformScores, *, split: str, phase_pk: int, submission_pk: int) -> Evaluation:
+        """The end of an evaluation with scores.
+
+        Args:
+            scores: Of the submission.
+            split: Code name of the dataset split; the platform knows no other name.
+            phase_pk: Number of the phase.
+            submission_pk: Number of the submission.
+        """
+        row = {"split": split, "show_to_participant": True, "accuracies": scores.metrics.by_column()}
+        return cls(
+            phase_pk,
+            submission_pk,
+            "FINISHED",
+            stdout=f"{scores.message}\nresult sha256 {scores.result_sha256 or 'none'}\n",
+            result=json.dumps([row], allow_nan=False),
+            metadata=json.dumps({"status": scores.status, "result_sha256": scores.result_sha256}),
+        )
+
+    @classmethod
+    def failed(cls, message: str, *, phase_pk: int, submission_pk: int) -> Evaluation:
+        """The end of an evaluation that the scorer could not do."""
+        return cls(phase_pk, submission_pk, "FAILED", stderr=message)
 
 
 # The worker ------------------------------------------------------------------------------
@@ -290,7 +298,7 @@ class ApiError(Exception):
 
     Attributes:
         status: Of the answer; 0 when there was none.
-        text: What it said.
+        text: Of the answer.
     """
 
     def __init__(self, status: int, text: str) -> None:
@@ -298,7 +306,7 @@ class ApiError(Exception):
         self.status, self.text = status, text
 
     @property
-    def passes(self) -> bool:
+    def transient(self) -> bool:
         """Whether the same request may succeed later."""
         return self.status == 0 or self.status >= 500
 
@@ -316,8 +324,8 @@ class Api:
         token: Of the organiser; it goes into a header and nowhere else.
         queue: Name of the challenge's queue.
         challenge: Number of the challenge.
-        scheme: Word before the token; empty to try those that the starter and the platform's own worker
-            send, `Bearer` and `Token`, until one is not refused.
+        scheme: Word before the token; empty to try `Bearer` and `Token` until one is accepted: the
+            platform's starter sends one, its own worker the other.
     """
 
     server: str
@@ -325,29 +333,29 @@ class Api:
     queue: str
     challenge: int
     scheme: str = ""
-    _taken: list[str] = field(default_factory=list, init=False, repr=False, compare=False)
+    _accepted: list[str] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def request(self, method: str, path: str, body: Mapping[str, Any] | None = None) -> Any:
-        """One request; what it answers.
+        """Make one request; its answer.
 
         Raises:
             ApiError: It failed.
         """
-        schemes = (self.scheme,) if self.scheme else tuple(self._taken) or _SCHEMES
+        schemes = (self.scheme,) if self.scheme else tuple(self._accepted) or _SCHEMES
         for scheme in schemes:
             try:
-                answer = self._asked(scheme, method, path, body)
+                answer = self._send(scheme, method, path, body)
             except ApiError as error:
                 if error.status == _UNAUTHORIZED and scheme != schemes[-1]:
                     continue
                 if error.status not in (0, _UNAUTHORIZED):
-                    self._taken[:] = [scheme]
+                    self._accepted[:] = [scheme]
                 raise
-            self._taken[:] = [scheme]
+            self._accepted[:] = [scheme]
             return answer
         raise AssertionError("the last attempt returns or raises")
 
-    def _asked(self, scheme: str, method: str, path: str, body: Mapping[str, Any] | None) -> Any:
+    def _send(self, scheme: str, method: str, path: str, body: Mapping[str, Any] | None) -> Any:
         data = None if body is None else json.dumps(body, allow_nan=False).encode()
         headers = {"Authorization": f"{scheme} {self.token}", "Content-Type": "application/json"}
         url = urllib.parse.urljoin(self.server, path)
@@ -368,12 +376,12 @@ class Api:
         """Fetch a submission, whole or not at all; the address needs no token.
 
         Raises:
-            ApiError: It cannot be had, is too large, or is cut off.
+            ApiError: It cannot be fetched, is too large, or is cut off.
         """
         full = _web(urllib.parse.urljoin(self.server, url))
         try:
             with urllib.request.urlopen(full, timeout=_TIMEOUT_S) as answer, file.open("wb") as out:  # noqa: S310
-                told = int(answer.headers.get("Content-Length") or -1)
+                announced = int(answer.headers.get("Content-Length") or -1)
                 size = 0
                 while block := answer.read(_BLOCK):
                     size += len(block)
@@ -384,12 +392,12 @@ class Api:
             raise ApiError(error.code, str(error)) from error
         except (OSError, ValueError) as error:
             raise ApiError(0, str(error)) from error
-        if told not in (-1, size):
-            raise ApiError(0, f"{size} of {told} bytes arrived")
+        if announced not in (-1, size):
+            raise ApiError(0, f"{size} of {announced} bytes arrived")
 
 
 def _web(url: str) -> str:
-    """An address on the web: nothing that a submission says may name a file of this machine."""
+    """The URL, if it is one of the web: a submission may not name a file of this machine."""
     if urllib.parse.urlsplit(url).scheme not in ("http", "https"):
         raise ApiError(400, f"{url!r} is no address on the web")
     return url
@@ -397,54 +405,55 @@ def _web(url: str) -> str:
 
 @dataclass
 class Worker:
-    """Takes submissions from a queue, scores them, and sends back what came of them.
+    """Takes submissions from a queue, scores them, and sends back the outcomes.
 
-    What was sent is kept, so that a message that comes twice is answered with the same bytes.
+    Each answer is kept, so that a message that comes twice is answered with the same bytes.
 
     Attributes:
         api: The platform.
         phase: Rules, trials, limits.
         store: Folder for submissions and answers.
         pause: Called with seconds before a request is tried again.
-        say: Called with a line for each thing done.
-        codename: Of the phase that is scored; empty: whatever the queue brings.
+        on_line: Called with a line for each step.
+        codename: Of the phase that is scored; empty for any phase in the queue.
     """
 
     api: Api
     phase: Phase
     store: Path
     pause: Callable[[float], None]
-    say: Callable[[str], None]
+    on_line: Callable[[str], None]
     codename: str = ""
 
     def once(self) -> bool:
-        """Deal with one message; whether there was one.
+        """Process one message; whether there was one.
 
         Raises:
             ApiError: The platform cannot be reached; the message comes again.
         """
-        message = _mapping(self.api.request("GET", f"/api/jobs/challenge/queues/{self.api.queue}/"))
+        message = mapping_in(self.api.request("GET", f"/api/jobs/challenge/queues/{self.api.queue}/"))
         if not message.get("body"):
             return False
         submission, phase, receipt = _numbers(message)
-        told = _mapping(self.api.request("GET", f"/api/jobs/submission/{submission}"))
-        if str(told.get("status", "")).lower() in _DONE:
-            self.say(f"submission {submission}: is {told['status']} already")
+        state = mapping_in(self.api.request("GET", f"/api/jobs/submission/{submission}"))
+        if str(state.get("status", "")).lower() in _DONE:
+            self.on_line(f"submission {submission}: is {state['status']} already")
         else:
-            self._answer(submission, phase, self._split(phase), str(told.get("input_file", "")))
+            self._answer(submission, phase, self._split(phase), str(state.get("input_file", "")))
+        # Only now: a message that is not acknowledged comes again, also to another worker.
         self.api.request("POST", f"/api/jobs/queues/{self.api.queue}/", {"receipt_handle": receipt})
         return True
 
     def _split(self, phase: int) -> str:
-        """The code name of a phase, which is that of its split; of another phase nothing is scored.
+        """The code name of a phase, which is that of its split.
 
         Raises:
             ApiError: The message belongs to a worker with other reference data.
         """
-        told = _mapping(
+        answer = mapping_in(
             self.api.request("GET", f"/api/challenges/challenge/{self.api.challenge}/challenge_phase/{phase}")
         )
-        name = str(told.get("codename", ""))
+        name = str(answer.get("codename", ""))
         if not _CODENAME.fullmatch(name):
             raise ApiError(400, f"phase {phase} has no code name")
         if self.codename and name != self.codename:
@@ -461,51 +470,52 @@ class Worker:
         if not kept.is_file():
             running = {"submission": submission, "submission_status": "RUNNING", "job_name": ""}
             self.api.request("PATCH", update, running)
-            body = self._scored(place, submission, phase, split, url)
             temporary = place / ".answer.json"
-            temporary.write_text(json.dumps(body), encoding="utf-8")
+            evaluation = self._evaluated(place, submission, phase, split, url)
+            temporary.write_text(json.dumps(asdict(evaluation)), encoding="utf-8")
             temporary.replace(kept)
-        body = json.loads(kept.read_text(encoding="utf-8"))
+        answer = msgspec.convert(json.loads(kept.read_text(encoding="utf-8")), Evaluation)
         try:
-            self._put(update, body)
+            self._put(update, answer)
         except ApiError as error:
-            if error.passes:
+            if error.transient:
                 raise
-            # The platform will not have it whatever we do: say so, or the submission hangs for ever.
-            self._put(update, failed_body(error.text, phase_pk=phase, submission_pk=submission))
-        self.say(f"submission {submission}: {body['submission_status'].lower()}")
+            # The platform refuses the answer for good: report that, or the submission hangs for ever.
+            self._put(update, Evaluation.failed(error.text, phase_pk=phase, submission_pk=submission))
+        self.on_line(f"submission {submission}: {answer.submission_status.lower()}")
 
-    def _scored(self, place: Path, submission: int, phase: int, split: str, url: str) -> dict[str, Any]:
+    def _evaluated(self, place: Path, submission: int, phase: int, split: str, url: str) -> Evaluation:
         files = place / "files"
         shutil.rmtree(files, ignore_errors=True)  # of an attempt that was cut off
         files.mkdir()
         try:
             self._fetch(url, files)
-            scored = score_submission(files, self.phase, place / "work", told=self.say)
-            return finished_body(scored.export, split=split, phase_pk=phase, submission_pk=submission)
+            scored = score_submission(files, self.phase, place / "work", on_line=self.on_line)
+            return Evaluation.finished(scored.export, split=split, phase_pk=phase, submission_pk=submission)
         except ApiError as error:
-            if error.passes:
+            if error.transient:
                 raise
-            # Left in the queue, it would stop this worker again and again, and everybody behind it.
-            words = f"the submission cannot be fetched: {error}"
-            return failed_body(words, phase_pk=phase, submission_pk=submission)
-        except (ScoreError, BatchError) as error:
-            return failed_body(str(error), phase_pk=phase, submission_pk=submission)
+            # Left in the queue, it would stop this worker again and again, and all submissions behind it.
+            cause = f"the submission cannot be fetched: {error}"
+            return Evaluation.failed(cause, phase_pk=phase, submission_pk=submission)
+        except ScoreError as error:
+            return Evaluation.failed(str(error), phase_pk=phase, submission_pk=submission)
 
     def _fetch(self, url: str, files: Path) -> None:
-        """Download a submission under a name that says its trial: the platform may have renamed it."""
+        """Download a submission under the name of its trial: the platform may have renamed it."""
         file = files / _file_name(url)
         self.api.download(url, file)
         if len(self.phase.trials) == 1 and not is_archive(file):
             file.rename(files / f"{self.phase.trials[0].id}_1{file.suffix}")
 
-    def _put(self, path: str, body: Mapping[str, Any]) -> None:
+    def _put(self, path: str, evaluation: Evaluation) -> None:
+        body = asdict(evaluation)
         for attempt in range(1, _PUT_ATTEMPTS + 1):
             try:
                 self.api.request("PUT", path, body)
                 return
             except ApiError as error:
-                if not error.passes or attempt == _PUT_ATTEMPTS:
+                if not error.transient or attempt == _PUT_ATTEMPTS:
                     raise
                 self.pause(2.0**attempt)
 
@@ -514,7 +524,7 @@ def _numbers(message: Mapping[str, Any]) -> tuple[int, int, str]:
     """Submission, phase and receipt of a message.
 
     Raises:
-        ApiError: It is none.
+        ApiError: It is no message of a submission.
     """
     try:
         body = message["body"]
@@ -524,7 +534,7 @@ def _numbers(message: Mapping[str, Any]) -> tuple[int, int, str]:
 
 
 def _file_name(url: str) -> str:
-    """What a submission is called here: its end says what it is, and the name which trial."""
+    """The name for a submission here: its suffix shows the kind of file, the rest the trial."""
     name = PurePosixPath(urllib.parse.unquote(urllib.parse.urlsplit(url).path)).name
     plain = re.sub(r"[^A-Za-z0-9._-]", "_", name)[-_LONGEST_NAME:].lstrip(".")
     return plain or "submission"

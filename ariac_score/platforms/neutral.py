@@ -1,32 +1,31 @@
-"""What a platform is told of a submission: finite numbers under fixed names, always all of them.
+"""The neutral export of a submission: finite numbers under fixed names, always all of them.
 
 Source: notes on Codabench and EvalAI, sections 0 and 1.
 """
 
 from __future__ import annotations
 
-import json
 import math
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+
+from msgspec import Struct
 
 from ariac_score.errors import BatchError
+from ariac_score.results.codec import as_text, encodable
 
-__all__ = ["COLUMNS", "SCHEMA", "SENTINEL", "STATUS", "Column", "PlatformScores", "checked_metrics"]
+__all__ = ["COLUMNS", "SENTINEL", "STATUS", "Column", "Metrics", "PlatformScores", "Split"]
 
-SCHEMA = "platform-scores/1"
 LARGEST = 1e10
-"""Numbers from here on cannot be stored by Codabench."""
+"""Codabench stores numbers with ten digits before the point."""
 DECIMALS = 10
-_NAME = re.compile(r"[a-z][a-z0-9_]{0,35}")
+"""Codabench stores as many decimals."""
 
 STATUS: Mapping[str, int] = {"scored": 0, "incomplete": 1, "invalid_log": 2, "disqualified": 3}
 """Status codes: everything was scored; something was undecided or missing; no log could be scored."""
 
 SENTINEL = -1e6
-"""The final score of a submission without one: a missing score would be sorted first."""
+"""The final score of a submission without one: a platform would sort a missing score first."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +33,9 @@ class Column:
     """One column of a leaderboard.
 
     Attributes:
-        key: Its name for the platform.
+        key: Its name for the platform, which is that of a field of `Metrics`.
         title: For people.
-        descending: Whether more comes first.
+        descending: Whether the largest number comes first.
         hidden: Whether it is left out of the table, and so breaks no tie.
         precision: Digits shown; `None` for those of the rule set.
         meaning: What it is.
@@ -64,69 +63,98 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class PlatformScores:
+class Metrics:
+    """The numbers of a submission, one for each of `COLUMNS`, which give their meanings."""
+
+    final: float
+    violations: int
+    penalty: float
+    raw: float
+    coverage: float
+    status_code: int
+
+    def by_column(self) -> dict[str, float | int]:
+        """The numbers by key, in the order of `COLUMNS`."""
+        return asdict(self)
+
+    def rounded(self) -> Metrics:
+        """The same as a platform stores them.
+
+        Raises:
+            BatchError: One is not finite, or too large.
+        """
+        for key, value in self.by_column().items():
+            if not math.isfinite(value) or abs(value) >= LARGEST:
+                raise BatchError(
+                    f"column {key!r}: {value!r} cannot be stored by a platform",
+                    hint=f"it must be finite and below {LARGEST:g}; look at the formulas of the rule set",
+                )
+        # `+ 0.0` makes 0.0 of -0.0, which is what rounds to it from below.
+        final, penalty, raw, coverage = (
+            round(value, DECIMALS) + 0.0 for value in (self.final, self.penalty, self.raw, self.coverage)
+        )
+        return Metrics(final, self.violations, penalty, raw, coverage, self.status_code)
+
+
+class Split(Struct, frozen=True, forbid_unknown_fields=True):
+    """The numbers of one part of the data, as EvalAI divides them; a phase of ours has one.
+
+    Attributes:
+        name: Of the phase.
+        public: Whether participants see the numbers.
+        metrics: The numbers.
+    """
+
+    name: str
+    public: bool
+    metrics: Metrics
+
+
+class PlatformScores(
+    Struct, frozen=True, forbid_unknown_fields=True, tag_field="schema", tag="platform-scores/1"
+):
     """The neutral export of one submission.
 
     Attributes:
         phase: Name of the phase.
         status: One of `STATUS`.
-        metrics: A number for each of `COLUMNS`.
+        splits: The numbers; one split.
         message: One line for the participant.
-        result_sha256: Hash over the stored results, which stay the record.
+        result_sha256: Hash over the stored results, which stay the record; empty without any.
+        report: Name of the page that explains the score.
     """
 
     phase: str
     status: str
-    metrics: Mapping[str, float | int]
+    splits: tuple[Split]
     message: str
     result_sha256: str
+    report: str = "detailed_results.html"
 
     @classmethod
-    def without_score(cls, phase: str, status: str, message: str) -> PlatformScores:
-        """A submission that has no score: the sentinel, and zero for everything else."""
-        numbers: dict[str, float | int] = {column.key: 0 for column in COLUMNS}
-        numbers |= {"final": SENTINEL, "status_code": STATUS[status]}
-        return cls(phase, status, numbers, message, "")
-
-    def as_json(self) -> str:
-        """The export as text.
+    def of(
+        cls, phase: str, status: str, metrics: Metrics, message: str, result_sha256: str = ""
+    ) -> PlatformScores:
+        """The export of a phase with one split.
 
         Raises:
-            BatchError: A number cannot be stored.
+            BatchError: A number cannot be stored by a platform.
         """
-        told = {
-            "schema": SCHEMA,
-            "phase": self.phase,
-            "result_sha256": self.result_sha256,
-            "status": self.status,
-            "splits": [{"name": self.phase, "public": True, "metrics": checked_metrics(self.metrics)}],
-            "message": self.message,
-            "report": "detailed_results.html",
-        }
-        return json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        # The message quotes file names of strangers, which may have no place in UTF-8.
+        return cls(phase, status, (Split(phase, True, metrics.rounded()),), encodable(message), result_sha256)
 
+    @classmethod
+    def without_score(
+        cls, phase: str, status: str, message: str, *, result_sha256: str = ""
+    ) -> PlatformScores:
+        """The export of a submission without a score: the sentinel, and zero for everything else."""
+        return cls.of(phase, status, Metrics(SENTINEL, 0, 0, 0, 0, STATUS[status]), message, result_sha256)
 
-def checked_metrics(metrics: Mapping[str, Any]) -> dict[str, float | int]:
-    """The numbers, one for each column and no other, rounded as they will be stored.
+    @property
+    def metrics(self) -> Metrics:
+        """The numbers of the submission."""
+        return self.splits[0].metrics
 
-    Raises:
-        BatchError: One is missing, unknown, no plain number, not finite, or too large.
-    """
-    wanted = [column.key for column in COLUMNS]
-    if sorted(metrics) != sorted(wanted):
-        missing, more = set(wanted) - set(metrics), set(metrics) - set(wanted)
-        raise BatchError(
-            f"columns without a number: {sorted(missing)}; numbers without a column: {sorted(more)}",
-            hint="this is a fault of ariac-score; report it",
-        )
-    told: dict[str, float | int] = {}
-    for key in wanted:
-        value = metrics[key]
-        plain = type(value) in (int, float) and _NAME.fullmatch(key) is not None
-        if not plain or not math.isfinite(value) or abs(value) >= LARGEST:
-            raise BatchError(
-                f"column {key!r}: {value!r} cannot be stored by a platform",
-                hint=f"it must be a finite number below {LARGEST:g}; look at the formulas of the rule set",
-            )
-        told[key] = value if type(value) is int else round(value, DECIMALS) + 0.0
-    return told
+    def text(self) -> str:
+        """The export as JSON."""
+        return as_text(self)

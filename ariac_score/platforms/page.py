@@ -1,4 +1,4 @@
-"""The page a participant sees: one file, no script, no network, every word of a stranger escaped."""
+"""The page that a participant sees: one file, no script, no network, all text of strangers escaped."""
 
 from __future__ import annotations
 
@@ -34,17 +34,19 @@ def _page(title: str, body: str) -> str:
 
 
 def progress_page(lines: Sequence[str]) -> str:
-    """What is known while runs are scored."""
+    """The lines about the runs that are scored so far."""
     items = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
-    return _page("Scoring", f"<h1>Scoring</h1><p>{len(lines)} runs so far.</p><ul>{items}</ul>")
+    runs = f"{len(lines)} run{'' if len(lines) == 1 else 's'}"
+    return _page("Scoring", f"<h1>Scoring</h1><p>{runs} so far.</p><ul>{items}</ul>")
 
 
 def result_page(scored: Scored) -> str:
     """The outcome, the numbers of the leaderboard, and each run explained."""
     export = scored.export
+    numbers = export.metrics.by_column()
     rows = "".join(
         f"<tr><th scope=row>{html.escape(column.title)}</th>"
-        f"<td class=number>{html.escape(f'{export.metrics[column.key]:.10g}')}</td>"
+        f"<td class=number>{html.escape(f'{numbers[column.key]:.10g}')}</td>"
         f"<td>{html.escape(column.meaning)}</td></tr>"
         for column in COLUMNS
     )

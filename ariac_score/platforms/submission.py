@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from ariac_score.batch.local import LocalExecutor, usable_cores
 from ariac_score.batch.outcomes import UNSETTLED, summary_of
@@ -19,19 +20,23 @@ from ariac_score.batch.worker import Done
 from ariac_score.checks.findings import Verdict
 from ariac_score.documents.schema import strict_json
 from ariac_score.engine.score import check_configuration
-from ariac_score.errors import LogError, RunEndedError, ScoreError, UsageError
+from ariac_score.errors import DataFileError, LogError, RunEndedError, ScoreError, UsageError
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
-from ariac_score.platforms.neutral import STATUS, PlatformScores
+from ariac_score.platforms.neutral import STATUS, Metrics, PlatformScores
 from ariac_score.ranking.competition import Competition, Team, TrialPlan
 from ariac_score.ranking.rank import Ranking, RunOutcome, rank_results
 from ariac_score.ranking.spec import ranking_spec
-from ariac_score.results.result import Result
+from ariac_score.results.codec import Format, as_text
+from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import as_json, load_result
 
 __all__ = [
     "EMPTY",
     "HASHES",
+    "PHASE",
+    "RULES",
     "Phase",
+    "PhaseDescription",
     "Scored",
     "check_configurations",
     "hashes_text",
@@ -44,7 +49,6 @@ TEAM = "submission"
 PHASE = "phase.json"
 RULES = "ruleset.yaml"
 HASHES = "hashes.json"
-SCHEMA = "ariac-score/phase/1"
 EMPTY = (
     "the submission arrived empty; a zip with metadata.yaml or metadata at its root is taken for a program: "
     "put each recording in a folder of its own, such as kitting_1/metadata.yaml, or pack it with "
@@ -54,14 +58,38 @@ _RUN = re.compile(r"(?P<trial>.+)_(?P<run>\d{1,6})")
 BEGUN_WITHIN = 0.9
 """Share of the time of one run in which all must have begun; a bundle grants a submission twice that time."""
 _OF_THE_WORKER = ("metadata",)
-"""What the platform puts among the files of a submission."""
+"""Files that the platform's worker puts among those of a submission."""
 
-Say = Callable[[str], None]
+OnLine = Callable[[str], None]
+"""Called with a line about each run."""
+
+
+@dataclass(frozen=True)
+class PhaseDescription:
+    """`phase.json`: what is scored in a phase, and by which rules.
+
+    Attributes:
+        phase: Its name.
+        rule_set: The rules in the file beside it.
+        limits: For each run.
+        trials: The name of each trial's configuration, relative to the folder; empty without one.
+    """
+
+    phase: str
+    rule_set: Pinned
+    limits: Limits
+    trials: Mapping[str, str]
+
+
+PHASE_FORMAT = Format(
+    "phase", 1, PhaseDescription, made_by="'ariac-score platform codabench bundle'", error=DataFileError
+)
+"""How the description of a phase is stored."""
 
 
 @dataclass(frozen=True)
 class Phase:
-    """What the reference data of a phase say.
+    """A phase, from its reference data.
 
     Attributes:
         name: Of the phase.
@@ -80,11 +108,11 @@ class Phase:
 
 @dataclass(frozen=True)
 class Scored:
-    """A scored submission: the export, and what it rests on.
+    """A scored submission: the export, and what it was made from.
 
     Attributes:
         export: For the platform.
-        ranking: The one team's standing; `None` when nothing could be scored.
+        ranking: Of this team alone; `None` when nothing could be scored.
         results: Results by trial and number.
     """
 
@@ -95,28 +123,17 @@ class Scored:
 
 def phase_text(name: str, setting: BatchSetting, trials: Mapping[str, str]) -> str:
     """The description of a phase, for its reference data."""
-    told = {
-        "schema": SCHEMA,
-        "phase": name,
-        "rule_set": {"id": setting.rules_id, "sha256": setting.rules_sha256},
-        "limits": {
-            "wall_s": setting.limits.wall_s,
-            "memory_bytes": setting.limits.memory_bytes,
-            "output_bytes": setting.limits.output_bytes,
-        },
-        "trials": dict(trials),
-    }
-    return json.dumps(told, indent=1, sort_keys=True) + "\n"
+    rule_set = Pinned(setting.rules_id, setting.rules_sha256)
+    return PHASE_FORMAT.text(PhaseDescription(name, rule_set, setting.limits, trials))
 
 
 def hashes_text(files: Mapping[str, bytes]) -> str:
-    """The SHA-256 of each file of the reference data, which `load_phase` holds them against."""
-    told = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
-    return json.dumps(told, indent=1, sort_keys=True) + "\n"
+    """The SHA-256 of each file of the reference data, which `load_phase` checks."""
+    return as_text({name: hashlib.sha256(content).hexdigest() for name, content in files.items()})
 
 
 def _check_hashes(folder: Path) -> None:
-    """Refuse reference data of which a file is another one than was written.
+    """Refuse reference data of which a file was changed since they were written.
 
     Raises:
         ValueError: A checksum is wrong.
@@ -124,10 +141,11 @@ def _check_hashes(folder: Path) -> None:
     """
     if not (folder / HASHES).is_file():
         return  # written by hand
-    for name, stated in strict_json((folder / HASHES).read_text(encoding="utf-8")).items():
+    document = strict_json((folder / HASHES).read_text(encoding="utf-8"))
+    for name, stated in msgspec.convert(document, dict[str, str]).items():
         file = folder / name
         if not file.resolve().is_relative_to(folder.resolve()):
-            raise ValueError(f"{HASHES} names {name!r}, which is elsewhere")
+            raise ValueError(f"{HASHES} names {name!r}, which is outside the folder")
         found = hashlib.sha256(file.read_bytes()).hexdigest()
         if found != stated:
             raise ValueError(f"{name} has the SHA-256 {found}, and {HASHES} says {stated}")
@@ -137,38 +155,37 @@ def load_phase(folder: Path) -> Phase:
     """Read the reference data of a phase.
 
     Raises:
-        UsageError: They are not what `bundle` writes; this is the organisers' fault.
+        UsageError: A file is missing, or was changed since it was written; this is the organisers' fault.
+        DataFileError: `phase.json` is malformed.
     """
     try:
         _check_hashes(folder)
-        told = json.loads((folder / PHASE).read_text(encoding="utf-8"))
         rules = (folder / RULES).read_text(encoding="utf-8")
-        if told["schema"] != SCHEMA:
-            raise ValueError(f"it is of {told['schema']}, and this version reads {SCHEMA}")
-        setting = BatchSetting(
-            rules,
-            told["rule_set"]["id"],
-            told["rule_set"]["sha256"],
-            str(folder / RULES),
-            Limits(**told["limits"]),
-        )
-        trials = tuple(
-            TrialPlan(trial, folder / name if name else None) for trial, name in told["trials"].items()
-        )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as cause:
+    except (OSError, ValueError, RecursionError) as cause:
         raise UsageError(
             f"these are no reference data of a phase: {cause}",
             file=folder,
             hint="write them with 'ariac-score platform codabench bundle'",
         ) from cause
-    return Phase(told["phase"], setting, trials, folder, ArchiveLimits())
+    description = PHASE_FORMAT.read(folder / PHASE)
+    setting = BatchSetting(
+        rules,
+        description.rule_set.id,
+        description.rule_set.sha256,
+        str(folder / RULES),
+        description.limits,
+    )
+    trials = tuple(
+        TrialPlan(trial, folder / name if name else None) for trial, name in description.trials.items()
+    )
+    return Phase(description.phase, setting, trials, folder, ArchiveLimits())
 
 
 def check_configurations(phase: Phase) -> None:
-    """See that the configurations of a phase can be read and fit its rules: they are part of every run.
+    """Check that the configurations of a phase can be read and fit its rules: they are part of every run.
 
     Raises:
-        ScoreError: One is damaged, is none, or is of another edition.
+        ScoreError: One is damaged, is no configuration, or is of another edition.
     """
     rule_set = phase.setting.rule_set()
     for trial in phase.trials:
@@ -177,15 +194,15 @@ def check_configurations(phase: Phase) -> None:
 
 
 def score_submission(
-    files: Path, phase: Phase, work: Path, *, told: Say = lambda _line: None, jobs: int = 0
+    files: Path, phase: Phase, work: Path, *, on_line: OnLine = lambda _line: None, jobs: int = 0
 ) -> Scored:
-    """Score what somebody handed in. Whatever is wrong with it is an outcome, never an error.
+    """Score a submission. Whatever is wrong with it is an outcome, never an error.
 
     Args:
         files: The submission, unpacked by the platform; archives in it are opened here.
         phase: Rules, trials and limits.
         work: Folder for unfinished work.
-        told: Called with a line for each run.
+        on_line: Called with a line about each run.
         jobs: Runs at a time; 0 for the cores.
 
     Raises:
@@ -202,8 +219,8 @@ def score_submission(
     try:
         tasks = tuple(_tasks(files, phase, work))
     except LogError as error:
-        words = f"{error.place}: {error.cause}" if error.place else error.cause
-        return _nothing(phase, f"{Path(error.file or '').name}: {words}; {error.hint}")
+        cause = f"{error.place}: {error.cause}" if error.place else error.cause
+        return _nothing(phase, f"{Path(error.file or '').name}: {cause}; {error.hint}")
     if not tasks:
         return _nothing(phase, EMPTY)
     results: dict[tuple[str, str, int], Result | ScoreError] = {}
@@ -211,10 +228,10 @@ def score_submission(
     in_time = _in_time(tasks, phase.setting.limits.wall_s * BEGUN_WITHIN, late)
     for done in LocalExecutor(jobs or usable_cores(), None, work).run(in_time, phase.setting):
         results[done.task.key] = _result_of(done, work)
-        told(_line(done))
+        on_line(_line(done))
     for task in late:
-        results[task.key] = LogError("not looked at: the runs before it took all the time of the submission")
-        told(f"{task.trial}, run {task.number}: not looked at: no time left")
+        results[task.key] = LogError("not scored: the runs before it took all the time of the submission")
+        on_line(f"{task.trial}, run {task.number}: not scored: no time left")
     competition = Competition(
         id=phase.name,
         title=phase.name,
@@ -231,7 +248,7 @@ def score_submission(
 
 
 def _in_time(tasks: Iterable[RunTask], within_s: float, late: list[RunTask]) -> Iterator[RunTask]:
-    """The tasks that are asked for in time; the others are noted as late.
+    """The tasks that the executor takes in time; the others are noted as late.
 
     A platform that has to stop a submission keeps no score of any of its runs.
     """
@@ -254,7 +271,7 @@ def _tasks(files: Path, phase: Phase, work: Path) -> Iterator[RunTask]:
     """A task for each entry that belongs to a trial of the phase.
 
     Raises:
-        LogError: An archive is not to be trusted, or an entry belongs to no trial.
+        LogError: An archive is refused, or an entry belongs to no trial.
     """
     configs = {trial.id: trial.config for trial in phase.trials}
     taken: set[tuple[str, int]] = set()
@@ -290,7 +307,7 @@ def _entries(files: Path, phase: Phase, work: Path) -> Iterator[Path]:
 
 
 def _named(entry: Path, configs: Mapping[str, Any]) -> tuple[str, int]:
-    """Trial and number an entry stands for by its name: `<trial>_<n>`, or `<trial>` for the first run."""
+    """Trial and number of a run by the name of its entry: `<trial>_<n>`, or `<trial>` for the first run."""
     plain = entry.name.split(".", maxsplit=1)[0] if entry.is_file() else entry.name
     match = _RUN.fullmatch(plain)
     if plain in configs or (match is None and not configs):
@@ -298,7 +315,7 @@ def _named(entry: Path, configs: Mapping[str, Any]) -> tuple[str, int]:
     if match is not None and (match["trial"] in configs or not configs):
         return match["trial"], int(match["run"])
     raise LogError(
-        f"{entry.name!r} is of no trial of this phase",
+        f"{entry.name!r} belongs to no trial of this phase",
         file=entry,
         hint=f"name it <trial> or <trial>_<n>; the trials are {', '.join(sorted(configs))}",
     )
@@ -308,7 +325,7 @@ def _named(entry: Path, configs: Mapping[str, Any]) -> tuple[str, int]:
 
 
 def _result_of(done: Done, work: Path) -> Result | ScoreError:
-    assert done.document is not None  # nothing is stored here that could be there already
+    assert done.document is not None  # without a folder of a batch, nothing is stored already
     summary = summary_of(done.document)
     stored = work / "result.json"
     if b'"schema": "ariac-score/result/' in done.document:
@@ -322,8 +339,8 @@ def _result_of(done: Done, work: Path) -> Result | ScoreError:
 def _line(done: Done) -> str:
     assert done.document is not None
     summary = summary_of(done.document)
-    words = f"{summary.score:g}" if summary.score is not None else summary.reason
-    return f"{done.task.trial}, run {done.task.number}: {summary.outcome.replace('_', ' ')}: {words}"
+    detail = f"{summary.score:g}" if summary.score is not None else summary.reason
+    return f"{done.task.trial}, run {done.task.number}: {summary.outcome.replace('_', ' ')}: {detail}"
 
 
 def _export(phase: Phase, ranking: Ranking, results: Mapping[tuple[str, int], Result]) -> PlatformScores:
@@ -333,22 +350,22 @@ def _export(phase: Phase, ranking: Ranking, results: Mapping[tuple[str, int], Re
     missing = [trial for trial, cell in standing.trials.items() if cell.outcome == "no_run"]
     if not kept:
         reason = next((run.reason for run in ranking.runs), "no run could be scored")
-        return replace(_nothing(phase, reason).export, result_sha256=_hash(results))
+        return PlatformScores.without_score(phase.name, "invalid_log", reason, result_sha256=_hash(results))
     status = "incomplete" if unsettled or missing else "scored"
     counting = [results[run.trial, run.number] for run in kept if (run.trial, run.number) in results]
     findings = [finding for result in counting for finding in result.measured.findings.values()]
     open_ = sum(1 for finding in findings if finding.verdict is Verdict.INCONCLUSIVE)
     final = float(standing.execution)
     raw = _raw(kept, final)
-    metrics: dict[str, float | int] = {
-        "final": final,
-        "raw": raw,
-        "penalty": final - raw,
-        "violations": sum(1 for finding in findings if finding.verdict is Verdict.VIOLATED),
-        "coverage": 1 - open_ / len(findings) if findings else 0.0,
-        "status_code": STATUS[status],
-    }
-    return PlatformScores(phase.name, status, metrics, _message(ranking, missing), _hash(results))
+    metrics = Metrics(
+        final=final,
+        raw=raw,
+        penalty=final - raw,
+        violations=sum(1 for finding in findings if finding.verdict is Verdict.VIOLATED),
+        coverage=1 - open_ / len(findings) if findings else 0.0,
+        status_code=STATUS[status],
+    )
+    return PlatformScores.of(phase.name, status, metrics, _message(ranking, missing), _hash(results))
 
 
 def _raw(kept: list[RunOutcome], final: float) -> float:
@@ -361,11 +378,12 @@ def _raw(kept: list[RunOutcome], final: float) -> float:
 
 def _message(ranking: Ranking, missing: list[str]) -> str:
     (standing,) = ranking.standings
-    words = [f"{len(ranking.runs)} runs, {sum(run.kept for run in ranking.runs)} of them count"]
-    words += [f"no run of {', '.join(missing)}"] if missing else []
+    runs = f"{len(ranking.runs)} run{'' if len(ranking.runs) == 1 else 's'}"
+    parts = [f"{runs}, {sum(run.kept for run in ranking.runs)} of them count"]
+    parts += [f"no run of {', '.join(missing)}"] if missing else []
     odd = [run for run in ranking.runs if run.outcome not in ("scored", "aborted")]
-    words += [f"{run.trial}, run {run.number}: {run.outcome}: {run.reason}" for run in odd[:3]]
-    return f"final {standing.execution}; {'; '.join(words)}"
+    parts += [f"{run.trial}, run {run.number}: {run.outcome}: {run.reason}" for run in odd[:3]]
+    return f"final {standing.execution}; {'; '.join(parts)}"
 
 
 def _hash(results: Mapping[tuple[str, int], Result]) -> str:

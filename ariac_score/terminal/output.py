@@ -1,4 +1,4 @@
-"""Writing what a command gives: whole files or nothing, and a progress bar on a terminal."""
+"""Writing the output of a command: complete files or none, and a progress bar on a terminal."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = [
 
 
 def write(text: str, file: Path | None) -> None:
-    """Print the text, or put it into a file that is either complete or not there.
+    """Print the text, or write it to a file that is either complete or absent.
 
     A link keeps pointing where it did; a device or pipe is written to, not replaced.
 
@@ -44,7 +44,7 @@ write_output = write
 
 
 def write_bytes(content: bytes, file: Path) -> None:
-    """Put bytes into a file that is either complete or not there; see `write`.
+    """Write bytes to a file that is either complete or absent; see `write`.
 
     Raises:
         UsageError: The file cannot be written.
@@ -53,7 +53,7 @@ def write_bytes(content: bytes, file: Path) -> None:
 
 
 def write_copy(source: Path, file: Path) -> None:
-    """Put what another file holds into a file that is either complete or not there; see `write`.
+    """Write the content of one file to another that is either complete or absent; see `write`.
 
     Raises:
         UsageError: The file cannot be written.
@@ -66,7 +66,7 @@ def _put(fill: Callable[[IO[bytes]], object], file: Path) -> None:
     try:
         target = file.resolve()
         if target.exists() and not target.is_file():
-            with target.open("wb") as out:
+            with target.open("wb") as out:  # a device or pipe
                 fill(out)
         else:
             _replace(target, fill)
@@ -83,7 +83,7 @@ def _replace(target: Path, fill: Callable[[IO[bytes]], object]) -> None:
         with NamedTemporaryFile(dir=target.parent, prefix=".part-", delete=False) as out:
             temporary = out.name
             fill(out)
-        mask = os.umask(0)
+        mask = os.umask(0)  # it can only be read by setting it
         os.umask(mask)
         Path(temporary).chmod(0o666 & ~mask)  # a temporary file is private, a result is not
         Path(temporary).replace(target)
@@ -94,7 +94,7 @@ def _replace(target: Path, fill: Callable[[IO[bytes]], object]) -> None:
 
 
 def refuse_inputs(output: Path | None, source: Path) -> None:
-    """Refuse to write a result over what it was made from; a new file beside a bundle's parts is fine.
+    """Refuse to write a result over its own input; a new file in the folder of a bundle is fine.
 
     Raises:
         UsageError: The output is the input, or a file of the folder that is the input.
@@ -104,12 +104,12 @@ def refuse_inputs(output: Path | None, source: Path) -> None:
     target, origin = output.resolve(), source.resolve()
     if target == origin or (target.is_file() and origin in target.parents):
         raise UsageError(
-            "the result would overwrite what it is made from", file=output, hint="write it somewhere else"
+            "the result would overwrite its own input", file=output, hint="write it to another file"
         )
 
 
 LONG_LOG_BYTES = 4_000_000
-"""Below this a log is read in less than a second."""
+"""A smaller log is read in less than a second, and needs no bar."""
 
 
 def _bytes_below(path: Path) -> int:

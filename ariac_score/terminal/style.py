@@ -1,4 +1,4 @@
-"""How text looks on a terminal, and how strangers' text is kept from doing anything there."""
+"""Colours on a terminal, and text of strangers made harmless there."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def style_for(stream: TextIO) -> Style:
 
 
 def plain(text: str) -> str:
-    """Text from a log with everything that could steer a terminal made visible.
+    """Text from a log with control characters made visible, so that it cannot steer a terminal.
 
     >>> plain("a\\x1b[31mb")
     'a\\\\x1b[31mb'

@@ -20,7 +20,7 @@ from ariac_score.errors import PluginError
 
 
 def dies_at_first(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
-    """Killed by a strange hand the first three times, half-way through; then it does its work."""
+    """Killed from outside the first three times, half-way through; then it does its work."""
     if _tried(task, report) < 3:
         report.with_suffix(".part").write_bytes(b'{"address": "half of')
         os.kill(os.getpid(), signal.SIGKILL)
@@ -70,7 +70,7 @@ def dies_when_asked(task: RunTask, setting: BatchSetting, out: Path | None, repo
 
 
 def dies_of_both(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
-    """Killed by strange hands before and between faults of its own, for one log only."""
+    """Killed from outside before and between faults of its own, for one log only."""
     if "bad" in task.trial:
         own = _tried(task, report) in (1, 4)
         _when_asked(lambda: os.kill(os.getpid(), signal.SIGSEGV if own else signal.SIGKILL))
@@ -85,7 +85,7 @@ def takes_its_server_along(task: RunTask, setting: BatchSetting, out: Path | Non
 
 
 def is_killed_often(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
-    """Killed by strange hands five times, for one log only."""
+    """Killed from outside five times, for one log only."""
     if "bad" in task.trial and _tried(task, report) < 5:
         os.kill(os.getpid(), signal.SIGKILL)
     worker.perform_into(task, setting, out, report)
@@ -143,7 +143,7 @@ def is_killed_beside_others(task: RunTask, setting: BatchSetting, earlier: bytes
     mark = Path(task.path).with_suffix(".tried")
     if "bad" in task.trial and not mark.exists():
         mark.touch()
-        return replace(lost(task, "killed", "by strange hands"), put_off=True)
+        return replace(lost(task, "killed", "from outside"), put_off=True)
     return measure_apart(task, setting, earlier)
 
 

@@ -25,6 +25,7 @@ import yaml
 
 from ariac_score import load_rule_set, score_trial
 from ariac_score.batch import address, pricing, supervise, worker
+from ariac_score.batch.description import Shard
 from ariac_score.batch.index import Row
 from ariac_score.batch.isolated import earlier_document, measure_apart
 from ariac_score.batch.local import LocalExecutor
@@ -102,14 +103,12 @@ def batch(
     plan = plan_batch(path, rules)
     rule_set = load_rule_set(plan.rules)
     store = Store(out)
-    about: dict[str, object] = {"batch": plan.id}
-    if part != (1, 1):
-        about["shard"] = {"number": part[0], "of": part[1]}
+    own = None if part == (1, 1) else Shard(*part)
     with store.working() as work:
         chosen = executor(out, work) if executor else Inline(out)
         tasks = of_shard(plan.tasks, *part)
         setting = BatchSetting.of(rule_set, limits)
-        return run_batch(tasks, rule_set, setting, store, work, chosen, about=about, again=again)
+        return run_batch(tasks, rule_set, setting, store, work, chosen, name=plan.id, shard=own, again=again)
 
 
 def local(target: Callable[..., None] = worker.perform_into) -> Callable[[Path, Path], LocalExecutor]:
@@ -250,18 +249,18 @@ def test_whatever_changes_among_the_files_of_a_run_changes_its_signature(tmp_pat
     assert len(set(told)) == len(told) == 7
 
 
-def test_a_signature_is_told_of_a_relative_path_by_the_folder_it_is_in(
+def test_the_signature_of_a_relative_path_is_that_of_the_current_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("here", "there"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "log.txt").touch()
-    told = []
+    signatures = []
     for name in ("here", "there"):
         monkeypatch.chdir(tmp_path / name)
-        told.append(address.signature_of(RunTask("", "a", 1, "log.txt")))
+        signatures.append(address.signature_of(RunTask("", "a", 1, "log.txt")))
 
-    assert told[0] != told[1]
+    assert signatures[0] != signatures[1]
 
 
 # Going on ------------------------------------------------------------------------------
@@ -456,7 +455,7 @@ def test_tables_that_contradict_the_documents_are_neither_exported_nor_joined(
         assert main(["export", str(tmp_path / "out"), "-o", str(tmp_path / name)]) == 7
         assert not (tmp_path / name).exists()
     assert "call 'batch' again" in capsys.readouterr().err
-    with pytest.raises(BatchError, match=r"what its document does not|something else than runs\.jsonl"):
+    with pytest.raises(BatchError, match=r"contradicts its document|contradicts runs\.jsonl"):
         joined([tmp_path / "out"], tmp_path / "whole")
 
 
@@ -1049,7 +1048,7 @@ def test_a_batch_of_other_rules_or_other_runs_is_not_ranked(
     assert "put the new prices on it first" in capsys.readouterr().err
     shutil.copytree(tmp_path / "in/logs/aurora/kitting_1", tmp_path / "in/logs/aurora/kitting_9")
     assert main(command) == 4
-    assert "1 runs are not in it: aurora/kitting/9" in capsys.readouterr().err
+    assert "1 run is not in it: aurora/kitting/9" in capsys.readouterr().err
     assert main(["rank", str(tmp_path / "in"), "--batch", str(tmp_path / "in")]) == 4
     assert "this is no folder of a batch" in capsys.readouterr().err
 
@@ -1094,7 +1093,7 @@ def test_every_task_is_in_exactly_one_shard(count: int) -> None:
 
 
 def test_a_folder_without_rules_or_entries_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="nothing says by which rules"):
+    with pytest.raises(UsageError, match="no rule set is given"):
         plan_batch(tmp_path)
     with pytest.raises(NothingToScoreError, match="the folder is empty"):
         plan_batch(tmp_path, RULES)
@@ -1165,9 +1164,19 @@ def describe(part: Path, **changes: object) -> None:
     file.write_text(json.dumps({**json.loads(file.read_text()), **changes}), encoding="utf-8")
 
 
+def test_a_description_that_is_damaged_is_written_anew(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "out")
+    file = tmp_path / "out/batch.json"
+    before = file.read_bytes()
+    file.write_bytes(b"\xff" + before)
+
+    assert batch(trials, tmp_path / "out").scored_now == 0
+    assert file.read_bytes() == before
+
+
 def test_a_missing_shard_is_named(trials: Path, tmp_path: Path) -> None:
     parts = halves(trials, tmp_path)
-    with pytest.raises(UsageError, match="1 of 2 shards are missing: 2/2"):
+    with pytest.raises(UsageError, match="1 of 2 shards is missing: 2/2"):
         joined(parts[:1], tmp_path / "out")
 
 

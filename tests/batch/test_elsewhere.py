@@ -94,7 +94,7 @@ def score(
     setting = BatchSetting.of(rule_set, LIMITS, ranges=ranges)
     with store.working() as work:
         chosen = executor(work) if executor else Inline()
-        return run_batch(plan.tasks, rule_set, setting, store, work, chosen, about={"batch": plan.id})
+        return run_batch(plan.tasks, rule_set, setting, store, work, chosen, name=plan.id)
 
 
 def elsewhere(uri: str, tmp_path: Path, rules: str = RULES, *, ranges: bool = False) -> BatchPlan:
@@ -256,14 +256,14 @@ def test_a_list_that_lies_elsewhere_names_nothing_outside_its_folder(
     trials: Path, web: Web, tmp_path: Path, line: str
 ) -> None:
     (trials / "list.txt").write_text(f"{line}\n", encoding="utf-8")
-    with pytest.raises(UsageError, match="which is no name of a file"):
+    with pytest.raises(UsageError, match="which cannot be the name of a file"):
         elsewhere(f"{web.url}/trials/list.txt", tmp_path)
 
 
 @pytest.mark.parametrize(
     ("text", "cause"),
     [
-        ("https://h/a.mcap\nhttps://g/a.mcap\n", "two runs are called 'a.mcap': here and in line 1"),
+        ("https://h/a.mcap\nhttps://g/a.mcap\n", "two runs are named 'a.mcap': here and in line 1"),
         ("https://h/a b.mcap\n", "is no address of a run"),
         ("https://h/?secret=1 x y\n", "'https://h/' is no address of a run"),
         ("# nothing\n", "it lists no run"),
@@ -275,7 +275,7 @@ def test_a_list_that_is_none_is_refused_with_its_line(tmp_path: Path, text: str,
     listed.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises((DataFileError, NothingToScoreError), match=cause.replace("?", r"\?")):
         plan_list(listed, RULES)
-    with pytest.raises(UsageError, match="nothing says by which rules"):
+    with pytest.raises(UsageError, match="no rule set is given"):
         plan_list(listed, "")
 
 
@@ -389,10 +389,9 @@ def test_parts_and_wholes_are_kept_apart_and_do_not_join(web: Web, tmp_path: Pat
 def _scored(web: Web, out: Path, tmp_path: Path, *, ranges: bool) -> Path:
     plan = elsewhere(f"{web.url}/t/", tmp_path, ranges=ranges)
     rule_set, store = load_rule_set(RULES), Store(out)
-    about: dict[str, object] = {"batch": plan.id} | ({"read": "parts"} if ranges else {})
     with store.working() as work:
         setting = BatchSetting.of(rule_set, LIMITS, ranges=ranges)
-        run_batch(plan.tasks, rule_set, setting, store, work, Inline(), about=about)
+        run_batch(plan.tasks, rule_set, setting, store, work, Inline(), name=plan.id)
     return out
 
 
@@ -604,7 +603,7 @@ def test_more_than_was_announced_is_not_fetched_to_its_end(web: Web, tmp_path: P
     (web.root / "run.bin").write_bytes(bytes(50_000_000))
     storage = Storage(f"{web.url}/run.bin")
 
-    with pytest.raises(remote.UnreachableError, match="more than the announced 1000 bytes come"):
+    with pytest.raises(remote.UnreachableError, match="more than the announced 1000 bytes came"):
         storage.fetch(replace(storage.file(), size=1000), tmp_path / "into")
     assert (tmp_path / "into").stat().st_size < 25_000_000
 
@@ -756,7 +755,7 @@ def test_an_empty_folder_and_an_output_elsewhere_are_refused(
 
 @pytest.mark.parametrize("name", ["../x", "a/../../x", "/etc/passwd", "a//b", "a\\b", "a\0b", "."])
 def test_a_listing_that_leads_out_of_its_folder_is_refused(name: str) -> None:
-    with pytest.raises(UsageError, match="which is no name of a file"):
+    with pytest.raises(UsageError, match="which cannot be the name of a file"):
         remote.check_inside(name, "s3://bucket/x")
 
 
@@ -796,7 +795,7 @@ def test_a_worker_is_bound_to_the_size_of_a_result_only_when_all_is_fetched(web:
     setting = BatchSetting.of(rule_set, Limits(wall_s=120.0, output_bytes=1 << 20))
     with store.working() as work:
         executor = LocalExecutor(1, None, work)
-        run_batch(plan.tasks, rule_set, setting, store, work, executor, about={"batch": plan.id})
-        assert not list(work.glob("*.near"))
+        run_batch(plan.tasks, rule_set, setting, store, work, executor, name=plan.id)
+        assert not list(work.glob("*.fetched"))
 
     assert outcomes(tmp_path / "out") == {"run.mcap": "unreadable"}  # bytes follow the end

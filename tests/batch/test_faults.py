@@ -141,7 +141,7 @@ def test_a_run_whose_process_is_killed_again_and_again_is_tried_at_last_and_alon
     assert summary_of(found["0_bad.jsonl"].document or b"").outcome == "scored"
 
 
-def test_how_a_run_died_is_told_by_what_happened_mostly(trials: Path, tmp_path: Path) -> None:
+def test_the_reason_names_the_death_that_happened_most_often(trials: Path, tmp_path: Path) -> None:
     found = run_here(hands.is_always_killed, ["a.jsonl"], trials, tmp_path / "out")
 
     reason = summary_of(found["a.jsonl"].document or b"").reason
@@ -159,7 +159,7 @@ def test_a_report_about_another_run_is_none() -> None:
         RunTask("", "a", 2, "/x/a"),
         RunTask("team", "a", 1, "/x/a"),
     ):
-        with pytest.raises(ValueError, match="it is about"):
+        with pytest.raises(ValueError, match="it is a report of"):
             parse_report(task, report)
 
 
@@ -663,7 +663,7 @@ def test_workers_that_cannot_work_end_the_batch_and_not_the_runs(
     pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
     monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.cannot_work)
-    monkeypatch.setattr("ariac_score.batch.dask.STRANGE_HAND_ATTEMPTS", 1)
+    monkeypatch.setattr("ariac_score.batch.dask.KILLED_FROM_OUTSIDE_ATTEMPTS", 1)
 
     with cluster(1) as made, pytest.raises(BatchError, match="No space left") as caught:
         list(on_a_cluster(made.scheduler_address, ["a.jsonl"], trials, tmp_path))
@@ -732,10 +732,10 @@ def looked(
     clock = [0.0]
     monkeypatch.setattr(patience.time, "monotonic", lambda: clock[0])
     one = Patience("tcp://here:1", seen, BatchSetting.of(load_rule_set(RULES), Limits(wall_s)))
-    one.came()
+    one.reset()
     try:
         for clock[0] in times_s:
-            one.look()
+            one.check()
     except BatchError as error:
         return str(error)
     return ""

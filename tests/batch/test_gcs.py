@@ -222,5 +222,5 @@ def test_whoever_cannot_be_asked_about_a_token_is_named_without_it(
 def test_credentials_that_are_none_any_more_are_said_to_be_so(monkeypatch: pytest.MonkeyPatch) -> None:
     from google.auth.exceptions import RefreshError  # noqa: PLC0415  # comes with gcsfs
 
-    found = remote._worded(RefreshError("('invalid_grant: Bad Request', {})"), "gs://ariac/season")
+    found = remote._as_score_error(RefreshError("('invalid_grant: Bad Request', {})"), "gs://ariac/season")
     assert "it may not be read" in str(found)

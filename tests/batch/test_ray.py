@@ -86,7 +86,7 @@ def score(trials: Path, out: Path, executor: Executor) -> Report:
     plan, rule_set, store = plan_batch(trials, RULES), load_rule_set(RULES), Store(out)
     setting = BatchSetting.of(rule_set, Limits(wall_s=120.0))
     with store.working() as work:
-        return run_batch(plan.tasks, rule_set, setting, store, work, executor, about={"batch": plan.id})
+        return run_batch(plan.tasks, rule_set, setting, store, work, executor, name=plan.id)
 
 
 def rows(out: Path) -> dict[str, Row]:
@@ -132,7 +132,7 @@ def test_workers_that_are_lost_cost_their_runs_nothing(trials: Path, tmp_path: P
 def test_a_run_that_takes_worker_after_worker_with_it_is_given_up_by_name(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(executors, "STRANGE_HAND_ATTEMPTS", 2)
+    monkeypatch.setattr(executors, "KILLED_FROM_OUTSIDE_ATTEMPTS", 2)
     marks = tmp_path / "marks"
     marks.mkdir()
 

@@ -496,7 +496,7 @@ def test_a_port_that_is_taken_is_said_to_be(running: Running, tmp_path: Path) ->
 def test_results_are_never_written_over(tmp_path: Path) -> None:
     (tmp_path / "results.json").write_text("{}")
 
-    with pytest.raises(UsageError, match="holds something already"):
+    with pytest.raises(UsageError, match="it is not empty"):
         Oracle(BENCH, tmp_path)
     with pytest.raises(UsageError, match="cannot be used"):
         Oracle(BENCH, tmp_path / "results.json")

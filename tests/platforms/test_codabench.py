@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import io
 import json
 import math
 import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import pytest
 import yaml
 
 from ariac_score import load_rule_set, score_trial
 from ariac_score.batch.tasks import BatchSetting, Limits
 from ariac_score.cli import main
-from ariac_score.errors import BatchError, UsageError
+from ariac_score.errors import BatchError, DataFileError, UsageError
 from ariac_score.platforms import codabench, submission
 from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
-from ariac_score.platforms.neutral import COLUMNS, PlatformScores, checked_metrics
-from ariac_score.platforms.submission import phase_text
+from ariac_score.platforms.neutral import COLUMNS, Metrics, PlatformScores
+from ariac_score.platforms.submission import load_phase, phase_text
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -130,7 +135,7 @@ def test_an_empty_submission_is_a_scored_outcome_that_says_why(
 @pytest.mark.parametrize(
     ("members", "said"),
     [
-        ({"other_1.jsonl": b"{}"}, "is of no trial of this phase"),
+        ({"other_1.jsonl": b"{}"}, "belongs to no trial of this phase"),
         ({"kit_1.jsonl": b"{}", "kit.jsonl": b"{}"}, "two entries are run 1 of"),
         ({"kit_1.zip": b"PK\x03\x04 no archive"}, "kit"),
     ],
@@ -186,7 +191,7 @@ def test_runs_that_would_begin_too_late_do_not_cost_the_others_their_score(
     assert told(tmp_path / "output")["status_code"] == 1
     assert told(tmp_path / "output")["final"] > 0
     page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
-    assert "not looked at: the runs before it took all the time" in page
+    assert "not scored: the runs before it took all the time" in page
 
 
 @pytest.mark.parametrize("damage", ["no phase", "no rules", "other schema", "rules that compare teams"])
@@ -245,40 +250,101 @@ def test_what_a_stranger_wrote_is_text_on_the_page(tmp_path: Path, log_text: str
 
 # What a platform can store -------------------------------------------------------------
 
-SOUND: dict[str, Any] = {
-    "final": 1.5,
-    "raw": 2,
-    "penalty": -0.5,
-    "violations": 3,
-    "coverage": 1.0,
-    "status_code": 0,
-}
+SOUND = Metrics(final=1.5, violations=3, penalty=-0.5, raw=2.0, coverage=1.0, status_code=0)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e10, -1e10, True, None, "1", 10**10])
-def test_what_a_platform_cannot_store_is_refused_by_us_first(value: object) -> None:
-    with pytest.raises(BatchError, match="cannot be stored"):
-        checked_metrics({**SOUND, "final": value})
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e10, -1e10, 10**10])
+def test_what_a_platform_cannot_store_is_refused_by_us_first(value: float) -> None:
+    with pytest.raises(BatchError, match=r"'final': .* cannot be stored"):
+        PlatformScores.of("finals", "scored", replace(SOUND, final=value), "")
 
 
 @pytest.mark.parametrize("value", [0, 0.0, -0.0, 9999999999.0, -9999999999.9, 1 / 3])
 def test_what_it_can_store_is_rounded_once(value: float) -> None:
-    told_value = checked_metrics({**SOUND, "final": value})["final"]
-    assert told_value == round(value, 10)
-    assert str(told_value) != "-0.0"
+    stored = PlatformScores.of("finals", "scored", replace(SOUND, final=value), "").metrics.final
+    assert stored == round(value, 10)
+    assert str(stored) != "-0.0"
 
 
-def test_a_missing_or_unknown_column_is_refused() -> None:
-    with pytest.raises(BatchError, match="columns without a number"):
-        checked_metrics({key: value for key, value in SOUND.items() if key != "raw"})
-    with pytest.raises(BatchError, match="numbers without a column"):
-        checked_metrics({**SOUND, "more": 1})
+def test_there_is_a_number_for_each_column_under_a_name_that_platforms_take() -> None:
+    assert [*SOUND.by_column()] == [column.key for column in COLUMNS]
+    assert all(re.fullmatch(r"[a-z][a-z0-9_]{0,35}", column.key) for column in COLUMNS)
 
 
 def test_a_submission_without_a_score_is_behind_every_other() -> None:
     nothing = PlatformScores.without_score("finals", "invalid_log", "nothing")
-    assert checked_metrics(nothing.metrics)["final"] == -1e6
-    assert nothing.metrics["status_code"] == 2
+    assert nothing.metrics.final == -1e6
+    assert nothing.metrics.status_code == 2
+
+
+def test_the_export_is_read_as_it_was_written() -> None:
+    scores = PlatformScores.of("finals", "scored", SOUND, "caf\udce9 counts", "ab")
+    document = json.loads(scores.text())
+
+    assert document["schema"] == "platform-scores/1"
+    assert document["splits"] == [{"name": "finals", "public": True, "metrics": SOUND.by_column()}]
+    assert document["message"] == "caf\\udce9 counts"
+    assert msgspec.json.decode(scores.text(), type=PlatformScores) == scores
+
+
+def test_a_name_that_is_no_utf8_fails_no_scorer(tmp_path: Path, log_text: str) -> None:
+    inputs = reference(tmp_path / "input")
+    content = log_text.encode()
+    with tarfile.open(inputs / "res/runs.tar", "w", format=tarfile.GNU_FORMAT, encoding="latin-1") as archive:
+        member = tarfile.TarInfo("caf\xe9_1.jsonl")
+        member.size = len(content)
+        archive.addfile(member, io.BytesIO(content))
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    assert told(tmp_path / "output")["status_code"] == 0
+    assert "caf\\udce9" in (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
+
+
+def test_a_full_disk_is_a_failure_of_the_scorer_and_no_damaged_archive(
+    tmp_path: Path, log_text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    zipped(inputs / "res/runs.zip", {"kit_1.jsonl": log_text.encode()})
+    opened = Path.open
+
+    def full(path: Path, mode: str = "r", *arguments: Any, **named: Any) -> Any:
+        if mode == "xb":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return opened(path, mode, *arguments, **named)
+
+    monkeypatch.setattr(Path, "open", full)
+
+    assert score(inputs, tmp_path / "output") == 3
+    assert not (tmp_path / "output/scores.json").exists()
+
+
+def test_reference_data_of_the_version_before_are_read(tmp_path: Path) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    before = {
+        "schema": "ariac-score/phase/1",
+        "phase": "practice",
+        "rule_set": {"id": "ariac2020.as_coded", "sha256": "ab"},
+        "limits": {"wall_s": 300, "memory_bytes": 1 << 30, "output_bytes": 1 << 20},
+        "trials": {"kit": ""},
+    }
+    (inputs / "ref/phase.json").write_text(json.dumps(before, indent=1, sort_keys=True), encoding="utf-8")
+
+    phase = load_phase(inputs / "ref")
+
+    assert (phase.name, [trial.id for trial in phase.trials]) == ("practice", ["kit"])
+    assert phase.setting.limits == Limits(300.0, 1 << 30, 1 << 20)
+
+
+def test_reference_data_with_a_fault_name_its_place(tmp_path: Path) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    file = inputs / "ref/phase.json"
+    file.write_text(file.read_text().replace('"wall_s": 120.0', '"wall_s": "long"'), encoding="utf-8")
+
+    with pytest.raises(DataFileError, match="expected 'float', got 'str'") as refused:
+        load_phase(inputs / "ref")
+
+    assert (refused.value.file, refused.value.place) == (str(file), "$.limits.wall_s")
 
 
 # The bundle ----------------------------------------------------------------------------
@@ -391,7 +457,7 @@ def _edited(zipped_file: bytes, name: str) -> bytes:
 TRAPS = {
     "leaderboard": (
         lambda c, _m: c.update(leaderboard=c.pop("leaderboards")),
-        "the unpacker rejects it",
+        "is rejected by the platform",
     ),
     "other keys": (lambda c, _m: c["leaderboards"][0]["columns"].pop(), "the scorer writes"),
     "long key": (
@@ -420,10 +486,10 @@ TRAPS = {
     ),
     "no program": (lambda _c, m: m.pop("scoring_program.zip"), "is not in the zip"),
     "tag": (lambda c, _m: c.update(docker_image="example.org/x:latest"), "is not named by its digest"),
-    "long": (lambda c, _m: c["phases"][0].update(execution_time_limit=601), "a queue of your own"),
+    "long": (lambda c, _m: c["phases"][0].update(execution_time_limit=601), "own queue stops at 600 s"),
     "no date": (lambda c, _m: c["phases"][0].update(start="soon"), "start 'soon' is no date"),
     "end before start": (lambda c, _m: c["phases"][0].update(end="2026-08-31"), "it ends before it begins"),
-    "no time": (lambda c, _m: c["phases"][0].update(execution_time_limit=0), "no time to score in"),
+    "no time": (lambda c, _m: c["phases"][0].update(execution_time_limit=0), "is no time"),
     "no task": (lambda c, _m: c.update(tasks=[]), "there is none"),
     "no phase": (lambda c, _m: c.update(phases=5), "there is none"),
     "another rule set": (
@@ -455,7 +521,7 @@ def test_rules_that_compare_teams_are_refused_for_a_platform(tmp_path: Path) -> 
     ("changes", "trials", "words"),
     [
         ({"start": "soon"}, {"kit": None}, "is no date"),
-        ({"time_limit_s": -5}, {"kit": None}, "no time to score in"),
+        ({"time_limit_s": -5}, {"kit": None}, "is no time"),
         ({}, {"../../kit": None}, "is no name of a trial"),
         ({}, {"kit": Path("nowhere.yaml")}, "cannot be read"),
     ],
@@ -486,7 +552,7 @@ def test_reference_data_with_a_wrong_checksum_score_nobody(
         zipfile.ZipFile(bundle(tmp_path)) as archive,
         zipfile.ZipFile(archive.open("reference_data.zip")) as reference,
     ):
-        reference.extractall(tmp_path / "in/ref")  # our own
+        reference.extractall(tmp_path / "in/ref")  # noqa: S202  # our own
     (tmp_path / "in/res").mkdir()
     (tmp_path / "in/res/kit_1.jsonl").write_text(log_text, encoding="utf-8")
     assert score(tmp_path / "in", tmp_path / "out") == 0
@@ -548,7 +614,7 @@ def test_the_commands_say_what_they_did(
     assert main([*head, "pack", str(tmp_path / "kit_1"), "-o", zips[1]]) == 0
     assert main([*head, "dry-run", *zips, "-o", str(tmp_path / "dry")]) == 0
     said = capsys.readouterr().out
-    assert "nothing that the platform would trip over" in said
+    assert "no problem found" in said
     assert "1 file, " in said
     assert main([*head, "dry-run", *zips, "-o", str(tmp_path / "dry")]) == 4
     assert "the folder is not empty" in capsys.readouterr().err

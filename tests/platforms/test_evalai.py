@@ -9,7 +9,7 @@ import sys
 import threading
 import zipfile
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -24,14 +24,13 @@ from ariac_score.platforms.evalai import (
     Api,
     ApiError,
     Challenge,
+    Evaluation,
     Worker,
     challenge_config,
     challenge_files,
     check_challenge,
-    failed_body,
-    finished_body,
 )
-from ariac_score.platforms.neutral import COLUMNS, PlatformScores
+from ariac_score.platforms.neutral import COLUMNS, Metrics, PlatformScores
 from ariac_score.platforms.submission import Phase, load_phase, phase_text
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
@@ -284,7 +283,7 @@ def test_a_wrong_token_is_told_and_never_shown(platform: Platform, phase: Phase,
     with pytest.raises(ApiError, match="HTTP 401") as caught:
         one.once()
     assert "wrong-token" not in f"{caught.value}{one.api!r}"
-    assert not caught.value.passes
+    assert not caught.value.transient
 
 
 @pytest.mark.parametrize(
@@ -460,13 +459,13 @@ def test_an_answer_that_is_no_message_is_an_empty_queue_or_told(
 
 
 def test_the_shape_is_the_one_the_code_takes() -> None:
-    scores = PlatformScores("finals", "scored", dict.fromkeys(LABELS, 1.0), "all well", "ab")
-    body = finished_body(scores, split="finals", phase_pk=3, submission_pk=11)
+    scores = PlatformScores.of("finals", "scored", Metrics(1.0, 1, 1.0, 1.0, 1.0, 1), "all well", "ab")
+    body = asdict(Evaluation.finished(scores, split="finals", phase_pk=3, submission_pk=11))
 
     assert Platform.accepts(Platform.__new__(Platform), body) == (200, "")
     assert isinstance(body["result"], str)
     assert "all well" in body["stdout"]
-    assert failed_body("why", phase_pk=3, submission_pk=11)["result"] == "[]"
+    assert Evaluation.failed("why", phase_pk=3, submission_pk=11).result == "[]"
 
 
 # The configuration ---------------------------------------------------------------------
@@ -515,7 +514,7 @@ TRAPS = {
         "no dataset split has its code name",
     ),
     "a board without a schema": (lambda c: c["leaderboard"][0].update(schema=7), "not those of the worker"),
-    "no script": (lambda c: c.update(evaluation_script="other.zip"), "the importer asks for it"),
+    "no script": (lambda c: c.update(evaluation_script="other.zip"), "the importer requires it"),
     "labels": (lambda c: c["leaderboard"][0]["schema"]["labels"].append("more"), "not those of the worker"),
 }
 
