@@ -101,8 +101,10 @@ def _changed(
     return replace(
         run,
         outcome=_outcome(run, adjusted),
-        reason="; ".join(f"{a.author}: {a.effect}: {a.reason}" for a in adjusted.adjustments),
+        cause="; ".join(f"{a.author}: {a.effect}: {a.reason}" for a in adjusted.adjustments),
         score=adjusted.score,
+        worst=None,
+        decisions=tuple(a.id for a in adjusted.adjustments),
         task=_task(run, result, adjusted, rule_set),
         result=replace(result, adjusted=adjusted),
     )

@@ -72,11 +72,13 @@ class RunOutcome:
         trial: Trial.
         number: Number of the run.
         outcome: One of `OUTCOMES`.
-        reason: In words, where it is out of the ordinary.
+        cause: Why it ended so, in words, where that is out of the ordinary.
         task: Task score, where the rules have one.
         score: Score; `None` when there is none, or it was not kept and needs a cohort.
         kept: Whether it counts for the trial.
         terms: The terms of the trial that runs are compared by.
+        worst: The worst score of the trial, where that counts for this run instead of 0.
+        decisions: Ids of the stewards' decisions that changed it.
         result: The result, where there is one.
     """
 
@@ -84,17 +86,24 @@ class RunOutcome:
     trial: str
     number: int
     outcome: Outcome
-    reason: str = ""
+    cause: str = ""
     task: Decimal | None = None
     score: Decimal | None = None
     kept: bool = False
     terms: Mapping[str, float] = field(default_factory=dict)
+    worst: Decimal | None = None
+    decisions: tuple[str, ...] = ()
     result: Result | None = field(default=None, repr=False, compare=False)
 
     @property
     def key(self) -> RunKey:
         """Team, trial, number."""
         return self.team, self.trial, self.number
+
+    @property
+    def reason(self) -> str:
+        """The cause, and what the run counts where that is not 0."""
+        return self.cause if self.worst is None else _counting(self.cause, self.worst)
 
 
 @dataclass(frozen=True)
@@ -238,7 +247,7 @@ def rank_again(
         ranking: An automatic ranking.
         changed: The outcomes that differ.
     """
-    outcomes = [changed.get(run.key, run) for run in ranking.runs]
+    outcomes = [changed.get(run.key) or _at_zero(run) for run in ranking.runs]
     # Runs are chosen by what was known of them before other teams and runs were looked at.
     later = rule_set.sheet.needs_cohort or bool(rule_set.sheet.pooled)
     known = [replace(run, score=None) if later and run.task is not None else run for run in outcomes]
@@ -416,16 +425,16 @@ def _priced(
     if run.result is None or run.outcome in (*_AS_ZERO, "undecided", "no_value"):
         return replace(run, kept=counts)
     if isinstance(pool, str):
-        return replace(run, outcome="undecided", reason=pool, score=None, kept=False)
+        return replace(run, outcome="undecided", cause=pool, score=None, kept=False)
     if cohort is None and pool is None:
         return replace(run, kept=counts)
     values = cohort.of_trial(run.trial) if cohort is not None else CohortValues()
     try:
         result = reprice(run.result, rule_set, replace(values, values={**values.values, **(pool or {})}))
     except FormulaError as error:
-        return replace(run, outcome="no_value", reason=_told(error), kept=False)
+        return replace(run, outcome="no_value", cause=_told(error), kept=False)
     if result.score is None:
-        return replace(run, outcome="no_value", reason=result.missing, result=result, kept=False)
+        return replace(run, outcome="no_value", cause=result.missing, result=result, kept=False)
     return replace(run, score=result.score, result=result, kept=counts)
 
 
@@ -441,23 +450,25 @@ def _worst(competition: Competition, outcomes: Sequence[RunOutcome], spec: Spec)
     return {trial: (min if spec.more_is_better else max)(found) for trial, found in scores.items()}
 
 
-_COUNTS = "; it counts "
+def _counting(cause: str, worst: Decimal) -> str:
+    return f"{cause}; it counts {worst:f}, the worst of the trial"
 
 
 def _at_worst(run: RunOutcome, worst: Decimal) -> RunOutcome:
-    if run.outcome not in _AS_ZERO or not worst:
-        return run
-    reason = run.reason.partition(_COUNTS)[0]
-    return replace(run, score=worst, reason=f"{reason}{_COUNTS}{worst:f}, the worst of the trial")
+    return replace(run, score=worst, worst=worst) if run.outcome in _AS_ZERO and worst else run
+
+
+def _at_zero(run: RunOutcome) -> RunOutcome:
+    """The run before the worst of its trial was looked at; stewards can change what that is."""
+    return run if run.worst is None else replace(run, score=Decimal(0), worst=None)
 
 
 def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int, worst: Decimal) -> Cell:
     kept = [run for run in runs if run.kept and run.score is not None]
     if not kept:
         why = next((run for run in runs if run.outcome not in ("scored", "aborted")), None)
-        outcome, reason = (why.outcome, why.reason) if why else ("no_run", OUTCOMES["no_run"])
-        counts = f"{_COUNTS}{worst:f}, the worst of the trial" if worst and _COUNTS not in reason else ""
-        return Cell(worst, outcome, f"{reason}{counts}", (), len(runs))
+        outcome, cause = (why.outcome, why.cause) if why else ("no_run", OUTCOMES["no_run"])
+        return Cell(worst, outcome, _counting(cause, worst) if worst else cause, (), len(runs))
     total = sum((run.score for run in kept if run.score is not None), Decimal(0))
     if spec.fill:
         total += worst * (spec.keep - len(kept))
