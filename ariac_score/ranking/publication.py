@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, convert
 
 from ariac_score.errors import DataFileError
+from ariac_score.ranking.compare import RankingDifference
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
 from ariac_score.ranking.rank import Outcome, Ranking, RunOutcome, Stewarded, TeamRank, final_ranking
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec
 from ariac_score.ranking.statistics import Statistics
-from ariac_score.results.codec import Format, plain
+from ariac_score.results.codec import Format
 from ariac_score.results.cohort_file import Cohort
 from ariac_score.results.result import Pinned, Sha256
 from ariac_score.results.result_file import decision_from_1
+from ariac_score.scoring.expression import Number
 from ariac_score.scoring.steward import Adjustment
 
 __all__ = ["PUBLICATION", "Publication", "StoredResult", "load_publication", "ranking_json"]
@@ -51,7 +54,7 @@ class Input(Struct, frozen=True, forbid_unknown_fields=True):
     sha256: str
 
 
-class PublishedRun(Struct, frozen=True, forbid_unknown_fields=True):
+class PublishedRun(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
     """One run: how it ended, what it is worth, whether it counts.
 
     Attributes:
@@ -66,6 +69,7 @@ class PublishedRun(Struct, frozen=True, forbid_unknown_fields=True):
         terms: The terms of the trial that runs are compared by.
         inputs: The files it was scored from.
         result: Its result, below the folder of results; null when it is not given.
+        decisions: Ids of the stewards' decisions that changed it.
     """
 
     team: str
@@ -79,6 +83,7 @@ class PublishedRun(Struct, frozen=True, forbid_unknown_fields=True):
     terms: Mapping[str, int | float]
     inputs: tuple[Input, ...]
     result: StoredResult | None
+    decisions: tuple[str, ...] = ()
 
     @property
     def key(self) -> RunKey:
@@ -108,6 +113,24 @@ class How(Struct, frozen=True, forbid_unknown_fields=True):
     best: Annotated[str, Meta(pattern="^(highest|lowest)$")]
     ties: tuple[Mapping[str, str], ...]
     intervals: Intervals
+
+
+class OrganisersRanking(Struct, frozen=True, forbid_unknown_fields=True):
+    """What the organisers' own program gives, and where it differs.
+
+    Attributes:
+        trials: By trial what each team got; teams set aside are missing.
+        orders: The orders of each trial; null where an older version kept none.
+        leaderboard: Team and sum, best first.
+        stops: Where the program would have ended.
+        differences: Every trial score, sum and rank in which this ranking differs.
+    """
+
+    trials: Mapping[str, Mapping[str, Entry]]
+    orders: Mapping[str, tuple[OrderPlan, ...]] | None
+    leaderboard: tuple[tuple[str, Number], ...]
+    stops: tuple[Stop, ...]
+    differences: tuple[RankingDifference, ...]
 
 
 class PublishedDecisions(Struct, frozen=True, forbid_unknown_fields=True):
@@ -163,7 +186,7 @@ class Publication:
     cohort: Cohort | None
     strangers: tuple[str, ...]
     folder: str
-    strict: Mapping[str, Any] | None
+    strict: OrganisersRanking | None
     adjusted: PublishedDecisions | None
 
     @cached_property
@@ -186,7 +209,18 @@ class Publication:
             trials=self.trials,
             standings=standings,
             runs=tuple(
-                RunOutcome(r.team, r.trial, r.run, r.outcome, r.reason, r.task, r.score, r.kept, r.terms)
+                RunOutcome(
+                    r.team,
+                    r.trial,
+                    r.run,
+                    r.outcome,
+                    r.reason,  # the whole of it: what a run counts stands in the text that was published
+                    r.task,
+                    r.score,
+                    r.kept,
+                    r.terms,
+                    decisions=r.decisions,
+                )
                 for r in runs
             ),
             cohort=self.cohort,
@@ -220,8 +254,8 @@ def ranking_json(
     spec: Spec,
     statistics: Statistics | None = None,
     adjusted: Statistics | None = None,
-    strict: object = None,
-    differences: tuple[object, ...] = (),
+    strict: Evaluation | None = None,
+    differences: tuple[RankingDifference, ...] = (),
     *,
     folder: str = "",
     results: Mapping[RunKey, StoredResult] | None = None,
@@ -254,7 +288,7 @@ def ranking_json(
             cohort=ranking.cohort,
             strangers=ranking.strangers,
             folder=folder,
-            strict=None if strict is None else {**plain(strict), "differences": plain(differences)},
+            strict=None if strict is None else _organisers(strict, differences),
             adjusted=None
             if after is None
             else PublishedDecisions(
@@ -266,6 +300,16 @@ def ranking_json(
                 statistics=adjusted,
             ),
         )
+    )
+
+
+def _organisers(strict: Evaluation, differences: tuple[RankingDifference, ...]) -> OrganisersRanking:
+    return OrganisersRanking(
+        trials=strict.trials,
+        orders={trial: tuple(orders) for trial, orders in strict.orders.items()},
+        leaderboard=strict.leaderboard,
+        stops=strict.stops,
+        differences=differences,
     )
 
 
@@ -302,6 +346,7 @@ def _run(run: RunOutcome, stored: StoredResult | None) -> PublishedRun:
         terms=run.terms,
         inputs=tuple(Input(s.role, s.name, s.sha256) for s in inputs),
         result=stored,
+        decisions=run.decisions,
     )
 
 
@@ -309,19 +354,51 @@ def _run(run: RunOutcome, stored: StoredResult | None) -> PublishedRun:
 
 
 def _from_2(data: dict[str, Any]) -> dict[str, Any]:
-    """`ranking/2` as `ranking/3`: intervals by name, decisions flat, the folder of results by its name."""
+    """`ranking/2` as `ranking/3`: intervals by name, decisions flat, teams and sums as pairs."""
     data = {**data, "how": data["ranking"], "folder": data["results"] or ""}
     del data["ranking"], data["results"]
     if data["cohort"] is not None:
         data["cohort"] = {key: value for key, value in data["cohort"].items() if key != "schema"}
     data["statistics"] = _statistics_from_2(data["statistics"])
+    data["strict"] = _strict_from_2(data["strict"])
     adjusted = data.get("adjusted")
-    data["adjusted"] = adjusted and {
-        **adjusted,
-        "adjustments": [decision_from_1(decision) for decision in adjusted["adjustments"]],
-        "statistics": _statistics_from_2(adjusted["statistics"]),
-    }
+    data["adjusted"] = adjusted and _adjusted_from_2(adjusted)
     return data
+
+
+def _strict_from_2(data: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if data is None:
+        return None
+    pairs = [[line["team"], line["score"]] for line in data["leaderboard"]]
+    return {**data, "leaderboard": pairs, "orders": None}
+
+
+def _adjusted_from_2(data: Mapping[str, Any]) -> dict[str, Any]:
+    decisions = [decision_from_1(decision) for decision in data["adjustments"]]
+    return {
+        **data,
+        "adjustments": decisions,
+        "runs": [_decided_from_2(run, decisions) for run in data["runs"]],
+        "statistics": _statistics_from_2(data["statistics"]),
+    }
+
+
+def _decided_from_2(run: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """A run with the ids of the decisions that changed it.
+
+    `ranking/2` wrote the decisions into the reason of the run and nowhere else. Their targets do not
+    suffice: they may leave out team and run, and name the run by the SHA-256 of what was measured.
+    """
+    reason = f"; {run['reason']}; "
+    own = [
+        decision
+        for decision in (convert(one, Adjustment) for one in decisions)
+        if decision.trial == run["trial"]
+        and decision.team in ("", run["team"])
+        and decision.run in (None, run["run"])
+        and f"; {decision.author}: {decision.effect}: {decision.reason}; " in reason
+    ]
+    return {**run, "decisions": [decision.id for decision in own]} if own else dict(run)
 
 
 def _statistics_from_2(data: Mapping[str, Any] | None) -> dict[str, Any] | None:

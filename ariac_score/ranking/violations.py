@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -40,16 +41,26 @@ class Tally:
 
 
 def clause_of(finding: Finding, use: str) -> Clause:
-    """The standard and the place in it that a finding names; without any the plugin that made it.
+    """The standard and the place in it that a finding cites; without any the plugin that made it.
+
+    Authors of plugins and rule sets write citations as text, so the text is all there is to go by.
+    Up to the first comma it names the standard, unless the comma is in brackets.
 
     >>> clause_of(Finding("robot", Verdict.SATISFIED, "", clause="ISO/TS 15066:2016, 5.5.4"), "x")
     ('ISO/TS 15066:2016', '5.5.4')
     """
     derived = finding.clause.startswith(_DERIVED)
-    standard, _, place = finding.clause.removeprefix(_DERIVED).partition(", ")
+    cited = finding.clause.removeprefix(_DERIVED)
+    comma = _first_comma_outside_brackets(cited)
+    standard, place = cited[:comma], cited[comma + 2 :]
     if not standard:
         return use, ""
     return standard, f"{place} (derived)" if derived else place
+
+
+def _first_comma_outside_brackets(text: str) -> int:
+    commas = (found.start() for found in re.finditer(", ", text))
+    return next((at for at in commas if text.count("(", 0, at) <= text.count(")", 0, at)), len(text))
 
 
 def verdicts_of(measured: Measured, uses: Mapping[str, str]) -> dict[Clause, dict[str, int]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from ariac_score.review.audit import AGREE, CANNOT_BE_JUDGED, DIFFER, Audit, Item, Sum
 from ariac_score.review.comparison import Change, Comparison
@@ -12,8 +12,14 @@ from ariac_score.terminal.style import Style, plain
 __all__ = ["audit_text"]
 
 _LABEL = 44
-_SUMMARY = "summary_"
-"""What labels begin with that were taken out of a text's summary."""
+_IN_WORDS: Mapping[str, str] = {
+    "summary_score": "score in the summary",
+    "summary_max_score": "max_score in the summary",
+    "summary_submitted": "submitted in the summary",
+    "summary_priority": "priority in the summary",
+    "summary_duration_s": "duration_s in the summary",
+}
+"""Labels that are ours (`FACTS_OF_TEXT`); every other one is what the text itself prints."""
 
 
 def audit_text(audit: Audit, style: Style | None = None) -> str:
@@ -130,9 +136,8 @@ def _line(mark: str, one: Item | Sum, style: Style, look: str) -> str:
 
 def _name(path: str, label: str) -> str:
     """An item as a reader of the text finds it: where, and under which words."""
-    if label.startswith(_SUMMARY):
-        label = f"{label.removeprefix(_SUMMARY)} in the summary"
-    return f"{path}: {label}" if path else label
+    words = _IN_WORDS.get(label, label)
+    return f"{path}: {words}" if path else words
 
 
 def _within(item: Item) -> str:

@@ -24,6 +24,7 @@ from ariac_score.ranking.publication import load_publication
 from ariac_score.report.site.run_pages import page_name
 from ariac_score.report.site.site import Site, competition_page
 from ariac_score.report.site.tables import Table, cell_text, table_csv, table_json
+from ariac_score.report.site.view import view_of
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.review.sensitivity import Knob, RankSensitivity, RankShift, sensitivity_json
 
@@ -632,6 +633,18 @@ def test_decisions_of_stewards_stand_beside_what_was_automatic(small: Path, tmp_
     again = ["report", str(tmp_path / "after/data/ranking.json"), "-o", str(tmp_path / "again")]
     assert main([*again, "--previous", str(tmp_path / "before")]) == 0
     assert (tmp_path / "again/index.html").read_bytes() == (tmp_path / "after/index.html").read_bytes()
+
+
+def test_a_decision_leads_to_the_one_run_it_changed() -> None:
+    # The reason of one is the beginning of the reason of the other, and it names no team and no run.
+    publication = load_publication(ROOT / "tests/data/before/ranking_strict.json")
+
+    decisions = view_of(publication, {}, None, None, None).decisions
+
+    assert [(d.adjustment.id, d.adjustment.team, d.run and d.run.run.key) for d in decisions] == [
+        ("protest_1", "", ("beta", "kit", 1)),
+        ("protest_2", "alpha", ("alpha", "kit", 2)),
+    ]
 
 
 SCRIPT_REASON = "'<script>alert(1)</script>'"

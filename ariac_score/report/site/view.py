@@ -45,10 +45,10 @@ class TeamRow:
 
 @dataclass(frozen=True)
 class Decision:
-    """One decision of the stewards, and the runs it may be about."""
+    """One decision of the stewards, and the run it changed; `None` where the ranking does not name it."""
 
     adjustment: Adjustment
-    runs: tuple[RunLink, ...]
+    run: RunLink | None
 
 
 @dataclass(frozen=True)
@@ -188,28 +188,11 @@ def view_of(
 def _decisions(
     publication: Publication, by_cell: Mapping[tuple[str, str], Sequence[RunLink]]
 ) -> tuple[Decision, ...]:
-    """Every decision with the run that it changed: its reason stands in the run's."""
     stewarded = publication.ranking.stewarded
     if stewarded is None:
         return ()
-    before = {run.key: run for run in publication.ranking.runs}
-    changed = [
-        link for links in by_cell.values() for link in links if link.run.reason != before[link.run.key].reason
-    ]
-    return tuple(
-        Decision(
-            decision,
-            tuple(
-                link
-                for link in changed
-                if link.run.trial == decision.trial
-                and decision.team in ("", link.run.team)
-                and decision.run in (None, link.run.number)
-                and decision.reason in link.run.reason
-            ),
-        )
-        for decision in stewarded.adjustments
-    )
+    decided = {name: link for links in by_cell.values() for link in links for name in link.run.decisions}
+    return tuple(Decision(decision, decided.get(decision.id)) for decision in stewarded.adjustments)
 
 
 def _row(standing: TeamRank, publication: Publication) -> TeamRow:
