@@ -293,22 +293,18 @@ def _value(text: str | float, file: str) -> Expression:
 
 
 def _check_value(formula: Expression) -> None:
-    calls = {
-        node.func.id: node
-        for node in formula.walk()
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-    }
+    calls = [node for node in formula.walk() if isinstance(node, ast.Call)]
+    functions = {id(call.func) for call in calls}
     for node in formula.walk():
-        if isinstance(node, ast.Attribute) or (
-            isinstance(node, ast.Name) and node.id not in (*TEAM_NAMES, *calls)
-        ):
+        if isinstance(node, ast.Name | ast.Attribute) and id(node) not in functions:
             name = ast.unparse(node)
-            raise FormulaError(
-                f"unknown name {name!r}", place=formula.where, hint=did_you_mean(name, TEAM_NAMES)
-            )
-    for function in _FUNCTIONS:
-        asked = calls.get(function)
-        if asked is not None and (len(asked.args) != 1 or not isinstance(asked.args[0], ast.Name)):
+            if name not in TEAM_NAMES:
+                raise FormulaError(
+                    f"unknown name {name!r}", place=formula.where, hint=did_you_mean(name, TEAM_NAMES)
+                )
+    for call in calls:
+        function = ast.unparse(call.func)
+        if function in _FUNCTIONS and not (len(call.args) == 1 and isinstance(call.args[0], ast.Name)):
             raise FormulaError(
                 f"{function}() takes one name", place=formula.where, hint=f"{function}(execution)"
             )
