@@ -1,4 +1,4 @@
-"""A ranking as it is published: every number that entered it, by team, trial and run; and back."""
+"""A ranking as it is published: every number that entered it, by team, trial and run."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Input(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PublishedRun(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
-    """One run: how it ended, what it is worth, whether it counts.
+    """One run: how it ended, its score, whether it counts.
 
     Attributes:
         team: Team.
@@ -64,7 +64,7 @@ class PublishedRun(Struct, frozen=True, omit_defaults=True, forbid_unknown_field
         outcome: How it ended.
         reason: In words, where it is out of the ordinary.
         task: Task score, where the rules have one.
-        score: Score; null when there is none, or it was not kept and needs a cohort.
+        score: Score; null when there is none. Where the rules compare teams, only runs kept have one.
         kept: Whether it counts for the trial.
         terms: The terms of the trial that runs are compared by.
         inputs: The files it was scored from.
@@ -97,8 +97,8 @@ class How(Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         keep: How many runs of a trial count.
         by: What makes a run better, most important first.
-        missing_run: What a run that was not made counts as.
-        judges: What is made of the judges' marks.
+        missing_run: Whether a run that was not made counts `zero` or is left out of the mean.
+        judges: Whether the judges' marks are added up or averaged.
         value: What teams are ranked by.
         best: Which value comes first.
         ties: What separates teams of equal value, most important first.
@@ -119,10 +119,10 @@ class OrganisersRanking(Struct, frozen=True, forbid_unknown_fields=True):
     """What the organisers' own program gives, and where it differs.
 
     Attributes:
-        trials: By trial what each team got; teams set aside are missing.
+        trials: By trial the entry of each team; teams that stopped the program are missing.
         orders: The orders of each trial; null where an older version kept none.
         leaderboard: Team and sum, best first.
-        stops: Where the program would have ended.
+        stops: Where the program would have stopped.
         differences: Every trial score, sum and rank in which this ranking differs.
     """
 
@@ -142,7 +142,7 @@ class PublishedDecisions(Struct, frozen=True, forbid_unknown_fields=True):
         standings: Best first.
         runs: Every run.
         worst: By trial what counts where there is no score.
-        statistics: How sure this ranking is; null where that was not asked.
+        statistics: How sure this ranking is; null where that was not computed.
     """
 
     sha256: Sha256
@@ -165,13 +165,13 @@ class Publication:
         how: How runs became ranks.
         standings: Best first.
         runs: Every run, sorted by team, trial and number.
-        worst: By trial what counts where a team has no score: 0, or the worst run kept.
-        statistics: How sure the ranking is; null where that was not asked.
+        worst: By trial what counts where a team has no score: 0, or the score of the worst run kept.
+        statistics: How sure the ranking is; null where that was not computed.
         cohort: The values across teams; null when the rules compare none.
-        strangers: What lies among the runs and belongs to nobody.
+        strangers: Files and folders among the runs that belong to no team or trial.
         folder: Where the results are, relative to the file; empty when they are not given.
         strict: The organisers' own evaluation, where it was reproduced, and where it differs.
-        adjusted: What stewards made of it; null leaves the automatic ranking.
+        adjusted: The ranking after the decisions of stewards; null where there are none.
     """
 
     competition: str
@@ -191,7 +191,7 @@ class Publication:
 
     @cached_property
     def ranking(self) -> Ranking:
-        """The ranking, with what stewards made of it; of its runs all but their results."""
+        """The ranking, automatic and after the decisions of stewards; its runs are without their results."""
         automatic = self._ranking(self.standings, self.runs, self.worst)
         adjusted = self.adjusted
         if adjusted is None:
@@ -266,9 +266,9 @@ def ranking_json(
         ranking: The ranking.
         spec: How its runs became it.
         statistics: How sure it is.
-        adjusted: How sure it is as stewards left it, where they decided something.
-        strict: The organisers' own evaluation beside it, where it was reproduced.
-        differences: Between both.
+        adjusted: How sure the ranking is after the decisions of stewards, where there are any.
+        strict: The organisers' own evaluation, where it was reproduced.
+        differences: Where that differs from this ranking.
         folder: Where the results are, relative to the file this will be.
         results: The result of each run, where they were written.
     """
@@ -433,10 +433,10 @@ def load_publication(path: Path) -> Publication:
 
 
 def _refuse_contradictions(found: Publication, path: Path) -> None:
-    """Trials must add up to the execution, and everything speak of the teams and trials listed.
+    """Refuse sums that are not those of the trials, and runs of teams or trials that are not listed.
 
     Raises:
-        DataFileError: It does not.
+        DataFileError: Naming the place.
     """
     for ranking in (found.ranking, found.final):
         _refuse_wrong_sums(ranking, path)
@@ -456,11 +456,6 @@ def _refuse_contradictions(found: Publication, path: Path) -> None:
 
 
 def _refuse_wrong_sums(ranking: Ranking, path: Path) -> None:
-    """Trials must add up to the execution of every team, and runs be of teams and trials listed.
-
-    Raises:
-        DataFileError: It is not so.
-    """
     hint = "it was edited or damaged: rank again"
     teams = {standing.team for standing in ranking.standings}
     if len(teams) < len(ranking.standings) or len(set(ranking.trials)) < len(ranking.trials):
@@ -480,11 +475,12 @@ def _refuse_wrong_sums(ranking: Ranking, path: Path) -> None:
             )
     strangers = [run for run in ranking.runs if run.team not in teams or run.trial not in ranking.trials]
     if strangers:
-        told = f"{strangers[0].team!r}, {strangers[0].trial!r}"
-        raise DataFileError(f"a run of {told} is of nobody listed", file=path, place="$.runs", hint=hint)
+        owner = f"{strangers[0].team!r}, {strangers[0].trial!r}"
+        raise DataFileError(f"a run of {owner} is of nobody listed", file=path, place="$.runs", hint=hint)
 
 
 def _stays_inside(name: str) -> bool:
+    # Backslash and colon are plain characters here, but lead elsewhere on Windows, where a site may be made.
     parts = name.split("/")
     plain = not set(name) & set("\\:\0") and name.isprintable()
     return plain and all(part not in ("", ".", "..") for part in parts)

@@ -1,4 +1,4 @@
-"""What was violated in the runs of a competition, by standard and clause."""
+"""Violations in the runs of a competition, counted by standard and clause."""
 
 from __future__ import annotations
 
@@ -64,11 +64,11 @@ def _first_comma_outside_brackets(text: str) -> int:
 
 
 def verdicts_of(measured: Measured, uses: Mapping[str, str]) -> dict[Clause, dict[str, int]]:
-    """What one run comes to.
+    """The findings of one run, counted by clause and verdict.
 
     Args:
         measured: The run.
-        uses: By check the plugin it uses.
+        uses: For each check the plugin it uses.
     """
     found: dict[Clause, Counter[str]] = {}
     for finding in measured.findings.values():
@@ -81,7 +81,7 @@ def tallied(runs: Iterable[tuple[RunKey, Verdicts]]) -> tuple[Tally, ...]:
     """The clauses of a competition, those violated most first.
 
     Args:
-        runs: Each run looked at.
+        runs: The counts of each run (`verdicts_of`).
     """
     verdicts: dict[Clause, Counter[str]] = {}
     by_team: dict[tuple[Clause, str], Counter[str]] = {}

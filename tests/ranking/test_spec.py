@@ -85,7 +85,7 @@ def test_what_cannot_be_ranked_by_is_refused(overrides: dict[str, Any], cause: s
 
 
 def test_a_new_value_says_which_end_comes_first() -> None:
-    with pytest.raises(DataFileError, match="not which end comes first"):
+    with pytest.raises(DataFileError, match="but not which end comes first"):
         ranking_spec(load_rule_set("ariac2025.as_coded"), {"value": "execution"}, file="competition.yaml")
 
 

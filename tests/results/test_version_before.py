@@ -102,7 +102,7 @@ def test_a_published_ranking_is_read_and_written_as_it_is_today(tmp_path: Path) 
         (s["rank"], s["team"], s["execution"]) for s in stored["adjusted"]["standings"]
     ]
     pair, then = found.statistics.pairs[0], stored["statistics"]["pairs"][0]  # type: ignore[union-attr]
-    assert [[pair.low, pair.high], [pair.joint_low, pair.joint_high], pair.told_apart] == [
+    assert [[pair.low, pair.high], [pair.joint_low, pair.joint_high], pair.distinguished] == [
         then["interval"],
         then["joint_interval"],
         then["told_apart"],

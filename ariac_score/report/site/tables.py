@@ -234,7 +234,7 @@ def _pairs(publication: Publication) -> Table:
     assert publication.final_statistics is not None  # asked for only then
     columns = ("first", "second", "ahead", "low", "high", "joint_low", "joint_high", "chance", "told_apart")
     rows: list[tuple[Value, ...]] = [
-        (p.first, p.second, p.ahead, p.low, p.high, p.joint_low, p.joint_high, p.chance, p.told_apart)
+        (p.first, p.second, p.ahead, p.low, p.high, p.joint_low, p.joint_high, p.chance, p.distinguished)
         for p in publication.final_statistics.pairs
     ]
     return Table("pairs", "Differences between teams", columns, tuple(rows))
