@@ -1,4 +1,4 @@
-"""An audit as text: the verdict first, what differs, what does not add up, what cannot be judged."""
+"""An audit as text: the verdict first, then what differs, does not add up, or cannot be judged."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _IN_WORDS: Mapping[str, str] = {
 
 
 def audit_text(audit: Audit, style: Style | None = None) -> str:
-    """The page an organiser takes to a protest."""
+    """The audit as an organiser needs it in a protest."""
     style = style or Style()
     sections = [
         _headline(audit, style),
@@ -110,7 +110,7 @@ def _not_judged(audit: Audit, style: Style) -> Iterator[str]:
 
 
 def _by_reason(title: str, items: list[Item], style: Style) -> Iterator[str]:
-    """Items with one reason together, in the order of the text."""
+    """Items grouped by reason, in the order of the text."""
     reasons: dict[str, list[Item]] = {}
     for item in items:
         reasons.setdefault(item.reason, []).append(item)
@@ -123,7 +123,7 @@ def _by_reason(title: str, items: list[Item], style: Style) -> Iterator[str]:
 
 
 def _both(item: Item) -> str:
-    """The printed number, and ours where it is not written alike."""
+    """The printed number, and ours where it is written differently."""
     number = number_of(item.printed)
     if item.ours is None or number == item.ours:
         return plain(item.printed)
@@ -135,7 +135,7 @@ def _line(mark: str, one: Item | Sum, style: Style, look: str) -> str:
 
 
 def _name(path: str, label: str) -> str:
-    """An item as a reader of the text finds it: where, and under which words."""
+    """The place of an item in the official text: the block and the label it is printed under."""
     words = _IN_WORDS.get(label, label)
     return f"{path}: {words}" if path else words
 
