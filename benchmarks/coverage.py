@@ -113,7 +113,7 @@ def held(row: Row, rounds: int, draws: int) -> Iterator[tuple[float, bool, bool,
         yield (
             float(np.mean([p.low - slack <= gap <= p.high + slack for p, gap in gaps])),
             all(p.joint_low - slack <= gap <= p.joint_high + slack for p, gap in gaps),
-            any(p.told_apart and gap * p.joint_low <= slack for p, gap in gaps),
+            any(p.distinguished and gap * p.joint_low <= slack for p, gap in gaps),
             float(np.mean([odds.high - odds.low for odds in found.teams])),
         )
 

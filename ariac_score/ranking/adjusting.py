@@ -1,6 +1,6 @@
-"""A ranking after the decisions of stewards, beside the automatic one, which stays as it is.
+"""A ranking after the decisions of stewards; the automatic ranking is kept as it is.
 
-A decision about a run changes what that run is worth, and with it which runs are kept. It changes
+A decision about a run changes the score of that run, and with it which runs are kept. It changes
 no other team's score: the values across teams stay those of the automatic ranking.
 """
 
@@ -13,7 +13,7 @@ from decimal import Decimal
 from msgspec import structs
 
 from ariac_score.engine.price import price_trial, reprice
-from ariac_score.errors import FormulaError, did_you_mean
+from ariac_score.errors import DataFileError, FormulaError, did_you_mean
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.rank import Ranking, RunOutcome, Stewarded, rank_again
 from ariac_score.ranking.spec import Spec
@@ -29,10 +29,10 @@ __all__ = ["adjusted_ranking", "decisions_by_run"]
 def adjusted_ranking(
     competition: Competition, spec: Spec, rule_set: RuleSet, ranking: Ranking, adjustments: Adjustments
 ) -> Ranking:
-    """The automatic ranking with what stewards made of it beside.
+    """The automatic ranking, and in its `stewarded` the one after the decisions.
 
     Raises:
-        DataFileError: A decision is about no run, was made for another result, or makes no sense.
+        DataFileError: A decision is about no run, was made for another result, or has no effect.
     """
     decided: dict[RunKey, list[Adjustment]] = {}
     for decision in adjustments.decisions:
@@ -47,7 +47,11 @@ def adjusted_ranking(
 
 
 def _target(decision: Adjustment, runs: Sequence[RunOutcome]) -> RunOutcome:
-    """The run a decision is about."""
+    """The run a decision is about.
+
+    Raises:
+        DataFileError: There is none, or more than one.
+    """
     named = [
         run
         for run in runs
@@ -56,19 +60,7 @@ def _target(decision: Adjustment, runs: Sequence[RunOutcome]) -> RunOutcome:
         and decision.run in (None, run.number)
     ]
     if not named:
-        whom = ", ".join(
-            word
-            for word in (
-                decision.team,
-                decision.trial,
-                "" if decision.run is None else f"run {decision.run}",
-            )
-            if word
-        )
-        known = {run.team for run in runs} | {run.trial for run in runs}
-        wrong = next((w for w in (decision.team, decision.trial) if w and w not in known), "")
-        hint = did_you_mean(wrong, known) if wrong else "look at the runs of the ranking"
-        raise decision.refuse(f"the competition has no run of {whom}", hint)
+        raise _no_such_run(decision, runs)
     same = [run for run in named if _measured(run) == decision.measured]
     if not same:
         raise decision.refuse(
@@ -84,6 +76,15 @@ def _target(decision: Adjustment, runs: Sequence[RunOutcome]) -> RunOutcome:
     return same[0]
 
 
+def _no_such_run(decision: Adjustment, runs: Sequence[RunOutcome]) -> DataFileError:
+    number = "" if decision.run is None else f"run {decision.run}"
+    whom = ", ".join(word for word in (decision.team, decision.trial, number) if word)
+    known = {run.team for run in runs} | {run.trial for run in runs}
+    wrong = next((name for name in (decision.team, decision.trial) if name and name not in known), "")
+    hint = did_you_mean(wrong, known) if wrong else "look at the runs of the ranking"
+    return decision.refuse(f"the competition has no run of {whom}", hint)
+
+
 def _measured(run: RunOutcome) -> str:
     return "" if run.result is None else measured_sha256(run.result)
 
@@ -92,8 +93,9 @@ def _changed(
     run: RunOutcome, own: Sequence[Adjustment], rule_set: RuleSet, ranking: Ranking, sha256: str
 ) -> RunOutcome:
     """A run as the decisions about it leave it."""
-    assert run.result is not None  # it has a measurement
+    assert run.result is not None  # its measurement is what the decision names
     result = run.result
+    # An undecided run was not kept, so nobody has priced it with the values across teams yet.
     if ranking.cohort is not None and run.outcome == "undecided":
         result = reprice(result, rule_set, ranking.cohort.of_trial(run.trial))
     check_targets([structs.replace(decision, team="", trial="") for decision in own], result, rule_set)
@@ -101,8 +103,10 @@ def _changed(
     return replace(
         run,
         outcome=_outcome(run, adjusted),
-        reason="; ".join(f"{a.author}: {a.effect}: {a.reason}" for a in adjusted.adjustments),
+        cause="; ".join(f"{a.author}: {a.effect}: {a.reason}" for a in adjusted.adjustments),
         score=adjusted.score,
+        worst=None,
+        decisions=tuple(a.id for a in adjusted.adjustments),
         task=_task(run, result, adjusted, rule_set),
         result=replace(result, adjusted=adjusted),
     )
@@ -118,7 +122,7 @@ def _outcome(run: RunOutcome, adjusted: Adjusted) -> str:
 
 
 def _task(run: RunOutcome, result: Result, adjusted: Adjusted, rule_set: RuleSet) -> Decimal | None:
-    """What the run is compared with the team's others by: the task score, moved as the score is."""
+    """The task score, by which the runs of a team are compared, moved as the score is."""
     if rule_set.sheet.task is None:
         return None
     settled = next((a for a in adjusted.adjustments if a.settles), None)
@@ -136,7 +140,7 @@ def _task(run: RunOutcome, result: Result, adjusted: Adjusted, rule_set: RuleSet
 
 
 def decisions_by_run(ranking: Ranking) -> Mapping[RunKey, Adjusted]:
-    """What stewards made of each run they decided on."""
+    """The adjusted score of each run that stewards decided about."""
     if ranking.stewarded is None:
         return {}
     return {

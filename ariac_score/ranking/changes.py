@@ -22,10 +22,10 @@ class TeamChange:
     Attributes:
         team: Id.
         name: As shown now, or before where it is gone.
-        rank_before: `None` without a rank, or where it was not there.
-        rank: Now.
-        execution_before: Sum over its trials; `None` where it was not there.
-        execution: Now; `None` where it is gone.
+        rank_before: Rank before; `None` for a team without a rank, or that did not take part.
+        rank: Rank now; `None` likewise.
+        execution_before: Sum over its trials before; `None` where it did not take part.
+        execution: The sum now; `None` where it is gone.
         note: `new`, `gone`, or empty.
     """
 
@@ -45,7 +45,7 @@ class TeamChange:
 
 @dataclass(frozen=True)
 class RunChange:
-    """One run that is not as it was.
+    """One run that differs between two publications.
 
     Attributes:
         key: Team, trial, number.
@@ -67,23 +67,24 @@ class Changes:
     Attributes:
         rules: The rule sets before and now, where they differ.
         how: Keys of the ranking's declaration that differ.
-        trials: Trials that are new, or gone (with a minus before them).
+        new_trials: Trials that the previous publication did not have.
+        gone_trials: Trials that only the previous publication had.
         teams: Every team of either, in the order of the ranking now.
         runs: Every run that differs.
     """
 
     rules: tuple[Pinned, Pinned] | None
     how: tuple[str, ...]
-    trials: tuple[str, ...]
+    new_trials: tuple[str, ...]
+    gone_trials: tuple[str, ...]
     teams: tuple[TeamChange, ...]
     runs: tuple[RunChange, ...]
 
     @property
     def any(self) -> bool:
         """Whether anything changed."""
-        return bool(
-            self.rules or self.how or self.trials or self.runs or any(team.moved for team in self.teams)
-        )
+        trials = self.new_trials or self.gone_trials
+        return bool(self.rules or self.how or trials or self.runs or any(team.moved for team in self.teams))
 
 
 def changes_between(before: Publication, now: Publication) -> Changes:
@@ -93,10 +94,8 @@ def changes_between(before: Publication, now: Publication) -> Changes:
     return Changes(
         rules=None if old.rule_set == new.rule_set else (old.rule_set, new.rule_set),
         how=tuple(key for key in sorted(is_now) if was[key] != is_now[key]),
-        trials=(
-            *(trial for trial in new.trials if trial not in old.trials),
-            *(f"-{trial}" for trial in old.trials if trial not in new.trials),
-        ),
+        new_trials=tuple(trial for trial in new.trials if trial not in old.trials),
+        gone_trials=tuple(trial for trial in old.trials if trial not in new.trials),
         teams=tuple(_teams(before, now)),
         runs=tuple(_runs(before, now)),
     )
@@ -125,15 +124,15 @@ def _runs(before: Publication, now: Publication) -> Iterator[RunChange]:
     for key in sorted(old.keys() | new.keys()):
         was, is_now = old.get(key), new.get(key)
         if was is None or is_now is None:
-            yield RunChange(key, "gone" if is_now is None else "new", _told(was), _told(is_now))
+            yield RunChange(key, "gone" if is_now is None else "new", _worth(was), _worth(is_now))
         elif (was.score, was.outcome, was.kept) != (is_now.score, is_now.outcome, is_now.kept):
-            yield RunChange(key, "changed", _told(was), _told(is_now))
+            yield RunChange(key, "changed", _worth(was), _worth(is_now))
         elif before.inputs.get(key) != now.inputs.get(key):
-            yield RunChange(key, "scored from other files", _told(was), _told(is_now))
+            yield RunChange(key, "scored from other files", _worth(was), _worth(is_now))
 
 
-def _told(run: RunOutcome | None) -> str:
+def _worth(run: RunOutcome | None) -> str:
     if run is None:
         return ""
-    worth = run.outcome if run.score is None else f"{run.score:f}"
-    return f"{worth}, counts" if run.kept else worth
+    score = run.outcome if run.score is None else f"{run.score:f}"
+    return f"{score}, counts" if run.kept else score

@@ -11,11 +11,13 @@ from ariac_score.ranking.rank import Ranking
 __all__ = ["RankingDifference", "differences"]
 
 RELATIVE = 1e-9
+ABSOLUTE = 1.1e-6
+"""One unit of the sixth decimal, to which scores are rounded by default, with room for its float."""
 
 
 @dataclass(frozen=True)
 class RankingDifference:
-    """One number that differs.
+    """One number that differs between the organisers' evaluation and this ranking.
 
     Attributes:
         team: Team.
@@ -35,7 +37,7 @@ class RankingDifference:
 def differences(strict: Evaluation, ranking: Ranking) -> tuple[RankingDifference, ...]:
     """Every trial score, sum and rank that differs, in the order of the ranking.
 
-    Equal means equal to 1e-9 of the number, or to the last digit the ranking shows.
+    Numbers are equal within 1e-9 of themselves, or within the rounding of a score.
     """
     sums = dict(strict.leaderboard)
     places = {team: _place(strict, team) for team in sums}
@@ -69,7 +71,7 @@ def differences(strict: Evaluation, ranking: Ranking) -> tuple[RankingDifference
 def _same(first: float | None, second: float | None) -> bool:
     if first is None or second is None:
         return first is second
-    return math.isclose(first, second, rel_tol=RELATIVE, abs_tol=1.1e-6)
+    return math.isclose(first, second, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
 
 
 def _place(strict: Evaluation, team: str) -> int:

@@ -26,7 +26,7 @@ __all__ = ["Competition", "Run", "RunKey", "Team", "TrialPlan", "load_competitio
 
 FILE = "competition.yaml"
 MAX_RUNS = 100_000
-"""Entries below the folder of runs that are looked at."""
+"""More entries than these at one depth are no folder of runs, but perhaps a whole disk."""
 
 RunKey = tuple[str, str, int]
 """Team, trial, number of the run."""
@@ -65,7 +65,7 @@ class TrialPlan:
 
 @dataclass(frozen=True)
 class Run:
-    """One run of one trial by one team, and where it was recorded."""
+    """One run of one trial by one team, and the path of its recording."""
 
     team: str
     trial: str
@@ -91,9 +91,9 @@ class Competition:
         teams: In the order in which they are listed.
         trials: In their order.
         runs: Sorted by team, trial and number.
-        refused: Runs that cannot be told apart, by key, with the reason.
-        strangers: Entries among the runs that belong to no team or trial, with the reason.
-        ranking: What differs from the ranking of the rule set.
+        refused: Runs that share a number with another one, by key, with the reason.
+        strangers: Files and folders among the runs that belong to no team or trial, with the reason.
+        ranking: Where it departs from the `ranking:` of the rule set.
         sha256: Hash of the file; empty for the official folders.
         logs: Folder of the teams' folders, where runs lie as `<team>/<trial>_<n>`.
         adjustments: What the stewards decided, where the file names it.
@@ -177,7 +177,7 @@ def _from_file(file: Path, rules: str) -> Competition:
     teams = teams or [_plain_team(document, root, name) for name in sorted({run.team for run in found})]
     trials = [_trial(document, root, i, entry) for i, entry in enumerate(data.get("trials", []))]
     trials = trials or [_plain_trial(document, root, name) for name in sorted({run.trial for run in found})]
-    runs, refused = _told_apart(found)
+    runs, refused = _by_number(found)
     named = rules or data["rules"]
     if not rules and (named.endswith((".yaml", ".yml")) or "/" in named):
         named = str(_inside(document, root, named, ("rules",)))
@@ -325,17 +325,21 @@ def _stored(
         path = _existing(document, root, name, ("runs", "databases", i))
         for run_id, team, trial in _owners(path):
             at = path.with_name(f"{path.name}#run={run_id}")
-            unknown = [
-                f"{name}, run {run_id}: {what} {told!r} is not listed; {did_you_mean(told, known)}"
-                for what, told, known in (("team", team, teams), ("trial", trial, trials))
-                if known and told not in known
-            ]
-            if unknown:
-                strangers.append(unknown[0])
+            unlisted = _unlisted(team, trial, teams, trials)
+            if unlisted:
+                strangers.append(f"{name}, run {run_id}: {unlisted}")
             else:
                 numbers[team, trial] += 1
                 runs.append(Run(team, trial, numbers[team, trial], at))
     return tuple(sorted(runs, key=lambda run: run.key)), tuple(strangers)
+
+
+def _unlisted(team: str, trial: str, teams: Sequence[str], trials: Sequence[str]) -> str:
+    """Why a run is nobody's; empty when its team and trial are listed, or any is welcome."""
+    for what, name, known in (("team", team, teams), ("trial", trial, trials)):
+        if known and name not in known:
+            return f"{what} {name!r} is not listed; {did_you_mean(name, known)}"
+    return ""
 
 
 def _owners(path: Path) -> list[tuple[int, str, str]]:
@@ -344,7 +348,7 @@ def _owners(path: Path) -> list[tuple[int, str, str]]:
     reader = next((r for _, r in sorted(readers.items()) if r.facts.holds_runs and r.can_read(path)), None)
     if reader is None:
         raise LogError(
-            "no reader knows this as a file that holds several runs",
+            "no reader recognises this as a file that holds several runs",
             file=path,
             hint="give a database of runs; 'ariac-score plugins list' shows which readers are installed",
         )
@@ -387,7 +391,7 @@ def _from_folders(path: Path, rules: str) -> Competition:
     pattern = "logs/{team}/{trial}" if single else "logs/{team}/{trial}_{run}"
     found, strangers = _search(path, pattern, teams, planned or single)
     trials = planned or single or sorted({run.trial for run in found})
-    runs, refused = _told_apart(found)
+    runs, refused = _by_number(found)
     return Competition(
         id=path.resolve().name,
         title=path.resolve().name,
@@ -406,7 +410,7 @@ def _from_folders(path: Path, rules: str) -> Competition:
 def stored_results(folder: Path) -> Competition:
     """The competition of which a folder holds the results, as `<team>/<trial>_<n>.json`."""
     found, strangers = _search(folder, "{team}/{trial}_{run}.json", (), ())
-    runs, refused = _told_apart(found)
+    runs, refused = _by_number(found)
     return Competition(
         id=folder.resolve().name,
         title=folder.resolve().name,
@@ -449,13 +453,9 @@ def _search(
                 strangers.append(f"{relative}: not named as {pattern}")
             continue
         team, trial = match["team"], match["trial"]
-        unknown = [
-            f"{relative}: {what} {name!r} is not listed; {did_you_mean(name, known)}"
-            for what, name, known in (("team", team, teams), ("trial", trial, trials))
-            if known and name not in known
-        ]
-        if unknown:
-            strangers.append(unknown[0])
+        unlisted = _unlisted(team, trial, teams, trials)
+        if unlisted:
+            strangers.append(f"{relative}: {unlisted}")
         else:
             number = int(match["run"]) if "run" in match.groupdict() else 1
             runs.append(Run(team, trial, number, path))
@@ -463,13 +463,13 @@ def _search(
 
 
 def _entries(root: Path, parts: Sequence[str]) -> Iterator[Path]:
-    """Everything at the depth of the pattern, below what its plain parts name."""
+    """Everything at the depth of the pattern, below the folders that its plain parts name."""
     level = [root]
     for part in parts:
         deeper: list[Path] = []
         for folder in level:
             if not folder.is_dir() or not _is_below(folder, root):
-                yield folder  # a file, or a link out of the folder: told as what it is
+                yield folder  # a file, or a link out of the folder: the caller says what is wrong with it
             elif "{" in part:
                 deeper += sorted(folder.iterdir())
             elif (folder / part).exists():
@@ -482,8 +482,12 @@ def _entries(root: Path, parts: Sequence[str]) -> Iterator[Path]:
     yield from level
 
 
-def _told_apart(found: Sequence[Run]) -> tuple[tuple[Run, ...], dict[RunKey, str]]:
-    """The runs whose number is theirs alone; two of one number are both refused."""
+def _by_number(found: Sequence[Run]) -> tuple[tuple[Run, ...], dict[RunKey, str]]:
+    """The runs that have their number alone, and why all others are refused.
+
+    `kit_1` and `kit_01` are both run 1. Nothing says which of them was meant to count, and taking
+    the first would let a file name decide a ranking.
+    """
     by_key: dict[RunKey, list[Run]] = {}
     for run in found:
         by_key.setdefault(run.key, []).append(run)

@@ -1,7 +1,7 @@
-"""The organisers' own evaluation of a competition, as a program of theirs would give it.
+"""The organisers' own evaluation of a competition, as their program would give it.
 
-Such a program reads the folders of all teams in its own way, quirks included. A plugin reproduces it; what it
-gives stands beside the ranking and never enters it.
+Such a program reads the folders of all teams in its own way, quirks included. A plugin reproduces it. Its
+numbers are shown with the ranking and never enter it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,15 @@ class OrderPlan:
 
 @dataclass(frozen=True, order=True)
 class Stop:
-    """Where the program would have ended: trial, team, run (empty for the team), exception, cause."""
+    """Where the program would have stopped with an exception.
+
+    Attributes:
+        trial: Trial.
+        team: Team.
+        run: Folder of the run; empty for the team as a whole.
+        exception: Class of the exception.
+        cause: In words.
+    """
 
     trial: str
     team: str
@@ -53,7 +61,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class Entry:
-    """What the program makes of one team in one trial.
+    """The numbers that the program gives one team in one trial.
 
     Attributes:
         run: Folder of the best run; empty when there is none.
@@ -79,10 +87,10 @@ class Evaluation:
     """The whole evaluation.
 
     Attributes:
-        trials: By trial (sorted by name) what each team got; teams set aside are missing.
+        trials: By trial (sorted by name) the entry of each team; teams that stopped the program are missing.
         orders: The orders of each trial.
         leaderboard: Team and sum, best first; equal ones in the order of the teams.
-        stops: Where the program would have ended.
+        stops: Where the program would have stopped.
     """
 
     trials: Mapping[str, Mapping[str, Entry]]
@@ -116,7 +124,7 @@ def evaluation_program(name: str, registry: Registry | None = None) -> Evaluatio
     """The evaluation program of that name.
 
     Raises:
-        PluginError: None is installed, two are, or it is none.
+        PluginError: None is installed, two are, or what is installed is no evaluation program.
     """
     plugin = (registry or Registry()).find(GROUP, name)
     kind = plugin.load()
@@ -129,12 +137,12 @@ def evaluation_program(name: str, registry: Registry | None = None) -> Evaluatio
 def strict_evaluation(
     competition: Competition, name: str, log_map: LogMap, *, registry: Registry | None = None
 ) -> Evaluation:
-    """What the organisers' own program gives for a competition.
+    """The evaluation of a competition by the organisers' own program.
 
     Args:
         competition: Its runs and trial configurations.
         name: Of the program.
-        log_map: That of the rule set.
+        log_map: The log map of the rule set.
         registry: The installed plugins.
 
     Raises:
@@ -146,7 +154,7 @@ def strict_evaluation(
     orders = {trial.id: _planned(competition, trial, log_map, registry) for trial in competition.trials}
     if competition.logs is None:
         raise LogError(
-            "the runs do not lie as <team>/<trial>_<n>, which is what the organisers' program reads",
+            "the organisers' program reads runs from <team>/<trial>_<n>, and these lie otherwise",
             file=competition.file,
             hint="rank with --policy robust",
         )
@@ -159,7 +167,7 @@ def _planned(
     """The orders of a trial as its configuration states them."""
     if trial.config is None:
         raise LogError(
-            f"trial {trial.id!r} has no configuration, which the organisers' program reads orders from",
+            f"trial {trial.id!r} has no configuration; the organisers' program takes its orders from there",
             file=competition.file,
             hint="add trials/<trial>.yaml, or 'config:' to the trial",
         )

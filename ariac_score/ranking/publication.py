@@ -1,25 +1,28 @@
-"""A ranking as it is published: every number that entered it, by team, trial and run; and back."""
+"""A ranking as it is published: every number that entered it, by team, trial and run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, convert
 
 from ariac_score.errors import DataFileError
+from ariac_score.ranking.compare import RankingDifference
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
 from ariac_score.ranking.rank import Outcome, Ranking, RunOutcome, Stewarded, TeamRank, final_ranking
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec
 from ariac_score.ranking.statistics import Statistics
-from ariac_score.results.codec import Format, plain
+from ariac_score.results.codec import Format
 from ariac_score.results.cohort_file import Cohort
 from ariac_score.results.result import Pinned, Sha256
 from ariac_score.results.result_file import decision_from_1
+from ariac_score.scoring.expression import Number
 from ariac_score.scoring.steward import Adjustment
 
 __all__ = ["PUBLICATION", "Publication", "StoredResult", "load_publication", "ranking_json"]
@@ -51,8 +54,8 @@ class Input(Struct, frozen=True, forbid_unknown_fields=True):
     sha256: str
 
 
-class PublishedRun(Struct, frozen=True, forbid_unknown_fields=True):
-    """One run: how it ended, what it is worth, whether it counts.
+class PublishedRun(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
+    """One run: how it ended, its score, whether it counts.
 
     Attributes:
         team: Team.
@@ -61,11 +64,12 @@ class PublishedRun(Struct, frozen=True, forbid_unknown_fields=True):
         outcome: How it ended.
         reason: In words, where it is out of the ordinary.
         task: Task score, where the rules have one.
-        score: Score; null when there is none, or it was not kept and needs a cohort.
+        score: Score; null when there is none. Where the rules compare teams, only runs kept have one.
         kept: Whether it counts for the trial.
         terms: The terms of the trial that runs are compared by.
         inputs: The files it was scored from.
         result: Its result, below the folder of results; null when it is not given.
+        decisions: Ids of the stewards' decisions that changed it.
     """
 
     team: str
@@ -79,6 +83,7 @@ class PublishedRun(Struct, frozen=True, forbid_unknown_fields=True):
     terms: Mapping[str, int | float]
     inputs: tuple[Input, ...]
     result: StoredResult | None
+    decisions: tuple[str, ...] = ()
 
     @property
     def key(self) -> RunKey:
@@ -92,8 +97,8 @@ class How(Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         keep: How many runs of a trial count.
         by: What makes a run better, most important first.
-        missing_run: What a run that was not made counts as.
-        judges: What is made of the judges' marks.
+        missing_run: Whether a run that was not made counts `zero` or is left out of the mean.
+        judges: Whether the judges' marks are added up or averaged.
         value: What teams are ranked by.
         best: Which value comes first.
         ties: What separates teams of equal value, most important first.
@@ -110,6 +115,24 @@ class How(Struct, frozen=True, forbid_unknown_fields=True):
     intervals: Intervals
 
 
+class OrganisersRanking(Struct, frozen=True, forbid_unknown_fields=True):
+    """What the organisers' own program gives, and where it differs.
+
+    Attributes:
+        trials: By trial the entry of each team; teams that stopped the program are missing.
+        orders: The orders of each trial; null where an older version kept none.
+        leaderboard: Team and sum, best first.
+        stops: Where the program would have stopped.
+        differences: Every trial score, sum and rank in which this ranking differs.
+    """
+
+    trials: Mapping[str, Mapping[str, Entry]]
+    orders: Mapping[str, tuple[OrderPlan, ...]] | None
+    leaderboard: tuple[tuple[str, Number], ...]
+    stops: tuple[Stop, ...]
+    differences: tuple[RankingDifference, ...]
+
+
 class PublishedDecisions(Struct, frozen=True, forbid_unknown_fields=True):
     """The ranking after the decisions of stewards.
 
@@ -119,7 +142,7 @@ class PublishedDecisions(Struct, frozen=True, forbid_unknown_fields=True):
         standings: Best first.
         runs: Every run.
         worst: By trial what counts where there is no score.
-        statistics: How sure this ranking is; null where that was not asked.
+        statistics: How sure this ranking is; null where that was not computed.
     """
 
     sha256: Sha256
@@ -142,13 +165,13 @@ class Publication:
         how: How runs became ranks.
         standings: Best first.
         runs: Every run, sorted by team, trial and number.
-        worst: By trial what counts where a team has no score: 0, or the worst run kept.
-        statistics: How sure the ranking is; null where that was not asked.
+        worst: By trial what counts where a team has no score: 0, or the score of the worst run kept.
+        statistics: How sure the ranking is; null where that was not computed.
         cohort: The values across teams; null when the rules compare none.
-        strangers: What lies among the runs and belongs to nobody.
+        strangers: Files and folders among the runs that belong to no team or trial.
         folder: Where the results are, relative to the file; empty when they are not given.
         strict: The organisers' own evaluation, where it was reproduced, and where it differs.
-        adjusted: What stewards made of it; null leaves the automatic ranking.
+        adjusted: The ranking after the decisions of stewards; null where there are none.
     """
 
     competition: str
@@ -163,12 +186,12 @@ class Publication:
     cohort: Cohort | None
     strangers: tuple[str, ...]
     folder: str
-    strict: Mapping[str, Any] | None
+    strict: OrganisersRanking | None
     adjusted: PublishedDecisions | None
 
     @cached_property
     def ranking(self) -> Ranking:
-        """The ranking, with what stewards made of it; of its runs all but their results."""
+        """The ranking, automatic and after the decisions of stewards; its runs are without their results."""
         automatic = self._ranking(self.standings, self.runs, self.worst)
         adjusted = self.adjusted
         if adjusted is None:
@@ -186,7 +209,18 @@ class Publication:
             trials=self.trials,
             standings=standings,
             runs=tuple(
-                RunOutcome(r.team, r.trial, r.run, r.outcome, r.reason, r.task, r.score, r.kept, r.terms)
+                RunOutcome(
+                    r.team,
+                    r.trial,
+                    r.run,
+                    r.outcome,
+                    r.reason,  # the whole of it: what a run counts stands in the text that was published
+                    r.task,
+                    r.score,
+                    r.kept,
+                    r.terms,
+                    decisions=r.decisions,
+                )
                 for r in runs
             ),
             cohort=self.cohort,
@@ -220,8 +254,8 @@ def ranking_json(
     spec: Spec,
     statistics: Statistics | None = None,
     adjusted: Statistics | None = None,
-    strict: object = None,
-    differences: tuple[object, ...] = (),
+    strict: Evaluation | None = None,
+    differences: tuple[RankingDifference, ...] = (),
     *,
     folder: str = "",
     results: Mapping[RunKey, StoredResult] | None = None,
@@ -232,9 +266,9 @@ def ranking_json(
         ranking: The ranking.
         spec: How its runs became it.
         statistics: How sure it is.
-        adjusted: How sure it is as stewards left it, where they decided something.
-        strict: The organisers' own evaluation beside it, where it was reproduced.
-        differences: Between both.
+        adjusted: How sure the ranking is after the decisions of stewards, where there are any.
+        strict: The organisers' own evaluation, where it was reproduced.
+        differences: Where that differs from this ranking.
         folder: Where the results are, relative to the file this will be.
         results: The result of each run, where they were written.
     """
@@ -254,7 +288,7 @@ def ranking_json(
             cohort=ranking.cohort,
             strangers=ranking.strangers,
             folder=folder,
-            strict=None if strict is None else {**plain(strict), "differences": plain(differences)},
+            strict=None if strict is None else _organisers(strict, differences),
             adjusted=None
             if after is None
             else PublishedDecisions(
@@ -266,6 +300,16 @@ def ranking_json(
                 statistics=adjusted,
             ),
         )
+    )
+
+
+def _organisers(strict: Evaluation, differences: tuple[RankingDifference, ...]) -> OrganisersRanking:
+    return OrganisersRanking(
+        trials=strict.trials,
+        orders={trial: tuple(orders) for trial, orders in strict.orders.items()},
+        leaderboard=strict.leaderboard,
+        stops=strict.stops,
+        differences=differences,
     )
 
 
@@ -302,6 +346,7 @@ def _run(run: RunOutcome, stored: StoredResult | None) -> PublishedRun:
         terms=run.terms,
         inputs=tuple(Input(s.role, s.name, s.sha256) for s in inputs),
         result=stored,
+        decisions=run.decisions,
     )
 
 
@@ -309,19 +354,51 @@ def _run(run: RunOutcome, stored: StoredResult | None) -> PublishedRun:
 
 
 def _from_2(data: dict[str, Any]) -> dict[str, Any]:
-    """`ranking/2` as `ranking/3`: intervals by name, decisions flat, the folder of results by its name."""
+    """`ranking/2` as `ranking/3`: intervals by name, decisions flat, teams and sums as pairs."""
     data = {**data, "how": data["ranking"], "folder": data["results"] or ""}
     del data["ranking"], data["results"]
     if data["cohort"] is not None:
         data["cohort"] = {key: value for key, value in data["cohort"].items() if key != "schema"}
     data["statistics"] = _statistics_from_2(data["statistics"])
+    data["strict"] = _strict_from_2(data["strict"])
     adjusted = data.get("adjusted")
-    data["adjusted"] = adjusted and {
-        **adjusted,
-        "adjustments": [decision_from_1(decision) for decision in adjusted["adjustments"]],
-        "statistics": _statistics_from_2(adjusted["statistics"]),
-    }
+    data["adjusted"] = adjusted and _adjusted_from_2(adjusted)
     return data
+
+
+def _strict_from_2(data: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if data is None:
+        return None
+    pairs = [[line["team"], line["score"]] for line in data["leaderboard"]]
+    return {**data, "leaderboard": pairs, "orders": None}
+
+
+def _adjusted_from_2(data: Mapping[str, Any]) -> dict[str, Any]:
+    decisions = [decision_from_1(decision) for decision in data["adjustments"]]
+    return {
+        **data,
+        "adjustments": decisions,
+        "runs": [_decided_from_2(run, decisions) for run in data["runs"]],
+        "statistics": _statistics_from_2(data["statistics"]),
+    }
+
+
+def _decided_from_2(run: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """A run with the ids of the decisions that changed it.
+
+    `ranking/2` wrote the decisions into the reason of the run and nowhere else. Their targets do not
+    suffice: they may leave out team and run, and name the run by the SHA-256 of what was measured.
+    """
+    reason = f"; {run['reason']}; "
+    own = [
+        decision
+        for decision in (convert(one, Adjustment) for one in decisions)
+        if decision.trial == run["trial"]
+        and decision.team in ("", run["team"])
+        and decision.run in (None, run["run"])
+        and f"; {decision.author}: {decision.effect}: {decision.reason}; " in reason
+    ]
+    return {**run, "decisions": [decision.id for decision in own]} if own else dict(run)
 
 
 def _statistics_from_2(data: Mapping[str, Any] | None) -> dict[str, Any] | None:
@@ -356,10 +433,10 @@ def load_publication(path: Path) -> Publication:
 
 
 def _refuse_contradictions(found: Publication, path: Path) -> None:
-    """Trials must add up to the execution, and everything speak of the teams and trials listed.
+    """Refuse sums that are not those of the trials, and runs of teams or trials that are not listed.
 
     Raises:
-        DataFileError: It does not.
+        DataFileError: Naming the place.
     """
     for ranking in (found.ranking, found.final):
         _refuse_wrong_sums(ranking, path)
@@ -379,11 +456,6 @@ def _refuse_contradictions(found: Publication, path: Path) -> None:
 
 
 def _refuse_wrong_sums(ranking: Ranking, path: Path) -> None:
-    """Trials must add up to the execution of every team, and runs be of teams and trials listed.
-
-    Raises:
-        DataFileError: It is not so.
-    """
     hint = "it was edited or damaged: rank again"
     teams = {standing.team for standing in ranking.standings}
     if len(teams) < len(ranking.standings) or len(set(ranking.trials)) < len(ranking.trials):
@@ -403,11 +475,12 @@ def _refuse_wrong_sums(ranking: Ranking, path: Path) -> None:
             )
     strangers = [run for run in ranking.runs if run.team not in teams or run.trial not in ranking.trials]
     if strangers:
-        told = f"{strangers[0].team!r}, {strangers[0].trial!r}"
-        raise DataFileError(f"a run of {told} is of nobody listed", file=path, place="$.runs", hint=hint)
+        owner = f"{strangers[0].team!r}, {strangers[0].trial!r}"
+        raise DataFileError(f"a run of {owner} is of nobody listed", file=path, place="$.runs", hint=hint)
 
 
 def _stays_inside(name: str) -> bool:
+    # Backslash and colon are plain characters here, but lead elsewhere on Windows, where a site may be made.
     parts = name.split("/")
     plain = not set(name) & set("\\:\0") and name.isprintable()
     return plain and all(part not in ("", ".", "..") for part in parts)

@@ -1,11 +1,13 @@
 """From priced runs to a ranking.
 
-For each team and trial the best runs are kept; where the rules compare teams, the kept
-runs make the cohort and are priced with it; their mean is the score of the trial, the
-sum over trials the execution of the team. A run that cannot be read or decided costs
-its own team that run, by name and reason, and nobody else anything. What has no score
-counts 0, or what the worst run kept in that trial got where that is worse: a run that was
-not made, or that crashed, never puts its team ahead of one that drove.
+For each team and trial the best runs are kept. Where the rules compare teams, the kept
+runs make the cohort and are priced with it. Their mean is the score of the trial, and the
+sum over the trials is the execution of the team.
+
+A run that cannot be read or decided is listed with its reason and costs its own team that
+run; no other team loses anything by it. What has no score counts 0, or the score of the
+worst run kept in that trial where that is below 0: a team never gets ahead of one that
+drove by crashing or by not making the run.
 """
 
 from __future__ import annotations
@@ -65,18 +67,20 @@ _AS_ZERO = ("crashed", "cancelled", "disqualified")
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """One run: how it ended, what it is worth, whether it counts.
+    """One run: how it ended, its score, whether it counts.
 
     Attributes:
         team: Team.
         trial: Trial.
         number: Number of the run.
         outcome: One of `OUTCOMES`.
-        reason: In words, where it is out of the ordinary.
+        cause: Why it ended so, in words, where that is out of the ordinary.
         task: Task score, where the rules have one.
-        score: Score; `None` when there is none, or it was not kept and needs a cohort.
+        score: Score; `None` when there is none. Where the rules compare teams, only runs kept have one.
         kept: Whether it counts for the trial.
         terms: The terms of the trial that runs are compared by.
+        worst: The worst score of the trial, where that counts for this run instead of 0.
+        decisions: Ids of the stewards' decisions that changed it.
         result: The result, where there is one.
     """
 
@@ -84,11 +88,13 @@ class RunOutcome:
     trial: str
     number: int
     outcome: Outcome
-    reason: str = ""
+    cause: str = ""
     task: Decimal | None = None
     score: Decimal | None = None
     kept: bool = False
     terms: Mapping[str, float] = field(default_factory=dict)
+    worst: Decimal | None = None
+    decisions: tuple[str, ...] = ()
     result: Result | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -96,17 +102,22 @@ class RunOutcome:
         """Team, trial, number."""
         return self.team, self.trial, self.number
 
+    @property
+    def reason(self) -> str:
+        """The cause, and what the run counts where that is not 0."""
+        return self.cause if self.worst is None else _counting(self.cause, self.worst)
+
 
 @dataclass(frozen=True)
 class Cell:
-    """What one trial brings one team.
+    """The score of one team in one trial.
 
     Attributes:
-        score: Mean of the runs kept; without any 0, or the worst of the trial.
+        score: Mean of the runs kept; without any, 0 or the worst score of the trial.
         outcome: `scored`, or why it is 0: one of `OUTCOMES`.
         reason: In words.
         runs: Numbers of the runs that count.
-        made: How many runs there are.
+        made: Number of runs, counting or not.
     """
 
     score: Decimal
@@ -127,13 +138,13 @@ class TeamRank:
         name: As shown.
         value: What teams are ranked by.
         execution: Sum over the trials.
-        judges: What the judges' marks come to; `None` when there are none.
+        judges: Sum or mean of the judges' marks; `None` when there are none.
         ties: The values that separate teams of equal value, by name.
-        trials: What each trial brings.
+        trials: Its score in each trial.
         remarks: What a reader of the ranking must know about this team.
-        places: How many trials it won, in how many it came second, and so on.
+        places: In how many trials it came first, second, and so on.
         separated_by: What puts it behind the team before it: `value`, or one of the ties;
-            empty for the first, for one that shares its rank, and for one without any.
+            empty for the first team, for a shared rank, and for a team without a rank.
         disqualified: Why it has no rank, where it was disqualified.
     """
 
@@ -163,9 +174,9 @@ class Ranking:
         standings: Best first.
         runs: Every run, sorted by team, trial and number.
         cohort: The values across teams; `None` when the rules compare none.
-        strangers: What lies among the runs and belongs to nobody.
-        worst: By trial what counts where there is no score: 0, or the worst run kept.
-        stewarded: What the stewards made of it; all the rest is the automatic ranking.
+        strangers: Files and folders among the runs that belong to no team or trial.
+        worst: By trial what counts where there is no score: 0, or the score of the worst run kept.
+        stewarded: The ranking after the decisions of stewards; all else is the automatic one.
     """
 
     competition: str
@@ -203,7 +214,7 @@ def rank_results(
     Args:
         competition: Teams, trials, judges' marks, runs refused.
         spec: How runs become a ranking.
-        rule_set: By which the results were, or will be, priced.
+        rule_set: The rule set that prices the results.
         results: For each run its result, or why there is none.
     """
     outcomes = [_outcome(key, result, rule_set, spec) for key, result in sorted(results.items())]
@@ -229,7 +240,10 @@ def rank_again(
     ranking: Ranking,
     changed: Mapping[RunKey, RunOutcome],
 ) -> Ranking:
-    """The ranking with other outcomes of some runs; the values across teams stay as they are.
+    """The ranking with other outcomes of some runs.
+
+    The values across teams stay as they are: what stewards decide about one team must not move
+    the score of another.
 
     Args:
         competition: As for `ranking`.
@@ -238,11 +252,14 @@ def rank_again(
         ranking: An automatic ranking.
         changed: The outcomes that differ.
     """
-    outcomes = [changed.get(run.key, run) for run in ranking.runs]
-    # Runs are chosen by what was known of them before other teams and runs were looked at.
-    later = rule_set.sheet.needs_cohort or bool(rule_set.sheet.pooled)
-    known = [replace(run, score=None) if later and run.task is not None else run for run in outcomes]
-    kept = {run.key for best in _kept(known, spec).values() for run in best}
+    outcomes = [changed.get(run.key) or _at_zero(run) for run in ranking.runs]
+    # Scores that come from other teams and runs were not there when runs were first chosen; so they
+    # have no say in this choice either.
+    scored_later = rule_set.sheet.needs_cohort or bool(rule_set.sheet.pooled)
+    comparable = [
+        replace(run, score=None) if scored_later and run.task is not None else run for run in outcomes
+    ]
+    kept = {run.key for best in _kept(comparable, spec).values() for run in best}
     counting = ("scored", "aborted", *_AS_ZERO)
     outcomes = [replace(run, kept=run.key in kept and run.outcome in counting) for run in outcomes]
     return _ranking(competition, spec, rule_set, outcomes, ranking.cohort)
@@ -255,7 +272,6 @@ def _ranking(
     outcomes: Sequence[RunOutcome],
     cohort: Cohort | None,
 ) -> Ranking:
-    """The ranking that priced runs make."""
     worst = _worst(competition, outcomes, spec)
     outcomes = [_at_worst(run, worst[run.trial]) if run.trial in worst else run for run in outcomes]
     groups: dict[tuple[str, str], list[RunOutcome]] = {}
@@ -288,8 +304,8 @@ def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: 
     if isinstance(result, RunEndedError):
         return RunOutcome(*key, result.outcome, result.cause, task=Decimal(0), score=Decimal(0))
     if isinstance(result, ScoreError):
-        known = "no_value" if isinstance(result, FormulaError) else "unreadable"
-        return RunOutcome(*key, known, _told(result))
+        outcome = "no_value" if isinstance(result, FormulaError) else "unreadable"
+        return RunOutcome(*key, outcome, _error_text(result))
     official = result.measured.official
     ended = official.outcome if official else ""
     if ended in _AS_ZERO:
@@ -299,7 +315,7 @@ def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: 
     try:
         terms = {name: _term(name, result, rule_set) for name in spec.terms}
     except FormulaError as error:
-        return RunOutcome(*key, "no_value", _told(error), result=result)
+        return RunOutcome(*key, "no_value", _error_text(error), result=result)
     return RunOutcome(
         *key,
         "aborted" if ended == "aborted" else "scored",
@@ -311,14 +327,14 @@ def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: 
     )
 
 
-def _told(error: ScoreError) -> str:
-    """What went wrong and what to do; of a formula its place, for it is not the file that is wrong."""
+def _error_text(error: ScoreError) -> str:
+    # A formula that has no value is no fault of the log that the error names, so its place stands instead.
     what = f"{error.place}: {error.cause}" if isinstance(error, FormulaError) else str(error)
     return f"{what}; {error.hint}" if error.hint else what
 
 
 def _undecided(result: Result) -> str:
-    """The first thing that withholds the score, and whom it is about."""
+    """The first finding that withholds the score, with its subject."""
     findings = result.measured.findings
     withheld = [
         f"{findings[a.finding].subject}: {a.message}" for a in result.assumptions if a.policy == "withhold"
@@ -327,7 +343,7 @@ def _undecided(result: Result) -> str:
 
 
 def _term(name: str, result: Result, rule_set: RuleSet) -> float:
-    """A term of the trial, which may not depend on other teams."""
+    """The value of a term of the trial; it may not depend on other teams, for there is no cohort yet."""
     formula = Expression.parse(name, where=f"$.ranking: {name}")
     measured = result.measured
     traced = rule_set.sheet.evaluate_in(formula, measured.scopes, measured.findings)
@@ -347,7 +363,7 @@ def _kept(outcomes: Sequence[RunOutcome], spec: Spec) -> dict[tuple[str, str], t
 
 
 def merit(run: RunOutcome, spec: Spec) -> tuple[bool, list[tuple[int, float | Decimal]], int]:
-    """What runs of a team and trial are sorted by, the best first; one without a score of its own last."""
+    """The sort key of the runs of a team and trial: best first, runs that only count 0 last."""
     own: Mapping[str, float | Decimal | None] = {"task": run.task, "score": run.score, **run.terms}
     return run.outcome in _AS_ZERO, [key.sortable(own.get(key.name)) for key in spec.by], run.number
 
@@ -358,15 +374,16 @@ def _cohort(
     kept: Mapping[tuple[str, str], tuple[RunOutcome, ...]],
 ) -> Cohort:
     """The means over the best run of each team that has one, in the order of the teams."""
+    # With everybody disqualified there would be no mean, and so no score to publish.
     trials: dict[str, list[Contributed]] = {}
     counting = [team for team in competition.teams if not team.disqualified] or competition.teams
     for trial in competition.trials:
         best = [kept.get((team.id, trial.id), ())[:1] for team in counting]
-        trials[trial.id] = [_brought(run, rule_set) for runs in best for run in runs]
+        trials[trial.id] = [_contribution(run, rule_set) for runs in best for run in runs]
     return make_cohort(rule_set, trials)
 
 
-def _brought(run: RunOutcome, rule_set: RuleSet) -> Contributed:
+def _contribution(run: RunOutcome, rule_set: RuleSet) -> Contributed:
     if run.result is None or run.outcome in _AS_ZERO:
         return Contributed((), {})
     try:
@@ -376,11 +393,11 @@ def _brought(run: RunOutcome, rule_set: RuleSet) -> Contributed:
 
 
 _Pool = Mapping[str, Mapping[str, float]] | str
-"""Terms summed over all runs of a team and trial; or why one of them is not known."""
+"""Terms summed over all runs of a team and trial; or why a sum is not known."""
 
 
 def _pools(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[tuple[str, str], _Pool]:
-    """For each team and trial the terms that the rules take from all of its runs (`runs.…`)."""
+    """For each team and trial the sums that the rules call `runs.…`."""
     names = rule_set.sheet.pooled
     pools: dict[tuple[str, str], _Pool] = {}
     for key in {(run.team, run.trial) for run in outcomes} if names else ():
@@ -390,7 +407,8 @@ def _pools(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[tuple[str,
 
 
 def _pool(runs: Sequence[RunOutcome], names: Sequence[str], rule_set: RuleSet) -> _Pool:
-    """Unknown as soon as one run is: what cannot be seen must not be better than what can."""
+    # One unknown run makes the sum unknown. Otherwise a run whose log is unreadable would count as
+    # one without violations, and a team would gain by losing its log.
     totals: dict[str, list[float]] = {name: [] for name in names}
     for run in runs:
         if run.result is None or run.outcome not in ("scored", "aborted"):
@@ -416,48 +434,53 @@ def _priced(
     if run.result is None or run.outcome in (*_AS_ZERO, "undecided", "no_value"):
         return replace(run, kept=counts)
     if isinstance(pool, str):
-        return replace(run, outcome="undecided", reason=pool, score=None, kept=False)
+        return replace(run, outcome="undecided", cause=pool, score=None, kept=False)
     if cohort is None and pool is None:
         return replace(run, kept=counts)
     values = cohort.of_trial(run.trial) if cohort is not None else CohortValues()
     try:
         result = reprice(run.result, rule_set, replace(values, values={**values.values, **(pool or {})}))
     except FormulaError as error:
-        return replace(run, outcome="no_value", reason=_told(error), kept=False)
+        return replace(run, outcome="no_value", cause=_error_text(error), kept=False)
     if result.score is None:
-        return replace(run, outcome="no_value", reason=result.missing, result=result, kept=False)
+        return replace(run, outcome="no_value", cause=result.missing, result=result, kept=False)
     return replace(run, score=result.score, result=result, kept=counts)
 
 
 def _worst(competition: Competition, outcomes: Sequence[RunOutcome], spec: Spec) -> dict[str, Decimal]:
-    """For each trial what counts where there is no score: 0, or the worst run kept where that is worse."""
+    """For each trial what counts where there is no score: 0, or the worst score kept where that is worse.
+
+    The scores of disqualified teams are left out.
+    """
     out = {team.id for team in competition.teams if team.disqualified}
     scores: dict[str, list[Decimal]] = {trial.id: [Decimal(0)] for trial in competition.trials}
     for run in outcomes:
         known = run.kept and run.score is not None and run.outcome not in _AS_ZERO
         if known and run.trial in scores and run.team not in out:
-            assert run.score is not None  # just asked
+            assert run.score is not None  # `known` says so
             scores[run.trial].append(run.score)
     return {trial: (min if spec.more_is_better else max)(found) for trial, found in scores.items()}
 
 
-_COUNTS = "; it counts "
+def _counting(cause: str, worst: Decimal) -> str:
+    return f"{cause}; it counts {worst:f}, the worst of the trial"
 
 
 def _at_worst(run: RunOutcome, worst: Decimal) -> RunOutcome:
-    if run.outcome not in _AS_ZERO or not worst:
-        return run
-    reason = run.reason.partition(_COUNTS)[0]
-    return replace(run, score=worst, reason=f"{reason}{_COUNTS}{worst:f}, the worst of the trial")
+    return replace(run, score=worst, worst=worst) if run.outcome in _AS_ZERO and worst else run
+
+
+def _at_zero(run: RunOutcome) -> RunOutcome:
+    """The run before the worst of its trial was looked at; stewards can change what that is."""
+    return run if run.worst is None else replace(run, score=Decimal(0), worst=None)
 
 
 def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int, worst: Decimal) -> Cell:
     kept = [run for run in runs if run.kept and run.score is not None]
     if not kept:
         why = next((run for run in runs if run.outcome not in ("scored", "aborted")), None)
-        outcome, reason = (why.outcome, why.reason) if why else ("no_run", OUTCOMES["no_run"])
-        counts = f"{_COUNTS}{worst:f}, the worst of the trial" if worst and _COUNTS not in reason else ""
-        return Cell(worst, outcome, f"{reason}{counts}", (), len(runs))
+        outcome, cause = (why.outcome, why.cause) if why else ("no_run", OUTCOMES["no_run"])
+        return Cell(worst, outcome, _counting(cause, worst) if worst else cause, (), len(runs))
     total = sum((run.score for run in kept if run.score is not None), Decimal(0))
     if spec.fill:
         total += worst * (spec.keep - len(kept))
@@ -517,7 +540,7 @@ def _standings(
 
 
 def _places(teams: Sequence[Mapping[str, Cell]], spec: Spec) -> list[tuple[int, ...]]:
-    """For each team how many trials it won, in how many it came second, and so on; equal ones share."""
+    """For each team in how many trials it came first, second, and so on; equal scores share a place."""
     counts = [[0] * len(teams) for _ in teams]
     for trial in teams[0] if teams else ():
         scored = [cells[trial].score for cells in teams if is_scored(cells[trial])]
@@ -544,7 +567,7 @@ def _judges(team: Team, spec: Spec) -> Decimal | None:
 def _tie(
     name: str, team: str, total: Mapping[str, Decimal | None], outcomes: Sequence[RunOutcome]
 ) -> float | None:
-    """What separates a team from its equals: a total, or a term added up over the runs kept."""
+    """A value that separates teams of equal value: a total, or a term summed over the runs kept."""
     if name in total:
         value = total[name]
         return None if value is None else float(value)
@@ -553,7 +576,7 @@ def _tie(
 
 
 def _missing_marks(team: Team, teams: Sequence[Team]) -> str:
-    """What a team lacks of the marks that another one has; empty when nothing."""
+    """The remark on a team with fewer marks than another; empty when it has all."""
     judges = max(len(other.judges) for other in teams)
     marks = max(sum(map(len, other.judges)) for other in teams)
     own = sum(map(len, team.judges))
@@ -578,7 +601,8 @@ def _remarks(
 
 
 def remarks_on_team(standing: TeamRank) -> tuple[str, ...]:
-    """What its remarks say of the team itself; those on its trials come first, one for each not scored."""
+    """The remarks on the team itself, without those on its trials."""
+    # `_remarks` puts those on trials first, one for each trial that is not scored.
     return standing.remarks[sum(1 for cell in standing.trials.values() if cell.outcome != "scored") :]
 
 

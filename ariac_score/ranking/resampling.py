@@ -1,8 +1,8 @@
 """Other competitions that might as well have happened, drawn from the runs of this one.
 
 Trials are drawn with replacement, the same for all teams; in each trial drawn, the runs of
-each team with replacement; then the best of them count as the rules say. What differs from
-draw to draw is what the ranking owes to chance. docs/ranking.md says why it is done so.
+each team with replacement; then the best of them count as the rules say. The spread of the
+draws shows how much of the ranking is chance. docs/ranking.md gives the reasons for this method.
 
 Scores are whole multiples of their last digit, so that sums and ties are exact; random
 whole numbers are made from the raw bits of PCG64, whose stream numpy promises to keep. So
@@ -31,8 +31,8 @@ from ariac_score.ranking.spec import COUNT_BACK, FloatArray, IntArray, Spec, pla
 __all__ = ["Draws", "RandomBits", "Sampled", "draw", "sampled", "student_quantile", "widening"]
 
 BLOCK = 1000
-"""Competitions drawn at a time; part of what a seed means."""
-_LARGEST = 2**53
+"""Competitions drawn at a time. Another number would give other draws for the same seed."""
+_LARGEST = 2**53  # a float holds every whole number up to here
 _HALF_WORD = np.uint64(32)
 _LOW = np.uint64(0xFFFFFFFF)
 
@@ -48,7 +48,7 @@ class RandomBits:
         self._source = np.random.PCG64(seed)
 
     def halves(self, count: int) -> NDArray[np.uint64]:
-        """So many numbers of 32 bits: of each word first the low half, then the high one."""
+        """That many numbers of 32 bits: of each word first the low half, then the high one."""
         words = self._source.random_raw((count + 1) // 2)
         out = np.empty(2 * len(words), dtype=np.uint64)
         np.bitwise_and(words, _LOW, out=out[0::2])
@@ -58,7 +58,8 @@ class RandomBits:
     def below(self, bounds: IntArray) -> IntArray:
         """For each bound a number from 0 to below it.
 
-        Each is as likely as any other but for 2^-32 of the bound.
+        Their probabilities differ by at most 2^-32. Rejection would make them equal, but take a
+        varying amount of random bits.
         """
         numbers = self.halves(bounds.size).reshape(bounds.shape)
         numbers *= bounds.astype(np.uint64)
@@ -73,12 +74,12 @@ class Sampled:
     Attributes:
         teams: Ids, in the order of the ranking; those without a value are left out.
         scores: By team, trial and place by merit, in units of the last digit; the last
-            place holds what a run that was not made counts.
-        counts: By team and trial how many runs can be drawn.
-        cells: By team and trial what the ranking says, in the same units.
+            place holds the score of a run that was not made.
+        counts: By team and trial the number of runs that can be drawn.
+        cells: By team and trial the published score, in the same units.
         digits: Decimal digits of the units.
-        terms: By name, as `scores`: terms that separate equal teams.
-        judges: What the judges' marks come to, where every team has them.
+        terms: By name, shaped as `scores`: terms that separate teams of equal value.
+        judges: Sum or mean of the judges' marks, where every team has them.
     """
 
     teams: tuple[str, ...]
@@ -102,7 +103,7 @@ class Sampled:
 
 
 def sampled(ranking: Ranking, spec: Spec, digits: int) -> Sampled:
-    """What there is to draw from.
+    """The runs of a ranking, ready to be drawn from.
 
     Args:
         ranking: The ranking.
@@ -129,7 +130,7 @@ def sampled(ranking: Ranking, spec: Spec, digits: int) -> Sampled:
         if is_scored(own[team][trial]):
             counts[team, trial] = len(runs)
             for place, run in enumerate(runs):
-                assert run.score is not None  # asked above
+                assert run.score is not None  # only runs with a score are in `groups`
                 scores[team, trial, place] = _units(run.score, digits)
                 for name, column in terms.items():
                     column[team, trial, place] = run.terms.get(name, 0.0)
@@ -153,7 +154,7 @@ def sampled(ranking: Ranking, spec: Spec, digits: int) -> Sampled:
 def _affordable(
     groups: Mapping[tuple[int, int], Sequence[RunOutcome]], digits: int, trials: int, keep: int
 ) -> int:
-    """So many digits that no sum leaves what a float holds exactly."""
+    """Decimal digits that keep every sum within what a float holds exactly."""
     largest = max(
         (abs(run.score or Decimal(0)) for runs in groups.values() for run in runs), default=Decimal(0)
     )
@@ -170,22 +171,22 @@ def _units(amount: Decimal, digits: int) -> int:
 
 
 def widening(count: int, degrees: int, level: float) -> float:
-    """By what deviations are multiplied because few were drawn from.
+    """The factor on deviations that makes up for the small number of trials or runs drawn from.
 
-    Draws from n deviate too little by the root of (n - 1) / n, and quantiles of few are
-    those of Student, not of the normal distribution.
+    Draws from n deviate too little by the root of (n - 1) / n, and with few of them quantiles are
+    those of Student's distribution, not of the normal one.
 
     Source: Hesterberg, What Teachers Should Know About the Bootstrap, The American
     Statistician 69 (2015), section 4.3; here deviations are widened and not the level,
     for a quantile beyond the outermost draw cannot be read off.
     """
     normal = NormalDist().inv_cdf((1 + level) / 2)
-    # Rounded: the last bits of functions of the C library differ between machines.
+    # Rounded, because the last bits of the C library's functions differ between machines.
     return round(math.sqrt(count / (count - 1)) * student_quantile(degrees, level) / normal, 9)
 
 
 def student_quantile(degrees: int, level: float) -> float:
-    """How far from 0 a t-distributed number stays with this probability.
+    """The bound that a t-distributed number does not exceed, either way, with this probability.
 
     Source: Abramowitz and Stegun, Handbook of Mathematical Functions, 26.7.3 and 26.7.4.
 
@@ -202,7 +203,7 @@ def student_quantile(degrees: int, level: float) -> float:
 
 
 _NEARLY_NORMAL = 400
-"""Degrees of freedom from which Student's distribution is taken for the normal one."""
+"""With more degrees of freedom Student's distribution is taken for the normal one."""
 
 
 def _within(t: float, degrees: int) -> float:
@@ -230,8 +231,8 @@ class Draws:
 
     Attributes:
         execution: Shape (teams, draws), in units, deviations not widened.
-        ties: What separates equal teams, most important first, each of shape
-            (teams, draws), more is better; `None` for the execution, which follows.
+        ties: Keys that separate teams of equal value, most important first, each of shape
+            (teams, draws), more is better; `None` stands for the execution.
     """
 
     execution: IntArray
@@ -276,7 +277,7 @@ class _Sampler:
         self.rows = (np.arange(self.teams) * self.trials)[:, None]
 
     def block(self, size: int) -> Draws:
-        """So many competitions."""
+        """Draw that many competitions."""
         execution = np.zeros((self.teams, size), dtype=np.int64)
         terms = {name: np.zeros((self.teams, size)) for name in self.spec.terms}
         counted = any(key.name == COUNT_BACK for key in self.spec.ties)
@@ -292,7 +293,7 @@ class _Sampler:
         return Draws(execution, tuple(self._ties(terms, won, size)))
 
     def _chosen(self, size: int) -> IntArray:
-        """For each place of a competition the trial that stands there, shape (trials, size)."""
+        """For each place of a competition the trial drawn for it, shape (trials, size)."""
         if self.of_trials:
             return self.bits.below(np.full((self.trials, size), self.trials, dtype=np.int64))
         return np.repeat(np.arange(self.trials)[:, None], size, axis=1)
@@ -314,7 +315,7 @@ class _Sampler:
         return best
 
     def _cells(self, chosen: IntArray, picked: Sequence[NDArray[np.uint8 | np.uint16]]) -> IntArray:
-        """What the trial brings each team."""
+        """The score of each team in the trial drawn."""
         counts = self.runs.counts[:, chosen]
         if self.of_runs:
             base = (self.rows + chosen) * (self.most + 1)
@@ -357,7 +358,7 @@ class _Sampler:
         return found
 
     def _count(self, won: FloatArray, cells: IntArray, chosen: IntArray) -> None:
-        """Add the places of one trial; who made no run gets none."""
+        """Add the places of one trial; a team without a run gets none."""
         made = self.runs.counts[:, chosen] > 0
         oriented = cells if self.spec.more_is_better else -cells
         known = np.where(made, oriented, np.iinfo(np.int64).min).astype(np.float64)
@@ -382,7 +383,7 @@ class _Sampler:
 
 
 def _mean(total: IntArray, divisor: IntArray | int) -> IntArray:
-    """A sum divided, halves to the even digit, as a published mean is rounded."""
+    """A sum divided, with halves rounded to the even digit as in a published mean."""
     if isinstance(divisor, int) and divisor == 1:
         return total
     whole = total // divisor
@@ -395,10 +396,10 @@ def _mean(total: IntArray, divisor: IntArray | int) -> IntArray:
 
 
 def _shifts(runs: Sampled, spec: Spec) -> IntArray:
-    """By what a trial drawn anew would on average be worth less than the one published.
+    """By how much a drawn trial is on average worth less than the published one.
 
-    The best of runs drawn from five is at most the best of the five, and on average
-    less; what was published is as likely too high as too low. So draws are shifted by
+    The best of five runs drawn with replacement is at most the best of the five, and on average
+    less, while the published score is as likely too high as too low. So draws are shifted by
     the difference, which is known exactly.
     """
     shift = np.zeros_like(runs.cells)
@@ -414,18 +415,18 @@ def _shifts(runs: Sampled, spec: Spec) -> IntArray:
 
 
 def round_half_even(value: int, divisor: int) -> int:
-    """Whole numbers divided and rounded."""
+    """A quotient of whole numbers, rounded; Python's own division would go through a float."""
     whole, rest = divmod(value, divisor)
     return whole + (2 * rest > divisor or (2 * rest == divisor and whole % 2 == 1))
 
 
 @lru_cache(maxsize=256)
 def kept_weights(count: int, keep: int) -> tuple[tuple[int, ...], int]:
-    """How often each of so many runs is among the best kept of as many draws, as numerators.
+    """How often each run is among the best `keep` when as many runs are drawn as there are.
 
     Returns:
-        For each run, the best first, the expected number of times it is kept, times the
-        second number, which is how many ways of drawing there are.
+        For each run, the best first, how often it is kept over all ways of drawing; and the
+        number of these ways.
 
     >>> kept_weights(2, 1)  # of two runs, the better one is the best in 3 of 4 ways
     ((3, 1), 4)
@@ -433,7 +434,7 @@ def kept_weights(count: int, keep: int) -> tuple[tuple[int, ...], int]:
     kept = min(keep, count)
     at_most = [0]
     for place in range(1, count + 1):
-        # In how many ways are at least j of the draws among the first `place` runs?
+        # In how many ways are exactly m of the draws among the first `place` runs?
         ways = [math.comb(count, m) * place**m * (count - place) ** (count - m) for m in range(count + 1)]
         at_most.append(sum(min(m, kept) * way for m, way in enumerate(ways)))
     return tuple(b - a for a, b in pairwise(at_most)), count**count

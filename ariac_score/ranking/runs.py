@@ -1,4 +1,4 @@
-"""Scoring every run of a competition; what cannot be scored is an outcome, never a stop."""
+"""Scoring every run of a competition; a run that cannot be scored is an outcome and stops no other."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ def score_runs(
 ) -> dict[RunKey, Result | ScoreError]:
     """Each run's result, or why there is none.
 
-    A run that is a stored result is priced again, without its log.
+    A run that is a stored result is priced again and needs no log.
 
     Args:
         competition: Its runs and configurations.
         rule_set: By which they are scored.
         registry: The installed plugins.
         progress: Called before each run with how many are done.
-        sketches: Keep what pages draw; of a season that is most of the memory, and nothing is
-            priced by it.
+        sketches: Keep the series that pages draw. They price nothing, and are most of the memory
+            that a season takes.
 
     Raises:
-        ResultError: Stored results were made under different rule sets: what one of them
-            looked at, another may not have.
+        ResultError: Stored results were made under different rule sets: one may have judged
+            what another did not.
     """
     registry = registry or Registry()
     configs = {("team", team.id): team.config for team in competition.teams} | {
@@ -81,7 +81,7 @@ def score_runs(
 
 
 def _within(error: ScoreError, root: Path) -> ScoreError:
-    """The error with its file named from the competition's folder: the same bytes wherever that lies."""
+    """The error with its file relative to the competition: the same text wherever that lies."""
     file = Path(error.file) if error.file else None
     if file is not None and file.is_relative_to(root):
         error.file = file.relative_to(root).as_posix()
@@ -120,12 +120,11 @@ def _refuse_different_rules(made_under: Mapping[Pinned, Run]) -> None:
         return
     (first, run), (other, stranger) = list(made_under.items())[:2]
     raise ResultError(
-        f"it was made under {_rules_told(other)}, and {run.path.name} of {run.team} "
-        f"under {_rules_told(first)}",
+        f"it was made under {_identity(other)}, and {run.path.name} of {run.team} under {_identity(first)}",
         file=stranger.path,
         hint="results of different rule sets are not ranked together: score all runs under one",
     )
 
 
-def _rules_told(rules: Pinned) -> str:
+def _identity(rules: Pinned) -> str:
     return f"{rules.id} (SHA-256 {rules.sha256[:12]}…)"

@@ -28,7 +28,7 @@ _FUNCTIONS = ("rank", "share")
 
 @dataclass(frozen=True)
 class Key:
-    """One thing runs or teams are compared by.
+    """One criterion by which runs or teams are compared.
 
     Attributes:
         name: `score`, `task`, `execution`, `judges`, a term of the trial, or `count_back`.
@@ -39,7 +39,7 @@ class Key:
     highest: bool
 
     def sortable(self, value: float | Decimal | None) -> tuple[int, float | Decimal]:
-        """So that the better comes first; what has no value comes last."""
+        """A sort key that puts the better first, and what has no value last."""
         return (1, 0.0) if value is None else (0, -value if self.highest else value)
 
 
@@ -48,10 +48,10 @@ class Intervals:
     """How the uncertainty of ranks is estimated.
 
     Attributes:
-        resample: What is drawn anew: `trials_and_runs`, `trials` (each with its runs), or `runs`.
-        draws: How many competitions are drawn.
+        resample: What is drawn: `trials_and_runs`, `trials` (each with its runs), or `runs`.
+        draws: Number of competitions drawn.
         seed: Of the random numbers.
-        level: How often intervals and groups are to hold.
+        level: Confidence level of intervals and groups.
     """
 
     resample: str = "trials_and_runs"
@@ -67,12 +67,12 @@ class Spec:
     Attributes:
         keep: How many runs of a trial count.
         by: What makes a run better.
-        fill: Whether a run that was not made counts, as 0 or the worst one kept.
+        fill: Whether a run that was not made enters the mean, as 0 or the worst score kept.
         judges: `sum` or `mean` of the judges' marks.
         value: What teams are ranked by.
         highest: Whether the highest value comes first.
         ties: What separates teams of equal value.
-        strict: The organisers' own program that is reproduced beside; empty for none.
+        strict: The organisers' own program, whose ranking is shown too; empty for none.
         intervals: How the uncertainty of ranks is estimated.
     """
 
@@ -95,11 +95,12 @@ class Spec:
     @property
     def more_is_better(self) -> bool:
         """Whether points are good: of two teams equal otherwise, whether the one with more comes first."""
+        # Tried, because `value` is a formula: `lowest` of a sum of ranks still rewards points.
         try:
             one, two = self.values([{"execution": Decimal(n), "judges": Decimal(1)} for n in (1, 2)])
-        except FormulaError:  # not even then it has a value
+        except FormulaError:  # such as a division by 0 for these two
             return self.highest
-        assert one is not None  # both have all that a value can ask for
+        assert one is not None  # both have execution and judges, and there is nothing else to need
         assert two is not None
         return one == two or (two > one) == self.highest
 
@@ -119,14 +120,14 @@ class Spec:
         return values
 
     def columns(self, execution: FloatArray, judges: FloatArray | None) -> FloatArray:
-        """The value of each team in each of many competitions, as `values` has it for one.
+        """The value of each team in each of many competitions; `values` computes it for one.
 
         Args:
             execution: Shape (teams, competitions).
             judges: Shape (teams,), where the value needs it.
 
         Raises:
-            FormulaError: The value cannot be had in one of them, such as by a division by zero.
+            FormulaError: One of them has no value, such as by a division by zero.
         """
         given = {"execution": execution}
         if judges is not None:
@@ -140,7 +141,10 @@ class Spec:
 
 
 class _CallsAsNames(ast.NodeTransformer):
-    """Calls of `rank` and `share` replaced by names of the columns they come to."""
+    """Calls of `rank` and `share` replaced by names of the columns they evaluate to.
+
+    Formulas over columns know only arithmetic; a rank is a comparison with all other teams.
+    """
 
     def __init__(self, given: Mapping[str, FloatArray], names: dict[str, FloatArray]) -> None:
         self.given, self.names = given, names
@@ -159,7 +163,9 @@ class _CallsAsNames(ast.NodeTransformer):
 
 
 def places(keys: Sequence[FloatArray]) -> IntArray:
-    """1 and one for each better team, in each column; the first key on which two differ decides.
+    """The place of each team in each column: 1, and one more for each better team.
+
+    Of two teams the first key on which they differ decides; equal ones share a place.
 
     Args:
         keys: Most important first, each of shape (teams, competitions), more is better.
@@ -188,7 +194,7 @@ def _shares(column: FloatArray) -> FloatArray:
 
 
 class _Team:
-    """What the names and functions of `value` mean for one team."""
+    """The environment in which `value` is evaluated for one team."""
 
     def __init__(
         self, own: Mapping[str, Decimal | None], everyone: Sequence[Mapping[str, Decimal | None]]
@@ -212,7 +218,7 @@ class _Team:
         known = [team[name] for team in self.everyone]
         all_values = [value for value in known if value is not None]
         own = self.own[name]
-        assert own is not None  # `values` asks only for teams that have it
+        assert own is not None  # `values` leaves out teams without it
         if function == "rank":
             return Traced(f"rank({name})", 1 + sum(1 for value in all_values if value > own), "fact")
         top = max(all_values)
@@ -220,7 +226,7 @@ class _Team:
 
 
 def ranking_spec(rule_set: RuleSet, overrides: Mapping[str, Any], *, file: str) -> Spec:
-    """The ranking of a rule set with what a competition changes.
+    """The ranking of a rule set, changed as the competition declares.
 
     Args:
         rule_set: Whose `ranking:` block is the base.
@@ -228,7 +234,7 @@ def ranking_spec(rule_set: RuleSet, overrides: Mapping[str, Any], *, file: str) 
         file: The competition's file, for messages.
 
     Raises:
-        DataFileError: It names something that does not exist.
+        DataFileError: It names something that does not exist, or a new value without its best end.
     """
     data = {**rule_set.ranking, **overrides}
     faults = schema_errors(data, "ruleset", "ranking")
@@ -237,7 +243,7 @@ def ranking_spec(rule_set: RuleSet, overrides: Mapping[str, Any], *, file: str) 
         raise DataFileError(faults[0][1], file=file, place=place, hint=faults[0][2])
     if "value" in overrides and "best" not in overrides:
         raise DataFileError(
-            "it says by what teams are ranked, and not which end comes first",
+            "it says by what teams are ranked, but not which end comes first",
             file=file,
             place="$.ranking.value",
             hint="add 'best: highest' or 'best: lowest'",
@@ -293,22 +299,18 @@ def _value(text: str | float, file: str) -> Expression:
 
 
 def _check_value(formula: Expression) -> None:
-    calls = {
-        node.func.id: node
-        for node in formula.walk()
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-    }
+    calls = [node for node in formula.walk() if isinstance(node, ast.Call)]
+    functions = {id(call.func) for call in calls}
     for node in formula.walk():
-        if isinstance(node, ast.Attribute) or (
-            isinstance(node, ast.Name) and node.id not in (*TEAM_NAMES, *calls)
-        ):
+        if isinstance(node, ast.Name | ast.Attribute) and id(node) not in functions:
             name = ast.unparse(node)
-            raise FormulaError(
-                f"unknown name {name!r}", place=formula.where, hint=did_you_mean(name, TEAM_NAMES)
-            )
-    for function in _FUNCTIONS:
-        asked = calls.get(function)
-        if asked is not None and (len(asked.args) != 1 or not isinstance(asked.args[0], ast.Name)):
+            if name not in TEAM_NAMES:
+                raise FormulaError(
+                    f"unknown name {name!r}", place=formula.where, hint=did_you_mean(name, TEAM_NAMES)
+                )
+    for call in calls:
+        function = ast.unparse(call.func)
+        if function in _FUNCTIONS and not (len(call.args) == 1 and isinstance(call.args[0], ast.Name)):
             raise FormulaError(
                 f"{function}() takes one name", place=formula.where, hint=f"{function}(execution)"
             )

@@ -1,8 +1,8 @@
-"""How sure a ranking is: rank intervals, chances of each rank, groups nothing tells apart.
+"""How sure a ranking is: rank intervals, chances of each rank, groups of indistinguishable teams.
 
 Computed from competitions drawn from the runs of this one (`resampling`). The ranking
-itself is the estimate; nothing here changes it. docs/ranking.md has the method, and what
-simulations say about how often the intervals hold.
+itself is the estimate; nothing here changes it. docs/ranking.md describes the method and
+how often the intervals hold in simulations.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from ariac_score.results.result import canonical
 __all__ = ["Group", "Pair", "Statistics", "TeamOdds", "rank_statistics"]
 
 FEW_TRIALS = 8
-"""Fewer are said to be few."""
+"""With fewer a note warns of it; docs/ranking.md shows how intervals do with 3, 8 and more."""
 METHOD = "bootstrap by trial and run, paired between teams; PCG64"
-"""docs/ranking.md."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +35,9 @@ class TeamOdds:
         team: Id.
         rank_low: Best rank it may have.
         rank_high: Worst rank it may have.
-        chances: In which part of the draws it has each rank, from the first; shared ranks
-            count as the first of them.
-        execution: From where to where its sum over the trials may be, in points.
+        chances: The share of draws in which it has each rank, from the first on; of a shared
+            rank the first counts.
+        execution: Interval of its sum over the trials, in points.
     """
 
     team: str
@@ -60,8 +59,8 @@ class Pair:
         high: Its upper end.
         joint_low: Lower end where all pairs are to hold together.
         joint_high: Its upper end.
-        chance: In which part of the draws the first comes before; half of those that
-            share a rank.
+        chance: The share of draws in which the first team comes before the second; draws with a
+            shared rank count half.
     """
 
     first: str
@@ -74,14 +73,14 @@ class Pair:
     chance: float
 
     @property
-    def told_apart(self) -> bool:
-        """Whether the difference holds at the declared level, with all others."""
+    def distinguished(self) -> bool:
+        """Whether the difference holds at the declared level, together with all others."""
         return self.joint_low > 0 or self.joint_high < 0
 
 
 @dataclass(frozen=True)
 class Group:
-    """Teams in a row of which no two can be told apart.
+    """Neighbours in the ranking of whom no two can be distinguished.
 
     Attributes:
         label: `A`, `B`, …
@@ -97,12 +96,12 @@ class Statistics:
     """How sure a ranking is.
 
     Attributes:
-        intervals: What was declared.
+        intervals: As declared.
         method: How competitions were drawn.
         resample: What was drawn; with a single trial only runs can be.
-        widened_by: By what deviations were multiplied, because few were drawn from.
+        widened_by: The factor on deviations, because few trials or runs were drawn from.
         notes: What a reader must know.
-        teams: In the order of the ranking; empty where nothing can be said.
+        teams: In the order of the ranking; empty where there is nothing to draw from.
         pairs: Each two teams once.
         groups: Best first; neighbouring ones may overlap.
     """
@@ -141,7 +140,8 @@ def rank_statistics(ranking: Ranking, spec: Spec, digits: int) -> Statistics:
         return Statistics(declared, notes=(f"in some draws the value cannot be had: {error.cause}",))
     sign = 1.0 if spec.highest else -1.0
     value, published = sign * value, sign * published
-    # Where the execution separates, or more of it, by its own sign: it is drawn, then widened.
+    # As a tie-break the execution has its own direction. It is taken after widening, as the value is:
+    # otherwise a team could have more execution in the value and less in the tie-break of one draw.
     sums = next((key.highest for key in spec.ties if key.name == "execution"), True)
     own = runs.amount(execution) if sums else -runs.amount(execution)
     keys = [value, *(own if key is None else key for key in drawn.ties)]
@@ -162,7 +162,7 @@ def rank_statistics(ranking: Ranking, spec: Spec, digits: int) -> Statistics:
 
 
 def _plan(runs: Sampled, declared: Intervals) -> tuple[str, int, int] | str:
-    """What is drawn, from how many, with how many degrees of freedom; or why nothing can be."""
+    """What is drawn, from how many, with how many degrees of freedom; or why nothing can be drawn."""
     made = runs.counts[runs.counts > 0]
     if not len(made):
         return "no run of a ranked team has a score, so there is nothing to draw from"
@@ -194,9 +194,10 @@ def _notes(runs: Sampled, declared: Intervals, resample: str, count: int) -> lis
 
 
 def _widened(runs: Sampled, drawn: Draws, spec: Spec, by: float) -> IntArray:
-    """The sums drawn, deviations widened; who made no run at all stays behind all who did."""
+    """The sums drawn, with deviations widened."""
     published = runs.execution[:, None]
     wide: IntArray = published + np.rint(by * (drawn.execution - published)).astype(np.int64)
+    # A team without any run does not vary, so widening could put it ahead of one that did badly in a draw.
     none = (runs.counts == 0).all(axis=1)
     if none.any() and not none.all():
         if spec.more_is_better:
@@ -216,10 +217,10 @@ class _Level:
         self.level, self.degrees = level, degrees
 
     def joint(self, largest: FloatArray) -> float:
-        """How many standard deviations all statements together need.
+        """The half width, in standard deviations, with which all intervals hold together.
 
-        The level that a single one must have for all to hold is read off the draws;
-        with few degrees of freedom it is looked up in Student's distribution.
+        The level that a single interval must have for all to hold is read off the draws;
+        with few degrees of freedom its width is that of Student's distribution.
 
         Args:
             largest: For each draw the largest deviation of all, in standard deviations.
@@ -234,13 +235,14 @@ class _Level:
 
 
 def _quantile(values: FloatArray, share: float) -> float:
-    """The smallest drawn value that this share of them does not exceed."""
+    """The smallest drawn value that this share of the values does not exceed."""
+    # Rounded first, because a product such as 250.00000000000023 must not become 251.
     place = min(max(math.ceil(round(share * len(values), 6)) - 1, 0), len(values) - 1)
     return float(np.partition(values, place)[place])
 
 
 def _ends(values: FloatArray, level: float) -> tuple[float, float]:
-    """The interval that leaves out as many draws below as above."""
+    """The interval that leaves out equal shares of the draws below and above."""
     count = len(values)
     low = min(max(math.ceil(round((1 - level) / 2 * count, 6)) - 1, 0), count - 1)
     high = min(max(math.ceil(round((1 + level) / 2 * count, 6)) - 1, 0), count - 1)
@@ -281,7 +283,7 @@ def _pairs(
 
 
 def _added(values: FloatArray) -> float:
-    """The sum, halves onto halves: the same to the last bit however a machine adds columns."""
+    """The sum, added pairwise: numpy's own order of addition differs between machines and versions."""
     while len(values) > 1:
         if len(values) % 2:
             values = np.append(values, 0.0)
@@ -296,7 +298,7 @@ def _odds(
     ahead = dict.fromkeys(runs.teams, 0)
     behind = dict.fromkeys(runs.teams, 0)
     for pair in pairs:
-        if pair.told_apart:
+        if pair.distinguished:
             better, worse = (pair.first, pair.second) if pair.joint_low > 0 else (pair.second, pair.first)
             ahead[worse] += 1
             behind[better] += 1
@@ -317,12 +319,12 @@ def _odds(
 
 
 def _groups(teams: Sequence[str], pairs: Sequence[Pair]) -> tuple[Group, ...]:
-    """The longest rows of neighbours of which no two can be told apart."""
-    apart = {(pair.first, pair.second) for pair in pairs if pair.told_apart}
+    """The longest rows of neighbours of whom no two can be distinguished."""
+    distinct = {(pair.first, pair.second) for pair in pairs if pair.distinguished}
     ends: list[int] = []
     for start in range(len(teams)):
         end = start + 1
-        while end < len(teams) and not any((team, teams[end]) in apart for team in teams[start:end]):
+        while end < len(teams) and not any((team, teams[end]) in distinct for team in teams[start:end]):
             end += 1
         ends.append(end)
     rows = [(start, end) for start, end in enumerate(ends) if start == 0 or end > ends[start - 1]]

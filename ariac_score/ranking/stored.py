@@ -1,4 +1,4 @@
-"""The results of a ranked competition as files that the ranking names with their hash."""
+"""The results of a ranked competition: files that the ranking names with their SHA-256."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,79}")
 def write_results(ranking: Ranking, folder: Path, write: Write) -> dict[RunKey, StoredResult]:
     """Write the result of every run that has one, as `<team>/<trial>_<n>.json`.
 
-    A name that is none for a file on some system is written otherwise, with its hash.
+    A name that some system does not allow for a file is replaced by its plain characters and a hash.
 
     Args:
         ranking: Whose runs.
@@ -37,7 +37,7 @@ def write_results(ranking: Ranking, folder: Path, write: Write) -> dict[RunKey, 
         if run.result is None:
             continue
         name = f"{_file_name(run.team)}/{_file_name(run.trial)}_{run.number}.json"
-        if name.lower() in taken:  # told apart by capitals alone, which some file systems do not
+        if name.lower() in taken:  # some file systems take `A` and `a` for one name
             name = f"{_hashed(run.team)}/{_hashed(run.trial)}_{run.number}.json"
         taken.add(name.lower())
         text = as_json(run.result)
@@ -67,12 +67,12 @@ def read_stored(stored: StoredResult, folder: Path, run: RunOutcome, rule_set: P
     Args:
         stored: Where it is.
         folder: Of the results.
-        run: The run as the ranking has it.
-        rule_set: The rules of the ranking.
+        run: The run as the ranking states it.
+        rule_set: The rule set of the ranking.
 
     Raises:
         DataFileError: The file is missing, or not the one that was ranked.
-        ResultError: It is not a whole result, or under other rules, or of another run.
+        ResultError: It is no complete result, or of other rules, or of another run.
     """
     file = folder / stored.file
     hint = "give the results that were written with this ranking"
@@ -89,6 +89,7 @@ def read_stored(stored: StoredResult, folder: Path, run: RunOutcome, rule_set: P
             file=file,
             hint=hint,
         )
+    # The hash was checked, so the slow search for edits can be spared.
     result = load_result(file, known=True)
     if result.provenance.rule_set != rule_set:
         raise ResultError(
@@ -97,6 +98,7 @@ def read_stored(stored: StoredResult, folder: Path, run: RunOutcome, rule_set: P
             hint="results of different rule sets are not ranked together: score all runs under one",
         )
     measured = result.measured
+    # A crashed or disqualified run counts another number than its result says.
     same_score = run.outcome not in ("scored", "aborted") or result.score == run.score
     if measured.trial != run.trial or measured.team not in ("", run.team) or not same_score:
         raise ResultError(

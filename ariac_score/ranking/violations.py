@@ -1,7 +1,8 @@
-"""What was violated in the runs of a competition, by standard and clause."""
+"""Violations in the runs of a competition, counted by standard and clause."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -40,24 +41,34 @@ class Tally:
 
 
 def clause_of(finding: Finding, use: str) -> Clause:
-    """The standard and the place in it that a finding names; without any the plugin that made it.
+    """The standard and the place in it that a finding cites; without any the plugin that made it.
+
+    Authors of plugins and rule sets write citations as text, so the text is all there is to go by.
+    Up to the first comma it names the standard, unless the comma is in brackets.
 
     >>> clause_of(Finding("robot", Verdict.SATISFIED, "", clause="ISO/TS 15066:2016, 5.5.4"), "x")
     ('ISO/TS 15066:2016', '5.5.4')
     """
     derived = finding.clause.startswith(_DERIVED)
-    standard, _, place = finding.clause.removeprefix(_DERIVED).partition(", ")
+    cited = finding.clause.removeprefix(_DERIVED)
+    comma = _first_comma_outside_brackets(cited)
+    standard, place = cited[:comma], cited[comma + 2 :]
     if not standard:
         return use, ""
     return standard, f"{place} (derived)" if derived else place
 
 
+def _first_comma_outside_brackets(text: str) -> int:
+    commas = (found.start() for found in re.finditer(", ", text))
+    return next((at for at in commas if text.count("(", 0, at) <= text.count(")", 0, at)), len(text))
+
+
 def verdicts_of(measured: Measured, uses: Mapping[str, str]) -> dict[Clause, dict[str, int]]:
-    """What one run comes to.
+    """The findings of one run, counted by clause and verdict.
 
     Args:
         measured: The run.
-        uses: By check the plugin it uses.
+        uses: For each check the plugin it uses.
     """
     found: dict[Clause, Counter[str]] = {}
     for finding in measured.findings.values():
@@ -70,7 +81,7 @@ def tallied(runs: Iterable[tuple[RunKey, Verdicts]]) -> tuple[Tally, ...]:
     """The clauses of a competition, those violated most first.
 
     Args:
-        runs: Each run looked at.
+        runs: The counts of each run (`verdicts_of`).
     """
     verdicts: dict[Clause, Counter[str]] = {}
     by_team: dict[tuple[Clause, str], Counter[str]] = {}

@@ -1,8 +1,8 @@
-"""An audit as text: the verdict first, what differs, what does not add up, what cannot be judged."""
+"""An audit as text: the verdict first, then what differs, does not add up, or cannot be judged."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from ariac_score.review.audit import AGREE, CANNOT_BE_JUDGED, DIFFER, Audit, Item, Sum
 from ariac_score.review.comparison import Change, Comparison
@@ -12,12 +12,18 @@ from ariac_score.terminal.style import Style, plain
 __all__ = ["audit_text"]
 
 _LABEL = 44
-_SUMMARY = "summary_"
-"""What labels begin with that were taken out of a text's summary."""
+_IN_WORDS: Mapping[str, str] = {
+    "summary_score": "score in the summary",
+    "summary_max_score": "max_score in the summary",
+    "summary_submitted": "submitted in the summary",
+    "summary_priority": "priority in the summary",
+    "summary_duration_s": "duration_s in the summary",
+}
+"""Labels that are ours (`FACTS_OF_TEXT`); every other one is what the text itself prints."""
 
 
 def audit_text(audit: Audit, style: Style | None = None) -> str:
-    """The page an organiser takes to a protest."""
+    """The audit as an organiser needs it in a protest."""
     style = style or Style()
     sections = [
         _headline(audit, style),
@@ -104,7 +110,7 @@ def _not_judged(audit: Audit, style: Style) -> Iterator[str]:
 
 
 def _by_reason(title: str, items: list[Item], style: Style) -> Iterator[str]:
-    """Items with one reason together, in the order of the text."""
+    """Items grouped by reason, in the order of the text."""
     reasons: dict[str, list[Item]] = {}
     for item in items:
         reasons.setdefault(item.reason, []).append(item)
@@ -117,7 +123,7 @@ def _by_reason(title: str, items: list[Item], style: Style) -> Iterator[str]:
 
 
 def _both(item: Item) -> str:
-    """The printed number, and ours where it is not written alike."""
+    """The printed number, and ours where it is written differently."""
     number = number_of(item.printed)
     if item.ours is None or number == item.ours:
         return plain(item.printed)
@@ -129,10 +135,9 @@ def _line(mark: str, one: Item | Sum, style: Style, look: str) -> str:
 
 
 def _name(path: str, label: str) -> str:
-    """An item as a reader of the text finds it: where, and under which words."""
-    if label.startswith(_SUMMARY):
-        label = f"{label.removeprefix(_SUMMARY)} in the summary"
-    return f"{path}: {label}" if path else label
+    """The place of an item in the official text: the block and the label it is printed under."""
+    words = _IN_WORDS.get(label, label)
+    return f"{path}: {words}" if path else words
 
 
 def _within(item: Item) -> str:

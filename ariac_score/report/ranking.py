@@ -11,6 +11,7 @@ from ariac_score.ranking.compare import RankingDifference
 from ariac_score.ranking.evaluation import Evaluation
 from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, TeamRank, final_ranking, remarks_on_team
 from ariac_score.ranking.statistics import Statistics
+from ariac_score.report.spreadsheet import text_cell
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import Style, plain
 
@@ -26,7 +27,7 @@ def ranking_text(
     style: Style | None = None,
     statistics: Statistics | None = None,
 ) -> str:
-    """The leaderboard, how sure it is, what is out of the ordinary, what the organisers' program gives."""
+    """The leaderboard, how sure it is, unusual runs, and the ranking of the organisers' own program."""
     style = style or Style()
     sections = [
         _head(ranking, style),
@@ -60,7 +61,7 @@ def _many(number: int, what: str) -> str:
 
 
 def _stewarded(ranking: Ranking, style: Style) -> Iterator[str]:
-    """The ranking as adjusted, what moved, and every decision; the automatic one follows."""
+    """The adjusted ranking, the teams that moved, and every decision; the automatic ranking follows."""
     if ranking.stewarded is None:
         return
     after = ranking.stewarded.ranking
@@ -76,10 +77,10 @@ def _stewarded(ranking: Ranking, style: Style) -> Iterator[str]:
     yield style("Decisions", "bold")
     scores = {run.key: run.score for run in ranking.runs}
     for (team, trial, number), adjusted in decisions_by_run(ranking).items():
-        told = [
+        change = [
             "none" if s is None else amount_text(s) for s in (scores[team, trial, number], adjusted.score)
         ]
-        yield f"  {plain(team)}, {plain(trial)}, run {number}: {' -> '.join(told)}"
+        yield f"  {plain(team)}, {plain(trial)}, run {number}: {' -> '.join(change)}"
         for decision in adjusted.adjustments:
             yield f"    {decision.id}: {plain(decision.effect)}"
             yield f"      {plain(decision.author)}, {decision.time}: {plain(decision.reason)}"
@@ -102,7 +103,7 @@ def _leaderboard(ranking: Ranking, style: Style) -> Iterator[str]:
         yield style(line, "dim") if number == 0 else line
     shared = [s.rank for s in ranking.standings if s.rank is not None]
     if len(set(shared)) < len(shared):
-        yield style("= shares its rank: nothing the rules name separates these teams", "dim")
+        yield style("= shared rank: nothing in the rules separates these teams", "dim")
     if any(cell.outcome not in _ORDINARY for s in ranking.standings for cell in s.trials.values()):
         yield style("* see below", "dim")
 
@@ -121,7 +122,7 @@ def _row(standing: TeamRank, ranking: Ranking, *, judged: bool) -> list[str]:
 
 
 def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[str]:
-    """Where each team may stand, and which cannot be told apart."""
+    """The ranks each team may have, and the teams that cannot be distinguished."""
     names = {standing.team: standing.name for standing in ranking.standings}
     level = f"{100 * statistics.intervals.level:g} %"
     yield style("How sure" if ranking.stewarded is None else "How sure, as adjusted", "bold")
@@ -138,8 +139,8 @@ def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[st
         yield f"  {plain(names[odds.team])}: rank {_from_to(odds.rank_low, odds.rank_high)}; {chances}"
     for group in statistics.groups:
         if len(group.teams) > 1:
-            told = ", ".join(plain(names[team]) for team in group.teams)
-            yield f"  cannot be told apart: {told}"
+            teams = ", ".join(plain(names[team]) for team in group.teams)
+            yield f"  no clear difference between: {teams}"
     yield from (style(f"  {plain(note)}", "dim") for note in statistics.notes)
     for standing in final_ranking(ranking).standings:
         if standing.separated_by not in ("", "value"):
@@ -183,7 +184,7 @@ def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
 
 
 def _run_lines(runs: Sequence[RunOutcome]) -> Iterator[str]:
-    """A line for each run; runs of a team and trial with one reason share one."""
+    """A line for each run; runs of a team and trial with the same reason share a line."""
     groups: dict[tuple[str, str, str, str], list[int]] = {}
     for run in runs:
         reason = run.reason or OUTCOMES[run.outcome]
@@ -243,7 +244,7 @@ def _strict_stops(strict: Evaluation) -> Iterator[str]:
 def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
     """One line for each team, best first, with the score and outcome of each trial.
 
-    Where stewards decided, the ranking is the adjusted one, beside each team's automatic rank and value.
+    After decisions of stewards it is the adjusted ranking, with columns for automatic rank and value.
     """
     automatic = {standing.team: standing for standing in ranking.standings}
     stewarded = ranking.stewarded
@@ -251,7 +252,9 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     added = [] if stewarded is None else ["automatic rank", "automatic value"]
-    columns = [_safe(f"{trial} {what}") for trial in ranking.trials for what in ("score", "outcome", "runs")]
+    columns = [
+        text_cell(f"{trial} {what}") for trial in ranking.trials for what in ("score", "outcome", "runs")
+    ]
     head = ["rank", "team", "name", "value", "execution", "judges", *columns, "remarks"]
     writer.writerow([*head, "rank low", "rank high", *added])
     odds = {each.team: each for each in statistics.teams} if statistics else {}
@@ -259,8 +262,8 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
         own = odds.get(standing.team)
         row: list[str] = [
             "" if standing.rank is None else str(standing.rank),
-            _safe(standing.team),
-            _safe(standing.name),
+            text_cell(standing.team),
+            text_cell(standing.name),
             "" if standing.value is None else repr(standing.value),
             f"{standing.execution:f}",
             "" if standing.judges is None else f"{standing.judges:f}",
@@ -268,7 +271,7 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
         for trial in ranking.trials:
             cell = standing.trials[trial]
             row += [f"{cell.score:f}", cell.outcome, " ".join(map(str, cell.runs))]
-        row.append(_safe("; ".join(standing.remarks)))
+        row.append(text_cell("; ".join(standing.remarks)))
         row += ["", ""] if own is None else [str(own.rank_low), str(own.rank_high)]
         if stewarded is not None:
             then = automatic[standing.team]
@@ -278,13 +281,8 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
     return out.getvalue()
 
 
-def _safe(text: str) -> str:
-    """Text that a spreadsheet does not take for a formula."""
-    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
-
-
 def changes_text(before: Ranking, after: Ranking) -> Iterator[str]:
-    """What another rule set changes: the runs whose score moves, then every team's score and rank."""
+    """The changes by another rule set: the runs whose score moves, then every team's score and rank."""
     runs = {run.key: run for run in after.runs}
     unchanged = 0
     for run in before.runs:
@@ -292,7 +290,7 @@ def changes_text(before: Ranking, after: Ranking) -> Iterator[str]:
         if (run.score, run.outcome) == (then.score, then.outcome):
             unchanged += 1
         else:
-            yield f"{plain(run.team)}, {plain(run.trial)}, run {run.number}: {_told(run)} -> {_told(then)}"
+            yield f"{plain(run.team)}, {plain(run.trial)}, run {run.number}: {_end(run)} -> {_end(then)}"
     yield f"{unchanged} of {len(before.runs)} runs are worth the same"
     standings = {standing.team: standing for standing in after.standings}
     for standing in before.standings:
@@ -301,7 +299,7 @@ def changes_text(before: Ranking, after: Ranking) -> Iterator[str]:
         yield f"{plain(standing.name)}: {sums}, rank {_rank_change(standing.rank, then_standing.rank)}"
 
 
-def _told(run: RunOutcome) -> str:
+def _end(run: RunOutcome) -> str:
     return run.outcome if run.score is None else amount_text(run.score)
 
 

@@ -12,7 +12,7 @@ __all__ = ["ranks_text", "scores_text"]
 
 
 def scores_text(found: Sequence[ScoreSensitivity], rule_set: RuleSet, of: str) -> str:
-    """What each number does to a score."""
+    """How a score depends on each number."""
     lines = [f"What the score of {of} under {rule_set.id} owes to each number", ""]
     varied = [each for each in found if not each.skipped]
     for each in sorted(varied, key=lambda each: -abs(each.elasticity or 0.0)):
@@ -46,7 +46,7 @@ def _number(score: float | None) -> str:
 
 
 def ranks_text(found: Sequence[RankSensitivity], rule_set: RuleSet, of: str) -> str:
-    """What each number does to a ranking."""
+    """How a ranking depends on each number."""
     lines = [f"What the ranks of {of} under {rule_set.id} owe to each number", ""]
     varied = [each for each in found if not each.skipped]
     for each in varied:
@@ -65,8 +65,8 @@ def _shift_lines(shift: RankShift, knob: Knob) -> Iterator[str]:
     moves = ", ".join(
         f"{plain(team)} {_rank(shift.before.get(team))} -> {_rank(shift.after[team])}" for team in moved
     )
-    told = f"ranks change at {shift.value:.7g} ({side} it they are not as published)"
-    yield f"{told}: {moves or 'there is no ranking on one side'}"
+    change = f"ranks change at {shift.value:.7g} ({side} it they are not as published)"
+    yield f"{change}: {moves or 'there is no ranking on one side'}"
 
 
 def _rank(rank: int | None) -> str:

@@ -30,7 +30,7 @@ _SHOWN = 12
 
 
 def amount_text(amount: Decimal, *, sign: bool = False) -> str:
-    """An amount without the zeros that say nothing.
+    """An amount without trailing zeros.
 
     >>> amount_text(Decimal("-3.500000")), amount_text(Decimal("28.000000"), sign=True)
     ('-3.5', '+28')
@@ -41,7 +41,7 @@ def amount_text(amount: Decimal, *, sign: bool = False) -> str:
 
 
 def score_text(result: Result, style: Style | None = None) -> str:
-    """The page a team reads: score, why, what cost points and when, what was not judged."""
+    """The page a team reads: score, how it came about, what cost points and when, what was not judged."""
     style = style or Style()
     sections = [
         _headline(result, style),
@@ -91,7 +91,7 @@ def _adjusted_headline(adjusted: Adjusted, style: Style) -> str:
 
 
 def _adjusted(result: Result, style: Style) -> Iterator[str]:
-    """What the stewards decided, decision by decision, with what each moved."""
+    """The decisions of the stewards, each with the points that it moved."""
     if result.adjusted is None:
         return
     yield style("Adjusted by the stewards", "bold")
@@ -132,9 +132,10 @@ def _ledger(result: Result, style: Style) -> Iterator[str]:
 
 
 def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: int) -> Iterator[str]:
+    # Single findings are listed below with their cause; here they would bury the amounts.
     for line in lines:
         if line.kind == "factor" and line.value == 1 and not line.amount:
-            continue  # a gate that is open needs no line here; 'explain' has it
+            continue  # a gate that is open changes nothing; 'explain' shows it all the same
         shown = _worth_showing(line)
         yield _ledger_line(shown, style, depth)
         of_findings = shown.children and all(child.findings for child in shown.children)
@@ -143,7 +144,7 @@ def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: i
 
 
 def _worth_showing(line: Line) -> Line:
-    """The line, or what it consists of where that is one thing under another name."""
+    """The line, or its only part where that is the same amount under another name."""
     while True:
         telling = [c for c in line.children if c.kind != "factor" or c.value != 1 or c.amount]
         if len(telling) != 1 or telling[0].amount != line.amount or not telling[0].children:
@@ -185,7 +186,7 @@ def _losses(result: Result, style: Style) -> Iterator[str]:
 
 
 def _costs(result: Result) -> dict[str, str]:
-    """For each finding behind a factor that took something, what the factor took."""
+    """For each finding behind a factor that took points, the points and the factor."""
     costs: dict[str, str] = {}
     for line in result.ledger.walk() if result.ledger else ():
         if line.kind == "factor" and line.amount < 0:
@@ -213,7 +214,7 @@ _POLICY_WORDS = {
 
 
 def _undecided(result: Result, style: Style) -> Iterator[str]:
-    """What could not be judged and what that did to the score; checks with one reason on one line."""
+    """What could not be judged and how that counts; checks with the same reason share a line."""
     policies = {a.finding: a.policy for a in result.assumptions}
     reasons: dict[tuple[str, str, str], list[str]] = {}
     since_s: dict[str, float] = {}
@@ -225,7 +226,8 @@ def _undecided(result: Result, style: Style) -> Iterator[str]:
     if not reasons:
         return
     yield style("Not judged", "bold")
-    # What is undecided comes first, and what concerns few checks before what concerns many; then by time.
+    # Undecided comes before not applicable. A reason that concerns few checks is the more telling one,
+    # so it comes before one that concerns many; then by time.
     shown = sorted(
         reasons.items(),
         key=lambda item: (item[0][0], len(set(item[1])), since_s[item[0][2]], item[0][2]),

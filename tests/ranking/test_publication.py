@@ -15,13 +15,18 @@ from ariac_score import load_rule_set
 from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import DataFileError, ResultError
+from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.changes import changes_between
-from ariac_score.ranking.competition import load_competition
+from ariac_score.ranking.competition import Competition, load_competition
 from ariac_score.ranking.publication import load_publication, ranking_json
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.runs import score_runs
-from ariac_score.ranking.spec import ranking_spec
+from ariac_score.ranking.spec import Spec, ranking_spec
 from ariac_score.ranking.stored import write_results
+from ariac_score.results.adjustments import Adjustments
+from ariac_score.results.result_file import measured_sha256
+from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.scoring.steward import Adjustment
 from ariac_score.testing.competitions import (
     Outcome,
     PlannedOrder,
@@ -53,13 +58,34 @@ def run(root: Path, team: str, trial: str, number: int, *, flaw: str = "", text:
 
 
 def ranked(root: Path, rules: str = "ariac2024.official", extra: str = "") -> Ranking:
+    return ranked_with(root, rules, extra)[0]
+
+
+def ranked_with(root: Path, rules: str, extra: str) -> tuple[Ranking, Competition, Spec, RuleSet]:
     (root / "competition.yaml").write_text(
         f"id: test\nrules: {rules}\nruns: logs/{{team}}/{{trial}}_{{run}}\n{extra}", encoding="utf-8"
     )
     competition = load_competition(root)
     rule_set = load_rule_set(competition.rules)
     spec = ranking_spec(rule_set, competition.ranking, file="competition.yaml")
-    return rank_results(competition, spec, rule_set, score_runs(competition, rule_set))
+    found = rank_results(competition, spec, rule_set, score_runs(competition, rule_set))
+    return found, competition, spec, rule_set
+
+
+def set_score(found: Ranking, team: str, score: str) -> Adjustment:
+    """A decision that sets the score of the team's only run."""
+    result = next(run.result for run in found.runs if run.team == team)
+    assert result is not None
+    return Adjustment(
+        id=team,
+        author="The jury",
+        reason="see protocol 3",
+        time="2024-05-12T14:30:00Z",
+        measured=measured_sha256(result),
+        trial="kit",
+        team=team,
+        score=Decimal(score),
+    )
 
 
 # Missing runs --------------------------------------------------------------------------
@@ -90,6 +116,29 @@ def test_who_did_not_run_or_crashed_is_not_ahead_of_one_that_lost_points(below_z
     cells = {s.team: s.trials["kit"] for s in found.standings}
     assert cells["absent"].reason == "there is no run; it counts -5.000000000, the worst of the trial"
     assert "the worst of the trial" in cells["crashed"].reason
+
+
+def test_a_crashed_run_counts_the_worst_that_stewards_leave_in_the_trial(below_zero: Path) -> None:
+    found, *prepared = ranked_with(below_zero, "negative.yaml", TEAMS)
+    crashed = next(run for run in found.runs if run.team == "crashed")
+    assert crashed.score == -5
+    assert crashed.reason.endswith("; it counts -5.000000000, the worst of the trial")
+
+    # With drove at 3 and wrong at 4 nobody is below 0 any more.
+    higher = [set_score(found, "drove", "3"), set_score(found, "wrong", "4")]
+    after = adjusted_ranking(*prepared, found, Adjustments("a.yaml", "0" * 64, tuple(higher)))
+
+    assert after.stewarded is not None
+    adjusted = after.stewarded.ranking
+    crashed = next(run for run in adjusted.runs if run.team == "crashed")
+    assert crashed.score == 0
+    assert "it counts" not in crashed.reason
+    assert {s.team: float(s.execution) for s in adjusted.standings} == {
+        "wrong": 4,
+        "drove": 3,
+        "crashed": 0,
+        "absent": 0,
+    }
 
 
 def test_a_crashed_run_is_not_kept_before_one_of_the_same_team_that_lost_points(below_zero: Path) -> None:

@@ -63,6 +63,10 @@ def test_a_team_without_the_marks_the_value_needs_has_none() -> None:
         ({"value": "executoin"}, "unknown name 'executoin'"),
         ({"value": "trial.score"}, "unknown name 'trial.score'"),
         ({"value": "rank(execution + 1)"}, "rank() takes one name"),
+        ({"value": "rank(execution + 1) + rank(execution)"}, "rank() takes one name"),
+        ({"value": "rank(execution, judges)"}, "rank() takes one name"),
+        ({"value": "rank(rank)"}, "unknown name 'rank'"),
+        ({"value": "share + share(execution)"}, "unknown name 'share'"),
         ({"value": "execution +"}, "is not a formula"),
         ({"by": [{"highest": "tsk"}]}, "'tsk' is nothing that can be compared here"),
         ({"by": [{"highest": "execution"}]}, "'execution' is nothing that can be compared here"),
@@ -81,7 +85,7 @@ def test_what_cannot_be_ranked_by_is_refused(overrides: dict[str, Any], cause: s
 
 
 def test_a_new_value_says_which_end_comes_first() -> None:
-    with pytest.raises(DataFileError, match="not which end comes first"):
+    with pytest.raises(DataFileError, match="but not which end comes first"):
         ranking_spec(load_rule_set("ariac2025.as_coded"), {"value": "execution"}, file="competition.yaml")
 
 

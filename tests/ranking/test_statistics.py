@@ -173,7 +173,7 @@ def test_two_trials_drawn_by_hand() -> None:
         pytest.approx(2 - 10 * by, abs=LAST_DIGITS),
         pytest.approx(2 + 10 * by, abs=LAST_DIGITS),
     )
-    assert not ahead.told_apart
+    assert not ahead.distinguished
 
 
 def test_two_runs_drawn_by_hand() -> None:
@@ -248,7 +248,7 @@ def test_the_value_that_mixes_ranks_is_what_is_drawn() -> None:
     # A 0.8 + 0.6 = 1.4; B 1.6 + 0.2 = 1.8; C 2.4 + 0.4 = 2.8
     assert pair(found, "A", "B").ahead == pytest.approx(0.4)
     assert pair(found, "B", "C").ahead == pytest.approx(1.0)
-    assert all(p.told_apart for p in found.pairs)
+    assert all(p.distinguished for p in found.pairs)
 
 
 # Little to go by -------------------------------------------------------------------------
@@ -339,7 +339,7 @@ def test_what_holds_for_every_competition(scores: list[list[list[int]]], keep: i
         assert sum(odds.chances) == pytest.approx(1)
     together = {team for group in found.groups for team in group.teams}
     assert together == set(teams)
-    apart = {frozenset((p.first, p.second)) for p in found.pairs if p.told_apart}
+    apart = {frozenset((p.first, p.second)) for p in found.pairs if p.distinguished}
     for group in found.groups:
         assert not any(frozenset(two) in apart for two in itertools.combinations(group.teams, 2))
     for p in found.pairs:
@@ -409,7 +409,7 @@ def simulated(
         gaps = [(p, truth[p.first] - truth[p.second]) for p in found.pairs]
         alone += [p.low <= gap <= p.high for p, gap in gaps]
         together.append(all(p.joint_low <= gap <= p.joint_high for p, gap in gaps))
-        wrong.append(any(p.told_apart and gap * p.joint_low <= 0 for p, gap in gaps))
+        wrong.append(any(p.distinguished and gap * p.joint_low <= 0 for p, gap in gaps))
     return float(np.mean(alone)), float(np.mean(together)), float(np.mean(wrong))
 
 

@@ -24,6 +24,7 @@ from ariac_score.ranking.publication import load_publication
 from ariac_score.report.site.run_pages import page_name
 from ariac_score.report.site.site import Site, competition_page
 from ariac_score.report.site.tables import Table, cell_text, table_csv, table_json
+from ariac_score.report.site.view import view_of
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.review.sensitivity import Knob, RankSensitivity, RankShift
 from ariac_score.review.sensitivity_file import sensitivity_json
@@ -121,7 +122,7 @@ def test_the_page_shows_what_the_ranking_says(site: Path) -> None:
     assert "3 trials are few" in text
     assert "Violations by standard and clause" in text
     assert "No previous publication was given" in text
-    assert "Not given: whether ranks would change" in text
+    assert "Not examined: this publication does not say whether" in text
     assert "The best of each team and trial, by highest task, then lowest completion_time_s" in text
 
 
@@ -200,7 +201,7 @@ def test_a_list_of_files_that_leads_out_of_the_site_removes_nothing_there(site: 
 # What is given with it -----------------------------------------------------------------
 
 
-def test_what_changed_is_said(site: Path, ranking: Path) -> None:
+def test_what_changed_is_shown(site: Path, ranking: Path) -> None:
     def older(data: dict[str, Any]) -> None:
         data["standings"][1]["rank"], data["standings"][2]["rank"] = 3, 2
         data["runs"].pop()
@@ -212,8 +213,19 @@ def test_what_changed_is_said(site: Path, ranking: Path) -> None:
     text = seen(page)
     assert "▲ up 1" in text
     assert "▼ down 1" in text
-    assert "1 run new, gone or otherwise." in text
+    assert "1 run new, gone or changed." in text
     assert "Nothing changed" in seen(page_of(ranking, previous=load_publication(ranking)))
+
+
+def test_new_and_gone_trials_are_named_as_they_are(ranking: Path) -> None:
+    now = load_publication(ranking)
+    new, *both = now.trials
+    before = replace(now, trials=(*both, "-mixed"))
+
+    text = seen(competition_page(Site(now, previous=before)))
+
+    assert f"New trials: {new}" in text
+    assert "Trials no longer held: -mixed" in text
 
 
 def test_the_previous_publication_may_be_the_folder_of_a_site(site: Path, tmp_path: Path) -> None:
@@ -393,7 +405,7 @@ def test_one_team_has_nobody_to_be_compared_with(tmp_path: Path) -> None:
     shutil.copytree(EXAMPLE / "logs/aurora", folder / "logs/aurora")
 
     text = made(folder, tmp_path)
-    assert "There is one team, and nobody to compare it with." in text
+    assert "There is only one team, so there is nobody to compare it with." in text
     assert "100 %" in text
 
 
@@ -405,7 +417,7 @@ def test_teams_all_tied_share_the_first_rank(tmp_path: Path) -> None:
 
     text = made(folder, tmp_path)
     assert text.count("1=") == 2
-    assert "= shares its rank" in text
+    assert "= shared rank" in text
 
 
 def test_all_disqualified_is_said_first(tmp_path: Path) -> None:
@@ -530,8 +542,8 @@ def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_pat
     assert "2 teams, 1 trial, 4 runs, 2 of them count" in words
     # What is about humans never applied: it is named as such, and no row of the table counts it.
     assert (
-        "Never applicable in any run, as where no human was in the cell: ARIAC 2022 scoring robot-human "
-        "collision; ISO/TS 15066:2016 5.5.4 (derived)." in words
+        "Not applicable in any run, for example because no human was in the cell: "
+        "ARIAC 2022 scoring robot-human collision; ISO/TS 15066:2016 5.5.4 (derived)." in words
     )
     tallied = {
         (row["standard"], row["clause"])
@@ -568,7 +580,7 @@ def test_where_it_is_not_known_whether_a_human_was_there_no_run_counts(tmp_path:
 
     assert "4 runs do not count because something about them could not be decided" in words
     assert len(re.findall(r"undecided ?trial: the log shows no human", words)) == 4
-    assert "Never applicable in any run" not in words
+    assert "Not applicable in any run" not in words
     page = seen((site / "trials/alpha/cell-1.html").read_text(encoding="utf-8"))
     assert "No score" in page
     assert "Monitors that had nothing to judge" not in page
@@ -633,6 +645,18 @@ def test_decisions_of_stewards_stand_beside_what_was_automatic(small: Path, tmp_
     again = ["report", str(tmp_path / "after/data/ranking.json"), "-o", str(tmp_path / "again")]
     assert main([*again, "--previous", str(tmp_path / "before")]) == 0
     assert (tmp_path / "again/index.html").read_bytes() == (tmp_path / "after/index.html").read_bytes()
+
+
+def test_a_decision_leads_to_the_one_run_it_changed() -> None:
+    # The reason of one is the beginning of the reason of the other, and it names no team and no run.
+    publication = load_publication(ROOT / "tests/data/before/ranking_strict.json")
+
+    decisions = view_of(publication, {}, None, None, None).decisions
+
+    assert [(d.adjustment.id, d.adjustment.team, d.run and d.run.run.key) for d in decisions] == [
+        ("protest_1", "", ("beta", "kit", 1)),
+        ("protest_2", "alpha", ("alpha", "kit", 2)),
+    ]
 
 
 SCRIPT_REASON = "'<script>alert(1)</script>'"

@@ -156,7 +156,7 @@ def test_a_withheld_score_is_shown_as_none(tmp_path: Path) -> None:
     text = _page(score_trial(log, "paper2020"))
 
     assert ">No score<" in text
-    assert "There is no score, so there is nothing to take apart" in text
+    assert "There is no score to explain" in text
     assert "undecided" in text
 
 
@@ -176,7 +176,7 @@ def test_a_trial_without_orders_or_findings_has_a_page(example: Result) -> None:
     text = trial_page(result, "{}")
 
     assert "There was no order" in text
-    assert "nothing can be laid out in time" in text
+    assert "so there is no timeline" in text
 
 
 def _adjusted(folder: Path, result: Result, **decision: Any) -> Result:
@@ -408,6 +408,18 @@ def test_the_shade_has_the_area_of_the_shortfall(rows: list[tuple[float, float]]
     wanted = float(((depth[1:] + depth[:-1]) / 2 * np.diff(grid)).sum())
     assert chart is not None
     assert sum(map(_area, _shapes(chart))) == pytest.approx(wanted, abs=0.02 * len(rows))
+
+
+@pytest.mark.parametrize(("at_most", "word"), [(False, "shortfall"), (True, "excess")])
+def test_the_key_names_which_side_of_the_limit_is_shaded(example: Result, at_most: bool, word: str) -> None:
+    sketch = example.measured.sketch
+    assert sketch is not None
+    chart = next(chart for chart in sketch.curves if any(limit is not None for limit in chart.limit))
+    shown = replace(sketch, curves=(replace(chart, at_most=at_most),))
+
+    text = _page(replace(example, measured=replace(example.measured, sketch=shown)))
+
+    assert [name for name in ("shortfall", "excess") if f"</i>{name}<" in text] == [word]
 
 
 def test_there_is_no_shade_at_the_limit_itself_nor_where_none_applies() -> None:

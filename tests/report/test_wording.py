@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ariac_score.report.html.page import embedded_json, page, policy_of
-from ariac_score.report.html.wording import amount, brief, file_name, number, seconds, told
+from ariac_score.report.html.wording import amount, brief, file_name, number, seconds, untrusted
 
 SAFE = set("abcdefghijklmnopqrstuvwxyz0123456789_-")
 
@@ -47,7 +47,7 @@ def test_names_that_windows_keeps_for_itself_are_not_used(name: str) -> None:
 
 @given(st.text())
 def test_told_text_holds_no_tag_and_steers_no_direction(text: str) -> None:
-    shown = str(told(text))
+    shown = str(untrusted(text))
 
     inside = shown.removeprefix("<bdi>").removesuffix("</bdi>")
     if len(text) <= 20:
@@ -57,7 +57,7 @@ def test_told_text_holds_no_tag_and_steers_no_direction(text: str) -> None:
 
 
 def test_long_text_is_folded_and_still_whole() -> None:
-    shown = str(told("x" * 10_000))
+    shown = str(untrusted("x" * 10_000))
 
     assert shown.startswith("<details")
     assert "x" * 10_000 in shown

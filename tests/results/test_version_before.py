@@ -12,7 +12,8 @@ import pytest
 from ariac_score import as_json, load_result, load_rule_set
 from ariac_score.batch.index import checked_rows
 from ariac_score.cli import main
-from ariac_score.errors import ResultError
+from ariac_score.documents.schema import schema_errors
+from ariac_score.errors import DataFileError, ResultError
 from ariac_score.ranking.publication import PUBLICATION, load_publication
 from ariac_score.results.cohort_file import load_cohort
 from ariac_score.results.result_file import measured_sha256
@@ -101,7 +102,7 @@ def test_a_published_ranking_is_read_and_written_as_it_is_today(tmp_path: Path) 
         (s["rank"], s["team"], s["execution"]) for s in stored["adjusted"]["standings"]
     ]
     pair, then = found.statistics.pairs[0], stored["statistics"]["pairs"][0]  # type: ignore[union-attr]
-    assert [[pair.low, pair.high], [pair.joint_low, pair.joint_high], pair.told_apart] == [
+    assert [[pair.low, pair.high], [pair.joint_low, pair.joint_high], pair.distinguished] == [
         then["interval"],
         then["joint_interval"],
         then["told_apart"],
@@ -110,6 +111,65 @@ def test_a_published_ranking_is_read_and_written_as_it_is_today(tmp_path: Path) 
 
     (tmp_path / "ranking.json").write_text(PUBLICATION.text(found), encoding="utf-8")
     assert load_publication(tmp_path / "ranking.json") == found
+
+
+def test_the_organisers_ranking_of_a_published_one_is_brought_to_todays_form(tmp_path: Path) -> None:
+    stored = json.loads((BEFORE / "ranking_strict.json").read_text(encoding="utf-8"))["strict"]
+    found = load_publication(BEFORE / "ranking_strict.json")
+
+    strict = found.strict
+    assert strict is not None
+    assert stored["leaderboard"][0] == {"team": "beta", "score": 30.318181818181817}
+    assert strict.leaderboard == (
+        ("beta", 30.318181818181817),
+        ("alpha", 27.791666666666668),
+        ("gamma", 0.0),
+    )
+    assert strict.orders is None  # that version did not keep which orders had priority
+
+    text = PUBLICATION.text(found)
+    now = json.loads(text)
+    assert schema_errors(now, "ranking") == []
+    assert {key: now["strict"][key] for key in ("trials", "stops", "differences")} == {
+        key: stored[key] for key in ("trials", "stops", "differences")
+    }
+    (tmp_path / "ranking.json").write_text(text, encoding="utf-8")
+    assert load_publication(tmp_path / "ranking.json") == found
+
+
+def test_each_published_decision_is_linked_to_the_run_it_changed() -> None:
+    # protest_1 names its run by what was measured alone, and its reason is the beginning of the other's.
+    stored = json.loads((BEFORE / "ranking_strict.json").read_text(encoding="utf-8"))["adjusted"]
+    assert [(d["id"], d["reason"], sorted(d["target"])) for d in stored["adjustments"]] == [
+        ("protest_1", "see protocol", ["measured", "trial"]),
+        ("protest_2", "see protocol 3", ["measured", "run", "team", "trial"]),
+    ]
+
+    found = load_publication(BEFORE / "ranking_strict.json")
+
+    assert {run.key: run.decisions for run in found.final.runs if run.decisions} == {
+        ("alpha", "kit", 2): ("protest_2",),
+        ("beta", "kit", 1): ("protest_1",),
+    }
+
+
+@pytest.mark.parametrize(
+    ("damage", "cause"),
+    [
+        ({"leaderboard": [{"team": "beta"}]}, "breaks the format ariac-score/ranking/2 at 'score'"),
+        ({"trials": []}, "expected 'object', got 'array'"),
+        ({"stop": []}, "unknown key 'stop'"),
+    ],
+)
+def test_a_damaged_ranking_of_the_organisers_is_refused(
+    damage: dict[str, object], cause: str, tmp_path: Path
+) -> None:
+    stored = json.loads((BEFORE / "ranking_strict.json").read_text(encoding="utf-8"))
+    stored["strict"].update(damage)
+    (tmp_path / "ranking.json").write_text(json.dumps(stored), encoding="utf-8")
+
+    with pytest.raises(DataFileError, match=cause):
+        load_publication(tmp_path / "ranking.json")
 
 
 def test_a_published_cohort_still_prices() -> None:

@@ -1,4 +1,4 @@
-"""What every export says of a result, in the same words."""
+"""Facts of a result that every export states, in the same words."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from ariac_score.terminal.style import plain
 __all__ = ["checks", "cut", "final_findings", "headline", "name", "remarks", "unrecorded", "when", "why_none"]
 
 LONGEST = 2000
-"""Characters of a stranger's text that are shown where a reader may choke on more."""
+"""Most characters of an untrusted text; a program that reads the export may refuse more."""
 
 
 def cut(text: str, longest: int = LONGEST) -> str:
-    """Text on one line, everything that could steer a reader made visible, and not endless."""
+    """Text on one line, with control characters made visible, and cut where long."""
+    # Cut before it is escaped: the text may be as long as a log.
     shown = plain(text[: longest + 1])
     return shown if len(shown) <= longest else shown[: longest - 1] + "…"
 
 
 def final_findings(result: Result) -> Mapping[str, Finding]:
-    """The findings with the verdicts that count: what stewards decided, else what was found.
+    """The findings with the verdicts that count: those of stewards, else those of the checks.
 
-    In order of their ids, for a stored result has no other order.
+    In the order of their ids: a stored result has its keys sorted, so no other order survives it.
     """
     decisions = () if result.adjusted is None else result.adjusted.adjustments
     findings = with_verdicts(result.measured.findings, decisions)
@@ -39,12 +40,12 @@ def _by_number(key: str) -> tuple[str, int, str]:
 
 
 def checks(result: Result) -> Mapping[str, Mapping[str, Any]]:
-    """The checks in order of their names, likewise."""
+    """The checks in the order of their names, for the same reason."""
     return dict(sorted(result.checks.items()))
 
 
 def name(result: Result) -> str:
-    """Whose trial, as far as is known."""
+    """Team and trial, or the trial where the team is not known."""
     measured = result.measured
     return cut(f"{measured.team}/{measured.trial}" if measured.team else measured.trial, 200)
 
@@ -73,20 +74,20 @@ def why_none(result: Result) -> str:
 
 
 def when(finding: Finding) -> str:
-    """When it was, s of trial time; empty for things without a time."""
+    """The time span, in s of trial time; empty for a finding without one."""
     if finding.span is None:
         return ""
     return f"{finding.span.start_s:.3f} s to {finding.span.end_s:.3f} s"
 
 
 def unrecorded(result: Result) -> list[str]:
-    """What the log lacks, a line each, where something is undecided."""
+    """What the log lacks, a line each; empty where everything could be decided."""
     undecided = any(f.verdict is Verdict.INCONCLUSIVE for f in result.measured.findings.values())
     return [f"not recorded: {cut(what)}" for what in result.measured.unrecorded if undecided]
 
 
 def remarks(result: Result) -> list[str]:
-    """What stewards decided, a line each."""
+    """The decisions of stewards, a line each."""
     if result.adjusted is None:
         return []
     return [

@@ -15,11 +15,11 @@ from ariac_score.results.result import Result
 __all__ = ["github_text"]
 
 SHOWN = 10
-"""GitHub shows so many annotations of a kind for each step; the rest is counted in the last."""
+"""GitHub shows only so many annotations of a kind for each step; the last one counts the rest."""
 
 
 def github_text(result: Result) -> str:
-    """A result as workflow commands, one a line: what cost points first."""
+    """A result as workflow commands, one a line: score, decisions, violations, undecided findings."""
     lines = [_command("notice" if result.final is not None else "error", name(result), headline(result))]
     lines += [_command("warning", f"{name(result)}: stewards", text) for text in remarks(result)]
     lines += _findings(result, Verdict.VIOLATED, "error")
@@ -31,7 +31,7 @@ def github_text(result: Result) -> str:
 def _findings(result: Result, verdict: Verdict, command: str) -> Iterator[str]:
     found = [(key, finding) for key, finding in final_findings(result).items() if finding.verdict is verdict]
     found.sort(key=lambda item: (not result.checks[item[1].check]["priced"], item[1].span is None, item[0]))
-    # One annotation is kept for the number of those that do not fit.
+    # The score is an annotation as well, and so is the count of those that do not fit.
     shown = found if len(found) <= SHOWN - 2 else found[: SHOWN - 3]
     for key, finding in shown:
         time = f", {when(finding)}" if finding.span else ""
@@ -47,6 +47,6 @@ def _command(command: str, title: str, message: str) -> str:
 
 def _escaped(text: str, also: str = "") -> str:
     """Text that cannot end its command or begin another."""
-    for character in "%\r\n" + also:  # the percent sign first: the others bring more of it
+    for character in "%\r\n" + also:  # the percent sign first: the escapes of the others contain it
         text = text.replace(character, f"%{ord(character):02X}")
     return text

@@ -1,4 +1,4 @@
-"""JUnit XML: a suite for each check, a case for each finding; what is undecided is an error, never a pass.
+"""JUnit XML: a suite for each check, a case for each finding. An undecided finding is an error, not a pass.
 
 Source: the common subset that CI systems read (`testsuites`, `failure`, `error`, `skipped`).
 """
@@ -48,7 +48,7 @@ def junit_text(result: Result) -> str:
 
 
 def _score(result: Result, root: Element) -> None:
-    """The suite that says whether there is a score, and what it is."""
+    """The suite of the score itself: an error where there is none."""
     suite = SubElement(root, "testsuite", name="score")
     properties = SubElement(suite, "properties")
     for key, value in _properties(result):
@@ -81,10 +81,10 @@ def _case(suite: Element, classname: str, key: str, finding: Finding) -> None:
     element = _ELEMENTS.get(finding.verdict)
     if element is None:
         return
-    told = SubElement(case, element, message=cut(finding.message))
+    outcome = SubElement(case, element, message=cut(finding.message))
     if element != "skipped":
-        told.set("type", finding.verdict.value)
-        told.text = "\n".join(_details(finding))
+        outcome.set("type", finding.verdict.value)
+        outcome.text = "\n".join(_details(finding))
 
 
 def _details(finding: Finding) -> Iterator[str]:
@@ -102,11 +102,11 @@ def _details(finding: Finding) -> Iterator[str]:
 
 
 def _count(element: Element, suites: list[Element]) -> None:
-    """The numbers a reader trusts instead of counting."""
+    """Set the counts, which CI systems show without counting themselves."""
     cases = [case for suite in suites for case in suite.iter("testcase")]
     element.set("tests", str(len(cases)))
     for attribute, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
         element.set(attribute, str(sum(1 for case in cases if case.find(tag) is not None)))
-    if element.tag == "testsuites":  # only suites have a number of those skipped
+    if element.tag == "testsuites":  # the format has no count of skipped cases at the root
         del element.attrib["skipped"]
     element.set("time", "0")

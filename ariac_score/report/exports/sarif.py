@@ -37,7 +37,7 @@ def sarif_text(result: Result) -> str:
 
 def _run(result: Result) -> dict[str, Any]:
     names = list(checks(result))
-    told = [
+    reported = [
         (key, finding)
         for key, finding in final_findings(result).items()
         if finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
@@ -56,7 +56,7 @@ def _run(result: Result) -> dict[str, Any]:
             for source in result.provenance.inputs
         ],
         "invocations": [{"executionSuccessful": True, "toolExecutionNotifications": _notifications(result)}],
-        "results": [_result(key, finding, names, result) for key, finding in told],
+        "results": [_result(key, finding, names, result) for key, finding in reported],
         "properties": _properties(result),
     }
 
@@ -78,7 +78,7 @@ def _driver(result: Result) -> dict[str, Any]:
 
 
 def _notifications(result: Result) -> list[dict[str, Any]]:
-    """What was wrong with the log or is not in it, what stewards decided, and how it came out."""
+    """The score, decisions of stewards, defects of the log, and what it does not contain."""
     notes = [headline(result), *remarks(result)]
     notes += [f"{cut(d.where, 200)}: {cut(d.message)} ({d.count})" for d in result.measured.log_defects]
     notes += unrecorded(result)
@@ -101,7 +101,7 @@ def _result(key: str, finding: Finding, names: list[str], result: Result) -> dic
     time = f" ({when(finding)})" if finding.span else ""
     location: dict[str, Any] = {"logicalLocations": [{"fullyQualifiedName": cut(finding.subject, 200)}]}
     if result.provenance.inputs:
-        # Code hosts show nothing without a line, and a recording has none: the first stands for the file.
+        # Code hosts show no result without a line. A recording has none, so line 1 stands for the file.
         location["physicalLocation"] = {
             "artifactLocation": {"uri": _uri(_log(result)[0]), "index": _log(result)[1]},
             "region": {"startLine": 1},
@@ -110,7 +110,7 @@ def _result(key: str, finding: Finding, names: list[str], result: Result) -> dic
         "ruleId": finding.check,
         "ruleIndex": names.index(finding.check),
         "kind": "fail" if violated else "open",
-        # The standard allows no other level for what is undecided.
+        # SARIF 2.1.0, 3.27.10: a result whose kind is not "fail" has the level "none".
         "level": _level(finding, result) if violated else "none",
         "message": {"text": f"{cut(finding.subject, 200)}{time}: {cut(finding.message)}"},
         "locations": [location],
@@ -124,18 +124,19 @@ def _level(finding: Finding, result: Result) -> str:
 
 
 def _log(result: Result) -> tuple[str, int]:
-    """Name and number of the file the findings are about: the log, else the first."""
+    """Name and index of the file that the findings are about: the log, else the first."""
     inputs = result.provenance.inputs
     return next(((s.name, i) for i, s in enumerate(inputs) if s.role == "log"), (inputs[0].name, 0))
 
 
 def _uri(file: str) -> str:
-    """A relative reference; a colon in its first part would make it a scheme."""
+    """A relative reference to a file."""
+    # `quote` also escapes a colon, which in the first segment would begin a scheme.
     return quote(file.encode("utf-8", "surrogatepass"), safe="/")
 
 
 def _fingerprint(key: str, finding: Finding, result: Result) -> str:
-    """The same for the same finding of the same check in the next run of this trial."""
+    """Identifies the same finding of the same check in a later run of this trial."""
     parts = (result.provenance.rule_set.id, name(result), key, cut(finding.subject))
     return hashlib.sha256("\0".join(parts).encode("utf-8")).hexdigest()[:32]
 

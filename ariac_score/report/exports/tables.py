@@ -10,13 +10,11 @@ from decimal import Decimal
 from typing import Any
 
 from ariac_score.report.exports.facts import final_findings, remarks
+from ariac_score.report.spreadsheet import text_cell
 from ariac_score.results.result import Result, canonical
 from ariac_score.terminal.style import plain
 
 __all__ = ["csv_text", "jsonl_text"]
-
-_FORMULA = tuple("=+-@|%\t\r\n\uff1d\uff0b\uff0d\uff20")
-"""How a cell begins that some spreadsheet takes for a formula or a command; the last are full-width."""
 
 _COLUMNS = (
     "team", "trial", "rule_set", "status", "score", "automatic_score", "adjustments",
@@ -41,11 +39,11 @@ def jsonl_text(result: Result) -> str:
 
 
 def _cell(value: object) -> str:
-    """A cell that no spreadsheet runs; numbers stay numbers, whatever their sign."""
+    """A value as it stands in CSV; a number stays a number, also with a minus sign."""
     if value is None:
         return ""
     if isinstance(value, str):
-        return f"'{plain(value)}" if value.lstrip(" ").startswith(_FORMULA) else plain(value)
+        return plain(text_cell(value))
     return str(value).lower() if isinstance(value, bool) else repr(value)
 
 

@@ -1,4 +1,4 @@
-"""What was beside what may be, as lines to draw: the shortfall shaded, the closest approach marked."""
+"""A measured quantity and its limit as lines to draw: violations shaded, the closest approach marked."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Chart", "Mark", "chart_of"]
 Point = tuple[float, float]
 
 HEIGHT = 100_000
-"""A drawing is so many user units high, and a ms wide for each ms."""
+"""Height of a drawing in user units; in width a unit is 1 ms."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,12 @@ class Chart:
     """A curve, ready to be drawn into a box of `width` by `HEIGHT` user units, y downwards.
 
     Attributes:
-        curve: What it draws.
+        curve: The curve it draws.
         x: The scale of time.
-        height: What the box is high, in units of the curve.
+        height: Height of the box, in units of the curve.
         peak: The number at its upper edge.
-        actual: Path of what was.
-        limit: Path of what may be; empty where nothing limits it.
+        actual: Path of the measured values.
+        limit: Path of the limit; empty where there is none.
         beyond: Path of the areas in which the limit is broken.
         levels: Round numbers of the vertical axis, and percent from the top.
         marks: Closest approach and worst moment.
@@ -80,7 +80,7 @@ def chart_of(curve: DrawnChart, findings: Mapping[str, Finding]) -> Chart | None
     x = Scale(curve.t_s[0], curve.t_s[-1])
     high = max(*curve.actual, *(v for v in curve.limit if v is not None), 0.0) or 1.0
     low = min(*curve.actual, *(v for v in curve.limit if v is not None), 0.0)
-    levels = ticks(low, high * 1.08, 5)
+    levels = ticks(low, high * 1.08, 5)  # room above the line, so that its top is not cut off
     top = max(levels[-1], high * 1.08)
     bottom = min(low, levels[0])
     broken = [
@@ -124,7 +124,7 @@ class _Flip:
 
 
 def _path(t_s: Sequence[float], values: Sequence[float | None], holes_s: Sequence[float], flip: _Flip) -> str:
-    """A line through the samples, lifted where nothing is known; whole steps keep a page small."""
+    """A line through the samples, interrupted where nothing is known; whole steps keep a page small."""
     holes, pieces, drawing = frozenset(holes_s), [], False
     at_x = at_y = 0
     for t, value in zip(t_s, values, strict=True):
@@ -147,10 +147,11 @@ def _areas(curve: DrawnChart, flip: _Flip) -> str:
 
 
 def _broken(curve: DrawnChart) -> Iterator[tuple[list[Point], list[Point]]]:
-    """The runs of samples beyond their limit, from where the lines part to where they meet."""
+    """The runs of samples beyond their limit, from where the lines cross to where they cross again."""
     for stretch in _known(curve):
         for beyond, run in groupby(_with_crossings(stretch), key=lambda row: row.margin <= 0):
             rows = list(run)
+            # A margin of 0 is no violation: of such samples only those next to one belong to its shape.
             below = [i for i, row in enumerate(rows) if row.margin < 0]
             if beyond and below:
                 shown = rows[max(below[0] - 1, 0) : below[-1] + 2]
@@ -166,7 +167,7 @@ class _Row:
 
 
 def _known(curve: DrawnChart) -> Iterator[list[_Row]]:
-    """The stretches without a hole in which a limit applies."""
+    """The stretches in which a limit applies and no sample is missing."""
     sign, holes = (-1.0 if curve.at_most else 1.0), frozenset(curve.holes_s)
     stretch: list[_Row] = []
     for t, value, limit in zip(curve.t_s, curve.actual, curve.limit, strict=True):
@@ -179,7 +180,7 @@ def _known(curve: DrawnChart) -> Iterator[list[_Row]]:
 
 
 def _with_crossings(rows: Sequence[_Row]) -> Iterator[_Row]:
-    """The samples, and the points between them in which the lines cross."""
+    """The samples, and between them the points where the lines cross."""
     for before, row in zip([None, *rows], rows, strict=False):
         if before is not None and before.margin * row.margin < 0:
             share = before.margin / (before.margin - row.margin)

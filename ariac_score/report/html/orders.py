@@ -1,4 +1,4 @@
-"""What each order asked for, what came, how far off it was, and what that was worth."""
+"""Each order: what was wanted, what was delivered, the errors against tolerances, and the points."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NamedFinding = tuple[str, Finding]
 
 @dataclass(frozen=True)
 class PartShown:
-    """One part: its slot, what was wanted, what the checks found, its points before any factor."""
+    """One part: its slot, the wanted type, the findings about it, its points before any factor."""
 
     slot: str
     wanted: str
@@ -29,10 +29,10 @@ class PartShown:
 
 @dataclass(frozen=True)
 class TaskShown:
-    """One task: as ordered, as brought, its parts, and what the checks found about it as a whole."""
+    """One task: as ordered, as delivered, its parts, and the findings about it as a whole."""
 
     name: str
-    asked: OrderedTask | None
+    ordered: OrderedTask | None
     brought: tuple[Submitted, ...]
     parts: tuple[PartShown, ...]
     found: tuple[NamedFinding, ...]
@@ -41,7 +41,7 @@ class TaskShown:
 
 @dataclass(frozen=True)
 class OrderShown:
-    """One order: when it came, what it brought to the score's task points, its tasks."""
+    """One order: when it was announced, its points before any factor, its tasks."""
 
     name: str
     announced_s: float | None
@@ -54,7 +54,7 @@ def orders_of(result: Result) -> tuple[OrderShown, ...]:
     """Every order with its tasks and parts, in the order of the trial."""
     measured = result.measured
     points = _points(result.ledger or result.task)
-    asked = {f"{a.order}/{a.task}": a for a in measured.sketch.asked} if measured.sketch else {}
+    ordered = {f"{a.order}/{a.task}": a for a in measured.sketch.asked} if measured.sketch else {}
     brought = measured.sketch.brought if measured.sketch else ()
     found = _by_subject(measured.findings)
     return tuple(
@@ -62,7 +62,7 @@ def orders_of(result: Result) -> tuple[OrderShown, ...]:
             order.path,
             measured.orders.get(order.path),
             points.get(order.path),
-            tuple(_task(task, asked.get(task.path), brought, found, points) for task in order.inner),
+            tuple(_task(task, ordered.get(task.path), brought, found, points) for task in order.inner),
             tuple(found.get(order.path, ())),
         )
         for order in measured.scopes.inner
@@ -73,15 +73,15 @@ _SHOWN = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED)
 
 
 def grouped(found: tuple[NamedFinding, ...]) -> list[tuple[Verdict, str, list[NamedFinding]]]:
-    """Findings that say the same together, what costs something first.
+    """Findings with the same message together, violations first.
 
-    A check that was kept and measured nothing needs no words.
+    A satisfied finding without a margin needs no message: that it was kept says all.
     """
     groups: dict[tuple[int, str], list[NamedFinding]] = {}
     for key, finding in found:
         silent = finding.verdict is Verdict.SATISFIED and finding.robustness is None
         words = "" if silent else finding.message
-        # What was kept and measured stands before what was kept and can be named in one line.
+        # Kept with a margin comes before kept without one; all of the latter fit into one last line.
         place = _SHOWN.index(finding.verdict) + silent
         groups.setdefault((place, words), []).append((key, finding))
     return [(alike[0][1].verdict, words, alike) for (_, words), alike in sorted(groups.items(), key=_place)]
@@ -93,13 +93,13 @@ def _place(group: tuple[tuple[int, str], list[NamedFinding]]) -> int:
 
 def _task(
     task: Scope,
-    asked: OrderedTask | None,
+    ordered: OrderedTask | None,
     brought: tuple[Submitted, ...],
     found: Mapping[str, list[NamedFinding]],
     points: Mapping[str, Decimal],
 ) -> TaskShown:
     name = task.path.rpartition("/")[2]
-    types = {part.slot: part.type for part in asked.parts} if asked else {}
+    types = {part.slot: part.type for part in ordered.parts} if ordered else {}
     parts = tuple(
         PartShown(
             slot := part.path.removeprefix(f"{task.path}/"),
@@ -111,7 +111,7 @@ def _task(
     )
     return TaskShown(
         name,
-        asked,
+        ordered,
         tuple(one for one in brought if one.task == name),
         parts,
         tuple(found.get(task.path, ())),
@@ -128,7 +128,7 @@ def _by_subject(findings: Mapping[str, Finding]) -> dict[str, list[NamedFinding]
 
 
 def _points(ledger: Ledger | None) -> dict[str, Decimal]:
-    """What the ledger gives to each subject: the topmost line about it, or all single amounts about it."""
+    """The points of each subject in the ledger: its topmost sum, or else its single amounts added up."""
     points: dict[str, Decimal] = {}
     if ledger is None:
         return points

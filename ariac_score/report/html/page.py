@@ -1,4 +1,4 @@
-"""From a template to a page: everything escaped, nothing loaded, no stranger's script run."""
+"""From a template to a page: everything escaped, nothing loaded from elsewhere, no script but ours run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def page(template: str, **values: Any) -> str:
 
     Args:
         template: Its name, such as `trial.html.j2`.
-        values: What it speaks of; a name that it asks for and nobody gave is an error.
+        values: The values of its names; a name without a value is an error.
     """
     return _environment().get_template(template).render(**values)
 
@@ -47,7 +47,7 @@ def _environment() -> Environment:
         file_name=wording.file_name,
         number=wording.number,
         seconds=wording.seconds,
-        told=wording.told,
+        untrusted=wording.untrusted,
     )
     environment.globals.update(embedded_json=embedded_json, policy_of=policy_of, shipped=shipped)
     return environment
@@ -86,5 +86,5 @@ def embedded_json(text: str) -> Markup:
         ValueError: It is not JSON.
     """
     json.loads(text)
-    # Outside of strings JSON has no such sign, so that an escape is right wherever one stands.
+    # JSON has no '<' outside of strings, so every one of them may be written as an escape.
     return Markup(text.replace("<", "\\u003c"))  # noqa: S704  # no tag left

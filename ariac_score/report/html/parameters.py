@@ -1,4 +1,4 @@
-"""The parameters every check was judged by, as rows: value, unit, whose choice, and how sure it is."""
+"""The parameters of every check as rows: value, unit, who chose it, and what a default is based on."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class ParameterRow:
     Attributes:
         name: Its name.
         value: In words, with its unit.
-        origin: Whose choice it is, in words.
-        told: How sure a default is and where it comes from; empty where nobody says.
+        origin: Who chose it, in words.
+        default_basis: How sure a default is and where it comes from; empty where the plugin does not say.
     """
 
     name: str
     value: str
     origin: str
-    told: str
+    default_basis: str
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class CheckParameters:
     Attributes:
         name: Of the check.
         check: Its entry in the result.
-        source: What its plugin says that it rests on.
-        rows: Its parameters; of a result that did not keep the defaults, those that the rule set gives.
+        source: The standard or rulebook that its plugin names.
+        rows: Its parameters; only those given by the rule set where a result did not keep defaults.
         whole: Whether the defaults are among them.
     """
 

@@ -1,4 +1,4 @@
-"""The cell seen from above: where everybody went, and where something was violated."""
+"""The cell seen from above: the routes of robots and humans, and the places of violations."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ariac_score.results.sketch import DrawnPath, Sketch
 __all__ = ["FloorPlan", "Pin", "Way", "plan_of"]
 
 MOST_PINS = 40
-APART = 3.2
-"""Pins are this far from each other, percent of the box."""
+PIN_SPACING = 3.2
+"""Least distance of two pins, percent of the box."""
 LEAST_M = 2.0
 """A plan is never less than this wide and high."""
 
@@ -60,7 +60,7 @@ class FloorPlan:
         pins: The violations, in order of time.
         columns: Round numbers of x and percent from the left.
         rows: Round numbers of y and percent from the top.
-        unpinned: Number of violations whose place is not known or that are too many.
+        unpinned: Number of violations without a pin: their place is not known, or there are too many.
     """
 
     width: float
@@ -151,25 +151,26 @@ def _pins(routes: Sequence[DrawnPath], findings: Mapping[str, Finding], box: _Bo
             x = (places[0][0] + places[-1][0]) / 2
             y = (places[0][1] + places[-1][1]) / 2
             line = "M" + "L".join(box.units(*place) for place in places) if len(places) > 1 else ""
-            pins.append(_beside(pins, Pin(len(pins) + 1, key, *box.percent(x, y), line)))
+            pins.append(_moved_aside(pins, Pin(len(pins) + 1, key, *box.percent(x, y), line)))
     return pins, len(broken) - len(pins)
 
 
-def _beside(pins: Sequence[Pin], pin: Pin) -> Pin:
+def _moved_aside(pins: Sequence[Pin], pin: Pin) -> Pin:
     """A pin moved to the side until it hides none of those before it."""
     left = pin.left
-    while any(abs(left - one.left) < APART and abs(pin.top - one.top) < APART for one in pins):
-        left += APART
+    while any(abs(left - one.left) < PIN_SPACING and abs(pin.top - one.top) < PIN_SPACING for one in pins):
+        left += PIN_SPACING
     return replace(pin, left=round(left, 3)) if left < 100 else pin
 
 
 def _places(routes: Sequence[DrawnPath], finding: Finding) -> Iterator[tuple[float, float]]:
     """Where the bodies of a finding were at its worst moment."""
-    assert finding.span is not None  # only violations with a time are asked about
+    assert finding.span is not None  # `_pins` takes only violations with a time
+    # Monitors give the worst sample as evidence; a finding without evidence is placed where it began.
     at_s = finding.evidence[0].t_s if finding.evidence else finding.span.start_s
     for body in finding.subject.split("/")[:2]:
         for route in routes:
-            if route.body.partition("::")[0] == body:
+            if route.body.partition("::")[0] == body:  # Gazebo names a link `model::link`
                 yield _place(route, at_s)
                 break
 

@@ -9,7 +9,7 @@ __all__ = ["Scale", "ticks"]
 
 
 def ticks(low: float, high: float, most: int = 8) -> tuple[float, ...]:
-    """Round numbers from low to high: steps of 1, 2 or 5 times a power of ten, not too many.
+    """Round numbers from low to high, at most about `most`, in steps of 1, 2 or 5 times a power of ten.
 
     >>> ticks(0.5, 38.0, 8)
     (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
@@ -20,6 +20,7 @@ def ticks(low: float, high: float, most: int = 8) -> tuple[float, ...]:
     power = 10.0 ** math.floor(math.log10(rough))
     step = next((power * m for m in (1, 2, 5) if power * m >= rough * (1 - 1e-9)), power * 10)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    # Adding 0.0 turns -0.0 into 0.0, which would be labelled "-0".
     return tuple(round(k * step, 10) + 0.0 for k in range(first, last + 1))
 
 

@@ -42,7 +42,7 @@ class Lane:
     Attributes:
         name: The check, the order, or what else it shows.
         use: The plugin, for a check.
-        ground: What holds where no block lies: `satisfied`, `not_applicable`, `inconclusive` or nothing.
+        ground: The state between the blocks: `satisfied`, `not_applicable`, `inconclusive` or empty.
         blocks: In order of time.
         counts: How many findings there are, by verdict.
         untimed: Ids of violations that have no time.
@@ -93,7 +93,7 @@ def _orders(result: Result, scale: Scale) -> Iterable[Lane]:
 
 
 def _handed_in(result: Result, order_id: str) -> tuple[list[float], str]:
-    """When an order was handed in, s; where that is not known, what is, as the end of a sentence."""
+    """The times, s, at which an order was submitted; without any, the end of a sentence that says why."""
     measured = result.measured
     tasks = {
         task.path.rpartition("/")[2]
@@ -106,11 +106,12 @@ def _handed_in(result: Result, order_id: str) -> tuple[list[float], str]:
     if handed:
         return handed, ""
     summaries = measured.official.summaries if measured.official else ()
-    for said in summaries:
-        if said.id == order_id and said.submitted_s is not None:
-            return [], f", submitted at {seconds(said.submitted_s)} by the official record"
-        if said.id == order_id and said.submitted is not None:
-            return [], f", {'' if said.submitted else 'not '}submitted by the official record"
+    for summary in summaries:
+        if summary.id == order_id and summary.submitted_s is not None:
+            return [], f", submitted at {seconds(summary.submitted_s)} by the official record"
+        if summary.id == order_id and summary.submitted is not None:
+            return [], f", {'' if summary.submitted else 'not '}submitted by the official record"
+    # Only a log that would have shown submissions can say that there was none.
     if tasks and measured.sketch and "submissions" in measured.witnessed:
         return [], ", never submitted"
     return [], ", no submission is recorded" if tasks else ""
@@ -148,7 +149,8 @@ def _longest(found: Iterable[tuple[str, Finding]]) -> Sequence[tuple[str, Findin
 
 
 def _ground(counts: Mapping[str, int], untimed: Sequence[str], found: Mapping[str, Finding]) -> str:
-    """What a lane shows between its blocks."""
+    """The state that a lane shows between its blocks."""
+    # Undecided without a time means undecided all of the time.
     if any(found[key].verdict is Verdict.INCONCLUSIVE for key in untimed):
         return "inconclusive"
     if counts.get("satisfied") or counts.get("violated"):

@@ -1,4 +1,4 @@
-"""The page of one trial: from a result to what its template shows."""
+"""The page of one trial: prepares a result for its template."""
 
 from __future__ import annotations
 
@@ -28,6 +28,8 @@ __all__ = ["anchor", "embedded_result", "trial_page"]
 
 MOST_CHARTS = 12
 MOST_LOSSES = 12
+# In `\\u003c` the backslash itself is escaped, and plain text follows: ours stands only after an even
+# number of backslashes.
 _ESCAPED = re.compile(r"((?<!\\)(?:\\\\)*)\\u003c")
 _EMBEDDED = re.compile(r'<script type="application/json" id="ariac-score-result">\n(.*?)</script>', re.DOTALL)
 
@@ -37,8 +39,8 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
 
     Args:
         result: The result.
-        stored: The same as canonical JSON, to be taken along.
-        home: Where the page of its competition is; empty for none.
+        stored: The same as canonical JSON, which the page carries inside.
+        home: Link to the page of its competition; empty for none.
     """
     measured, findings = result.measured, result.measured.findings
     rule_set = rule_set_from_text(result.rules, file="the rules in the result")
@@ -79,7 +81,7 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
 
 
 def anchor(name: str, kind: str = "f") -> str:
-    """The id of the place of a finding (or of an order or a check) on the page, safe to link to.
+    """The id of the element that shows a finding, an order or a check; safe to link to.
 
     >>> anchor("separation#1"), anchor("order 0", "o")
     ('f-separation.1', 'o-order-0-202f8b12ba2c')
@@ -90,7 +92,7 @@ def anchor(name: str, kind: str = "f") -> str:
 
 @dataclass(frozen=True)
 class _Group:
-    """The findings of one check, those that cost something first."""
+    """The findings of one check, violations first."""
 
     name: str
     check: Mapping[str, Any]
@@ -122,7 +124,7 @@ def _groups(result: Result, monitors: list[str]) -> list[_Group]:
 
 
 def _idle(result: Result, monitors: list[str]) -> dict[str, list[str]]:
-    """The monitors that found nothing they could judge in all of the trial, by why."""
+    """The monitors that had nothing to judge in the whole trial, by reason."""
     idle: dict[str, list[str]] = {}
     for name in monitors:
         found = result.measured.of(name).values()
@@ -133,7 +135,7 @@ def _idle(result: Result, monitors: list[str]) -> dict[str, list[str]]:
 
 
 def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:
-    """What stewards decided, and what each decision moved; nothing is known of that without a score."""
+    """The decisions of stewards, and the points that each one moved; `None` where there is no score."""
     if result.adjusted is None:
         return []
     lines = result.adjusted.ledger.children if result.adjusted.ledger else ()
@@ -143,7 +145,7 @@ def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:
 
 
 def _charts(result: Result) -> tuple[list[Chart], int]:
-    """The charts, those with the worst margins first, and how many more there would be."""
+    """The charts, those with the worst margins first, and how many were left out."""
     sketch = result.measured.sketch
     if sketch is None:
         return [], 0
@@ -160,7 +162,7 @@ def _charts(result: Result) -> tuple[list[Chart], int]:
 
 
 def _chart_words(chart: Chart) -> str:
-    """A chart in a sentence, for those who do not see it."""
+    """A chart in a sentence, for screen readers."""
     curve, mark = chart.curve, chart.marks[-1]
     words = f"{brief(curve.what)} of {brief(curve.subject)}"
     words += f" from {seconds(chart.x.start)} to {seconds(chart.x.end)}"
@@ -170,6 +172,6 @@ def _chart_words(chart: Chart) -> str:
 
 
 def embedded_result(text: str) -> str | None:
-    """The result that a page was made of, to the byte; `None` where the text is no such page."""
+    """The result inside a page, byte for byte; `None` where the text is no such page."""
     found = _EMBEDDED.search(text)
     return None if found is None else _ESCAPED.sub(r"\1<", found.group(1))

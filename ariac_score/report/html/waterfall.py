@@ -1,4 +1,4 @@
-"""The ledger as steps from nothing to the score: each step a bar, all of them exactly the score."""
+"""The ledger as steps from 0 to the score: each step is a bar, and together they add up exactly."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ariac_score.scoring.ledger import Ledger, Line
 __all__ = ["Step", "Waterfall", "waterfall_of"]
 
 MOST_STEPS = 24
-"""The ledger is opened storey by storey until it would have more steps than this."""
+"""The ledger is opened level by level until it would have more steps than this."""
 
 _WORST_FIRST = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE)
 
@@ -23,10 +23,10 @@ class Step:
     """One bar.
 
     Attributes:
-        label: What it is.
+        label: Its name.
         where: The order or task it belongs to; empty for the trial.
         path: Its line in the ledger.
-        amount: What it brings or takes.
+        amount: The points that it adds, or takes when negative.
         before: The sum of all steps before it.
         left: Where its bar begins, percent of the width.
         width: How long its bar is, percent of the width.
@@ -77,7 +77,7 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
 
     Args:
         ledger: Of the score, or of the task score.
-        findings: By id; what is not among them is not referred to.
+        findings: By id; a step links only to these.
     """
     lines = _opened(ledger)
     running = [Decimal(0)]
@@ -111,12 +111,12 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
 
 
 def _decimals(amount: Decimal) -> int:
-    """Digits after the point that are not idle zeros."""
+    """Digits after the point, without trailing zeros."""
     return len(f"{amount:f}".partition(".")[2].rstrip("0"))
 
 
 def _opened(ledger: Ledger) -> list[Line]:
-    """The lines of the deepest storey that is not too many to look at."""
+    """The lines of the deepest level that has few enough of them."""
     lines: list[Line] = [ledger]
     while True:
         deeper = [child for line in lines for child in _telling(line)]
@@ -128,7 +128,7 @@ def _opened(ledger: Ledger) -> list[Line]:
 
 
 def _telling(line: Line) -> Sequence[Line]:
-    """What a line consists of, without factors that change nothing; itself where that is single findings."""
+    """The parts of a line, without factors that change nothing; the line itself where these are findings."""
     parts = [child for child in line.children if child.amount or child.kind not in ("factor", "rounding")]
     if not parts or all(child.findings and not child.children for child in parts):
         return [line]
@@ -136,7 +136,7 @@ def _telling(line: Line) -> Sequence[Line]:
 
 
 def _label(line: Line) -> str:
-    """The order or task whose line it is, else what the line says of itself."""
+    """The name of the order or task whose sum it is, else the line's own label."""
     return _own(line) if _is_of(line) else line.label
 
 
@@ -149,7 +149,7 @@ def _is_of(line: Line) -> bool:
 
 
 def _where(line: Line) -> str:
-    """Whom a step belongs to; a factor, which has no subject, to the line above it."""
+    """The order or task a step belongs to; a factor has no subject and belongs to the line above it."""
     if _is_of(line):
         return line.subject.rpartition("/")[0]
     if line.subject or line.kind == "amount":

@@ -1,4 +1,4 @@
-"""Text and numbers on a page: strangers' text as text, folded where long; numbers that line up."""
+"""Text and numbers on a page: untrusted text shown as text, folded where long; numbers that line up."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from markupsafe import Markup
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import plain
 
-__all__ = ["amount", "brief", "file_name", "number", "seconds", "told"]
+__all__ = ["amount", "brief", "file_name", "number", "seconds", "untrusted"]
 
 SHOWN_AT_ONCE = 240
 """Longer text is folded: its start is shown, and the whole on demand."""
@@ -20,19 +20,21 @@ SHOWN_AT_ONCE = 240
 LONGEST_LABEL = 60
 MINUS = "\u2212"
 NOTHING = "\u2013"
+# As wide as a digit, and as wide as a point, in fonts with tabular figures.
 FIGURE_SPACE, POINT_SPACE = "\u2007", "\u2008"
 _LONGEST_NAME = 48
 _SUFFIX = re.compile(r"-[0-9a-f]{12}$")
+# Windows opens a device under these names, with any ending.
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|$)")
 
 
-def told(text: object) -> Markup:
-    """Strangers' text for the flow of a page: isolated, visible throughout, folded where long.
+def untrusted(text: object) -> Markup:
+    """Text from logs, teams or plugins for the flow of a page: escaped, isolated, folded where long.
 
-    `<bdi>` keeps right-to-left letters from moving their neighbours; marks that steer
-    direction, and whatever else does not print, are shown as what they are.
+    `<bdi>` keeps right-to-left letters from moving their neighbours. Marks that steer
+    direction, and all other characters that do not print, are shown as escapes.
 
-    >>> print(told("<b>"))
+    >>> print(untrusted("<b>"))
     <bdi>&lt;b&gt;</bdi>
     """
     shown = plain(str(text))
@@ -45,7 +47,7 @@ def told(text: object) -> Markup:
 
 
 def brief(text: object, longest: int = LONGEST_LABEL) -> str:
-    """Strangers' text for a heading, a link or a label: one line, cut where long.
+    """Untrusted text for a heading, a link or a label: one line, cut where long.
 
     >>> brief("line\\nbreak")
     'line\\\\nbreak'
@@ -59,7 +61,7 @@ def _grouped(count: int) -> str:
 
 
 def number(value: float | int | None, digits: int = 4) -> str:
-    """A measured number with so many significant digits, a true minus sign; a dash where there is none.
+    """A measured number with that many significant digits and a true minus sign; a dash for none.
 
     >>> number(0.123456), number(2)
     ('0.1235', '2')
@@ -81,12 +83,12 @@ def seconds(value: float | None, digits: int = 2) -> str:
 
 
 def amount(value: Decimal | float | None, sign: bool = False, decimals: int = 0) -> str:
-    """Points, without the zeros that say nothing; blank in their place, so that a column lines up.
+    """Points without trailing zeros; blanks of the same width replace them, so that a column lines up.
 
     Args:
         value: The points; a dash stands for none.
         sign: Whether what is more than 0 has a plus.
-        decimals: So many digits after the point are made room for.
+        decimals: Room for that many digits after the point.
 
     >>> amount(Decimal("3.500")), amount(Decimal("28.0"), sign=True)
     ('3.5', '+28')
@@ -103,9 +105,9 @@ def amount(value: Decimal | float | None, sign: bool = False, decimals: int = 0)
 def file_name(text: str) -> str:
     """A name for a file or folder that is safe on every system and differs where the texts differ.
 
-    Plain lower-case names stay as they are. Every other, and every one that looks like
-    what this makes, gets the start of its hash, so that no two texts share a file, not
-    even where a file system does not tell `A` from `a`.
+    Plain lower-case names stay as they are. All others get the start of their hash, and so do
+    names that already end like one, so that no two texts share a file, not even where a file
+    system takes `A` and `a` for one name.
 
     >>> file_name("aurora"), file_name("../Aurora")
     ('aurora', 'aurora-bf3fb6a6f254')

@@ -1,4 +1,4 @@
-"""The pages of single runs, made by as many processes as there are cores."""
+"""The pages of single runs, made in parallel."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from ariac_score.scoring.steward import Adjustment, with_verdicts
 __all__ = ["RunPage", "make_pages", "page_name"]
 
 HOME = "../../index.html"
-"""The page of the competition, as seen from that of a run."""
+"""The page of the competition, relative to that of a run."""
 _FEW = 24
-"""So few pages are made sooner than processes start."""
+"""Fewer pages than these take less time than processes take to start."""
 _MOST_PROCESSES = 8
-_AT_ONCE = 8
+_PAGES_AT_A_TIME = 8
 
 Write = Callable[[str, Path], None]
 
 
 @dataclass(frozen=True)
 class RunPage:
-    """What was made of one run: its page, and what was violated in it."""
+    """The page of one run, and how many findings of each verdict it has, by clause."""
 
     key: RunKey
     page: str
@@ -56,7 +56,7 @@ class _Task:
 
 
 def page_name(key: RunKey) -> str:
-    """Where the page of a run is in the site; no name of a stranger leads anywhere else."""
+    """The path of the page of a run in the site; no name of a team or trial leads out of it."""
     team, trial, number = key
     return f"trials/{file_name(team)}/{file_name(trial)}-{number}.html"
 
@@ -70,7 +70,7 @@ def make_pages(
     processes: int | None = None,
     progress: Callable[[int, str], None] = lambda _done, _now: None,
 ) -> list[RunPage]:
-    """Make the page of every run that has a result, and put the result beside.
+    """Make the page of every run that has a result, and copy the result into the site.
 
     Args:
         publication: The ranking.
@@ -82,7 +82,7 @@ def make_pages(
 
     Raises:
         DataFileError: A result is not the one that was ranked.
-        ResultError: A result is not whole, or under other rules.
+        ResultError: A result is incomplete, or of other rules.
     """
     runs = {run.key: run for run in publication.ranking.runs}
     rules = publication.ranking.rule_set
@@ -102,7 +102,7 @@ def make_pages(
         )
         for key, stored in publication.results.items()
     ]
-    # Made before the processes start, so that no two of them make the same one.
+    # Made before the processes start: two of them that make the same folder at once could fail.
     for parent in sorted({(out / page_name(task.run.key)).parent for task in tasks}):
         parent.mkdir(parents=True, exist_ok=True)
     for parent in sorted({(out / "results" / task.stored.file).parent for task in tasks}):
@@ -119,9 +119,9 @@ def _made(tasks: Sequence[_Task], processes: int | None) -> Iterator[RunPage]:
     if count < 2 or len(tasks) < _FEW:
         yield from map(_make, tasks)
         return
-    # Not forked: a progress bar on the terminal has a thread of its own.
+    # Not forked: the progress bar has a thread of its own, and its locks would be copied held.
     with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(_make, tasks, chunksize=_AT_ONCE)
+        yield from pool.map(_make, tasks, chunksize=_PAGES_AT_A_TIME)
 
 
 def _cores() -> int:
@@ -146,7 +146,7 @@ def _make(task: _Task) -> RunPage:
 
 
 def _adjusted(result: Result, task: _Task) -> Result:
-    """The result with what stewards decided about it on top; it itself where that is nothing."""
+    """The result with the decisions of stewards about it; unchanged where there are none."""
     if not task.decisions:
         return result
     measured = measured_sha256(result)

@@ -24,20 +24,20 @@ __all__ = ["Site", "competition_page", "write_site"]
 DATA = "data"
 RANKING = f"{DATA}/ranking.json"
 FILES = f"{DATA}/files.json"
-"""What the site consists of, so that the next one can remove what is no longer part of it."""
+"""Lists the files of the site, so that the next one can remove those that are no longer part of it."""
 
 Write = Callable[[str, Path], None]
 
 
 @dataclass(frozen=True)
 class Site:
-    """What a site is made of.
+    """The contents of a site.
 
     Attributes:
         publication: The ranking.
-        folder: Where the results of its runs are; `None`: there are no pages of runs.
+        folder: The results of its runs; without it there are no pages of runs.
         previous: The publication before.
-        sensitivity: What the ranks owe to each number.
+        sensitivity: How the ranks depend on each number.
     """
 
     publication: Publication
@@ -55,9 +55,9 @@ def competition_page(
     """The page of a competition.
 
     Args:
-        site: What it is made of.
+        site: Its contents.
         pages: Those of its runs.
-        tables: Which it offers to take along; by default all there are.
+        tables: Those that it offers for download; by default all.
     """
     tallies = _tallies(site, pages)
     changes = _changes(site)
@@ -84,12 +84,12 @@ def write_site(
     processes: int | None = None,
     progress: Callable[[int, str], None] = lambda _done, _now: None,
 ) -> int:
-    """Write the folder; the page that leads to all others comes last.
+    """Write the folder.
 
     Files of an earlier site that are no longer part of it are removed, and nothing else.
 
     Args:
-        site: What it is made of.
+        site: Its contents.
         out: The folder: new, empty, or of an earlier site.
         write: Writes a text to a file.
         processes: How many make pages of runs; by default one for each core.
@@ -101,7 +101,7 @@ def write_site(
     Raises:
         UsageError: The folder holds something else.
         DataFileError: A result is not the one that was ranked.
-        ResultError: A result is not whole, or under other rules.
+        ResultError: A result is incomplete, or of other rules.
     """
     before = _files_of(out)
     (out / DATA).mkdir(parents=True, exist_ok=True)
@@ -117,7 +117,7 @@ def write_site(
     texts[RANKING] = _pointing_here(site.publication, pages=bool(pages))
     texts["index.html"] = competition_page(site, pages, tables=tables)
     written += texts
-    # Before the pages are replaced, so that a broken-off site still knows all that may be its own.
+    # First the list of old and new files: if writing breaks off, the next site still knows which are ours.
     write(_listed(sorted({*before, *written})), out / FILES)
     for name, text in texts.items():
         write(text, out / name)
@@ -155,12 +155,13 @@ def _files_of(out: Path) -> set[str]:
 
 
 def _is_ours(out: Path, name: str) -> bool:
-    """Whether a listed file is one a site could have written: none of them leads elsewhere."""
+    """Whether a site could have written a listed file."""
+    # The list may have been edited, and what is listed may be deleted: it must lie in this folder.
     known = name == "index.html" or name.startswith((f"{DATA}/", "trials/", "results/"))
     return known and ".." not in name.split("/") and (out / name).resolve().is_relative_to(out.resolve())
 
 
 def _pointing_here(publication: Publication, *, pages: bool) -> str:
-    """The ranking with its results where they are in the site."""
+    """The ranking with the path of its results in the site."""
     runs = publication.runs if pages else tuple(structs.replace(r, result=None) for r in publication.runs)
     return PUBLICATION.text(replace(publication, folder="../results" if pages else "", runs=runs))

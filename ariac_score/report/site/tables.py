@@ -1,4 +1,4 @@
-"""The tables of a competition, each as CSV and as JSON: what the page shows, to work with."""
+"""The tables of a competition as CSV and JSON: the numbers of the page, for other programs."""
 
 from __future__ import annotations
 
@@ -13,15 +13,12 @@ from ariac_score.ranking.changes import Changes
 from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import OUTCOMES, Stewarded
 from ariac_score.ranking.violations import Tally
+from ariac_score.report.spreadsheet import text_cell
 from ariac_score.review.sensitivity import RankSensitivity
 
 __all__ = ["Table", "cell_text", "table_csv", "table_json", "tables_of"]
 
 Value = str | int | float | Decimal | bool | None
-
-_FORMULA = "=+-@\t\r\n\uff1d\uff0b\uff0d\uff20"
-"""What a spreadsheet may take for the start of a formula; the last four are full-width signs."""
-_BLANK = " \u00a0\ufeff"
 
 
 @dataclass(frozen=True)
@@ -29,7 +26,7 @@ class Table:
     """A table.
 
     Attributes:
-        name: Of its files, without their endings.
+        name: Of its files, without suffix.
         title: One line about it.
         columns: Their names.
         rows: A value for each column.
@@ -42,7 +39,7 @@ class Table:
 
 
 def table_csv(table: Table) -> str:
-    """A table as CSV: numbers as they are, strangers' text as text in every spreadsheet."""
+    """A table as CSV; no spreadsheet takes a text in it for a formula."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([cell_text(column) for column in table.columns])
@@ -51,7 +48,7 @@ def table_csv(table: Table) -> str:
 
 
 def cell_text(value: Value) -> str:
-    """A value in CSV; text that a spreadsheet would calculate gets an apostrophe before it.
+    """A value as it stands in CSV.
 
     >>> cell_text("=cmd()"), cell_text(-1.5), cell_text(None)
     ("'=cmd()", '-1.5', '')
@@ -63,8 +60,7 @@ def cell_text(value: Value) -> str:
     if isinstance(value, Decimal):
         return f"{value:f}"
     if isinstance(value, str):
-        start = value.lstrip(_BLANK)[:1]
-        return f"'{value}" if start and start in _FORMULA else value
+        return text_cell(value)
     return repr(value)
 
 
@@ -92,7 +88,7 @@ def tables_of(
     sensitivity: Sequence[RankSensitivity] | None,
     changes: Changes | None,
 ) -> tuple[Table, ...]:
-    """Every table of a competition; what was not given has none."""
+    """Every table of a competition, without those for which nothing was given."""
     tables = [_leaderboard(publication), _trials(publication), _runs(publication)]
     if publication.ranking.stewarded is not None:
         tables.append(_decisions(publication.ranking.stewarded))
@@ -163,7 +159,7 @@ def _trials(publication: Publication) -> Table:
         for trial, cell in s.trials.items()
     ]
     columns = ("team", "name", "trial", "score", "outcome", "reason", "runs_counted", "runs_made")
-    return Table("trials", "What each trial brought each team", columns, tuple(rows))
+    return Table("trials", "Score of each team in each trial", columns, tuple(rows))
 
 
 def _runs(publication: Publication) -> Table:
@@ -221,7 +217,7 @@ def _decisions(stewarded: Stewarded) -> Table:
 
 
 def _chances(publication: Publication) -> Table:
-    assert publication.final_statistics is not None  # asked for only then
+    assert publication.final_statistics is not None  # `tables_of` makes this table only then
     rows: list[tuple[Value, ...]] = [
         (odds.team, rank, chance)
         for odds in publication.final_statistics.teams
@@ -231,21 +227,21 @@ def _chances(publication: Publication) -> Table:
 
 
 def _pairs(publication: Publication) -> Table:
-    assert publication.final_statistics is not None  # asked for only then
+    assert publication.final_statistics is not None  # `tables_of` makes this table only then
     columns = ("first", "second", "ahead", "low", "high", "joint_low", "joint_high", "chance", "told_apart")
     rows: list[tuple[Value, ...]] = [
-        (p.first, p.second, p.ahead, p.low, p.high, p.joint_low, p.joint_high, p.chance, p.told_apart)
+        (p.first, p.second, p.ahead, p.low, p.high, p.joint_low, p.joint_high, p.chance, p.distinguished)
         for p in publication.final_statistics.pairs
     ]
     return Table("pairs", "Differences between teams", columns, tuple(rows))
 
 
 def _groups(publication: Publication) -> Table:
-    assert publication.final_statistics is not None  # asked for only then
+    assert publication.final_statistics is not None  # `tables_of` makes this table only then
     rows: list[tuple[Value, ...]] = [
         (group.label, team) for group in publication.final_statistics.groups for team in group.teams
     ]
-    return Table("groups", "Teams that cannot be told apart", ("group", "team"), tuple(rows))
+    return Table("groups", "Groups of teams without a clear difference", ("group", "team"), tuple(rows))
 
 
 def _violations(publication: Publication, tallies: Sequence[Tally]) -> Table:
@@ -311,7 +307,3 @@ def _run_changes(changes: Changes) -> Table:
     ]
     columns = ("team", "trial", "run", "what", "before", "now")
     return Table("run_changes", "Runs since the previous publication", columns, tuple(rows))
-
-
-def _listed(numbers: Sequence[int]) -> str:
-    return " ".join(map(str, numbers))

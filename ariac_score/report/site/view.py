@@ -1,4 +1,4 @@
-"""What the page of a competition shows, worked out before a template words it."""
+"""The values that the page of a competition shows; its template turns them into text."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ class TeamRow:
 
     Attributes:
         standing: The team.
-        rank: As shown; `=` after a rank that is shared.
-        odds: How sure it is; `None` where nothing can be said.
+        shares_rank: Whether another team has the same rank.
+        odds: How sure its rank is; `None` where there is nothing to estimate it from.
         groups: Labels of the groups it is in.
-        made: How many runs it made.
-        counted: How many of them count.
+        made: Number of runs it made.
+        counted: Number of those that count.
         automatic: The team without the decisions of stewards, where there are any.
     """
 
     standing: TeamRank
-    rank: str
+    shares_rank: bool
     odds: TeamOdds | None
     groups: tuple[str, ...]
     made: int
@@ -45,15 +45,15 @@ class TeamRow:
 
 @dataclass(frozen=True)
 class Decision:
-    """One decision of the stewards, and the runs it may be about."""
+    """One decision of the stewards, and the run it changed; `None` where the ranking does not name it."""
 
     adjustment: Adjustment
-    runs: tuple[RunLink, ...]
+    run: RunLink | None
 
 
 @dataclass(frozen=True)
 class RunLink:
-    """One run of a cell, and its page where there is one."""
+    """One run of a cell, and its page; empty where there is none."""
 
     run: RunOutcome
     page: str
@@ -77,7 +77,7 @@ class TrialCell:
 
 @dataclass(frozen=True)
 class PairRow:
-    """One difference, and where its interval lies from 0 to 100 of the drawing."""
+    """One difference, and its place in the drawing: both ends of its interval and itself, in percent."""
 
     pair: Pair
     low: float
@@ -118,7 +118,7 @@ class View:
     @property
     def shared(self) -> bool:
         """Whether teams share a rank."""
-        return any(row.rank.endswith("=") for row in self.rows)
+        return any(row.shares_rank for row in self.rows)
 
     @property
     def folded(self) -> bool:
@@ -126,7 +126,7 @@ class View:
         return len(self.pairs) > FOLDED_PAIRS
 
     def moved(self, shift: RankShift) -> list[tuple[str, int | None, int | None]]:
-        """Whose rank a shift changes: name, rank before, rank after."""
+        """The teams whose rank a shift changes: name, rank before, rank after."""
         return [
             (self.names.get(team, team), shift.before.get(team), rank)
             for team, rank in shift.after.items()
@@ -141,13 +141,13 @@ def view_of(
     sensitivity: Sequence[RankSensitivity] | None,
     changes: Changes | None,
 ) -> View:
-    """What the page shows.
+    """The values that the page shows.
 
     Args:
         publication: The ranking.
         links: The page of each run that has one.
-        tallies: What was violated; `None` when no result was given.
-        sensitivity: What the ranks owe to each number; `None` when it was not given.
+        tallies: Violations by clause; `None` when no result was given.
+        sensitivity: How the ranks depend on each number; `None` when it was not given.
         changes: Since the previous publication; `None` when none was given.
     """
     ranking, statistics = publication.final, publication.final_statistics
@@ -188,41 +188,23 @@ def view_of(
 def _decisions(
     publication: Publication, by_cell: Mapping[tuple[str, str], Sequence[RunLink]]
 ) -> tuple[Decision, ...]:
-    """Every decision with the run that it changed: its reason stands in the run's."""
     stewarded = publication.ranking.stewarded
     if stewarded is None:
         return ()
-    before = {run.key: run for run in publication.ranking.runs}
-    changed = [
-        link for links in by_cell.values() for link in links if link.run.reason != before[link.run.key].reason
-    ]
-    return tuple(
-        Decision(
-            decision,
-            tuple(
-                link
-                for link in changed
-                if link.run.trial == decision.trial
-                and decision.team in ("", link.run.team)
-                and decision.run in (None, link.run.number)
-                and decision.reason in link.run.reason
-            ),
-        )
-        for decision in stewarded.adjustments
-    )
+    decided = {name: link for links in by_cell.values() for link in links for name in link.run.decisions}
+    return tuple(Decision(decision, decided.get(decision.id)) for decision in stewarded.adjustments)
 
 
 def _row(standing: TeamRank, publication: Publication) -> TeamRow:
     ranking, statistics = publication.final, publication.final_statistics
     same = sum(1 for other in ranking.standings if other.rank == standing.rank)
-    rank = "" if standing.rank is None else f"{standing.rank}{'=' if same > 1 else ''}"
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     groups = statistics.groups if statistics else ()
     stewarded = publication.ranking.stewarded is not None
     automatic = {s.team: s for s in publication.ranking.standings} if stewarded else {}
     return TeamRow(
         standing,
-        rank if ranking.runs else "",
+        standing.rank is not None and same > 1 and bool(ranking.runs),
         odds.get(standing.team),
         tuple(group.label for group in groups if standing.team in group.teams),
         sum(cell.made for cell in standing.trials.values()),
