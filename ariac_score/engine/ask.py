@@ -20,7 +20,7 @@ from ariac_score.trial.model import Trial
 
 __all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
 
-Heard = Callable[[str], None]
+Heard = Callable[[str, str], None]
 _Made = TypeVar("_Made")
 
 BUDGET_S = 30.0
@@ -51,7 +51,8 @@ def ask(
         name: Name of the check.
         check: The built plugin.
         trial: With the derived signals.
-        heard: Told when the plugin prints; by default a notice goes to standard error.
+        heard: Takes the origin of a plugin that prints, and what it printed; by default a notice goes
+            to standard error.
 
     Raises:
         PluginError: The plugin raised, said nothing, yielded something else, or changed the trial.

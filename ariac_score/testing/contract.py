@@ -22,6 +22,7 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.testing.contract_check import (
+    HINT,
     ContractCheck,
     ContractError,
     built_by_name,
@@ -79,7 +80,7 @@ class _Checked:
     def __init__(self, check: Any, trial: Trial, budget_s: float) -> None:
         self.check, self.budget_s = check, budget_s
         self.plugin = origin_of(check)
-        self.heard: list[str] = []
+        self.printed: list[str] = []
         self.taken_s = 0.0
         self._trial = trial
         self._derived: Trial | None = None
@@ -153,7 +154,7 @@ class _Checked:
                     "contract",
                     self.check if check is None else check,
                     trial,
-                    heard=self.heard.append,
+                    heard=lambda _origin, fault: self.printed.append(fault),
                 )
         except OutOfTime:
             raise self.broken(
@@ -163,10 +164,7 @@ class _Checked:
 
     def broken(self, what: str) -> ContractError:
         """The error that names the plugin."""
-        return ContractError(
-            f"plugin {self.plugin.origin} {what}",
-            hint="see ariac_score.checks.contracts and docs/write-a-monitor.md",
-        )
+        return ContractError(what, origin=self.plugin.origin, hint=HINT)
 
     def needed(self) -> list[str]:
         """The quantities it declares."""
@@ -206,8 +204,8 @@ class _Checked:
     def prints_nothing(self) -> None:
         self._anew()
         self.ask(self.trial)
-        if self.heard:
-            raise self.broken(self.heard[0].removeprefix(f"plugin {self.plugin.origin} "))
+        if self.printed:
+            raise self.broken(self.printed[0])
 
     def speaks(self) -> None:
         for trial in (

@@ -90,7 +90,7 @@ def _problems(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
     try:
         kind = plugin.load()
     except PluginError as error:
-        yield error.cause.removeprefix(f"plugin {plugin.origin} "), error.hint
+        yield error.fault, error.hint
         return
     yield from _of_class(plugin, kind)
 
@@ -111,8 +111,10 @@ def _of_class(plugin: Plugin, kind: Any) -> Iterator[tuple[str, str]]:
     if not (unnamed or other or _required(kind)):
         try:
             plugin.build(example_parameters(plugin))
+        except PluginError as error:
+            yield error.fault, error.hint
         except ScoreError as error:
-            yield error.cause.removeprefix(f"plugin {plugin.origin} "), error.hint
+            yield error.cause, error.hint
     try:
         package_sha256(plugin.package)
     except PluginError as error:

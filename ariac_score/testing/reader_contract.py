@@ -79,7 +79,7 @@ class _CheckedReader:
 
     def broken(self, what: str) -> ContractError:
         """The error that names the plugin."""
-        return ContractError(f"plugin {self.plugin.origin} {what}", hint=HINT)
+        return ContractError(what, origin=self.plugin.origin, hint=HINT)
 
     def timed(self, question: Callable[[], _Answer]) -> _Answer:
         """An answer, under the clock of the shortest log."""
@@ -140,13 +140,13 @@ class _CheckedReader:
             raise self.late(limit_s)
 
     def prints_nothing(self) -> None:
-        heard: list[str] = []
-        with quiet(self.plugin.origin, heard.append):
+        printed: list[str] = []
+        with quiet(self.plugin.origin, lambda _origin, fault: printed.append(fault)):
             self.reader.can_read(self.log)
             self.reader.describe(self.log)
             self.reader.read(self.log, self.wanted())
-        if heard:
-            raise self.broken(heard[0].removeprefix(f"plugin {self.plugin.origin} "))
+        if printed:
+            raise self.broken(printed[0])
 
     def knows_its_own(self) -> None:
         if not self.timed(lambda: self.guarded.can_read(self.log)):
