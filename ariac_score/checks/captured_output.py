@@ -21,9 +21,7 @@ def _to_stderr(origin: str, fault: str) -> None:
 
 
 @contextmanager
-def quiet(
-    origin: str, say: Callable[[str, str], None] = _to_stderr, *, deep: bool = False
-) -> Iterator[None]:
+def quiet(origin: str, say: Callable[[str, str], None] = _to_stderr, *, deep: bool = False) -> Iterator[None]:
     """Hold back what is printed meanwhile, and say who printed it.
 
     Args:

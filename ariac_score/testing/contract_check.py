@@ -16,7 +16,6 @@ from ariac_score.errors import PluginError
 
 __all__ = ["SECTIONS", "ContractCheck", "ContractError", "origin_of", "snapshot", "undocumented"]
 
-
 HINT = "see ariac_score.checks.contracts and docs/write-a-monitor.md"
 
 
@@ -53,7 +52,7 @@ class ContractCheck:
 
 
 def origin_of(plugin: Any) -> Plugin:
-    """The installed plugin that an object is of; where none is, one that says so."""
+    """The installed plugin that an object belongs to; where none is installed, one that says so."""
     kind = plugin if isinstance(plugin, type) else type(plugin)
     group = next((name for name, contract in GROUPS.items() if isinstance(plugin, contract)), "")
     package = kind.__module__.partition(".")[0]
@@ -83,7 +82,7 @@ def built_by_name(kind: type) -> str:
         return problem
     try:
         parameters = inspect.signature(kind).parameters.values()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError):  # a class in C may have no signature
         return ""
     for parameter in parameters:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):

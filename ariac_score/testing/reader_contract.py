@@ -1,4 +1,4 @@
-"""The contract of readers as checks: what may not happen whatever the file, and what must with its own."""
+"""The contract of readers as checks: what no file may cause, and what a log of their kind must give."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = ["reader_checks"]
 
 _Answer = TypeVar("_Answer")
 
-_STRANGE = {
+_FOREIGN = {
     "empty": b"",
     "empty.txt": b"",
     "words.log": b"nothing of interest\n" * 100,
@@ -42,13 +42,13 @@ _STRANGE = {
     "odd.yaml": b"a: [1, 2\n\xff",
     "deep.json": b"[" * 5000,
 }
-"""Files that nobody made for a reader."""
+"""Files that no reader is made for: empty, text, noise, and broken ones of common formats."""
 
 
 def reader_checks(
     reader: Reader, origin: Plugin, log: Path, *, budget_s: float, log_map: str = ""
 ) -> list[ContractCheck]:
-    """Everything the contract of a reader asks for; see `contract_checks`."""
+    """Everything the contract of a reader requires; see `contract_checks`."""
     return _CheckedReader(reader, origin, log, budget_s, log_map).checks()
 
 
@@ -82,7 +82,7 @@ class _CheckedReader:
         return ContractError(what, origin=self.plugin.origin, hint=HINT)
 
     def timed(self, question: Callable[[], _Answer]) -> _Answer:
-        """An answer, under the clock of the shortest log."""
+        """An answer, within the time that the shortest log is allowed."""
         watch = Stopwatch(self.budget_s * SMALLEST_LOG_SAMPLES / 1e6)
         try:
             with watch.running():
@@ -91,7 +91,7 @@ class _CheckedReader:
             raise self.late(watch.limit_s) from None
 
     def late(self, limit_s: float) -> ContractError:
-        """The error of a reader that is too slow."""
+        """The error for a reader that is too slow."""
         return self.broken(
             f"ran longer than its budget of {limit_s:g} s of processor time "
             f"({self.budget_s:g} s for a million samples)"
@@ -128,7 +128,7 @@ class _CheckedReader:
             raise self.broken(f"cannot be built: {type(cause).__name__}: {cause}") from cause
 
     def time_budget(self) -> None:
-        # The number of samples is known only once it has read them.
+        # The number of samples, and so the time allowed, is known only once they are read.
         watch = Stopwatch(self.budget_s * 100)
         try:
             with watch.running():
@@ -159,15 +159,15 @@ class _CheckedReader:
 
     def strange_files(self) -> None:
         with _folder() as folder:
-            for name, content in _STRANGE.items():
+            for name, content in _FOREIGN.items():
                 (folder / name).write_bytes(content)
-            for path in (folder, folder / "nothing", *(folder / name for name in _STRANGE)):
+            for path in (folder, folder / "nothing", *(folder / name for name in _FOREIGN)):
                 answer = self.timed(lambda path=path: self._answer(path))  # type: ignore[misc]
                 if not isinstance(answer, bool):
-                    raise self.broken(f"answers {answer!r} when asked whether it can read a file")
+                    raise self.broken(f"answers {answer!r} to can_read, and not True or False")
 
     def _answer(self, path: Path) -> Any:
-        """What it says when asked whether it can read a file, whatever that is."""
+        """What `can_read` returns, of whatever type; unguarded, for the guard makes a truth of it."""
         try:
             return self.reader.can_read(path)
         except (Exception, SystemExit) as cause:
@@ -209,6 +209,7 @@ class _CheckedReader:
         if self.log.is_dir():
             return
         content = self.log.read_bytes()
+        # Half of the file, all but a byte, one byte, none: before and after every header a format may have.
         with _folder() as folder:
             for length in (len(content) // 2, len(content) - 1, 1, 0):
                 path = folder / self.log.name
@@ -229,7 +230,7 @@ class _CheckedReader:
 
 
 def _plain(trial: Trial) -> list[Any]:
-    """What a trial says; records of kits answer questions and hold nothing to compare."""
+    """The values of a trial; records of kits are left out, for they have methods and no values."""
     values = {name: value for name, value in vars(trial).items() if name != "kits"}
     return [sorted(value) if isinstance(value, frozenset) else value for value in values.values()]
 

@@ -1,4 +1,4 @@
-"""An MCAP file written again in another form: packed otherwise, without chunks, without indexes."""
+"""Rewriting an MCAP file in another form: other compression, without chunks, without indexes."""
 
 from __future__ import annotations
 
@@ -68,9 +68,10 @@ def _opened(raw: bytes) -> Iterator[_Record]:
         body = raw[at + 9 : at + 9 + length]
         at += 9 + length
         if op in (_DATA_END, _FOOTER):
-            return
+            return  # after it stands the summary, which repeats schemas and channels
         if op == _CHUNK:
             size, _, named = struct.unpack_from("<QII", body, 16)
+            # Start, end, size, checksum, name of the compression, length of the records: 8+8+8+4+4+named+8.
             packed, how = body[40 + named :], body[32 : 32 + named].decode()
             yield from _opened(bytes(inflate(packed, how, size=size)) if how else packed)
         elif op in _COPIED:
@@ -119,7 +120,7 @@ class _Writer:
         return bytes(self.out + summary + footer + struct.pack("<I", checksum) + MAGIC)
 
     def _close_chunk(self) -> None:
-        """Write what was taken: as a chunk with its index, or as it is."""
+        """Write the records since the last chunk: as a chunk with its index, or plain."""
         records, entries = bytes(self.records), self.entries
         self.records, self.entries = bytearray(), {}
         if not records:

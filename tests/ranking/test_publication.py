@@ -22,7 +22,7 @@ from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.ranking.stored import write_results
-from ariac_score.testing.competitions import (
+from ariac_score_ariac.testing.official_texts import (
     Outcome,
     PlannedOrder,
     sensor_cost_text,
