@@ -28,12 +28,16 @@ from ariac_score import (
     Tray,
     TrayMatch,
 )
+from ariac_score_ariac import fault_marks
+from ariac_score_ariac.parts import part_of
 
 __all__ = ["KitPoses", "KitsOfModels", "is_followed", "part_type", "product_type"]
 
-_TYPES = ("battery", "pump", "sensor", "regulator")
-_COLORS = ("red", "green", "blue", "orange", "purple")
-_FAULTS: Mapping[str, FaultMarks] = {"instance": "listed", "part": "challenged"}
+_FAULTS: Mapping[str, FaultMarks] = {
+    "instance": fault_marks.by_list,
+    "part": fault_marks.by_challenges,
+}
+"""By how the log map reads the names of models, which changed with the same edition."""
 
 IntArray = NDArray[np.int64]
 
@@ -57,14 +61,11 @@ def product_type(name: str) -> str:
 def part_type(name: str) -> str:
     """Type and colour that the name of a part contains; empty for the name of anything else.
 
-    Source: ARIAC 2023 and 2024: a part is what has a known type and a known colour in its name.
-
     >>> part_type("battery_blue_3_faulty"), part_type("kit_tray_03")
     ('battery_blue', '')
     """
-    kind = next((kind for kind in _TYPES if kind in name), "")
-    color = next((color for color in _COLORS if color in name), "")
-    return f"{kind}_{color}" if kind and color else ""
+    part = part_of(name)
+    return "" if part is None else "_".join(part)
 
 
 def is_followed(name: str, kits: KitMap) -> bool:
@@ -181,7 +182,9 @@ class KitPoses:
                 pose = product.pose(frame).seen_from(base)
                 if footprint.holds(pose.position_m):
                     lying.append(Product(_type_of(product.model, self._kits), pose, name=product.model))
-        return Kit(place, t_s, _in_known_order(lying, faults), found, faults)
+        return Kit(
+            place, t_s, _in_known_order(lying) if self._kits.names == "part" else tuple(lying), found, faults
+        )
 
     def _loose(self, tray: TrayMatch, base: Pose, frame: int) -> list[tuple[str, Pose, Pose]]:
         """The loose trays that stand on a base: type, pose in the world, and on the base."""
@@ -209,14 +212,12 @@ def _best_of_each_model(tracks: Iterable[ModelTrack]) -> list[ModelTrack]:
     return best
 
 
-def _in_known_order(products: Sequence[Product], faults: FaultMarks) -> tuple[Product, ...]:
+def _in_known_order(products: Sequence[Product]) -> tuple[Product, ...]:
     """Products by name; those that the order of a sensor's list would decide between lose their pose.
 
     In 2023 and later the last part listed in a quadrant counts, and poses do not say
     which that is. They stand first, where a part with a pose is found before them.
     """
-    if faults != "challenged":
-        return tuple(products)
     quadrants = [_quadrant(product) for product in products]
     rivals = [
         replace(p, pose=None) for p, q in zip(products, quadrants, strict=True) if quadrants.count(q) > 1

@@ -1,7 +1,7 @@
 """What the messages of a competition mean: orders, contents of trays, submissions, events.
 
 One class for each family of messages. A message whose fields are those of another
-edition is unusable, and said to be.
+edition is refused in words.
 
 Source: public message definitions of `osrf_gear`, `nist_gear` and `ariac_msgs`; ARIAC
 notes on log formats, section 11.
@@ -25,6 +25,7 @@ from ariac_score import (
     Tray,
     WantedProduct,
 )
+from ariac_score_ariac.parts import COLORS, TYPES
 
 __all__ = [
     "AriacMsgs2023",
@@ -239,8 +240,8 @@ def _products(products: Iterable[Any]) -> tuple[Product, ...]:
 # ROS 2: ariac_msgs
 
 _KINDS = {0: "kitting", 1: "assembly", 2: "combined"}
-_COLORS = {0: "red", 1: "green", 2: "blue", 3: "orange", 4: "purple"}
-_TYPES = {10: "battery", 11: "pump", 12: "sensor", 13: "regulator"}
+_COLORS = dict(enumerate(COLORS))
+_TYPES = dict(enumerate(TYPES, start=10))
 _DESTINATIONS = {0: "kitting", 1: "assembly_front", 2: "assembly_back", 3: "warehouse"}
 _NUMBERS = {n: str(n) for n in (1, 2, 3, 4)}
 """AGVs, stations and quadrants alike."""

@@ -10,14 +10,13 @@ from typing import Any
 
 from ariac_score import Order, Task, Tray, WantedProduct, did_you_mean
 from ariac_score_ariac.config.config_values import MAX_COUNT, ConfigPath, ConfigValues
+from ariac_score_ariac.parts import COLORS, TYPES
 
 __all__ = ["PRODUCT_TYPES", "listed_orders"]
 
 _HIGH_PRIORITY = 3
 _KINDS = ("kitting", "assembly", "combined")
-_TYPES = ("battery", "pump", "sensor", "regulator")
-_COLORS = ("red", "green", "blue", "orange", "purple")
-PRODUCT_TYPES = tuple(f"{kind}_{color}" for kind in _TYPES for color in _COLORS)
+PRODUCT_TYPES = tuple(f"{kind}_{color}" for kind in TYPES for color in COLORS)
 """Product types of 2023 and 2024."""
 _DESTINATIONS = ("kitting", "assembly_front", "assembly_back", "warehouse")
 _STATIONS = ("as1", "as2", "as3", "as4")
@@ -132,8 +131,8 @@ def _listed_products(
     for number, value in enumerate(values.sequence(values.given(block, "products", path[:-1]), path)):
         place = (*path, number)
         product = values.mapping(value, place)
-        kind = values.one_of(product, "type", _TYPES, place)
-        name = f"{kind}_{values.one_of(product, 'color', _COLORS, place)}"
+        kind = values.one_of(product, "type", TYPES, place)
+        name = f"{kind}_{values.one_of(product, 'color', COLORS, place)}"
         if challenged is None:
             pose = values.pose(values.given(product, "assembled_pose", place), (*place, "assembled_pose"))
             products.append(WantedProduct(f"part_{number}", name, pose))

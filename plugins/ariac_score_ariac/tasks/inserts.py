@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Limit, Order, Pose, Product, Task, Trial, WantedProduct
+from ariac_score_ariac.parts import part_of
 from ariac_score_ariac.tasks.poses import best_total
-from ariac_score_ariac.tasks.quadrants import Sight, not_judged, part_of, sight, tasks_of
+from ariac_score_ariac.tasks.quadrants import Sight, not_judged, sight, tasks_of
 
 KINDS = ("assembly", "combined")
 CLAUSE = "ARIAC 2023 and 2024, assembly as coded"

@@ -8,31 +8,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Limit, Order, Pose, Product, Submission, Task, Trial, WantedProduct
+from ariac_score_ariac.parts import FAULTY_ENDING, part_of
 from ariac_score_ariac.tasks.claims import EMPTY_KIT, NOT_SUBMITTED, claimed
-
-TYPES = ("battery", "pump", "sensor", "regulator")
-COLORS = ("red", "green", "blue", "orange", "purple")
 
 QUALITY_CHECK = "quality_check"
 """Kind of the event that an order's kit was inspected; its subject is the order's id."""
 
-FAULTY_ENDING = "_faulty"
-
 CLAUSE = "ARIAC 2023 and 2024, kitting as coded"
-
-
-def part_of(name: str) -> tuple[str, str] | None:
-    """The type and colour that a model's name contains; `None` when it is no part.
-
-    Source: task manager of 2023 and 2024: a model is a part when its name contains a
-    known type and a known colour; anything else on the tray is not seen.
-
-    >>> part_of("battery_blue"), part_of("assembly_pump_red_4"), part_of("kit_tray_03")
-    (('battery', 'blue'), ('pump', 'red'), None)
-    """
-    kind = next((kind for kind in TYPES if kind in name), None)
-    color = next((color for color in COLORS if color in name), None)
-    return None if kind is None or color is None else (kind, color)
 
 
 def quadrant_of(pose: Pose) -> int:
