@@ -216,15 +216,15 @@ class _EventsOnline:
 
     def __init__(self, monitor: NoEvent) -> None:
         self._monitor, self._arrivals = monitor, Arrivals()
-        self._told_s: dict[str, float] = {}
+        self._last_s: dict[str, float] = {}
 
     def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[InstantVerdict]:
         """Say that there was such an event; several of one time are one thing to say."""
         self._arrivals.take(samples)
         for event in events:
             subject = event.subject or "trial"
-            if event.kind == self._monitor.kind and event.t_s > self._told_s.get(subject, -inf):
-                self._told_s[subject] = event.t_s
+            if event.kind == self._monitor.kind and event.t_s > self._last_s.get(subject, -inf):
+                self._last_s[subject] = event.t_s
                 words = f"{event.kind.replace('_', ' ')} at {event.t_s:.3f} s"
                 yield InstantVerdict(subject, event.t_s, Verdict.VIOLATED, words)
 
@@ -329,9 +329,9 @@ class CollisionEpisodes:
         check_parameters(self)
 
     def needs(self) -> Iterator[SignalNeed]:
-        """Whatever tells of contacts."""
-        told = {"in_contact": "1", "contact_force": "N", "body_separation": "m", "velocity": "m/s"}
-        for quantity, unit in told.items():
+        """Whatever shows contacts; which of them a log has is found out in `watch`."""
+        units = {"in_contact": "1", "contact_force": "N", "body_separation": "m", "velocity": "m/s"}
+        for quantity, unit in units.items():
             yield SignalNeed(quantity, unit, self.max_gap_s)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
@@ -376,10 +376,10 @@ class CollisionEpisodes:
                 watched = self._watched(trial, force)
                 return _Touching(watched, watched.columns[force.name] > self.contact_on_n, force)
         for a, b in ((first.id, second.id), (second.id, first.id)):
-            apart = trial.signals.get(f"body_separation/{a}/{b}")
-            if apart is not None:
-                watched = self._watched(trial, apart)
-                return _Touching(watched, watched.columns[apart.name] <= 0, None)
+            separation = trial.signals.get(f"body_separation/{a}/{b}")
+            if separation is not None:
+                watched = self._watched(trial, separation)
+                return _Touching(watched, watched.columns[separation.name] <= 0, None)
         return None
 
     def _watched(self, trial: Trial, signal: Signal) -> Watched:

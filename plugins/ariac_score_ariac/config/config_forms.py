@@ -1,7 +1,7 @@
 """What a YAML file of ARIAC looks like: trial, team, or something else, and of which years.
 
-Each edition wrote its configurations in its own form. Told apart by their keys, so that
-a file that is not the one asked for can be called by its name.
+Each edition wrote its configurations in its own form, which shows in the keys. So a message
+about a wrong file can say what the file is instead.
 
 Source: ARIAC notes on log formats, sections 7 and 8, and the official files themselves.
 """

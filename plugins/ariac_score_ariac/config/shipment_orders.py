@@ -38,7 +38,7 @@ _CONDITIONS = (
 
 
 def shipment_orders(values: ConfigValues, root: Mapping[Any, Any]) -> tuple[Order, ...]:
-    """The orders of a trial configuration of 2017 to 2022, updates beside the orders they change."""
+    """The orders of a trial configuration of 2017 to 2022; updates are orders, too, and name what they change."""
     aliases = _aliases(values, root)
     orders = values.mapping(root.get("orders"), ("orders",))
     if not orders:

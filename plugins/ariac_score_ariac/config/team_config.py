@@ -64,7 +64,7 @@ class TeamConfigReader:
     Reads:
         The sensors by name and type.
     Refuses:
-        YAML that is none, and sensors whose type cannot be told.
+        YAML that is none, and sensors whose type is not given or has no grade.
     Source:
         ARIAC notes on log formats, section 8.
     """
