@@ -72,6 +72,7 @@ def write_bag(
     if storage == "ros1":
         _write_ros1(path, messages, compression, chunk_bytes)
     elif path.suffix in (".db3", ".mcap"):
+        # rosbags writes folders alone; the one file in it is what is wanted.
         with TemporaryDirectory() as parent:
             folder = Path(parent, path.stem)
             _write_ros2(folder, messages, storage, compression)
@@ -155,6 +156,7 @@ def _value(store: Typestore, description: Any, given: Any) -> Any:
     # A sequence that is not given is empty; an array always has its length.
     count = length if kind == Nodetype.ARRAY and given is None else 0
     elements = [None] * count if given is None else list(given)
+    # rosbags takes numbers as arrays of their exact type, and everything else as lists.
     if element[0] == Nodetype.BASE and element[1][0] != "string":
         return np.array(
             [0 if e is None else e for e in elements], dtype=_DTYPES.get(element[1][0], element[1][0])

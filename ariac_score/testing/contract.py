@@ -112,6 +112,7 @@ class _Checked:
             ]
         else:
             named.append(("missing_submissions", "what is not recorded is not assumed", self.submissions))
+        # By the name alone: whoever has `begin` means to be online, and is held to all of it.
         if hasattr(self.check, "begin"):
             named += [
                 ("one_by_one", "one sample at a time equals the whole log", self.one_by_one),
@@ -202,12 +203,13 @@ class _Checked:
         self.ask(self.trial)
 
     def prints_nothing(self) -> None:
-        self._rebuilt()
+        self._rebuilt()  # a constructor may print, too
         self.ask(self.trial)
         if self.printed:
             raise self.broken(self.printed[0])
 
     def speaks(self) -> None:
+        # Loops over bodies or events end without a finding where there are none.
         for trial in (
             self.trial,
             bare(self.trial),
@@ -236,6 +238,7 @@ class _Checked:
         ends = [span for span in (trial.recorded, trial.window) if span is not None]
         if not ends:
             return
+        # Stamps are rounded where they are shifted or added up.
         start_s, end_s = min(span.start_s for span in ends) - 1e-9, max(span.end_s for span in ends) + 1e-9
         for finding in findings:
             times = [sample.t_s for sample in finding.evidence]
@@ -258,6 +261,7 @@ class _Checked:
             raise self.broken(f"{what}: {difference}")
 
     def trial_unchanged(self) -> None:
+        # Down to the last number; `ask`, which runs for every score, compares arrays by identity alone.
         trial = replace(self.trial)
         before = snapshot(trial)
         self.ask(trial)
@@ -302,11 +306,13 @@ class _Checked:
                 )
         if _decided(self.findings) and not inconclusive:
             raise self.broken("is never inconclusive although every signal it needs is missing")
+        # One at a time, for a plugin may trip over the second signal once it has the first.
         for quantity in self.needed():
             self.ask(without(self.trial, [quantity]))
 
     def _variants(self) -> Iterator[tuple[str, Callable[[], None]]]:
         for name in SIGNAL_VARIANTS:
+            # Bound as a default: all lambdas of the loop share its variable.
             yield name, lambda name=name: self._variant(name)  # type: ignore[misc]
 
     def _variant(self, name: str) -> None:
@@ -324,6 +330,7 @@ class _Checked:
         # Such a rule repeats an official score, which stands whether or not submissions were recorded.
         if getattr(self.check, "reads_official", False):
             return
+        # Not witnessed, too: else no submission would mean that nothing was handed in.
         unseen = replace(self.trial, submissions=(), kits=(), witnessed=frozenset())
         for finding in self.ask(unseen):
             if finding.verdict in _DECIDED and finding not in self.findings:
@@ -440,6 +447,7 @@ def _difference(before: list[Finding], after: list[Finding], *, moved: bool = Fa
     """What differs between two lists of findings, in words; empty when nothing does."""
     if len(before) != len(after):
         return f"{len(before)} findings, then {len(after)}"
+    # Sorted anew: a message that names a time can change the order in which `ask` gives findings.
     for first, second in zip(sorted(before, key=_key), sorted(after, key=_key), strict=True):
         if first == second or (moved and _alike(first, second)):
             continue
@@ -466,6 +474,7 @@ def _alike(first: Finding, second: Finding) -> bool:
         and _words(first) == _words(second)
         and [name for name, _ in _numbers(first)] == [name for name, _ in _numbers(second)]
         and all(
+            # A later clock rounds stamps to other bits, and speeds are differences of stamps.
             math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6)
             for (_, a), (_, b) in zip(_numbers(first), _numbers(second), strict=True)
         )

@@ -54,9 +54,11 @@ class ContractCheck:
 def origin_of(plugin: Any) -> Plugin:
     """The installed plugin that an object belongs to; where none is installed, one that says so."""
     kind = plugin if isinstance(plugin, type) else type(plugin)
+    # The contracts are protocols, so any class with their methods is of the group.
     group = next((name for name, contract in GROUPS.items() if isinstance(plugin, contract)), "")
     package = kind.__module__.partition(".")[0]
     for known in Registry().all(group):
+        # The package first: loading a plugin imports it, and most are of other packages.
         if known.package == package and _loads(known, kind):
             return known
     return Plugin(kind.__name__, group, f"{kind.__module__}:{kind.__qualname__}", package, "not installed")
@@ -103,6 +105,7 @@ def snapshot(value: Any) -> Any:
         return tuple((key, snapshot(item)) for key, item in value.items())
     if isinstance(value, list | tuple):
         return tuple(snapshot(item) for item in value)
+    # Bytes, for NaN is not equal to itself.
     return value.tobytes() if isinstance(value, np.ndarray) else value
 
 

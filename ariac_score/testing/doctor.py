@@ -108,6 +108,7 @@ def _of_class(plugin: Plugin, kind: Any) -> Iterator[tuple[str, str]]:
         yield unnamed, "give every parameter a name"
     other = [*_other_arguments(plugin, kind)]
     yield from other
+    # With a required parameter nothing can be built here; the rule set that gives it is checked when loaded.
     if not (unnamed or other or _required(kind)):
         try:
             plugin.build(example_parameters(plugin))
@@ -116,7 +117,7 @@ def _of_class(plugin: Plugin, kind: Any) -> Iterator[tuple[str, str]]:
         except ScoreError as error:
             yield error.cause, error.hint
     try:
-        package_sha256(plugin.package)
+        package_sha256(plugin.package)  # of a zip, or of a module without a file, there is none
     except PluginError as error:
         yield error.cause, "a result names the hash of the code that measured; install it as files"
 

@@ -51,6 +51,7 @@ def new_distribution(kind: str, name: str, into: Path) -> list[Path]:
         raise UsageError(
             "exists already", file=folder, hint="nothing is overwritten; choose another name or place"
         )
+    # All texts before the first file: a template that fails leaves no half of a folder.
     texts = {_place(place, facts): Template(text).substitute(facts) for place, text in templates.values()}
     try:
         for place, text in texts.items():

@@ -73,6 +73,7 @@ def made_trial(*, seed: int = 2020, duration_s: float = 40.0) -> Trial:
         orders=orders,
         submissions=(*example.submissions, *_submissions()),
         events=tuple(sorted((*example.events, *_EVENTS))),
+        # Every kind of event it has, so that checks of events are not all inconclusive.
         witnessed=example.witnessed | {"bodies", ARM_COLLISION, *(event.kind for event in _EVENTS)},
         team=TeamSetup("team", {"camera_1": "logical_camera", "beam_1": "break_beam"}, 600.0),
         official=_official(orders),
@@ -80,6 +81,7 @@ def made_trial(*, seed: int = 2020, duration_s: float = 40.0) -> Trial:
     )
     t = example.signals["position/robot"].t
     made = {name: _made(name, quantity, t, k) for k, (name, quantity) in enumerate(_names(trial))}
+    # Signals of the example replace waves of their name: its near miss can be checked by hand.
     return replace(trial, signals=dict(sorted({**made, **example.signals}.items())))
 
 
@@ -134,6 +136,7 @@ def _orders() -> Iterator[Order]:
 
 
 def _submissions() -> Iterator[Submission]:
+    # One quadrant stays empty, so that rules about kits have a violation to show.
     kit = tuple(Product(wanted.type, wanted.pose) for wanted in _QUADRANTS[:3])
     assembly = tuple(Product(wanted.type, wanted.pose) for wanted in _INSERTED)
     yield Submission("ABCD1234", 32.0, kit, "agv2", "warehouse", _TRAY)

@@ -67,7 +67,7 @@ def _parameters(kind: Any) -> list[str]:
     try:
         parameters = parameters_of(kind)
     except (NameError, TypeError, AttributeError):
-        return []
+        return []  # an annotation that cannot be resolved; the doctor names it
     if not parameters:
         return []
     rows = [_row(name, parameter) for name, parameter in parameters.items()]
@@ -208,6 +208,7 @@ def _made() -> Trial:
 
 
 def _findings(plugin: Plugin, check: Any) -> list[Finding]:
+    # As the engine does, so that the example is what a score would show.
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs_of(plugin, "example", check)]
     return ask(plugin, "example", check, derive_signals(_made(), wanted))
 
@@ -248,6 +249,7 @@ def write_pages(folder: Path, distribution: str = "ariac-score") -> None:
     written = dict(pages(distribution))
     for name, text in written.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        # The same bytes on every system: the pages are kept in the repository and compared.
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
     for group in GROUPS:
         for page in (folder / group.rpartition(".")[2]).glob("*.md"):

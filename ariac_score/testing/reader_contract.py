@@ -100,6 +100,7 @@ class _CheckedReader:
     def wanted(self) -> Wanted:
         """Everything a log could hold."""
         if not self.log_map:
+            # A reader whose logs name their signals themselves needs no log map.
             return Wanted(LogMap("none"), frozenset(QUANTITIES))
         log_map, registry = load_log_map(self.log_map), Registry()
         names = sorted({channel.decoder for channel in log_map.channels if channel.decoder})
@@ -199,6 +200,7 @@ class _CheckedReader:
         times = [event.t_s for event in trial.events] + [s.submitted_s for s in trial.submissions]
         for span in (signal.span for signal in trial.signals.values()):
             times += [span.start_s, span.end_s] if span else []
+        # Orders and official results alone need no recording.
         if trial.recorded is None and trial.signals:
             raise self.broken("brings signals, but not when the recording began and ended")
         for t_s in times if trial.recorded else ():
@@ -207,7 +209,7 @@ class _CheckedReader:
 
     def cut_off(self) -> None:
         if self.log.is_dir():
-            return
+            return  # nothing says which of its files to cut
         content = self.log.read_bytes()
         # Half of the file, all but a byte, one byte, none: before and after every header a format may have.
         with _folder() as folder:
@@ -223,7 +225,7 @@ class _CheckedReader:
                 self.guarded.describe(path)
                 self.read(path)
         except PluginError:
-            raise
+            raise  # also a `ScoreError`, but the fault of the reader
         except ScoreError as refusal:
             if not str(refusal):
                 raise self.broken("refuses a log without saying why") from refusal

@@ -56,6 +56,7 @@ def recorded_messages(trial: Trial) -> list[Recorded]:
     Returns:
         In order of time; time 0 of the trial is `ORIGIN_NS`.
     """
+    # Of one time the recorder's events stand first: they say what the rest witnesses. Sorting is stable.
     messages = [
         *event_messages(trial),
         *submission_messages(trial),
@@ -125,6 +126,7 @@ def frame_messages(trial: Trial, frames: Mapping[str, str] | None = None) -> Ite
     for body, frame in named.items():
         signal = trial.signals[f"position/{body}"]
         for i, t_s in enumerate(signal.t):
+            # The stamp of the header is the log time: a made recording has no delay.
             t_ns = stamp_ns(t_s)
             stamp = {"sec": t_ns // 10**9, "nanosec": t_ns % 10**9}
             transform = {
@@ -141,7 +143,7 @@ def frame_messages(trial: Trial, frames: Mapping[str, str] | None = None) -> Ite
 def scalar_messages(trial: Trial) -> Iterator[Recorded]:
     """Every signal of one component, on a topic of its name."""
     for name, signal in sorted(trial.signals.items()):
-        if signal.values.ndim == 1:
+        if signal.values.ndim == 1:  # vectors would need a message of their own; positions are frames
             for t_s, value in zip(signal.t.tolist(), signal.values.tolist(), strict=True):
                 yield Recorded(f"/{name}", "std_msgs/msg/Float64", stamp_ns(t_s), {"data": value})
 

@@ -99,7 +99,7 @@ class _Writer:
             self.counts[channel] = self.counts.get(channel, 0) + 1
             self.stamps_ns.append(stamp_ns)
         elif (op, body) in self.declared:
-            return
+            return  # every chunk of some writers repeats its schemas and channels
         else:
             self.declared[op, body] = None
         self.records += _record(op, body)
@@ -108,6 +108,7 @@ class _Writer:
 
     def finished(self) -> bytes:
         self._close_chunk()
+        # 0 says that there is no checksum.
         checksum = crc32(self.out) if self.form.data_checksum else 0
         self.out += _record(_DATA_END, struct.pack("<I", checksum))
         start = len(self.out)

@@ -65,11 +65,12 @@ def _timed(signals: list[Signal], trial: Trial) -> list[dict[str, Any]]:
             }
         )
     for event in trial.events:
-        if event.kind != ORDER_ANNOUNCED:
+        if event.kind != ORDER_ANNOUNCED:  # the reader makes it of the order
             fields = {"kind": event.kind, "subject": event.subject, "detail": event.detail}
             records.append({"record": "event", "t_s": event.t_s, **fields})
     for submission in trial.submissions:
         records.append(_submission_record(submission))
+    # One record for each time: signals of one clock share their rows.
     rows: dict[float, dict[str, Any]] = {}
     for signal in signals:
         for t_s, value in zip(signal.t.tolist(), signal.values.tolist(), strict=True):

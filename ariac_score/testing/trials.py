@@ -85,11 +85,12 @@ def kitting_trial(*, seed: int = 2020, duration_s: float = 40.0, human: bool = T
     """
     builder = TrialBuilder("kitting_near_miss", file="made", clock=f"log time, origin {ORIGIN_NS} ns")
     builder.witnessed |= {"submissions", ARM_COLLISION}
-    jitter = random.Random(seed)  # noqa: S311  # no secret hangs on where a part lies
+    jitter = random.Random(seed)  # noqa: S311  # no secret depends on where a part lies
     items: list[Order | Submission | Event] = [*_events(duration_s), *_orders(), *_submissions(jitter)]
     for item in items:
         builder.add(item)
     builder.add_body(Body("robot", "robot"))
+    # Counted in ns, as stamps are: adding up 0.01 s would drift from them.
     steps = round(duration_s * 1e9) // STEP_NS + 1
     t = np.array([k * STEP_NS / 1e9 for k in range(steps)])
     signals = _motion(t)

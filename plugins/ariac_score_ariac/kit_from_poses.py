@@ -144,13 +144,14 @@ class KitPoses:
                 if kit is not None:
                     return kit
         except ValueError:
-            return None
+            return None  # a pose that is not usable; whether the thing lay on the tray is then unknown
         return None
 
     def _frame_at(self, t_s: float, max_age_s: float) -> int | None:
         """The last frame at or before a time, of those at one time the last."""
         if not self._usable or t_s > self._until_s:
             return None
+        # Stamps may step back a little, so the latest time is looked for, and not the last frame.
         before = np.flatnonzero(self._t_s <= t_s)
         if not len(before):
             return None
@@ -160,14 +161,17 @@ class KitPoses:
         return int(before[self._t_s[before] == latest][-1])
 
     def _on(self, tray: TrayMatch, place: str, frame: int) -> Kit | None:
+        # Places have the names of the simulators: `agv1` to `agv4`, `as1` to `as4`.
         if not place.startswith("agv" if tray.at == "agv" else "as"):
             return None
         pattern = tray.pattern_for(place)
         bases = [t for t in self._tracks if fnmatchcase(t.name, pattern) and t.exists(frame)]
         if not bases:
             return None
+        # Tracks are sorted by name: of several that match, always the same one.
         base, footprint, found = bases[0].pose(frame), tray.footprint, None
         t_s, faults = float(self._t_s[frame]), _FAULTS[self._kits.names]
+        # From 2022 on products are seen on a movable tray alone.
         if tray.loose and tray.loose_footprint:
             standing = self._loose(tray, base, frame)
             if not standing:

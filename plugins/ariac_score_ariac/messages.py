@@ -43,6 +43,7 @@ state is published ten times a second, so most recordings go from `go` to `done`
 """
 
 _HIGH_PRIORITY = 3
+"""The factor of a high-priority order, 2017 to 2024."""
 
 
 class _Gear:
@@ -62,6 +63,7 @@ class _Gear:
             ValueError: A pose in an order is not finite or has no orientation, or the
                 message has the fields of another edition.
         """
+        # The log map decides which topic comes here; other words of it are states without an event.
         if msgtype == "std_msgs/msg/String":
             return Event(t_s, _STATES[message.data]) if message.data in _STATES else None
         package, _, name = msgtype.partition("/msg/")
@@ -104,6 +106,7 @@ class NistGear2021(_Gear):
                 _kit_task(s, s.shipment_type, agv=s.agv_id, station=s.station_id)
                 for s in message.kitting_shipments
             ]
+            # From 2021 on the priority stands in the trial configuration alone.
             return _gear_order(
                 message, t_s, [*kits, *_assemblies(message.assembly_shipments)], priority_said=False
             )
@@ -179,6 +182,7 @@ def _of_another_edition(msgtype: str, cause: AttributeError) -> ValueError:
 
 
 def _gear_order(message: Any, t_s: float, tasks: Iterable[Task], *, priority_said: bool = True) -> Order:
+    # The message has no field for it: in all ROS 1 editions the id says what is updated.
     replaced, update, _ = message.order_id.partition("_update_")
     return Order(
         id=message.order_id,
@@ -215,7 +219,7 @@ def _tray_contents(message: Any, t_s: float) -> Kit | None:
 
 
 def _movable_tray_contents(message: Any, t_s: float) -> Kit | None:
-    # A tray that stands on no AGV tells of itself too, with an empty name here.
+    # A tray that stands on no AGV is reported too, with an empty name here.
     place = _numbered(message.kit_tray, r"kit_tray_(\d+)|agv(\d+)", "agv")
     tray = message.movable_tray
     found = Tray(tray.movable_tray_type, _pose_or_none(tray.movable_tray_pose))

@@ -262,6 +262,7 @@ def occurrences(
     >>> [occurrences(d) for d in (0.5, 4.9, 5.0, 12.3, 25.0)]
     [1, 1, 2, 3, 6]
     """
+    # A duration is a difference of stamps. So 5 s may come out as 4.9999999999 s, which may decide nothing.
     times = duration_s / every_s
     again = floor(times + _ROUNDING) if closed_right else max(-floor(-(times - _ROUNDING)) - 1, 0)
     return weight * (1 + again)
@@ -349,6 +350,7 @@ class CollisionEpisodes:
             kinds = f"{first.kind}_{second.kind}"
             recorded = second.kind != ENVIRONMENT or self._recorded(trial, first, second)
             wanted = kinds == self.between or (self.between == "any" and recorded)
+            # Contact with people is `ariac.human_contact`, which has other consequences.
             if wanted and second.kind != "human":
                 yield first, second
 
@@ -365,6 +367,7 @@ class CollisionEpisodes:
         return Finding.inconclusive("trial", message, span=trial.window, clause=_COLLISION_CLAUSE)
 
     def _touching(self, trial: Trial, first: Body, second: Body) -> _Touching | None:
+        # A report of contact before a force, and a force before a distance. Either body may be named first.
         for a, b in ((first.id, second.id), (second.id, first.id)):
             flag = trial.signals.get(f"in_contact/{a}/{b}")
             force = trial.signals.get(f"contact_force/{a}/{b}")
@@ -395,7 +398,7 @@ class CollisionEpisodes:
             elif event.detail == OFF and began is not None:
                 spans.append(Span(began, event.t_s))
                 began = None
-        if began is not None:
+        if began is not None:  # still in contact when the recording ended
             spans.append(Span(began, max(began, trial.window.end_s if trial.window else began)))
         return spans
 
@@ -409,6 +412,7 @@ class CollisionEpisodes:
         else:
             spans = _merged(self._from_events(trial, first, second), self.t_off_s)
             collisions = [(span, {}) for span in spans]
+        # No event in a log that would have recorded one means that they never touched.
         if touching is None and not collisions and "in_contact" not in trial.witnessed:
             message = "the log does not show whether they touched"
             yield Finding.inconclusive(subject, message, span=trial.window, clause=_COLLISION_CLAUSE)

@@ -21,6 +21,7 @@ __all__ = ["TrialConfigReader"]
 FORMAT = "ARIAC trial configuration"
 MAX_TIME_LIMIT_S = 1e6
 _NO_LIMIT = -1
+"""What a configuration of 2017 to 2024 gives for a trial without a limit."""
 _USED = ("orders", "options", "challenges", "time_limit", *REQUIRED_KEYS, "CHALLENGES")
 
 
@@ -92,6 +93,7 @@ def _short(value: float) -> int | float:
 
 
 def _trial(path: Path) -> Trial:
+    # Official files repeat keys in their surroundings; where it could change an order, that is refused.
     document = load_yaml(path, may_repeat=_is_unused)
     values = ConfigValues(document)
     if document.data is None:
@@ -141,6 +143,7 @@ def _orders(values: ConfigValues, root: Mapping[Any, Any]) -> tuple[Order, ...]:
         return orders
     orders = shipment_orders(values, root)
     for key, tree in root.items():
+        # The surroundings of the trial: official files have mistakes there that change no order.
         if key not in ("orders", "options"):
             values.note_numbers(tree, (str(key),), _is_part_of_pose)
     return orders

@@ -22,6 +22,7 @@ _TRIAL, _TEAM = "a trial configuration", "a team configuration"
 _SNIFFED_BYTES = 4_000_000
 _KEY = re.compile(rb"""^(?:\xef\xbb\xbf)?["']?([A-Za-z_][A-Za-z0-9_]*)["']?[ \t]*:""", re.MULTILINE)
 _NAMED_KEYS = 5
+"""So many keys of an unknown file are named in a message."""
 
 _TRIAL_2025 = frozenset({"SEED", "DEFECT_RATE", "TIME_LIMIT", "NUM_KITS", "NUM_MODULES"})
 _SENSORS_2023 = frozenset(

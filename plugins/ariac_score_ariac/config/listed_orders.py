@@ -22,7 +22,8 @@ _DESTINATIONS = ("kitting", "assembly_front", "assembly_back", "warehouse")
 _STATIONS = ("as1", "as2", "as3", "as4")
 _CONDITIONS = ("time_condition", "part_place_condition", "submission_condition")
 _CHALLENGES = ("faulty_part", "dropped_part", "robot_malfunction", "sensor_blackout", "human")
-_QUADRANTS = (1, 2, 3, 4)
+_NUMBERS = (1, 2, 3, 4)
+"""AGVs and quadrants alike."""
 
 
 def listed_orders(values: ConfigValues, root: Mapping[Any, Any]) -> tuple[Order, ...]:
@@ -38,6 +39,7 @@ def listed_orders(values: ConfigValues, root: Mapping[Any, Any]) -> tuple[Order,
     for number, value in enumerate(orders):
         path: ConfigPath = ("orders", number)
         order_id = values.text(values.given(values.mapping(value, path), "id", path), (*path, "id"))
+        # A slash parts the levels of a finding's subject.
         if "/" in order_id or order_id.split() != [order_id]:
             values.refuse(
                 (*path, "id"), f"{order_id!r} is no order id", "ids are 8 letters and digits, without spaces"
@@ -66,7 +68,7 @@ def _challenged(
                 place = (*path, "faulty_part")
                 parts = values.mapping(challenge, place)
                 order_id = values.one_of(parts, "order_id", ids, place)
-                found |= {(order_id, q) for q in _QUADRANTS if values.truth(parts, f"quadrant{q}", place)}
+                found |= {(order_id, q) for q in _NUMBERS if values.truth(parts, f"quadrant{q}", place)}
     return frozenset(found)
 
 
@@ -87,6 +89,7 @@ def _listed_order(
     priority = _HIGH_PRIORITY if values.truth(parts, "priority", path[:-1]) else 1
     if kind == "kitting":
         tray_id = values.given(block, "tray_id", path)
+        # Two digits of the model's name are read as the number, though trays end at 9.
         if type(tray_id) is not int or not 0 <= tray_id <= 99:
             values.refuse(
                 (*path, "tray_id"), f"{tray_id!r} is no tray id", "give the number of a tray, 0 to 9"
@@ -97,11 +100,12 @@ def _listed_order(
             products=_listed_products(
                 values, block, path, {q for order, q in challenged if order == order_id}
             ),
-            agv=f"agv{values.one_of(block, 'agv_number', _QUADRANTS, path)}",
+            agv=f"agv{values.one_of(block, 'agv_number', _NUMBERS, path)}",
             station=values.one_of(block, "destination", _DESTINATIONS, path),
             tray=Tray(f"kit_tray_{tray_id:02d}"),
         )
     else:
+        # `agv_number` says which AGVs bring the parts, and no score depends on it.
         products = _listed_products(values, block, path, None)
         task = Task(order_id, kind, products, station=values.one_of(block, "station", _STATIONS, path))
     return Order(order_id, (task,), None, priority)
@@ -137,7 +141,7 @@ def _listed_products(
             pose = values.pose(values.given(product, "assembled_pose", place), (*place, "assembled_pose"))
             products.append(WantedProduct(f"part_{number}", name, pose))
         else:
-            quadrant = values.one_of(product, "quadrant", _QUADRANTS, place)
+            quadrant = values.one_of(product, "quadrant", _NUMBERS, place)
             products.append(
                 WantedProduct(f"part_{number}", name, None, quadrant, challenged=quadrant in challenged)
             )

@@ -53,6 +53,7 @@ _KEYS_2025 = ("COMPETITOR_NAME", "CONVEYOR_SPEED", "CELL_FEED_RATE", "SENSORS")
 _SENSOR_KEYS = (*_PLACED, *_SWITCHED, "robot_cameras", *_KEYS_2025)
 _MAX_SPEED_M_S = 0.1
 _CELLS_PER_SPEED = 2
+"""The official bound of the feed rate, Hz for each m/s: `CELL_FEED_RATE <= 2 * CONVEYOR_SPEED`."""
 
 
 class TeamConfigReader:
@@ -221,6 +222,7 @@ def _add(values: ConfigValues, sensors: dict[str, str], name: str, kind: str, ke
 
 def _placed_type(values: ConfigValues, sensor: Any, path: ConfigPath) -> str:
     kind = values.text(values.given(values.mapping(sensor, path), "type", path), (*path, "type"))
+    # Noted and not refused: the price list of the rule set decides what it knows.
     if kind not in SENSOR_TYPES:
         values.note(
             "unknown_sensor_type",

@@ -3,7 +3,7 @@
 Its records carry wall-clock time only. `Sim time: <n>` is printed once per simulated
 second, and between two of these the simulator is taken to run at an even pace. On the
 real log of 2022 that places the start of the competition 10 ms from where the wall
-times of `state.log` put it, and start and end 14.869 s apart where the official
+times of `state.log` put it, and 14.869 s from start to end where the official
 process time is 14.852 s. So times from this file are good to about 0.02 s while the
 simulator keeps a steady pace, and never worse than the simulated second they fall
 in. The official process time is passed on as printed and corrects nothing: it says
@@ -49,6 +49,7 @@ __all__ = ["PerformanceLogReader"]
 CLOCK = "simulated time (wall time between whole simulated seconds)"
 MAX_LINE_CHARS = 65_536
 MAX_DROPS = 10_000
+"""No trial has as many products; each drop becomes an event."""
 
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 """2022 prints some labels and values in colour."""
@@ -76,6 +77,7 @@ _HEADING = re.compile(
 )
 _VALUE = re.compile(r"^(?P<label>[^\[]*[^\[\s:=])\s*(?:[:=]\s*)?\[(?P<value>[^\]]*)\]$")
 _UPDATE = re.compile(r"_update_\d+$")
+"""What follows the name of the order in the name of its update."""
 
 
 class PerformanceLogReader:
@@ -101,6 +103,7 @@ class PerformanceLogReader:
                 head = file.read(65_536)
         except OSError:
             return False
+        # An empty one is known by its name, so that the message is about it, and not about an unknown file.
         if not head:
             return path.name == "performance.log"
         return b"\0" not in head and _looks_printed(head.decode("utf-8", "replace"))
@@ -521,6 +524,7 @@ def _add_score(builder: TrialBuilder, log: _ParsedLog, score: _Score, times: _Ti
     if score.collision is not None:
         builder.witnessed.add(ARM_COLLISION)
         if score.collision:
+            # The breakdown says that arms collided, and no record says when.
             builder.events.append(
                 Event(end_s, ARM_COLLISION, "", f"at an unknown time; {end_words} is given")
             )
@@ -549,6 +553,7 @@ def _summary(order: _OrderScore, times: _Times) -> OfficialOrder:
         items[f"shipment_{position}/id"] = order.task_id(position)
         for label, value in _printed(shipment.values).items():
             items[f"shipment_{position}/{label}"] = value
+    # A time of 0 is printed for an order that is not complete.
     dated = announced_s is not None and taken_s and order.all_submitted
     return OfficialOrder(
         order.id,

@@ -331,6 +331,7 @@ def _text(path: Path) -> str:
             raise LogError(
                 f"the file has more than {MAX_BYTES:,} bytes", file=path, hint="is this the right file?"
             )
+        # Labels and numbers are ASCII: an odd byte elsewhere, as in a file name, need not hide a score.
         return _ANSI.sub("", path.read_text(encoding="utf-8-sig", errors="replace"))
     except FileNotFoundError:
         raise NothingToScoreError("no such file", file=path, hint="check the path") from None
@@ -439,10 +440,12 @@ def _checked_2024(
                 raise _cut_off(path, f"the summary of order {order_id!r} has no {label.replace('_', ' ')!r}")
     if announced is not None and len(summaries) < announced:
         raise _cut_off(path, f"{announced:g} orders are announced, {len(summaries)} are listed")
+    # More than announced is no cut: two texts in one file, or one that was edited.
     if announced is not None and len(summaries) > announced:
         raise LogError(
             f"{announced:g} orders are announced, {len(summaries)} are listed", file=path, hint=_CUT
         )
+    # Below each order of the summary stand details, at least the words 'Not Submitted'.
     if summaries and not has_details:
         raise _cut_off(path, "there are no order details")
     orders = [_order_2024(path, order_id, values, details) for order_id, values in summaries.items()]
@@ -563,6 +566,7 @@ def _blocks(path: Path, lines: Iterable[_Line], first: str) -> dict[str, _Values
 
 def _interim(path: Path, lines: Sequence[_Line], *, whole: bool) -> _ParsedLog:
     """The layout of December 2023: every label begins with a dash, every order has its times."""
+    # This layout has no end mark, and a time looks whole wherever it is cut.
     if not whole:
         raise _cut_off(path, "its last line has no end")
     begin = next(i for i, line in enumerate(lines) if line.text == "Orders Summary")

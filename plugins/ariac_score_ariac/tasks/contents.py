@@ -79,6 +79,7 @@ class Presence:
         exact_first = self.without_color == "aborts_unless_exact"
         aborts = self.without_color != "whole_name"
         aborting = _first_without_color(task, types, exact_first=exact_first) if aborts else None
+        # Taking one off for each slot satisfies min(ordered, delivered) slots of a type, the first in order.
         left = Counter(key(kind) for kind in types)
         delivered = ", ".join(sorted(types)) or "nothing"
         for wanted in task.products:
@@ -103,6 +104,7 @@ def _first_without_color(task: Task, types: Sequence[str], *, exact_first: bool 
     up to the first of its base type; with `exact_first` only where none of its exact
     name is left.
     """
+    # The order of the scans is that of AriacScorer.cpp: which name is met first decides whether it aborts.
     left = list(types)
     for wanted in task.products:
         if "_" not in wanted.type:
@@ -205,6 +207,7 @@ class NoneMissing(_Counted):
         return self._each(trial, order, Finding.violated, self._missing, "nothing is missing")
 
     def _missing(self, task: Task, contents: tuple[Product, ...]) -> str:
+        # The difference of two counters keeps what is positive.
         ordered, delivered = self._counts(task, contents)
         if self.compare == "number":
             have, need = len(sound(contents)), len(task.products)

@@ -1,6 +1,6 @@
-"""What the official score text says, taken as it is printed.
+"""Numbers of the official score text, taken as they are printed.
 
-Nothing is scored again here: a text that contradicts itself stays what it is.
+Nothing is scored again here, and a text that contradicts itself is not corrected.
 """
 
 from __future__ import annotations
@@ -110,6 +110,7 @@ class OfficialOrderScore:
             return factor
         if _by_simulator(printed):
             return 1.0
+        # Without a configuration the order is made of this very text, which did not print its priority.
         if order.outline:
             return None
         return self.priority_factor if order.priority > 1 else 1.0

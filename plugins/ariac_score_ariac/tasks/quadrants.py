@@ -78,6 +78,7 @@ def sight(trial: Trial, order: Order, task: Task) -> Sight:
         return Sight(submission, unknown=f"the log does not show the {what} it was handed in from")
     if wanted not in ("", "any", got):
         return Sight(submission, nothing=f"it was at {what} {got}; only {wanted} is looked at")
+    # An empty type says that there was none; a missing tray, that no log shows it.
     if submission.tray is not None and not submission.tray.type:
         return Sight(submission, nothing=f"no {base} was seen, so no part")
     if submission.contents is None:
@@ -85,15 +86,15 @@ def sight(trial: Trial, order: Order, task: Task) -> Sight:
     return Sight(submission, tuple(part for part in submission.contents if part_of(part.type)))
 
 
-def not_judged(order: Order, kinds: Sequence[str], why: str = "") -> Iterator[Finding]:
-    """For each slot of each task of another kind that a rule does not judge it.
+def not_judged(order: Order, kinds: Sequence[str]) -> Iterator[Finding]:
+    """A finding, "not applicable", for each slot of each task of another kind.
 
-    Said rather than passed over, so that a formula about the slot or task has an answer.
+    Without one a formula about that slot or task would have no answer.
     """
     for task in order.tasks:
         subject = f"{order.id}/{task.id}"
         if task.kind not in kinds:
-            message = why or f"a task of kind {task.kind} is none of {', '.join(kinds)}"
+            message = f"a task of kind {task.kind} is none of {', '.join(kinds)}"
             for slot in [f"{subject}/{wanted.slot}" for wanted in task.products] or [subject]:
                 yield Finding.not_applicable(slot, message)
 
@@ -161,7 +162,7 @@ class QuadrantPart:
         one ordered last. `judge: type` compares types, `color` colours. `upright`
         takes the angle between the vertical and the part's own vertical axis
         (`flip_vector: axis`), or that axis with the part's position on the tray added
-        to it (`axis_and_position`). `sound` asks for faulty parts: recorded marks
+        to it (`axis_and_position`). `sound` looks for faulty parts: by recorded marks
         where nothing is known of challenges; else only a challenged quadrant can have
         one. After an earlier quality check that is a part which the check has marked.
         Without one the part is faulty as soon as any part in the quadrant has type and
@@ -204,6 +205,7 @@ class QuadrantPart:
             return Finding.inconclusive(subject, why, clause=CLAUSE)
         if seen.submission is None or seen.nothing:
             return self._absent(subject, seen.nothing)
+        # As coded a quadrant has one set of points, which the product ordered last overwrites.
         rival = [other for other in task.products if other.quadrant == wanted.quadrant][-1]
         if rival is not wanted:
             return self._absent(subject, f"quadrant {wanted.quadrant} counts for {rival.slot}, ordered later")
@@ -259,6 +261,7 @@ class QuadrantPart:
         if faulty is None:
             why = "a part as ordered has no usable pose; it might lie in the challenged quadrant"
             return Finding.inconclusive(subject, why, clause=CLAUSE)
+        # Where both ways agree it does not matter whether there was an inspection.
         if faulty != _marked(part) and QUALITY_CHECK not in trial.witnessed:
             why = "the log does not show whether its challenged quadrant was inspected"
             return Finding.inconclusive(subject, why, clause=CLAUSE)
@@ -273,6 +276,7 @@ class QuadrantPart:
     def tilt_rad(self, pose: Pose) -> float:
         """The angle that decides whether a part is flipped, in rad."""
         x, y, z = pose.up_axis
+        # Until 2024.4.1 the tip of the axis was taken on the tray, and the part's position never subtracted.
         if self.flip_vector == "axis_and_position":
             px, py, pz = pose.position_m
             x, y, z = px + x, py + y, pz + z
@@ -281,6 +285,7 @@ class QuadrantPart:
 
 def _last_in(quadrant: int, parts: Sequence[Product]) -> tuple[Product | None, Product | None]:
     """The last part in a quadrant, and a later one that may lie there, its pose being unknown."""
+    # As coded each part in the list overwrites the points of its quadrant, so the last one counts.
     for part in reversed(parts):
         if part.pose is None:
             return None, part
@@ -301,8 +306,8 @@ def _inspected(trial: Trial, order: Order, seen: Sight) -> bool:
 
 
 def _fault(subject: str, part: Product, faulty: bool, why: str) -> Finding:
-    make, said = (Finding.violated, "faulty") if faulty else (Finding.satisfied, "sound")
-    return make(subject, f"{part.name or part.type} is {said}, {why}", clause=CLAUSE)
+    make, state = (Finding.violated, "faulty") if faulty else (Finding.satisfied, "sound")
+    return make(subject, f"{part.name or part.type} is {state}, {why}", clause=CLAUSE)
 
 
 def _holds_right_part(quadrant: int, task: Task, parts: Sequence[Product]) -> bool | None:
@@ -340,11 +345,11 @@ class ExtraParts:
                 yield Finding.inconclusive(subject, seen.unknown, clause=CLAUSE)
                 continue
             found, ordered = len(seen.parts), len(task.products)
-            told = f"{found} parts on the tray, {ordered} ordered"
+            counts = f"{found} parts on the tray, {ordered} ordered"
             for number in range(1, found - ordered + 1):
-                yield Finding.violated(subject, f"{told}: extra part {number}", clause=CLAUSE)
+                yield Finding.violated(subject, f"{counts}: extra part {number}", clause=CLAUSE)
             if found <= ordered:
-                yield Finding.satisfied(subject, seen.nothing or told, clause=CLAUSE)
+                yield Finding.satisfied(subject, seen.nothing or counts, clause=CLAUSE)
 
 
 def _each_other_task(order: Order) -> Iterator[Finding]:
@@ -357,6 +362,7 @@ def _each_other_task(order: Order) -> Iterator[Finding]:
 
 _TRAY = "kit_tray"
 _TRAY_NUMBER = slice(9, 11)
+"""The characters that the task manager reads as the number, whatever follows them."""
 
 
 def tray_number(model: str) -> int | None:

@@ -59,6 +59,7 @@ class WrongColorPose:
                 f"the simulator would have aborted at the product name {nameless[0]!r}, which has no colour",
                 clause=_CLAUSE,
             )
+        # Without a group the loop over wrong colours is never entered: no pose and no name decides anything.
         rivals = [[p for p in wrong if self._alike(wanted, p)] for wanted in task.products]
         if groups and any(
             near and (wanted.pose is None or any(p.pose is None for p in near))

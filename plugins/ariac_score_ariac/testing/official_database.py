@@ -24,7 +24,7 @@ CREATE TABLE Penalty (id INTEGER PRIMARY KEY, run_id INTEGER, type INTEGER, desc
 CREATE TABLE OrderSubmission (id INTEGER PRIMARY KEY, run_id INTEGER, submission_time REAL,
     announcement_time REAL, time_limit REAL, order_type INTEGER);
 """
-"""The columns of the official schema; notes on log formats, section 10."""
+"""The tables of the official schema without its view; notes on log formats, section 10."""
 
 TEAMS_2025 = {"aurora": 7400.0, "borealis": 9900.0, "cygnus": 5200.0}
 """The sensor cost of each team, dollars."""
@@ -49,7 +49,7 @@ def write_database_competition(path: Path, *, seed: int = 2025) -> None:
         seed: For what happens in the runs.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)
+    path.unlink(missing_ok=True)  # SQLite would add to what is there
     chance = random.Random(seed)  # noqa: S311  # an example, not a secret
     database = sqlite3.connect(path)
     try:
@@ -79,6 +79,7 @@ def _add_run(database: sqlite3.Connection, trial: int, team: int, name: str, cha
     orders = [(_KIT, 0.0)] * kits + [(_MODULE, 0.0)] * modules
     orders += [(_HIGH_PRIORITY, _ms(100 + 200 * i + 50 * chance.random())) for i in range(high_priority)]
     aborted = chance.random() < flaw_rate / 2
+    # An aborted run ended before all orders were in.
     handed_in = orders[: len(orders) // 2] if aborted else orders
     cells, defective = 40, 2 + int(6 * chance.random())
     now_s = 30.0

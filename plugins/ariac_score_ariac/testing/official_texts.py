@@ -23,6 +23,8 @@ __all__ = [
 
 CRASHED = "Gazebo Crashed score not recorded\n"
 CANCELLED = "Process cancelled by user"
+"""What the evaluation script writes into `trial_log.txt`, the second without a line end; section 5.2."""
+
 PRICES = {
     "break_beam": 100,
     "proximity": 100,
@@ -219,11 +221,12 @@ def _quadrants(order: PlannedOrder, outcome: Outcome) -> Iterator[str]:
 
 
 def _parts(order: PlannedOrder, outcome: Outcome) -> Iterator[str]:
-    wanted = sorted(enumerate(order.parts), key=lambda item: item[1][0])  # battery, pump, regulator, sensor
+    # Battery, pump, regulator, sensor: the simulator has one record for each type, in this order.
+    wanted = sorted(enumerate(order.parts), key=lambda item: item[1][0])
     for i, (kind, color) in wanted:
         flaw = outcome.flaws[i]
         if flaw == "none":
-            continue
+            continue  # no part, no record of it
         yield f"\tPart: {_other(color) if flaw == 'color' else color} {kind}"
         yield f"\t\tPart score: {outcome.points(order, i)}"
         yield "\t\tCorrect type: yes"

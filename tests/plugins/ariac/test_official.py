@@ -496,6 +496,8 @@ def transcribed(teams: Teams) -> list[float]:
 
 
 def trial_2024(dollars: int, orders: Mapping[str, tuple[int, str | None]]) -> Trial:
+    # In the order of the configuration, as the program adds up. Drawn dictionaries come in any order.
+    orders = {name: orders[name] for name in IDS}
     summaries = tuple(
         OfficialOrder(
             name,
