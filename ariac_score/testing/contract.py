@@ -93,7 +93,7 @@ class _Checked:
             ("built_by_name", "a rule set can build it, with parameters by name", self.built_by_name),
             ("time_budget", "it keeps its budget of processor time", self.time_budget),
             ("prints_nothing", "it prints nothing", self.prints_nothing),
-            ("at_least_one_finding", "silence is not a verdict, whatever the trial", self.speaks),
+            ("at_least_one_finding", "silence is not a verdict, whatever the trial", self.finds_something),
             ("units_declared", "margins and evidence have a unit", self.units_declared),
             ("spans_inside", "spans and evidence lie inside the trial", self.spans_inside),
             ("same_trial_same_findings", "the same trial gives the same findings", self.repeats),
@@ -112,7 +112,7 @@ class _Checked:
             ]
         else:
             named.append(("missing_submissions", "what is not recorded is not assumed", self.submissions))
-        # By the name alone: whoever has `begin` means to be online, and is held to all of it.
+        # By the name alone: a class with `begin` means to be online, and must keep all of that contract.
         if hasattr(self.check, "begin"):
             named += [
                 ("one_by_one", "one sample at a time equals the whole log", self.one_by_one),
@@ -208,7 +208,7 @@ class _Checked:
         if self.printed:
             raise self.broken(self.printed[0])
 
-    def speaks(self) -> None:
+    def finds_something(self) -> None:
         # Loops over bodies or events end without a finding where there are none.
         for trial in (
             self.trial,
@@ -246,7 +246,7 @@ class _Checked:
             for t_s in times:
                 if not start_s <= t_s <= end_s:
                     raise self.broken(
-                        f"speaks of {t_s:g} s, outside the trial from {start_s:g} s to {end_s:g} s: "
+                        f"gives the time {t_s:g} s, outside the trial from {start_s:g} s to {end_s:g} s: "
                         f"{finding.message!r}"
                     )
 

@@ -111,7 +111,7 @@ class OnlineChecks:
         if not isinstance(standing, InstantVerdict):
             raise self._broken(f"steps to a {type(standing).__name__}, which is no InstantVerdict")
         if not standing.t_s <= now_s:
-            raise self._broken(f"speaks of {standing.t_s:g} s when only {now_s:g} s has come")
+            raise self._broken(f"judges {standing.t_s:g} s when only {now_s:g} s has come")
         if standing.robustness is not None and not (standing.unit and math.isfinite(standing.robustness)):
             raise self._broken(f"gives a margin that is infinite or has no unit: {standing.message!r}")
 
@@ -120,7 +120,7 @@ class OnlineChecks:
     ) -> None:
         for before, after in pairwise(verdicts):
             if not before.t_s < after.t_s:
-                raise self._broken(f"speaks of {subject!r} at {before.t_s:g} s and then at {after.t_s:g} s")
+                raise self._broken(f"judges {subject!r} at {before.t_s:g} s and then at {after.t_s:g} s")
             if before.final and after.verdict is not before.verdict:
                 raise self._broken(
                     f"calls {subject!r} {before.verdict.value} for good at {before.t_s:g} s, "

@@ -76,7 +76,7 @@ def event_messages(trial: Trial, *, leave_out: Collection[str] = ()) -> Iterator
 
     Args:
         trial: Whose events.
-        leave_out: Kinds of events that other messages of the recording tell.
+        leave_out: Kinds of events that the recording has as other messages.
     """
     topic, msgtype = "/ariac_score/events", "ariac_score_msgs/msg/TrialEvent"
     # Submissions and bodies are witnessed by messages of their own.

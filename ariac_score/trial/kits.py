@@ -46,6 +46,7 @@ class ModelTrack:
     def exists(self, frame: int) -> bool:
         """Whether it was there in a frame: listed by then, and not deleted since."""
         row = int(np.searchsorted(self.frames, frame, side="right")) - 1
+        # A model that is listed again after its deletion was put there anew.
         gone = int(np.searchsorted(self.deleted, frame, side="right")) - 1
         return row >= 0 and (gone < 0 or bool(self.deleted[gone] <= self.frames[row]))
 
@@ -77,6 +78,7 @@ class RecordedKits:
 
     def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
         """The last contents recorded at or before a time, unless they are older than allowed."""
+        # To the right of equal times: contents of the instant of the submission are those handed in.
         last = bisect_right(self._times.get(place, []), t_s) - 1
         if last < 0 or t_s - self._times[place][last] > max_age_s:
             return None
@@ -93,6 +95,7 @@ def with_contents(trial: Trial, *, max_age_s: float) -> Trial:
         trial: With everything its parts say.
         max_age_s: How old contents may be at the submission, s.
     """
+    # After all parts are merged: one log may show the tray, another the submission.
     tasks = {task.id: task for order in trial.orders for task in order.tasks}
     joined = [_joined(trial, s, tasks.get(s.task_id), max_age_s) for s in trial.submissions]
     count = sum(1 for old, new in zip(trial.submissions, joined, strict=True) if new is not old)
@@ -117,7 +120,10 @@ def with_contents(trial: Trial, *, max_age_s: float) -> Trial:
 
 
 def _sight(trial: Trial, submission: Submission, task: Task | None, max_age_s: float) -> Kit | None:
-    """The first sight of a submitted kit in the records of the trial."""
+    """What the first record that has any shows of a submitted kit.
+
+    Messages stand first: simulators publish in them what they score, which poses only stand in for.
+    """
     at_station = task is not None and task.kind != "kitting"
     place = submission.station if at_station else submission.agv
     for record in trial.kits if place else ():

@@ -27,7 +27,7 @@ def by_challenges(
 ) -> tuple[Product, ...] | None:
     """Faulty is what a quality check has renamed; unknown where the challenges of the order are.
 
-    A part keeps its name until it is inspected. So a name without the ending tells a sound
+    A part keeps its name until it is inspected. So a name without the ending means a sound
     part only where it is known which quadrants have a faulty-part challenge.
 
     Source: ARIAC 2023 and 2024 as coded; parts of assemblies are never faulty.

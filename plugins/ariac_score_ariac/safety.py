@@ -92,7 +92,7 @@ class HumanContact(LimitMonitor):
         return f"{self.distance}/{{robot}}/{{human}}"
 
     def needs(self) -> Iterator[SignalNeed]:
-        """The distance between the two, and what tells whether the robot moved."""
+        """The distance between the two, and the speed, which shows whether the robot moved."""
         yield SignalNeed(self.distance, "m", self.max_gap_s)
         yield SignalNeed("speed", "m/s", self.max_gap_s, optional=True)
 
@@ -148,6 +148,7 @@ class HumanContact(LimitMonitor):
             )
 
     def _contact(self, limit: JudgedLimit, episode: Episode, exposure: Mapping[str, float]) -> Finding:
+        # Robustness against the contact distance: `limit` is the next number above it.
         watched, worst = limit.watched, episode.worst
         distance_m, speed = float(limit.bound.actual[worst]), watched.get(SPEED)
         return Finding(
@@ -223,6 +224,7 @@ class _EventsOnline:
         self._arrivals.take(samples)
         for event in events:
             subject = event.subject or "trial"
+            # An instant has one verdict for each subject.
             if event.kind == self._monitor.kind and event.t_s > self._last_s.get(subject, -inf):
                 self._last_s[subject] = event.t_s
                 words = f"{event.kind.replace('_', ' ')} at {event.t_s:.3f} s"
@@ -423,6 +425,7 @@ class CollisionEpisodes:
             yield Finding.inconclusive(subject, message, span=gap, clause=_COLLISION_CLAUSE)
         both = first.kind == second.kind == "robot"
         for span, hardness in collisions:
+            # The database of 2025 has a row for each of the two robots.
             weight = self.robot_robot_weight if both else 1
             speed = self._speed_against(trial, first, second, span.start_s)
             yield self._collision(subject, span, weight, speed, hardness)

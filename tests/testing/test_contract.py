@@ -346,7 +346,12 @@ BAD: dict[str, tuple[str, str, str, str]] = {
         "units_declared",
         "in 'km/h', recorded in 'm/s'",
     ),
-    "speaks of another time": ("span=speed.span", "span=Span(0.0, 1e4)", "spans_inside", "speaks of 10000 s"),
+    "speaks of another time": (
+        "span=speed.span",
+        "span=Span(0.0, 1e4)",
+        "spans_inside",
+        "gives the time 10000 s",
+    ),
     "counts its calls": (
         SPEAK,
         "        STATE.append(1)\n        yield Finding.violated('t', f'call {len(STATE)}')\n" + SPEAK,

@@ -29,7 +29,7 @@ class TrialConfigReader:
     """Reads the orders of a trial configuration, and the numbers it states of the trial.
 
     Orders and their updates are given side by side, without times: when each was
-    announced, and so whether an update came, only a log of the trial can tell.
+    announced, and so whether an update came, is only in a log of the trial.
 
     Reads:
         Orders with their tasks, products and poses; of 2025 how many orders of each kind.
@@ -104,6 +104,7 @@ def _trial(path: Path) -> Trial:
     if "orders" in root:
         faulty = _faulty_products(values, root)
         orders, facts = _orders(values, root), _time_limit(values, root)
+    # With some keys missing it is still meant as one of 2025; the message then names the first of them.
     elif len(root.keys() & set(REQUIRED_KEYS)) > 2:
         facts = order_counts(values, root)
     else:

@@ -114,7 +114,7 @@ def _listed_order(
 def _check_announcement(
     values: ConfigValues, order: Mapping[Any, Any], path: ConfigPath, ids: Sequence[str]
 ) -> None:
-    """That an order says when it is announced; the time itself only a log can tell."""
+    """Check that an order has a condition for its announcement; the time itself is only in a log."""
     place = (*path, "announcement")
     condition = values.mapping(values.given(order, "announcement", path), place)
     for kind, value in condition.items():

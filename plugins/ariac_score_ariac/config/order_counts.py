@@ -128,7 +128,7 @@ def _high_priority(values: ConfigValues, root: Mapping[Any, Any]) -> int:
                 "both count, as in the official score",
             )
         seen.add(order["ID"])
-    return len(orders)
+    return len(orders)  # as the simulator fills `num_high_priority` of its database
 
 
 def _check_challenge(values: ConfigValues, kind: str, challenge: Any, path: ConfigPath) -> None:

@@ -105,7 +105,7 @@ def _order(
 
 
 def _check_announcement(values: ConfigValues, order: Mapping[Any, Any], path: ConfigPath) -> None:
-    """That an order says what its announcement waits for; when that came only a log can tell."""
+    """Check what the announcement of an order waits for; when that came is only in a log."""
     condition = order.get("announcement_condition", "time")
     place = (*path, "announcement_condition_value")
     limit = order.get("announcement_condition_value", 0)

@@ -198,6 +198,7 @@ def _sensors(values: ConfigValues, root: Mapping[Any, Any]) -> dict[str, str]:
         if root.get(key) is not None:
             for name, sensor in values.mapping(root[key], (key,)).items():
                 _add(values, sensors, str(name), _placed_type(values, sensor, (key, str(name))), key)
+            # No cost depends on where a sensor stands, so an odd number there is named and no more.
             values.note_numbers(root[key], (key,), lambda path: path[-2] in ("xyz", "rpy"))
     if root.get("robot_cameras") is not None:
         for name, camera in values.mapping(root["robot_cameras"], ("robot_cameras",)).items():

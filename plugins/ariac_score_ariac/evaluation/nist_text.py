@@ -62,7 +62,7 @@ class NistTextEvaluation:
     """
 
     def evaluate(self, logs: Path, orders: Mapping[str, Sequence[OrderPlan]]) -> Evaluation:
-        """Evaluate every team folder, whoever takes part."""
+        """Evaluate every team folder, whether or not the competition lists the team."""
         teams = {team.name: [_texts(run) for run in _folders(team)] for team in _folders(logs)}
         # The program takes trials from the folders; of one without a configuration it knows no order.
         found = {run.trial for runs in teams.values() for run in runs}

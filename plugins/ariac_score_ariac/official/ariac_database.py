@@ -212,6 +212,7 @@ def _trial(run: DatabaseRun, path: Path) -> Trial:
     # Every accepted submission and every penalty is a row: what has none did not happen.
     builder.witnessed |= {"submissions", *PENALTY_TYPES.values()}
     for number, (kind, t_s, description) in enumerate(run.penalties, start=1):
+        # Numbered subjects: each penalty is one finding, also several of one kind and time.
         builder.add(Event(t_s, kind, f"penalty_{number}", description))
     orders: list[OfficialOrder] = []
     for kind, announced_s, submitted_s in run.submissions:
@@ -376,6 +377,7 @@ class _Row:
         value = self.values[column]
         if value is None:
             return 0.0  # the schema's own default
+        # SQLite stores what it is given, whatever type the column was declared with.
         if not isinstance(value, (int, float)) or not math.isfinite(value):
             raise self.fault(column, "is not a finite number")
         return float(value)

@@ -138,7 +138,7 @@ class PerformanceLogReader:
         )
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
-        """Events, the official result, and the submissions the final score speaks of.
+        """Events, the official result, and the submissions that the final score lists.
 
         The text never shows what a shipment held: submissions come without contents,
         so that whatever depends on them stays undecided.
@@ -472,7 +472,7 @@ class _Times:
         return max(known) if known else None
 
     def events(self) -> Iterator[Event]:
-        """The events whose time the log tells."""
+        """The events whose time the log gives."""
         if self.started_s is not None:
             yield Event(self.started_s, COMPETITION_STARTED)
         if self.ended_s is not None:
@@ -539,7 +539,7 @@ def _add_score(builder: TrialBuilder, log: _ParsedLog, score: _Score, times: _Ti
         builder.events.extend(_drops(int(score.dropped), log, times, end_s))
     _add_submissions(builder, score, times, where)
     # From 2021 on shipments of a kind are scored only once one of them was handed in. So a score without any
-    # shows that none was, unless some record speaks of a submission.
+    # shows that none was, unless some record mentions a submission.
     if score.complete and not log.submits and not any(order.shipments for order in score.orders):
         builder.witnessed.add("submissions")
 

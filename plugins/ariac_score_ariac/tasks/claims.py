@@ -102,6 +102,7 @@ def undecidable(
             subject, "it was submitted, but the log does not show what was on the tray", clause=clause
         )
     changed_s = order.announced_s if order is not None else None
+    # Happens only where submissions count from the first announcement on (2017, 2018).
     if submission is not None and changed_s is not None and submission.submitted_s < changed_s:
         return Finding.inconclusive(
             subject,

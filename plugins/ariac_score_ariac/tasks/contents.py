@@ -71,6 +71,7 @@ class Presence:
                         slot, f"{wanted.type}: {NOT_SUBMITTED}", clause=clause
                     )
                 continue
+            # Faulty products are worth nothing, so they take no slot.
             types = [delivered_type(p.type, self.type_names) for p in sound(submission.contents or ())]
             yield from self._present(subject, task, types, clause)
 
@@ -266,6 +267,7 @@ class RightNumber:
         )
 
     def _differs(self, task: Task, contents: tuple[Product, ...]) -> str:
+        # As coded faulty products are set apart and still counted in the total.
         have = len(contents) if self.count_faulty else len(sound(contents))
         return "" if have == len(task.products) else f"{have} objects, ordered {len(task.products)}"
 

@@ -88,6 +88,7 @@ class Destination:
             places.append(("AGV", task.agv, submission.agv, self.known_agvs))
         if self.compare != "agv":
             places.append(("station", task.station, submission.station, self.known_stations))
+        # An empty or unknown name matches nothing, whatever AGV the shipment left on.
         never = [f"{what} {wanted or 'none'}" for what, wanted, _, known in places if _unknown(wanted, known)]
         # An order that names no station leaves it open, unless the simulator has a list of names.
         places = [found for found in places if found[3] or found[1] not in ("", "any")]

@@ -13,6 +13,7 @@ from ariac_score_ariac.tasks.poses import best_total
 from ariac_score_ariac.tasks.quadrants import Sight, not_judged, sight, tasks_of
 
 KINDS = ("assembly", "combined")
+"""Both are built in an insert; they differ in their points and in where the parts come from."""
 CLAUSE = "ARIAC 2023 and 2024, assembly as coded"
 
 _INSERT = "assembly_insert"
@@ -164,6 +165,7 @@ class InsertedPart:
         if not alike:
             words = seen.nothing or f"no {ordered[0]} in the insert for it"
             yield Finding.violated(subject, words, clause=CLAUSE)
+        # As coded the points of all pairs add up, so that two parts of a type count twice for each slot.
         for number, part in enumerate(alike, start=1):
             name = f"{part.name or part.type}" + (f" ({number} of {len(alike)})" if len(alike) > 1 else "")
             yield self._pair(subject, wanted, part, name)
@@ -192,6 +194,7 @@ class InsertedPart:
         dx, dy, dz = fx - wx, fy - wy, fz - wz
         distance_m = math.sqrt(dx * dx + dy * dy + dz * dz)
         limits = [Limit("distance", distance_m, "m", at_most=self.max_distance_m)]
+        # As coded 0.95, some 36 degrees; the constant for the documented 15 degrees is never used.
         if self.min_quaternion_dot is not None:
             dot = wanted.quaternion_dot(found)
             limits.append(Limit("quaternion dot", dot, "1", at_least=self.min_quaternion_dot))

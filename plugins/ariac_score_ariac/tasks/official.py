@@ -75,6 +75,7 @@ class OfficialOrderScore:
             return Finding.inconclusive(order.id, "the official text does not say whether it was handed in")
         quantities = self._quantities(order, printed)
         if not printed.submitted:
+            # A text may print no score for it.
             quantities = {"score": 0.0} | quantities
             words = f"not handed in by the official text; score {quantities['score']:g}"
             return Finding(order.id, Verdict.VIOLATED, words, quantities=quantities, units=_units(quantities))
@@ -89,6 +90,7 @@ class OfficialOrderScore:
         """What is known of the order, by name."""
         score, factor = printed.score, self._factor(order, printed)
         total = _number(printed.items, *_TOTALS) if _by_simulator(printed) else None
+        # Until 2022 the total is printed with the factor; from 2023 on scores are, and without it.
         if total is None and score is not None and factor is not None:
             total = score * factor
         known = {
@@ -159,6 +161,7 @@ class OfficialTrialScore:
         missing = [name for name in self.requires if name not in quantities]
         if missing:
             return Finding.inconclusive(_SUBJECT, f"the official text does not say the {_words(missing[0])}")
+        # The printed total is 0 already; the verdict says why.
         collided = quantities.get("collisions", 0.0) > 0
         words = (
             f"arms collided by the official text; {_shown(quantities)}" if collided else _shown(quantities)

@@ -81,6 +81,7 @@ class PoseTest:
 
     def error(self, wanted: Pose, delivered: Pose) -> PoseError:
         """The error of a delivered pose as this test sees it."""
+        # The ordered one is never normalised, in no edition.
         return PoseError.between(wanted, delivered.normalised() if self.normalise_delivered else delivered)
 
     def limits(self, error: PoseError) -> tuple[Limit, ...]:
@@ -227,6 +228,7 @@ class KitPose:
             assert pose is not None  # only a part with a pose passes
             nearest = self.test.error(slot.pose, pose)
         elif errors:
+            # Which part was meant is unknown; the nearest shows the least that is wrong.
             nearest = min(errors, key=lambda error: error.distance_m)
         else:
             return Finding.violated(subject, f"no {slot.type} on the tray", clause=clause)
@@ -257,6 +259,7 @@ def greedy_assignment(passing: Sequence[Sequence[int]], parts: int) -> list[int 
     >>> greedy_assignment([[0, 1], [0]], 2)
     [0, None]
     """
+    # Parts outside, slots inside: the order of delivery decides, as coded.
     part_of: list[int | None] = [None] * len(passing)
     for part in range(parts):
         for slot, fitting in enumerate(passing):
@@ -377,5 +380,6 @@ class TrayRight:
         test = PoseTest(
             self.max_distance_m, self.min_quaternion_dot, None, max_rotation_rad=self.max_rotation_rad
         )
+        # Rulebook 2022: the ordered pose is the identity at the middle of the AGV.
         error = test.error(wanted.pose or Pose((0.0, 0.0, 0.0)), got.pose)
         return Finding.from_limits(subject, *test.limits(error), clause=clause)

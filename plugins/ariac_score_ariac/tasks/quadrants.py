@@ -217,6 +217,7 @@ class QuadrantPart:
             return self._absent(subject, f"quadrant {wanted.quadrant} is empty")
         found = part_of(part.type)
         assert found is not None  # only parts are seen
+        # A part of the wrong type earns nothing, so its colour, tilt and faults are not compared.
         if found[0] != ordered[0]:
             return self._absent(subject, f"a {' '.join(found[::-1])} lies in quadrant {wanted.quadrant}")
         if self.compare == "sound":
@@ -232,6 +233,7 @@ class QuadrantPart:
         """The finding about a part of the right type."""
         assert part.pose is not None  # it was found by its place
         if self.compare == "upright":
+            # As coded: not flipped only below the limit.
             tilt = Limit("tilt", self.tilt_rad(part.pose), "rad", at_most=self.max_tilt_rad, strict=True)
             return Finding.from_limits(subject, tilt, clause=CLAUSE)
         right = self.compare == "type" or part_of(part.type) == part_of(wanted.type)

@@ -98,6 +98,7 @@ class RunRecord:
             return
         numbers = {name: trial.facts[name] for name in _FACTS}
         unfinished = not numbers["completed"] and not numbers["aborted"]
+        # The bonus for time divides by it.
         if not numbers["time_limit_s"] > 0:
             yield Finding.inconclusive(_SUBJECT, f"a time limit of {numbers['time_limit_s']:g} s is none")
         elif unfinished and self.unfinished == "undecided":

@@ -58,6 +58,7 @@ class SensorCost:
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """One finding about the team."""
         team = trial.team or TeamSetup()
+        # What the simulator counted stands; a configuration then only explains it, or differs in the message.
         recorded = None if self.take == "configured" else team.sensor_cost
         if recorded is not None:
             yield self._recorded(team, recorded)

@@ -57,6 +57,7 @@ class PlannedOrder:
     def most(self) -> int:
         """The most it can score."""
         n = len(self.parts)
+        # Kitting 1 + 3n + n, assembly 3n + n, combined 5n + n: rulebook, section 8.
         return _POINTS[self.kind] * n + n + (1 if self.kind == "kitting" else 0)
 
 
@@ -70,6 +71,7 @@ class Outcome:
 
     def points(self, order: PlannedOrder, i: int) -> int:
         """The points of one part."""
+        # A wrong colour costs a point; flipped, faulty, misplaced or of another type a part earns nothing.
         if self.flaws[i] in ("", "color"):
             return _POINTS[order.kind] - (self.flaws[i] == "color")
         return 0
