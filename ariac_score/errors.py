@@ -130,7 +130,18 @@ class UnknownFactError(FormulaError):
 
 
 class PluginError(ScoreError):
-    """A plugin raised or broke its contract; the message names its distribution and version."""
+    """A plugin raised or broke its contract; the message names its distribution and version.
+
+    Args:
+        fault: What is wrong; with `origin` a predicate, such as `cannot be imported`.
+        origin: The plugin with distribution and version; empty where `fault` names it already.
+        file: The file it is about.
+        hint: What to do about it.
+    """
+
+    def __init__(self, fault: str, *, origin: str = "", file: object = None, hint: str = "") -> None:
+        self.origin, self.fault = origin, fault
+        super().__init__(f"plugin {origin} {fault}" if origin else fault, file=file, hint=hint)
 
 
 class PluginNotFoundError(PluginError):

@@ -26,7 +26,7 @@ from ariac_score import load_rule_set
 from ariac_score.batch.local import usable_cores
 from ariac_score.batch.tasks import BatchSetting, Limits, plan_batch
 from ariac_score.batch.worker import perform
-from ariac_score.testing.competitions import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
+from ariac_score_ariac.testing.official_texts import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 
 RULES = "ariac2024.official"
 EXAMPLE = Path(__file__).parents[1] / "examples" / "kitting_near_miss.mcap"

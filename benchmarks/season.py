@@ -33,7 +33,7 @@ from typing import Any
 
 from ariac_score.batch.index import Row
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
-from ariac_score.testing.competitions import CANCELLED, CRASHED
+from ariac_score_ariac.testing.official_texts import CANCELLED, CRASHED
 
 BASE = "paper2020"
 LOG = "log.jsonl"

@@ -33,14 +33,14 @@ from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
     Recorded,
     kitting_trial,
-    recorded_messages,
     write_bag,
     write_event_log,
     write_trial_log,
 )
-from ariac_score.testing.competitions import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
-from ariac_score.testing.competitions import write_database_competition as write_database
 from ariac_score.testing.repacked import McapForm, repacked
+from ariac_score_ariac.testing.official_database import write_database_competition as write_database
+from ariac_score_ariac.testing.official_texts import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
+from ariac_score_ariac.testing.recordings import recorded_messages
 
 __all__ = ["CORPUS", "write_corpus"]
 

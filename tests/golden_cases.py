@@ -22,10 +22,10 @@ from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
     Recorded,
     kitting_trial,
-    recorded_messages,
     write_bag,
     write_trial_log,
 )
+from ariac_score_ariac.testing.recordings import recorded_messages
 
 Case = Callable[[Path], list[str]]
 CASES: dict[str, Case] = {}

@@ -16,10 +16,10 @@ from ariac_score.testing import (
     NEAR_MISS,
     SNAPSHOT_SIGNALS,
     kitting_trial,
-    recorded_messages,
     write_bag,
     write_trial_log,
 )
+from ariac_score_ariac.testing.recordings import recorded_messages
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"

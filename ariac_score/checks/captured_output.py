@@ -16,25 +16,25 @@ _STDOUT = 1
 """The file descriptor of standard output, which libraries in C and other processes write to."""
 
 
-def _to_stderr(words: str) -> None:
-    sys.stderr.write(f"notice: {words}\n")
+def _to_stderr(origin: str, fault: str) -> None:
+    sys.stderr.write(f"notice: plugin {origin} {fault}\n")
 
 
 @contextmanager
-def quiet(origin: str, say: Callable[[str], None] = _to_stderr, *, deep: bool = False) -> Iterator[None]:
+def quiet(origin: str, say: Callable[[str, str], None] = _to_stderr, *, deep: bool = False) -> Iterator[None]:
     """Hold back what is printed in the body, and say which plugin printed it.
 
     Args:
         origin: The plugin that runs in the body, with its distribution and version.
-        say: Where the notice goes; by default to standard error.
+        say: Takes the origin and what was printed; by default a notice goes to standard error.
         deep: Whether output that bypasses `print` is held back too: of libraries in C, of
             other processes. It takes a temporary file, so not for every message of a log.
 
     >>> notices = []
-    >>> with quiet("loud.rule (loud-rules 1.0)", notices.append):
+    >>> with quiet("loud.rule (loud-rules 1.0)", lambda origin, fault: notices.append(fault)):
     ...     print("hello")
     >>> notices
-    ["plugin loud.rule (loud-rules 1.0) printed 'hello'; plugins speak through findings alone"]
+    ["printed 'hello'; plugins speak through findings alone"]
     """
     printed = io.StringIO()
     diverted: list[str] = []
@@ -50,7 +50,7 @@ def quiet(origin: str, say: Callable[[str], None] = _to_stderr, *, deep: bool = 
         if lines:
             more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
             first = lines[0].strip()[:80]
-            say(f"plugin {origin} printed {first!r}{more}; plugins speak through findings alone")
+            say(origin, f"printed {first!r}{more}; plugins speak through findings alone")
 
 
 @contextmanager

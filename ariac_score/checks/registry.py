@@ -73,7 +73,8 @@ class Plugin:
                 return EntryPoint(self.name, self.target, self.group).load()
         except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
             raise PluginError(
-                f"plugin {self.origin} cannot be imported: {type(cause).__name__}: {cause}",
+                f"cannot be imported: {type(cause).__name__}: {cause}",
+                origin=self.origin,
                 hint=f"repair or reinstall {self.distribution}",
             ) from cause
 
@@ -93,7 +94,8 @@ class Plugin:
             fields = parameters_of(kind)
         except (NameError, TypeError, AttributeError) as cause:
             raise PluginError(
-                f"plugin {self.origin} has a parameter whose type cannot be resolved: {cause}",
+                f"has a parameter whose type cannot be resolved: {cause}",
+                origin=self.origin,
                 hint="annotate parameters with types that exist when the plugin runs",
             ) from cause
         values: dict[str, Any] = {}
@@ -122,14 +124,16 @@ class Plugin:
             ) from None
         except (Exception, SystemExit) as cause:
             raise PluginError(
-                f"plugin {self.origin} cannot be built: {type(cause).__name__}: {cause}",
+                f"cannot be built: {type(cause).__name__}: {cause}",
+                origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             ) from cause
         from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # numpy, which --help does without
 
         if not isinstance(plugin, GROUPS[self.group]):
             raise PluginError(
-                f"plugin {self.origin} does not keep the contract of a {GROUPS[self.group].__name__}",
+                f"does not keep the contract of a {GROUPS[self.group].__name__}",
+                origin=self.origin,
                 hint="see ariac_score.checks.contracts for the methods it must have",
             )
         return plugin
@@ -138,7 +142,8 @@ class Plugin:
         problem = not_by_name(kind)
         if problem:
             raise PluginError(
-                f"plugin {self.origin} cannot be built: its constructor {problem}",
+                f"cannot be built: its constructor {problem}",
+                origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             )
 

@@ -19,7 +19,7 @@ from ariac_score.trial.model import Trial
 
 __all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
 
-Notice = Callable[[str], None]
+Notice = Callable[[str, str], None]
 
 BUDGET_S = 30.0
 """Processor time a plugin may take for a million samples, s. Generous: a vectorised monitor takes 0.1 s."""
@@ -49,7 +49,8 @@ def ask(
         name: Name of the check.
         check: The built plugin.
         trial: With the derived signals.
-        notice: Called when the plugin prints; by default a notice goes to standard error.
+        notice: Takes the origin of a plugin that prints, and what it printed; by default a notice
+            goes to standard error.
 
     Raises:
         PluginError: The plugin raised, yielded nothing or something else, or changed the trial.

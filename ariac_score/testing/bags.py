@@ -1,4 +1,4 @@
-"""Writing small recordings for tests, the same bytes every time."""
+"""Writing small recordings for tests, with the same bytes every time."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from ariac_score.logs.containers.inflating import inflate
 __all__ = ["Recorded", "Storage", "write_bag"]
 
 _CHUNK = 0x06
+"""Opcode of an MCAP chunk."""
 
 Storage = Literal["ros1", "sqlite3", "mcap"]
 
@@ -71,6 +72,7 @@ def write_bag(
     if storage == "ros1":
         _write_ros1(path, messages, compression, chunk_bytes)
     elif path.suffix in (".db3", ".mcap"):
+        # rosbags writes folders alone; the one file in it is what is wanted.
         with TemporaryDirectory() as parent:
             folder = Path(parent, path.stem)
             _write_ros2(folder, messages, storage, compression)
@@ -119,7 +121,7 @@ def _write_ros2(
 
 def _with_chunk_crcs(mcap: bytes) -> bytes:
     """The same file with chunk checksums, which rosbags leaves out and recorders write."""
-    out, at = bytearray(mcap), 8
+    out, at = bytearray(mcap), 8  # the magic is 8 bytes, at both ends
     while at < len(mcap) - 8:
         op, length = struct.unpack_from("<BQ", mcap, at)
         body = at + 9
@@ -136,6 +138,7 @@ def _with_chunk_crcs(mcap: bytes) -> bytes:
 def _built(store: Typestore, type_: str, given: Mapping[str, Any]) -> Any:
     """A message object with the given fields."""
     fields = dict(store.fielddefs[type_][1])
+    # Headers have `seq` in ROS 1 alone; one set of fields serves both.
     unknown = sorted(given.keys() - fields.keys() - {"seq"})
     if unknown:
         raise ValueError(f"{type_} has no field {unknown[0]!r}; it has {', '.join(fields)}")
@@ -150,8 +153,10 @@ def _value(store: Typestore, description: Any, given: Any) -> Any:
     if kind == Nodetype.BASE:
         return given if given is not None else _ZEROS.get(detail[0], 0)
     element, length = detail
+    # A sequence that is not given is empty; an array always has its length.
     count = length if kind == Nodetype.ARRAY and given is None else 0
     elements = [None] * count if given is None else list(given)
+    # rosbags takes numbers as arrays of their exact type, and everything else as lists.
     if element[0] == Nodetype.BASE and element[1][0] != "string":
         return np.array(
             [0 if e is None else e for e in elements], dtype=_DTYPES.get(element[1][0], element[1][0])

@@ -1,4 +1,4 @@
-"""The contracts of plugins as checks that any test can run, and any referee.
+"""The contracts of plugins as checks that any test, and any referee, can run.
 
     @pytest.mark.parametrize("check", contract_checks(MONITOR, made_trial()))
     def test_keeps_the_monitor_contract(check: ContractCheck) -> None:
@@ -22,6 +22,7 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.testing.contract_check import (
+    HINT,
     ContractCheck,
     ContractError,
     built_by_name,
@@ -42,7 +43,7 @@ __all__ = ["BUDGET_S", "contract_checks"]
 
 
 SHIFT_S = 64.0
-
+"""How much later the shifted trial starts, s."""
 
 _DECIDED = (Verdict.SATISFIED, Verdict.VIOLATED)
 
@@ -50,14 +51,14 @@ _DECIDED = (Verdict.SATISFIED, Verdict.VIOLATED)
 def contract_checks(
     plugin: Any, trial: Trial | Path, *, budget_s: float = BUDGET_S, log_map: str = ""
 ) -> list[ContractCheck]:
-    """Everything the contract of a plugin asks for.
+    """Everything the contract of a plugin requires.
 
     Args:
         plugin: A rule, a monitor or a reader, with the parameters it is to be checked with.
         trial: A trial that gives it something to say, such as `made_trial()`; for a
             reader, the path of a log that it reads.
         budget_s: Processor time it may take for a million samples, s.
-        log_map: Name of the log map a reader is asked to read with; by default an empty one.
+        log_map: Name of the log map that a reader is given; by default an empty one.
 
     Raises:
         TypeError: It is none of these, or the second argument does not fit it.
@@ -79,11 +80,11 @@ class _Checked:
     def __init__(self, check: Any, trial: Trial, budget_s: float) -> None:
         self.check, self.budget_s = check, budget_s
         self.plugin = origin_of(check)
-        self.heard: list[str] = []
+        self.printed: list[str] = []
         self.taken_s = 0.0
         self._trial = trial
         self._derived: Trial | None = None
-        self._said: list[Finding] | None = None
+        self._findings: list[Finding] | None = None
 
     def checks(self) -> list[ContractCheck]:
         """In the order in which one failing explains the next."""
@@ -92,7 +93,7 @@ class _Checked:
             ("built_by_name", "a rule set can build it, with parameters by name", self.built_by_name),
             ("time_budget", "it keeps its budget of processor time", self.time_budget),
             ("prints_nothing", "it prints nothing", self.prints_nothing),
-            ("at_least_one_finding", "silence is not a verdict, whatever the trial", self.speaks),
+            ("at_least_one_finding", "silence is not a verdict, whatever the trial", self.finds_something),
             ("units_declared", "margins and evidence have a unit", self.units_declared),
             ("spans_inside", "spans and evidence lie inside the trial", self.spans_inside),
             ("same_trial_same_findings", "the same trial gives the same findings", self.repeats),
@@ -102,8 +103,8 @@ class _Checked:
         ]
         if isinstance(self.check, Monitor):
             named += [
-                ("needs_declared", "what it rests on is what it says it needs", self.needs_declared),
-                ("missing_signals", "missing signals are asked for, not assumed", self.missing_signals),
+                ("needs_declared", "it uses no signal that it does not declare", self.needs_declared),
+                ("missing_signals", "missing signals are inconclusive, not assumed", self.missing_signals),
             ]
             named += [
                 (variant, f"signals with a fault ({variant.replace('_', ' ')}) are no reason to guess", run)
@@ -111,21 +112,22 @@ class _Checked:
             ]
         else:
             named.append(("missing_submissions", "what is not recorded is not assumed", self.submissions))
+        # By the name alone: a class with `begin` means to be online, and must keep all of that contract.
         if hasattr(self.check, "begin"):
             named += [
                 ("one_by_one", "one sample at a time equals the whole log", self.one_by_one),
                 ("instant_by_instant", "samples that come together are as samples alone", self.instants),
-                ("standings", "what is said on the way fits what is found", self.standings),
+                ("standings", "verdicts of instants fit the findings", self.standings),
                 ("nothing_stepped", "a trial in which nothing comes ends like an empty log", self.unstepped),
                 ("repeated_time", "a time that does not increase is refused", self.repeated_time),
             ]
         if hasattr(self.check, "resolved"):
-            named.append(("resolved", "what its parameters come to is told by their names", self.resolved))
+            named.append(("resolved", "it resolves parameters that it has, always alike", self.resolved))
         if hasattr(self.check, "margins"):
             named.append(("margins", "the margins over time are those of the findings", self.margins))
         return [ContractCheck(*each) for each in named]
 
-    # Asking
+    # What the checks below share
 
     @property
     def trial(self) -> Trial:
@@ -137,14 +139,14 @@ class _Checked:
         return self._derived
 
     @property
-    def said(self) -> list[Finding]:
-        """What it says about the trial as it is."""
-        if self._said is None:
-            self._said = self.ask(self.trial)
-        return self._said
+    def findings(self) -> list[Finding]:
+        """Its findings on the trial as it is; what variants of the trial are compared with."""
+        if self._findings is None:
+            self._findings = self.ask(self.trial)
+        return self._findings
 
     def ask(self, trial: Trial, check: Any = None) -> list[Finding]:
-        """What it says, under the clock."""
+        """Its findings on a trial, within its time budget."""
         watch = Stopwatch(budget_of(trial, self.budget_s))
         try:
             with watch.running():
@@ -153,7 +155,7 @@ class _Checked:
                     "contract",
                     self.check if check is None else check,
                     trial,
-                    notice=self.heard.append,
+                    notice=lambda _origin, fault: self.printed.append(fault),
                 )
         except OutOfTime:
             raise self.broken(
@@ -163,10 +165,7 @@ class _Checked:
 
     def broken(self, what: str) -> ContractError:
         """The error that names the plugin."""
-        return ContractError(
-            f"plugin {self.plugin.origin} {what}",
-            hint="see ariac_score.checks.contracts and docs/write-a-monitor.md",
-        )
+        return ContractError(what, origin=self.plugin.origin, hint=HINT)
 
     def needed(self) -> list[str]:
         """The quantities it declares."""
@@ -185,11 +184,11 @@ class _Checked:
             raise self.broken(problem)
         made = getattr(type(self.check), "__dataclass_params__", None)
         if made is not None and not made.frozen:
-            raise self.broken("is a dataclass that is not frozen, so it may change between two questions")
-        self._anew()
+            raise self.broken("is a dataclass that is not frozen, so it may change between two trials")
+        self._rebuilt()
 
-    def _anew(self) -> Any:
-        """Another one of the same parameters."""
+    def _rebuilt(self) -> Any:
+        """Another instance with the same parameters."""
         fields = dataclasses.fields(self.check) if dataclasses.is_dataclass(self.check) else ()
         values = {f.name: getattr(self.check, f.name) for f in fields if f.init}
         try:
@@ -204,12 +203,13 @@ class _Checked:
         self.ask(self.trial)
 
     def prints_nothing(self) -> None:
-        self._anew()
+        self._rebuilt()  # a constructor may print, too
         self.ask(self.trial)
-        if self.heard:
-            raise self.broken(self.heard[0].removeprefix(f"plugin {self.plugin.origin} "))
+        if self.printed:
+            raise self.broken(self.printed[0])
 
-    def speaks(self) -> None:
+    def finds_something(self) -> None:
+        # Loops over bodies or events end without a finding where there are none.
         for trial in (
             self.trial,
             bare(self.trial),
@@ -219,7 +219,7 @@ class _Checked:
             self.ask(trial)
 
     def units_declared(self) -> None:
-        for finding in self.said:
+        for finding in self.findings:
             if finding.robustness is not None and not finding.unit:
                 raise self.broken(f"gives a margin without a unit: {finding.message!r}")
             for sample in finding.evidence:
@@ -232,12 +232,13 @@ class _Checked:
                     )
 
     def spans_inside(self) -> None:
-        self._inside(self.said, self.trial)
+        self._inside(self.findings, self.trial)
 
     def _inside(self, findings: Iterable[Finding], trial: Trial) -> None:
         ends = [span for span in (trial.recorded, trial.window) if span is not None]
         if not ends:
             return
+        # Stamps are rounded where they are shifted or added up.
         start_s, end_s = min(span.start_s for span in ends) - 1e-9, max(span.end_s for span in ends) + 1e-9
         for finding in findings:
             times = [sample.t_s for sample in finding.evidence]
@@ -245,35 +246,36 @@ class _Checked:
             for t_s in times:
                 if not start_s <= t_s <= end_s:
                     raise self.broken(
-                        f"speaks of {t_s:g} s, outside the trial from {start_s:g} s to {end_s:g} s: "
+                        f"gives the time {t_s:g} s, outside the trial from {start_s:g} s to {end_s:g} s: "
                         f"{finding.message!r}"
                     )
 
     def repeats(self) -> None:
-        assert self.said  # the first answer
-        for check in (self.check, self._anew()):
-            self._same(self.ask(self.trial, check), "says something else when asked again")
+        assert self.findings  # made before the others, so that these are second answers
+        for check in (self.check, self._rebuilt()):
+            self._same(self.ask(self.trial, check), "gives other findings the second time")
 
     def _same(self, found: list[Finding], what: str) -> None:
-        difference = _difference(self.said, found)
+        difference = _difference(self.findings, found)
         if difference:
             raise self.broken(f"{what}: {difference}")
 
     def trial_unchanged(self) -> None:
+        # Down to the last number; `ask`, which runs for every score, compares arrays by identity alone.
         trial = replace(self.trial)
         before = snapshot(trial)
         self.ask(trial)
         if snapshot(trial) != before:
-            raise self.broken("changed the trial it was asked about")
+            raise self.broken("changed the trial it was given")
 
     def order_of_signals(self) -> None:
         self._same(self.ask(reordered(self.trial)), "depends on the order of signals")
 
     def time_shift(self) -> None:
         later = self.ask(shifted(self.trial, SHIFT_S))
-        difference = _difference([_moved(f, SHIFT_S) for f in self.said], later, moved=True)
+        difference = _difference([_moved(f, SHIFT_S) for f in self.findings], later, moved=True)
         if difference:
-            raise self.broken(f"says something else on a clock {SHIFT_S:g} s ahead: {difference}")
+            raise self.broken(f"gives other findings on a clock {SHIFT_S:g} s ahead: {difference}")
 
     def needs_declared(self) -> None:
         for need in needs_of(self.plugin, "contract", self.check):
@@ -285,7 +287,7 @@ class _Checked:
                     )
             if not need.max_gap_s > 0:
                 raise self.broken(
-                    f"accepts no gap at all in {need.quantity!r}, and any two samples are apart"
+                    f"accepts no gap at all in {need.quantity!r}, and between any two samples there is one"
                 )
         self._same(self.ask(only(self.trial, self.needed())), "reads signals that it does not say it needs")
 
@@ -297,18 +299,20 @@ class _Checked:
         inconclusive = any(finding.verdict is Verdict.INCONCLUSIVE for finding in blind)
         for finding in blind:
             # What rests on parameters alone, such as where a line is drawn, needs no signal.
-            drawn = inconclusive and finding.span is None and finding in self.said
+            drawn = inconclusive and finding.span is None and finding in self.findings
             if finding.verdict is Verdict.SATISFIED and not drawn:
                 raise self.broken(
                     f"is satisfied although every signal it needs is missing: {finding.message!r}"
                 )
-        if _decided(self.said) and not inconclusive:
+        if _decided(self.findings) and not inconclusive:
             raise self.broken("is never inconclusive although every signal it needs is missing")
+        # One at a time, for a plugin may trip over the second signal once it has the first.
         for quantity in self.needed():
             self.ask(without(self.trial, [quantity]))
 
     def _variants(self) -> Iterator[tuple[str, Callable[[], None]]]:
         for name in SIGNAL_VARIANTS:
+            # Bound as a default: all lambdas of the loop share its variable.
             yield name, lambda name=name: self._variant(name)  # type: ignore[misc]
 
     def _variant(self, name: str) -> None:
@@ -323,35 +327,37 @@ class _Checked:
 
     def submissions(self) -> None:
         """A rule decides nothing new when it is not known what was handed in."""
+        # Such a rule repeats an official score, which stands whether or not submissions were recorded.
         if getattr(self.check, "reads_official", False):
             return
+        # Not witnessed, too: else no submission would mean that nothing was handed in.
         unseen = replace(self.trial, submissions=(), kits=(), witnessed=frozenset())
         for finding in self.ask(unseen):
-            if finding.verdict in _DECIDED and finding not in self.said:
+            if finding.verdict in _DECIDED and finding not in self.findings:
                 raise self.broken(
                     f"decides {finding.subject!r} although no submission is recorded: {finding.message!r}"
                 )
 
     def resolved(self) -> None:
         try:
-            told = [snapshot(dict(check.resolved())) for check in (self.check, self._anew())]
+            first, second = (snapshot(dict(check.resolved())) for check in (self.check, self._rebuilt()))
         except (Exception, SystemExit) as cause:
             raise self.broken(
                 f"raised {type(cause).__name__} when asked what its parameters come to: {cause}"
             ) from cause
-        if told[0] != told[1]:
+        if first != second:
             raise self.broken("says that its parameters come to something else when asked again")
-        strange = {name for name, _ in told[0]} - {f.name for f in dataclasses.fields(self.check) if f.init}
+        strange = {name for name, _ in first} - {f.name for f in dataclasses.fields(self.check) if f.init}
         if strange:
             raise self.broken(f"says what {min(strange)!r} comes to, which is no parameter of it")
 
     def margins(self) -> None:
-        told = [
-            margins_of(self.plugin, "contract", check, self.trial) for check in (self.check, self._anew())
-        ]
-        if list(map(_chart_marks, told[0])) != list(map(_chart_marks, told[1])):
-            raise self.broken("tells other margins when asked again")
-        fault = margin_fault(self.trial, self.needed(), self.said, told[0])
+        first, second = (
+            margins_of(self.plugin, "contract", check, self.trial) for check in (self.check, self._rebuilt())
+        )
+        if list(map(_chart_marks, first)) != list(map(_chart_marks, second)):
+            raise self.broken("gives other margins the second time")
+        fault = margin_fault(self.trial, self.needed(), self.findings, first)
         if fault:
             raise self.broken(fault)
 
@@ -361,37 +367,38 @@ class _Checked:
         return OnlineChecks(self.check, self.trial, self.needed(), self.broken)
 
     def one_by_one(self) -> None:
-        self._same(self._told(self.online.one_by_one()), "says something else when told one sample at a time")
+        found = self._checked(self.online.one_by_one())
+        self._same(found, "gives other findings when given one sample at a time")
 
     def instants(self) -> None:
-        found = self._told(self.online.instant_by_instant())
-        self._same(found, "says something else when told one instant at a time")
+        found = self._checked(self.online.instant_by_instant())
+        self._same(found, "gives other findings when given one instant at a time")
 
     def standings(self) -> None:
-        self.online.standings(self.said)
+        self.online.standings(self.findings)
 
     def unstepped(self) -> None:
         blind = self.ask(replace(self.trial, signals={}))
-        difference = _difference(blind, self._told(self.online.nothing_stepped()))
+        difference = _difference(blind, self._checked(self.online.nothing_stepped()))
         if difference:
-            raise self.broken(f"says something else when nothing comes than of an empty log: {difference}")
+            raise self.broken(f"gives other findings when nothing comes than of an empty log: {difference}")
 
     def repeated_time(self) -> None:
         self.online.repeated_time()
 
-    def _told(self, findings: list[Finding]) -> list[Finding]:
-        """Findings of a watch, looked at as those of any monitor."""
-        return self.ask(replace(self.trial, signals={}), _Told(findings))
+    def _checked(self, findings: list[Finding]) -> list[Finding]:
+        """Findings of a watch after the same checks, order and rounding as those of any monitor."""
+        return self.ask(replace(self.trial, signals={}), _Replayed(findings))
 
 
 def _chart_marks(chart: Chart) -> tuple[object, ...]:
-    """What tells two charts apart, to the last bit."""
+    """Everything in which two charts can differ, to the last bit."""
     arrays = (chart.t, chart.actual, chart.limit)
     return chart.subject, chart.what, chart.unit, chart.at_most, *(array.tobytes() for array in arrays)
 
 
-class _Told:
-    """What a watch found, as a monitor to be asked."""
+class _Replayed:
+    """A monitor that gives the findings of a watch."""
 
     def __init__(self, findings: Iterable[Finding]) -> None:
         self._findings = findings
@@ -423,7 +430,7 @@ _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 def _words(finding: Finding) -> str:
-    """The message without its numbers, of which some are times."""
+    """The message without its numbers: some are times, which a shift of the clock changes."""
     return _NUMBER.sub("#", finding.message)
 
 
@@ -440,6 +447,7 @@ def _difference(before: list[Finding], after: list[Finding], *, moved: bool = Fa
     """What differs between two lists of findings, in words; empty when nothing does."""
     if len(before) != len(after):
         return f"{len(before)} findings, then {len(after)}"
+    # Sorted anew: a message that names a time can change the order in which `ask` gives findings.
     for first, second in zip(sorted(before, key=_key), sorted(after, key=_key), strict=True):
         if first == second or (moved and _alike(first, second)):
             continue
@@ -453,7 +461,7 @@ def _shown(finding: Finding) -> str:
 
 
 def _alike(first: Finding, second: Finding) -> bool:
-    """Whether two findings differ in nothing but the last digits and the times in their words."""
+    """Whether two findings differ only in last digits and in the times within their messages."""
     blank: dict[str, Any] = {
         "message": "",
         "span": None,
@@ -466,6 +474,7 @@ def _alike(first: Finding, second: Finding) -> bool:
         and _words(first) == _words(second)
         and [name for name, _ in _numbers(first)] == [name for name, _ in _numbers(second)]
         and all(
+            # A later clock rounds stamps to other bits, and speeds are differences of stamps.
             math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6)
             for (_, a), (_, b) in zip(_numbers(first), _numbers(second), strict=True)
         )

@@ -16,7 +16,6 @@ from ariac_score.errors import PluginError
 
 __all__ = ["SECTIONS", "ContractCheck", "ContractError", "origin_of", "snapshot", "undocumented"]
 
-
 HINT = "see ariac_score.checks.contracts and docs/write-a-monitor.md"
 
 
@@ -53,11 +52,13 @@ class ContractCheck:
 
 
 def origin_of(plugin: Any) -> Plugin:
-    """The installed plugin that an object is of; where none is, one that says so."""
+    """The installed plugin that an object belongs to; where none is installed, one that says so."""
     kind = plugin if isinstance(plugin, type) else type(plugin)
+    # The contracts are protocols, so any class with their methods is of the group.
     group = next((name for name, contract in GROUPS.items() if isinstance(plugin, contract)), "")
     package = kind.__module__.partition(".")[0]
     for known in Registry().all(group):
+        # The package first: loading a plugin imports it, and most are of other packages.
         if known.package == package and _loads(known, kind):
             return known
     return Plugin(kind.__name__, group, f"{kind.__module__}:{kind.__qualname__}", package, "not installed")
@@ -83,7 +84,7 @@ def built_by_name(kind: type) -> str:
         return problem
     try:
         parameters = inspect.signature(kind).parameters.values()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError):  # a class in C may have no signature
         return ""
     for parameter in parameters:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
@@ -104,6 +105,7 @@ def snapshot(value: Any) -> Any:
         return tuple((key, snapshot(item)) for key, item in value.items())
     if isinstance(value, list | tuple):
         return tuple(snapshot(item) for item in value)
+    # Bytes, for NaN is not equal to itself.
     return value.tobytes() if isinstance(value, np.ndarray) else value
 
 

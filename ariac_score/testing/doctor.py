@@ -1,4 +1,4 @@
-"""What is wrong with the plugins that are installed, each problem with whose it is."""
+"""What is wrong with the installed plugins: each problem with the plugin that has it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "ariac_score.competitions": {"unknown_products": ("orders", "edition")},
 }
 _NAME = re.compile(r"[a-z0-9_]+(\.[a-z0-9_]+)+")
-"""Where the runs of a batch are scored: no plugins of a trial, and checked when they are named."""
+"""As `use` in `schemas/ruleset.schema.json`: any other name cannot be written in a rule set."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def ailments() -> list[Ailment]:
 
 
 def _unknown_groups(registry: Registry) -> Iterator[Ailment]:
-    """Plugins that nobody will ever ask: their group is misspelt, or of another version."""
+    """Plugins that nothing uses: their group is misspelt, or of another version."""
     known = [*GROUPS, *OTHER_GROUPS]
     for group in registry.groups():
         for plugin in registry.all(group) if group not in known else ():
@@ -90,7 +90,7 @@ def _problems(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
     try:
         kind = plugin.load()
     except PluginError as error:
-        yield error.cause.removeprefix(f"plugin {plugin.origin} "), error.hint
+        yield error.fault, error.hint
         return
     yield from _of_class(plugin, kind)
 
@@ -108,27 +108,31 @@ def _of_class(plugin: Plugin, kind: Any) -> Iterator[tuple[str, str]]:
         yield unnamed, "give every parameter a name"
     other = [*_other_arguments(plugin, kind)]
     yield from other
+    # With a required parameter nothing can be built here; the rule set that gives it is checked when loaded.
     if not (unnamed or other or _required(kind)):
         try:
             plugin.build(example_parameters(plugin))
+        except PluginError as error:
+            yield error.fault, error.hint
         except ScoreError as error:
-            yield error.cause.removeprefix(f"plugin {plugin.origin} "), error.hint
+            yield error.cause, error.hint
     try:
-        package_sha256(plugin.package)
+        package_sha256(plugin.package)  # of a zip, or of a module without a file, there is none
     except PluginError as error:
         yield error.cause, "a result names the hash of the code that measured; install it as files"
 
 
 def _other_arguments(plugin: Plugin, kind: type) -> Iterator[tuple[str, str]]:
-    """Methods that are missing, or that are asked otherwise than this version asks."""
+    """Methods that are missing, or that cannot be called as this version calls them."""
     for name, arguments in _ARGUMENTS[plugin.group].items():
         method = getattr(kind, name, None)
         wanted = f"{name}({', '.join(arguments)})"
-        hint = f"it is asked {wanted}; see ariac_score.checks.contracts"
+        hint = f"it is called as {wanted}; see ariac_score.checks.contracts"
         if method is None:
             yield f"has no {wanted}", hint
             continue
         try:
+            # By position, as they are called: names of arguments are the author's own. None stands for self.
             inspect.signature(method).bind(None, *arguments)
         except TypeError:
             yield f"has {name}{inspect.signature(method)} where the contract has {wanted}", hint
@@ -142,21 +146,25 @@ def _required(kind: type) -> list[str]:
 
 # Versions ------------------------------------------------------------------------------
 
+# Not with `packaging`, which would be a dependency of this one check. Pre-releases and `~=` are let pass.
 _OURS = re.compile(r"ariac[-_.]score(?![-_.a-z0-9])\s*(?:\[[^\]]*\])?\s*\(?([^;)]*)")
 _CLAUSE = re.compile(r"(>=|<=|==|!=|<|>)\s*(\d+(?:\.\d+)*)")
 
 
 def _requirement(plugin: Plugin) -> Iterator[tuple[str, str]]:
-    """Whether its distribution asks for another version of ours."""
+    """Whether its distribution requires another version of ours."""
     try:
         required = distribution(plugin.distribution).requires or []
     except (PackageNotFoundError, ValueError):
         return
     ours = version("ariac-score")
     for line in required:
-        asked = _OURS.match(line.lower())
-        if asked and not all(_kept(ours, *clause) for clause in _CLAUSE.findall(asked[1])):
-            yield f"asks for ariac-score {asked[1].strip()}, and {ours} is installed", "install one that fits"
+        requirement = _OURS.match(line.lower())
+        if requirement and not all(_kept(ours, *clause) for clause in _CLAUSE.findall(requirement[1])):
+            yield (
+                f"requires ariac-score {requirement[1].strip()}, and {ours} is installed",
+                "install one that fits",
+            )
 
 
 def _kept(ours: str, relation: str, theirs: str) -> bool:

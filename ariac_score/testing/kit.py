@@ -18,7 +18,7 @@ from ariac_score.scoring.ruleset import load_rule_set
 __all__ = ["KINDS", "new_distribution"]
 
 KINDS = {"monitor": "ariac_score.monitors", "rule": "ariac_score.rules", "reader": "ariac_score.readers"}
-"""What can be begun, and the entry-point group of each."""
+"""What can be made, and the entry-point group of each."""
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _WORD = r"[a-z][a-z0-9]*(?:_[a-z0-9]+)*"
@@ -51,6 +51,7 @@ def new_distribution(kind: str, name: str, into: Path) -> list[Path]:
         raise UsageError(
             "exists already", file=folder, hint="nothing is overwritten; choose another name or place"
         )
+    # All texts before the first file: a template that fails leaves no half of a folder.
     texts = {_place(place, facts): Template(text).substitute(facts) for place, text in templates.values()}
     try:
         for place, text in texts.items():
@@ -65,10 +66,16 @@ def new_distribution(kind: str, name: str, into: Path) -> list[Path]:
 
 
 def _facts(kind: str, name: str, written: str) -> dict[str, str]:
-    """What the templates speak of, given their words."""
+    """The values of the placeholders.
+
+    Args:
+        kind: As for `new_distribution`.
+        name: Likewise.
+        written: The text of all templates, so that the class gets a name that none of them uses.
+    """
     module, last = name.replace(".", "_"), name.rpartition(".")[2]
     cls = "".join(word.capitalize() for word in last.split("_"))
-    if keyword.iskeyword(cls) or re.search(rf"\b{cls}\b", written):  # such as None, or Finding
+    if keyword.iskeyword(cls) or re.search(rf"\b{cls}\b", written):  # `fair.none`, `fair.finding`
         cls += kind.capitalize()
     return {
         "kind": kind,
@@ -83,7 +90,7 @@ def _facts(kind: str, name: str, written: str) -> dict[str, str]:
 
 
 def _taken() -> set[str]:
-    """The names of the rule set that the new one extends."""
+    """The names in the rule set that the new one extends; a check of such a name would replace that one."""
     extended = load_rule_set("paper2020")
     terms = {name for level in extended.sheet.terms.values() for name in level}
     return {*extended.checks, *extended.sheet.parameters, *terms}
@@ -111,6 +118,7 @@ def _check_name(kind: str, name: str) -> None:
                     f"{name!r} is provided by {plugin.distribution} {plugin.version}",
                     hint="two distributions with one name are both refused; choose another",
                 )
+    # Found by import, whichever distribution it is of: its module would hide the new one, or be hidden.
     module = name.replace(".", "_")
     if module in sys.stdlib_module_names or find_spec(module) is not None:
         raise UsageError(f"there is a module {module!r} already", hint="choose another name")

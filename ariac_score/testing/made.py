@@ -1,7 +1,7 @@
 """A trial that has everything: every well-known quantity, every kind of order, an official result.
 
-For checking plugins against, not for scoring: its signals are triangle waves that
-know nothing of each other, except those of the example trial, which it contains.
+For checking plugins, not for scoring: its signals are independent triangle waves,
+except those of the example trial, which it contains.
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ _EVENTS = (
     Event(31.0, "part_assembled", "as2", "battery"),
 )
 _FLAG_PERIODS_S = (10.0, 14.0)
+"""Two, so that a flag is also on while another is off."""
 
 
 def made_trial(*, seed: int = 2020, duration_s: float = 40.0) -> Trial:
@@ -72,6 +73,7 @@ def made_trial(*, seed: int = 2020, duration_s: float = 40.0) -> Trial:
         orders=orders,
         submissions=(*example.submissions, *_submissions()),
         events=tuple(sorted((*example.events, *_EVENTS))),
+        # Every kind of event it has, so that checks of events are not all inconclusive.
         witnessed=example.witnessed | {"bodies", ARM_COLLISION, *(event.kind for event in _EVENTS)},
         team=TeamSetup("team", {"camera_1": "logical_camera", "beam_1": "break_beam"}, 600.0),
         official=_official(orders),
@@ -79,6 +81,7 @@ def made_trial(*, seed: int = 2020, duration_s: float = 40.0) -> Trial:
     )
     t = example.signals["position/robot"].t
     made = {name: _made(name, quantity, t, k) for k, (name, quantity) in enumerate(_names(trial))}
+    # Signals of the example replace waves of their name: its near miss can be checked by hand.
     return replace(trial, signals=dict(sorted({**made, **example.signals}.items())))
 
 
@@ -106,12 +109,12 @@ def _made(name: str, quantity: Quantity, t: FloatArray, k: int) -> Signal:
 
 
 def _triangle(t: FloatArray, period_s: float) -> FloatArray:
-    """From 1 to -1 and back; by plain operations, so that it is the same on every machine."""
+    """From 1 to -1 and back; no sine, whose last bits differ between machines."""
     wave: FloatArray = np.abs(np.mod(t, period_s) / period_s * 4.0 - 2.0) - 1.0
     return wave
 
 
-# Tasks of 2022 and later ---------------------------------------------------------------
+# Kits on quadrants, assemblies ----------------------------------------------------------
 
 _PLACES = ((-0.1, 0.1), (0.1, 0.1), (-0.1, -0.1), (0.1, -0.1))
 _PARTS = ("battery_blue", "pump_purple", "sensor_green", "regulator_orange")
@@ -133,6 +136,7 @@ def _orders() -> Iterator[Order]:
 
 
 def _submissions() -> Iterator[Submission]:
+    # One quadrant stays empty, so that rules about kits have a violation to show.
     kit = tuple(Product(wanted.type, wanted.pose) for wanted in _QUADRANTS[:3])
     assembly = tuple(Product(wanted.type, wanted.pose) for wanted in _INSERTED)
     yield Submission("ABCD1234", 32.0, kit, "agv2", "warehouse", _TRAY)
@@ -141,6 +145,7 @@ def _submissions() -> Iterator[Submission]:
 
 # Official record -----------------------------------------------------------------------
 
+# Every name that a shipped check reads, so that its page and its contract are tried with values.
 _FACTS = {
     "time_limit_s": 600.0,
     "duration_s": 37.5,

@@ -1,4 +1,4 @@
-"""The contract of monitors that tell their margin at every sample, as a check: margins fit findings."""
+"""The contract of monitors that give their margin at every sample, as a check: margins fit findings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["margin_fault"]
 def margin_fault(
     trial: Trial, needed: Sequence[str], findings: Sequence[Finding], charts: Sequence[Chart]
 ) -> str:
-    """How margins do not fit what was found, in words; empty when they do.
+    """Where margins contradict the findings, in words; empty when they fit.
 
     Args:
         trial: With what the monitor needs.
@@ -31,15 +31,16 @@ def margin_fault(
     for chart in charts:
         strange = np.setdiff1d(chart.t, recorded)
         if len(strange):
-            return f"tells a margin of {chart.subject!r} at {strange[0]:g} s, where there is no sample"
+            return f"gives a margin of {chart.subject!r} at {strange[0]:g} s, where there is no sample"
     for finding in findings:
         own = [chart for chart in charts if chart.subject == finding.subject]
         if not own or finding.robustness is None or not (finding.span or finding.evidence):
             continue
+        # Equal, not close: both come from one judgement, and both have the digits of a result.
         if not any(_least(chart, finding) == finding.robustness for chart in own):
             where = f"{finding.verdict.value} {finding.subject!r} by {finding.robustness:g} {finding.unit}"
             least = ", ".join(f"{_least(chart, finding)} {chart.unit}" for chart in own)
-            return f"found {where}, but the least margin it tells there is {least}"
+            return f"found {where}, but the least margin it gives there is {least}"
     return ""
 
 

@@ -1,7 +1,7 @@
 """The contract of monitors that watch while a trial goes on, as checks: online equals offline.
 
 A recording is stepped through in two ways, each sample alone and each instant as a whole.
-Both must end in the findings of the whole log, and what is said on the way must fit them.
+Both must end in the findings of the whole log, and the verdicts of instants must fit them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Step = tuple[tuple[Sample, ...], tuple[Event, ...]]
 
 
 class OnlineChecks:
-    """A monitor that says it can watch online, under examination.
+    """Examines a monitor that offers to watch online.
 
     Args:
         monitor: The monitor; it has `begin`.
@@ -42,34 +42,34 @@ class OnlineChecks:
         self._blind = replace(trial, signals={})
 
     def one_by_one(self) -> list[Finding]:
-        """What it finds when each sample comes alone."""
+        """Its findings when each sample comes alone."""
         return self._stepped([_step(item) for item in self._items])[1]
 
     def instant_by_instant(self) -> list[Finding]:
-        """What it finds when all that is of one time comes together; it says the same on the way."""
-        said, found = self._stepped(self._instants())
+        """Its findings when everything of one time comes together; verdicts of instants stay the same."""
+        together, found = self._stepped(self._instants())
         alone, _ = self._stepped([_step(item) for item in self._items])
-        if _by_subject(said) != _by_subject(alone):
-            raise self._broken("says something else when the samples of an instant come together")
+        if _by_subject(together) != _by_subject(alone):
+            raise self._broken("gives other verdicts when the samples of an instant come together")
         return found
 
     def standings(self, findings: Sequence[Finding]) -> None:
-        """What it says on the way is of the past, in order, and fits what is found in the end."""
+        """Verdicts of instants are never of the future, are in order, and fit the findings."""
         steps = self._instants()
-        watch = self._begun()
-        said: list[InstantVerdict] = []
+        watch = self._watch()
+        verdicts: list[InstantVerdict] = []
         now_s = -math.inf
         for samples, events in steps:
             now_s = max(now_s, *(s.t_s for s in samples), *(e.t_s for e in events))
             for standing in watch.step(samples, events):
-                self._sound(standing, now_s)
-                said.append(standing)
-        for subject, own in _by_subject(said).items():
-            self._fitting(subject, own, [f for f in findings if f.subject == subject])
+                self._require_sound(standing, now_s)
+                verdicts.append(standing)
+        for subject, own in _by_subject(verdicts).items():
+            self._require_fitting(subject, own, [f for f in findings if f.subject == subject])
 
     def repeated_time(self) -> None:
         """A time that does not increase is refused."""
-        watch = self._begun()
+        watch = self._watch()
         firsts = {item.signal: item for item in reversed(self._items) if isinstance(item, Sample)}
         if not firsts:
             return
@@ -81,10 +81,10 @@ class OnlineChecks:
         raise self._broken(f"takes two samples of one time without a word: {sorted(firsts)}")
 
     def nothing_stepped(self) -> list[Finding]:
-        """What it finds when nothing came."""
-        return list(self._begun().end(self._blind))
+        """Its findings when nothing came."""
+        return list(self._watch().end(self._blind))
 
-    def _begun(self) -> Any:
+    def _watch(self) -> Any:
         if not isinstance(self._monitor, OnlineMonitor):
             raise self._broken("has begin() and is no monitor otherwise")
         watch = self._monitor.begin(self._trial.bodies)
@@ -93,9 +93,9 @@ class OnlineChecks:
         return watch
 
     def _stepped(self, steps: Sequence[Step]) -> tuple[list[InstantVerdict], list[Finding]]:
-        watch = self._begun()
-        said = [standing for samples, events in steps for standing in watch.step(samples, events)]
-        return said, list(watch.end(self._blind))
+        watch = self._watch()
+        verdicts = [standing for samples, events in steps for standing in watch.step(samples, events)]
+        return verdicts, list(watch.end(self._blind))
 
     def _instants(self) -> list[Step]:
         return [
@@ -107,18 +107,20 @@ class OnlineChecks:
             for together in [list(group)]
         ]
 
-    def _sound(self, standing: Any, now_s: float) -> None:
+    def _require_sound(self, standing: Any, now_s: float) -> None:
         if not isinstance(standing, InstantVerdict):
             raise self._broken(f"steps to a {type(standing).__name__}, which is no InstantVerdict")
         if not standing.t_s <= now_s:
-            raise self._broken(f"speaks of {standing.t_s:g} s when only {now_s:g} s has come")
+            raise self._broken(f"judges {standing.t_s:g} s when only {now_s:g} s has come")
         if standing.robustness is not None and not (standing.unit and math.isfinite(standing.robustness)):
             raise self._broken(f"gives a margin that is infinite or has no unit: {standing.message!r}")
 
-    def _fitting(self, subject: str, said: Sequence[InstantVerdict], found: Sequence[Finding]) -> None:
-        for before, after in pairwise(said):
+    def _require_fitting(
+        self, subject: str, verdicts: Sequence[InstantVerdict], found: Sequence[Finding]
+    ) -> None:
+        for before, after in pairwise(verdicts):
             if not before.t_s < after.t_s:
-                raise self._broken(f"speaks of {subject!r} at {before.t_s:g} s and then at {after.t_s:g} s")
+                raise self._broken(f"judges {subject!r} at {before.t_s:g} s and then at {after.t_s:g} s")
             if before.final and after.verdict is not before.verdict:
                 raise self._broken(
                     f"calls {subject!r} {before.verdict.value} for good at {before.t_s:g} s, "
@@ -127,10 +129,12 @@ class OnlineChecks:
         for finding in found:
             if finding.verdict is not Verdict.VIOLATED or finding.span is None:
                 continue
-            during = [one.verdict for one in said if finding.span.start_s <= one.t_s <= finding.span.end_s]
+            span = finding.span
+            during = [one.verdict for one in verdicts if span.start_s <= one.t_s <= span.end_s]
+            # A span between two instants has no verdict that could fit.
             if during and Verdict.VIOLATED not in during:
                 raise self._broken(
-                    f"finds {subject!r} violated from {finding.span.start_s:g} s and said so of no "
+                    f"finds {subject!r} violated from {span.start_s:g} s and calls it so at no "
                     f"instant: {finding.message!r}"
                 )
 
@@ -138,7 +142,7 @@ class OnlineChecks:
 def _items(trial: Trial, needed: frozenset[str]) -> list[Sample | Event]:
     """What comes while the trial goes on, in order of time."""
     signals = [one for name, one in sorted(trial.signals.items()) if name.partition("/")[0] in needed]
-    # Derived vectors stay as long as they are held; else they would be computed for every sample.
+    # A derived signal keeps its values only while somebody holds them: else each sample computes them anew.
     held = [signal.values for signal in signals]
     samples: list[Sample | Event] = [signal.sample(i) for signal in signals for i in range(len(signal))]
     del held
@@ -150,8 +154,8 @@ def _step(item: Sample | Event) -> Step:
     return ((item,), ()) if isinstance(item, Sample) else ((), (item,))
 
 
-def _by_subject(said: Sequence[InstantVerdict]) -> Mapping[str, list[InstantVerdict]]:
+def _by_subject(verdicts: Sequence[InstantVerdict]) -> Mapping[str, list[InstantVerdict]]:
     found: dict[str, list[InstantVerdict]] = defaultdict(list)
-    for standing in said:
+    for standing in verdicts:
         found[standing.subject].append(standing)
     return found

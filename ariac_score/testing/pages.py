@@ -1,4 +1,4 @@
-"""The page of a plugin: what its class says of itself, parameters, needs, an example of its findings."""
+"""The page of a plugin: its docstring, parameters, needs, and an example of its findings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ariac_score.trial.vocabulary import QUANTITIES
 __all__ = ["example_parameters", "plugin_page", "summary", "write_pages"]
 
 EXAMPLES = 4
-"""So many findings are shown at most; each verdict once before any twice."""
+"""The most findings that a page shows."""
 
 
 def summary(kind: Any) -> str:
@@ -41,16 +41,16 @@ def plugin_page(plugin: Plugin) -> str:
         PluginError: It cannot be imported.
     """
     kind = plugin.load()
-    parts = [f"# `{plugin.name}`", *_told(kind), *_parameters(kind), *_needs(plugin), *_example(plugin)]
+    parts = [f"# `{plugin.name}`", *_docstring(kind), *_parameters(kind), *_needs(plugin), *_example(plugin)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-# What the class says of itself ---------------------------------------------------------
+# Docstring --------------------------------------------------------------------------------
 
 _SECTION = re.compile(r"^([A-Z][A-Za-z ]*):\n((?:(?:[ ]{4}.*)?\n)+)", re.MULTILINE)
 
 
-def _told(kind: Any) -> list[str]:
+def _docstring(kind: Any) -> list[str]:
     text = inspect.cleandoc(kind.__doc__ or "It does not say what it is for.") + "\n"
 
     def as_heading(match: re.Match[str]) -> str:
@@ -67,7 +67,7 @@ def _parameters(kind: Any) -> list[str]:
     try:
         parameters = parameters_of(kind)
     except (NameError, TypeError, AttributeError):
-        return []
+        return []  # an annotation that cannot be resolved; the doctor names it
     if not parameters:
         return []
     rows = [_row(name, parameter) for name, parameter in parameters.items()]
@@ -198,7 +198,7 @@ def _example(plugin: Plugin) -> list[str]:
         return []
     parameters = example_parameters(plugin)
     given = f"with `{_value(parameters)}`" if parameters else "with its defaults"
-    lines = [_line(finding) for finding in _telling(_findings(plugin, check))]
+    lines = [_line(finding) for finding in _chosen(_findings(plugin, check))]
     return ["## Example", f"About the made trial, {given}:", "```text\n" + "\n".join(lines) + "\n```"]
 
 
@@ -208,11 +208,12 @@ def _made() -> Trial:
 
 
 def _findings(plugin: Plugin, check: Any) -> list[Finding]:
+    # As the engine does, so that the example is what a score would show.
     wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs_of(plugin, "example", check)]
     return ask(plugin, "example", check, derive_signals(_made(), wanted))
 
 
-def _telling(findings: list[Finding]) -> list[Finding]:
+def _chosen(findings: list[Finding]) -> list[Finding]:
     """A few findings, each verdict once before any twice, in their order."""
     first = {finding.verdict: k for k, finding in reversed([*enumerate(findings)])}
     chosen = sorted(first.values())
@@ -230,7 +231,7 @@ def _line(finding: Finding) -> str:
 
 
 def pages(distribution: str) -> Iterator[tuple[str, str]]:
-    """Path and text of the page of every plugin of a distribution, and of the list of them."""
+    """Path and text of the page of every plugin of a distribution, and of their index."""
     registry = Registry()
     index = ["# Plugins", f"What `{distribution}` brings. Made by `python -m ariac_score.testing.docs`."]
     for group in GROUPS:
@@ -244,10 +245,11 @@ def pages(distribution: str) -> Iterator[tuple[str, str]]:
 
 
 def write_pages(folder: Path, distribution: str = "ariac-score") -> None:
-    """Write the pages into a folder; pages of plugins that are gone go too."""
+    """Write the pages into a folder, and remove those of plugins that no longer exist."""
     written = dict(pages(distribution))
     for name, text in written.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        # The same bytes on every system: the pages are kept in the repository and compared.
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
     for group in GROUPS:
         for page in (folder / group.rpartition(".")[2]).glob("*.md"):

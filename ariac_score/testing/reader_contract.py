@@ -1,4 +1,4 @@
-"""The contract of readers as checks: what may not happen whatever the file, and what must with its own."""
+"""The contract of readers as checks: what no file may cause, and what a log of their kind must give."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = ["reader_checks"]
 
 _Answer = TypeVar("_Answer")
 
-_STRANGE = {
+_FOREIGN = {
     "empty": b"",
     "empty.txt": b"",
     "words.log": b"nothing of interest\n" * 100,
@@ -42,13 +42,13 @@ _STRANGE = {
     "odd.yaml": b"a: [1, 2\n\xff",
     "deep.json": b"[" * 5000,
 }
-"""Files that nobody made for a reader."""
+"""Files that no reader is made for: empty, text, noise, and broken ones of common formats."""
 
 
 def reader_checks(
     reader: Reader, origin: Plugin, log: Path, *, budget_s: float, log_map: str = ""
 ) -> list[ContractCheck]:
-    """Everything the contract of a reader asks for; see `contract_checks`."""
+    """Everything the contract of a reader requires; see `contract_checks`."""
     return _CheckedReader(reader, origin, log, budget_s, log_map).checks()
 
 
@@ -79,10 +79,10 @@ class _CheckedReader:
 
     def broken(self, what: str) -> ContractError:
         """The error that names the plugin."""
-        return ContractError(f"plugin {self.plugin.origin} {what}", hint=HINT)
+        return ContractError(what, origin=self.plugin.origin, hint=HINT)
 
     def timed(self, question: Callable[[], _Answer]) -> _Answer:
-        """An answer, under the clock of the shortest log."""
+        """An answer, within the time that the shortest log is allowed."""
         watch = Stopwatch(self.budget_s * SMALLEST_LOG_SAMPLES / 1e6)
         try:
             with watch.running():
@@ -91,7 +91,7 @@ class _CheckedReader:
             raise self.late(watch.limit_s) from None
 
     def late(self, limit_s: float) -> ContractError:
-        """The error of a reader that is too slow."""
+        """The error for a reader that is too slow."""
         return self.broken(
             f"ran longer than its budget of {limit_s:g} s of processor time "
             f"({self.budget_s:g} s for a million samples)"
@@ -100,6 +100,7 @@ class _CheckedReader:
     def wanted(self) -> Wanted:
         """Everything a log could hold."""
         if not self.log_map:
+            # A reader whose logs name their signals themselves needs no log map.
             return Wanted(LogMap("none"), frozenset(QUANTITIES))
         log_map, registry = load_log_map(self.log_map), Registry()
         names = sorted({channel.decoder for channel in log_map.channels if channel.decoder})
@@ -128,7 +129,7 @@ class _CheckedReader:
             raise self.broken(f"cannot be built: {type(cause).__name__}: {cause}") from cause
 
     def time_budget(self) -> None:
-        # The number of samples is known only once it has read them.
+        # The number of samples, and so the time allowed, is known only once they are read.
         watch = Stopwatch(self.budget_s * 100)
         try:
             with watch.running():
@@ -140,13 +141,13 @@ class _CheckedReader:
             raise self.late(limit_s)
 
     def prints_nothing(self) -> None:
-        heard: list[str] = []
-        with quiet(self.plugin.origin, heard.append):
+        printed: list[str] = []
+        with quiet(self.plugin.origin, lambda _origin, fault: printed.append(fault)):
             self.reader.can_read(self.log)
             self.reader.describe(self.log)
             self.reader.read(self.log, self.wanted())
-        if heard:
-            raise self.broken(heard[0].removeprefix(f"plugin {self.plugin.origin} "))
+        if printed:
+            raise self.broken(printed[0])
 
     def knows_its_own(self) -> None:
         if not self.timed(lambda: self.guarded.can_read(self.log)):
@@ -159,15 +160,15 @@ class _CheckedReader:
 
     def strange_files(self) -> None:
         with _folder() as folder:
-            for name, content in _STRANGE.items():
+            for name, content in _FOREIGN.items():
                 (folder / name).write_bytes(content)
-            for path in (folder, folder / "nothing", *(folder / name for name in _STRANGE)):
+            for path in (folder, folder / "nothing", *(folder / name for name in _FOREIGN)):
                 answer = self.timed(lambda path=path: self._answer(path))  # type: ignore[misc]
                 if not isinstance(answer, bool):
-                    raise self.broken(f"answers {answer!r} when asked whether it can read a file")
+                    raise self.broken(f"answers {answer!r} to can_read, and not True or False")
 
     def _answer(self, path: Path) -> Any:
-        """What it says when asked whether it can read a file, whatever that is."""
+        """What `can_read` returns, of whatever type; unguarded, for the guard makes a truth of it."""
         try:
             return self.reader.can_read(path)
         except (Exception, SystemExit) as cause:
@@ -199,6 +200,7 @@ class _CheckedReader:
         times = [event.t_s for event in trial.events] + [s.submitted_s for s in trial.submissions]
         for span in (signal.span for signal in trial.signals.values()):
             times += [span.start_s, span.end_s] if span else []
+        # Orders and official results alone need no recording.
         if trial.recorded is None and trial.signals:
             raise self.broken("brings signals, but not when the recording began and ended")
         for t_s in times if trial.recorded else ():
@@ -207,8 +209,9 @@ class _CheckedReader:
 
     def cut_off(self) -> None:
         if self.log.is_dir():
-            return
+            return  # nothing says which of its files to cut
         content = self.log.read_bytes()
+        # Half of the file, all but a byte, one byte, none: before and after every header a format may have.
         with _folder() as folder:
             for length in (len(content) // 2, len(content) - 1, 1, 0):
                 path = folder / self.log.name
@@ -222,14 +225,14 @@ class _CheckedReader:
                 self.guarded.describe(path)
                 self.read(path)
         except PluginError:
-            raise
+            raise  # also a `ScoreError`, but the fault of the reader
         except ScoreError as refusal:
             if not str(refusal):
                 raise self.broken("refuses a log without saying why") from refusal
 
 
 def _plain(trial: Trial) -> list[Any]:
-    """What a trial says; records of kits answer questions and hold nothing to compare."""
+    """The values of a trial; records of kits are left out, for they have methods and no values."""
     values = {name: value for name, value in vars(trial).items() if name != "kits"}
     return [sorted(value) if isinstance(value, frozenset) else value for value in values.values()]
 

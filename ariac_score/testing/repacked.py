@@ -1,4 +1,4 @@
-"""An MCAP file written again in another form: packed otherwise, without chunks, without indexes."""
+"""Rewriting an MCAP file in another form: other compression, without chunks, without indexes."""
 
 from __future__ import annotations
 
@@ -68,9 +68,10 @@ def _opened(raw: bytes) -> Iterator[_Record]:
         body = raw[at + 9 : at + 9 + length]
         at += 9 + length
         if op in (_DATA_END, _FOOTER):
-            return
+            return  # after it stands the summary, which repeats schemas and channels
         if op == _CHUNK:
             size, _, named = struct.unpack_from("<QII", body, 16)
+            # Start, end, size, checksum, name of the compression, length of the records: 8+8+8+4+4+named+8.
             packed, how = body[40 + named :], body[32 : 32 + named].decode()
             yield from _opened(bytes(inflate(packed, how, size=size)) if how else packed)
         elif op in _COPIED:
@@ -98,7 +99,7 @@ class _Writer:
             self.counts[channel] = self.counts.get(channel, 0) + 1
             self.stamps_ns.append(stamp_ns)
         elif (op, body) in self.declared:
-            return
+            return  # every chunk of some writers repeats its schemas and channels
         else:
             self.declared[op, body] = None
         self.records += _record(op, body)
@@ -107,6 +108,7 @@ class _Writer:
 
     def finished(self) -> bytes:
         self._close_chunk()
+        # 0 says that there is no checksum.
         checksum = crc32(self.out) if self.form.data_checksum else 0
         self.out += _record(_DATA_END, struct.pack("<I", checksum))
         start = len(self.out)
@@ -119,7 +121,7 @@ class _Writer:
         return bytes(self.out + summary + footer + struct.pack("<I", checksum) + MAGIC)
 
     def _close_chunk(self) -> None:
-        """Write what was taken: as a chunk with its index, or as it is."""
+        """Write the records since the last chunk: as a chunk with its index, or plain."""
         records, entries = bytes(self.records), self.entries
         self.records, self.entries = bytearray(), {}
         if not records:

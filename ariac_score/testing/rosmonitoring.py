@@ -1,4 +1,4 @@
-"""Writing the event logs that monitors of ROSMonitoring write."""
+"""Writing event logs as ROSMonitoring writes them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def monitored_events(messages: Sequence[Recorded], *, origin_ns: int) -> Iterato
 
     Args:
         messages: Such as `recorded_messages(trial)`.
-        origin_ns: What to take from the stamps, ns: that of the trial gives simulation
+        origin_ns: Subtracted from the stamps, ns: `ORIGIN_NS` of the trial gives simulation
             seconds, 0 wall-clock time.
     """
     for message in messages:

@@ -48,7 +48,7 @@ class Stopwatch:
 
 @contextmanager
 def _alarm(after_s: float) -> Iterator[None]:
-    """Interrupt the block after so much processor time; only POSIX, and only the main thread, can."""
+    """Interrupt the block after some processor time, where that is possible: POSIX, main thread."""
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -56,6 +56,7 @@ def _alarm(after_s: float) -> Iterator[None]:
     def ring(_number: int, _frame: FrameType | None) -> None:
         raise OutOfTime
 
+    # SIGPROF counts processor time of user and system, as `process_time` does; SIGALRM counts waiting, too.
     before = signal.signal(signal.SIGPROF, ring)
     signal.setitimer(signal.ITIMER_PROF, after_s)
     try:

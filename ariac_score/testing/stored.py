@@ -1,4 +1,4 @@
-"""Stored results that a test has changed, in the form in which they are written."""
+"""Writing a stored result that a test has changed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ __all__ = ["rewritten"]
 
 
 def rewritten(data: dict[str, Any]) -> str:
-    """Write a changed result as text: amounts have six decimals, as in all rule sets of the examples."""
+    """The text of a changed result, as the program would write it.
+
+    Amounts get six decimals, as in all rule sets of the examples: a float has lost how many it had.
+    """
     parts = {key: _exact(value, key) for key, value in data.items() if key != "schema"}
     return as_text(parts, data["schema"])
 

@@ -1,4 +1,4 @@
-"""Trials changed in one respect each, to see what a plugin makes of it."""
+"""Trials changed in one respect each: what the contract checks try a plugin with."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def only(trial: Trial, quantities: Iterable[str]) -> Trial:
 
 
 def bare(trial: Trial) -> Trial:
-    """A trial of which nothing is known but that it took place."""
+    """A trial of which only the time of the recording is known."""
     return Trial(trial.id, recorded=trial.recorded, clocks=trial.clocks)
 
 
@@ -48,6 +48,7 @@ _Samples = tuple[FloatArray, FloatArray]
 
 def _recorded(trial: Trial, change: Callable[[FloatArray, FloatArray], _Samples]) -> Trial:
     """The trial as it would be read had its signals been recorded with a fault."""
+    # By the builder of the readers, so that repeated stamps and NaN are settled as in a real log.
     builder = TrialBuilder(trial.id, file=trial.id, clock=next(iter(trial.clocks), None))
     for name, signal in trial.signals.items():
         builder.add_signal(name, signal.unit, *change(signal.t, signal.values))
@@ -87,7 +88,7 @@ def _with_repeats(t: FloatArray, values: FloatArray) -> _Samples:
 
 
 def _empty(trial: Trial) -> Trial:
-    """Signals that are there and have no samples."""
+    """Signals without samples. Made by hand: the builder leaves such signals out."""
     empty = {
         name: Signal(name, signal.unit, signal.t[:0], signal.values[:0])
         for name, signal in trial.signals.items()
@@ -106,4 +107,4 @@ SIGNAL_VARIANTS: Mapping[str, Callable[[Trial], Trial]] = {
 """Faults of recorders by name."""
 
 HOLLOW = frozenset({"first_and_last_sample", "single_sample", "empty_signal"})
-"""Those after which nothing can be known of a signal's chart."""
+"""Faults that leave too few samples to decide anything by."""

@@ -11,18 +11,14 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.trial.model import Kit, LogDefect, Pose, Product, Submission, Task, Trial
+from ariac_score.trial.model import Kit, LogDefect, Pose, Submission, Task, Trial
 from ariac_score.trial.spans import FloatArray
 
 __all__ = ["ModelTrack", "RecordedKits", "with_contents"]
-
-FAULTY_ENDING = "_faulty"
-"""What the quality check of 2023 and later appends to the name of a faulty part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +46,7 @@ class ModelTrack:
     def exists(self, frame: int) -> bool:
         """Whether it was there in a frame: listed by then, and not deleted since."""
         row = int(np.searchsorted(self.frames, frame, side="right")) - 1
+        # A model that is listed again after its deletion was put there anew.
         gone = int(np.searchsorted(self.deleted, frame, side="right")) - 1
         return row >= 0 and (gone < 0 or bool(self.deleted[gone] <= self.frames[row]))
 
@@ -69,7 +66,7 @@ class ModelTrack:
 
 
 class RecordedKits:
-    """The contents that messages tell, each holding until the next one or until it is too old."""
+    """The contents that messages show, each valid until the next one or until it is too old."""
 
     def __init__(self, kits: Iterable[Kit]) -> None:
         self._kits: dict[str, list[Kit]] = {}
@@ -80,7 +77,8 @@ class RecordedKits:
         self._times = {place: [kit.t_s for kit in kits] for place, kits in self._kits.items()}
 
     def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
-        """The last contents told at or before a time, unless they are older than allowed."""
+        """The last contents recorded at or before a time, unless they are older than allowed."""
+        # To the right of equal times: contents of the instant of the submission are those handed in.
         last = bisect_right(self._times.get(place, []), t_s) - 1
         if last < 0 or t_s - self._times[place][last] > max_age_s:
             return None
@@ -94,24 +92,25 @@ def with_contents(trial: Trial, *, max_age_s: float) -> Trial:
     product that is not known to be faulty is not known to be sound.
 
     Args:
-        trial: With everything its logs tell.
+        trial: With everything its parts say.
         max_age_s: How old contents may be at the submission, s.
     """
+    # After all parts are merged: one log may show the tray, another the submission.
     tasks = {task.id: task for order in trial.orders for task in order.tasks}
     joined = [_joined(trial, s, tasks.get(s.task_id), max_age_s) for s in trial.submissions]
-    told = sum(1 for old, new in zip(trial.submissions, joined, strict=True) if new is not old)
+    count = sum(1 for old, new in zip(trial.submissions, joined, strict=True) if new is not old)
     unmarked = [
         f"which products of {s.task_id} are faulty: its tray is seen, but no trial configuration tells"
         for s in joined
         if s.contents is None and _sight(trial, s, tasks.get(s.task_id), max_age_s) is not None
     ]
     defects = list(trial.log_defects)
-    if told:
+    if count:
         message = (
             "submissions came without contents, which were taken from other records of the trays "
             "(poses of a Gazebo log are rounded, by up to 5 mm beyond 10 m)"
         )
-        defects.append(LogDefect("joined_contents", trial.id, told, message))
+        defects.append(LogDefect("joined_contents", trial.id, count, message))
     return replace(
         trial,
         submissions=tuple(joined),
@@ -121,7 +120,10 @@ def with_contents(trial: Trial, *, max_age_s: float) -> Trial:
 
 
 def _sight(trial: Trial, submission: Submission, task: Task | None, max_age_s: float) -> Kit | None:
-    """The first sight of a submitted kit in the records of the trial."""
+    """What the first record that has any shows of a submitted kit.
+
+    Messages stand first: simulators publish in them what they score, which poses only stand in for.
+    """
     at_station = task is not None and task.kind != "kitting"
     place = submission.station if at_station else submission.agv
     for record in trial.kits if place else ():
@@ -137,41 +139,7 @@ def _joined(trial: Trial, submission: Submission, task: Task | None, max_age_s: 
     kit = _sight(trial, submission, task, max_age_s)
     if kit is None:
         return submission
-    contents = _MARKED[kit.faults](kit.contents, trial, task)
+    contents = kit.contents if kit.faults is None else kit.faults(kit.contents, trial, task)
     if contents is None:
         return submission
     return replace(submission, contents=contents, tray=submission.tray or kit.tray)
-
-
-_Contents = tuple[Product, ...]
-
-
-def _as_seen(contents: _Contents, trial: Trial, task: Task | None) -> _Contents | None:  # noqa: ARG001
-    return contents
-
-
-def _as_listed(contents: _Contents, trial: Trial, task: Task | None) -> _Contents | None:  # noqa: ARG001
-    """Marked by the list of the configuration, which names individuals.
-
-    Source: ARIAC 2017 to 2022: faulty is decided by the full instance name, without
-    what stands before its last `|`.
-    """
-    if trial.faulty_products is None and contents:
-        return None
-    listed = trial.faulty_products or frozenset()
-    return tuple(replace(p, faulty=p.name.rpartition("|")[2] in listed) for p in contents)
-
-
-def _as_challenged(contents: _Contents, trial: Trial, task: Task | None) -> _Contents | None:  # noqa: ARG001
-    """Marked by their names; known only where the challenges of a kit's quadrants are.
-
-    Source: ARIAC 2023 and 2024 as coded; parts of assemblies are never faulty.
-    """
-    kit = task is None or task.kind == "kitting"
-    unknown = task is None or any(wanted.challenged is None for wanted in task.products)
-    if kit and unknown and contents:
-        return None
-    return tuple(replace(p, faulty=kit and p.name.endswith(FAULTY_ENDING)) for p in contents)
-
-
-_MARKED = MappingProxyType({"seen": _as_seen, "listed": _as_listed, "challenged": _as_challenged})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial import quaternions
@@ -198,9 +198,24 @@ class Order:
     priority_said: bool = field(default=True, compare=False)
 
 
-FaultMarks = Literal["seen", "listed", "challenged"]
-"""What marks faulty products: the record itself, the list of the trial's configuration, or the
-configured challenges, which the wanted products hold."""
+class FaultMarks(Protocol):
+    """How a competition says which products of a kit are faulty, where the record of the kit does not.
+
+    It is given once all parts of a trial are together, for a configuration may be what says it. A
+    function at the top of a module, so that a trial can be pickled.
+    """
+
+    def __call__(
+        self, contents: tuple[Product, ...], trial: Trial, task: Task | None, /
+    ) -> tuple[Product, ...] | None:
+        """The products with `faulty` set; `None` where nothing says which of them are.
+
+        Args:
+            contents: As the record shows them.
+            trial: With everything its parts tell.
+            task: The task the kit was handed in for; `None` when no order has it.
+        """
+        ...
 
 
 @dataclass(frozen=True)
@@ -212,14 +227,14 @@ class Kit:
         t_s: When, s of trial time.
         contents: The products, in the frame of the tray.
         tray: The movable tray, where kits are built on one.
-        faults: What marks faulty products.
+        faults: How to find out which products are faulty; `None`: the products say it themselves.
     """
 
     place: str
     t_s: float
     contents: tuple[Product, ...] = ()
     tray: Tray | None = None
-    faults: FaultMarks = "seen"
+    faults: FaultMarks | None = None
 
 
 @runtime_checkable

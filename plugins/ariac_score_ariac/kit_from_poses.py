@@ -28,12 +28,16 @@ from ariac_score import (
     Tray,
     TrayMatch,
 )
+from ariac_score_ariac import fault_marks
+from ariac_score_ariac.parts import part_of
 
 __all__ = ["KitPoses", "KitsOfModels", "is_followed", "part_type", "product_type"]
 
-_TYPES = ("battery", "pump", "sensor", "regulator")
-_COLORS = ("red", "green", "blue", "orange", "purple")
-_FAULTS: Mapping[str, FaultMarks] = {"instance": "listed", "part": "challenged"}
+_FAULTS: Mapping[str, FaultMarks] = {
+    "instance": fault_marks.by_list,
+    "part": fault_marks.by_challenges,
+}
+"""By how the log map reads the names of models, which changed with the same edition."""
 
 IntArray = NDArray[np.int64]
 
@@ -57,14 +61,11 @@ def product_type(name: str) -> str:
 def part_type(name: str) -> str:
     """Type and colour that the name of a part contains; empty for the name of anything else.
 
-    Source: ARIAC 2023 and 2024: a part is what has a known type and a known colour in its name.
-
     >>> part_type("battery_blue_3_faulty"), part_type("kit_tray_03")
     ('battery_blue', '')
     """
-    kind = next((kind for kind in _TYPES if kind in name), "")
-    color = next((color for color in _COLORS if color in name), "")
-    return f"{kind}_{color}" if kind and color else ""
+    part = part_of(name)
+    return "" if part is None else "_".join(part)
 
 
 def is_followed(name: str, kits: KitMap) -> bool:
@@ -143,13 +144,14 @@ class KitPoses:
                 if kit is not None:
                     return kit
         except ValueError:
-            return None
+            return None  # a pose that is not usable; whether the thing lay on the tray is then unknown
         return None
 
     def _frame_at(self, t_s: float, max_age_s: float) -> int | None:
         """The last frame at or before a time, of those at one time the last."""
         if not self._usable or t_s > self._until_s:
             return None
+        # Stamps may step back a little, so the latest time is looked for, and not the last frame.
         before = np.flatnonzero(self._t_s <= t_s)
         if not len(before):
             return None
@@ -159,14 +161,17 @@ class KitPoses:
         return int(before[self._t_s[before] == latest][-1])
 
     def _on(self, tray: TrayMatch, place: str, frame: int) -> Kit | None:
+        # Places have the names of the simulators: `agv1` to `agv4`, `as1` to `as4`.
         if not place.startswith("agv" if tray.at == "agv" else "as"):
             return None
         pattern = tray.pattern_for(place)
         bases = [t for t in self._tracks if fnmatchcase(t.name, pattern) and t.exists(frame)]
         if not bases:
             return None
+        # Tracks are sorted by name: of several that match, always the same one.
         base, footprint, found = bases[0].pose(frame), tray.footprint, None
         t_s, faults = float(self._t_s[frame]), _FAULTS[self._kits.names]
+        # From 2022 on products are seen on a movable tray alone.
         if tray.loose and tray.loose_footprint:
             standing = self._loose(tray, base, frame)
             if not standing:
@@ -181,7 +186,9 @@ class KitPoses:
                 pose = product.pose(frame).seen_from(base)
                 if footprint.holds(pose.position_m):
                     lying.append(Product(_type_of(product.model, self._kits), pose, name=product.model))
-        return Kit(place, t_s, _in_known_order(lying, faults), found, faults)
+        return Kit(
+            place, t_s, _in_known_order(lying) if self._kits.names == "part" else tuple(lying), found, faults
+        )
 
     def _loose(self, tray: TrayMatch, base: Pose, frame: int) -> list[tuple[str, Pose, Pose]]:
         """The loose trays that stand on a base: type, pose in the world, and on the base."""
@@ -209,14 +216,12 @@ def _best_of_each_model(tracks: Iterable[ModelTrack]) -> list[ModelTrack]:
     return best
 
 
-def _in_known_order(products: Sequence[Product], faults: FaultMarks) -> tuple[Product, ...]:
+def _in_known_order(products: Sequence[Product]) -> tuple[Product, ...]:
     """Products by name; those that the order of a sensor's list would decide between lose their pose.
 
     In 2023 and later the last part listed in a quadrant counts, and poses do not say
     which that is. They stand first, where a part with a pose is found before them.
     """
-    if faults != "challenged":
-        return tuple(products)
     quadrants = [_quadrant(product) for product in products]
     rivals = [
         replace(p, pose=None) for p, q in zip(products, quadrants, strict=True) if quadrants.count(q) > 1

@@ -1,7 +1,7 @@
 """What the messages of a competition mean: orders, contents of trays, submissions, events.
 
 One class for each family of messages. A message whose fields are those of another
-edition is unusable, and said to be.
+edition is refused in words.
 
 Source: public message definitions of `osrf_gear`, `nist_gear` and `ariac_msgs`; ARIAC
 notes on log formats, section 11.
@@ -25,6 +25,7 @@ from ariac_score import (
     Tray,
     WantedProduct,
 )
+from ariac_score_ariac.parts import COLORS, TYPES
 
 __all__ = [
     "AriacMsgs2023",
@@ -42,6 +43,7 @@ state is published ten times a second, so most recordings go from `go` to `done`
 """
 
 _HIGH_PRIORITY = 3
+"""The factor of a high-priority order, 2017 to 2024."""
 
 
 class _Gear:
@@ -61,6 +63,7 @@ class _Gear:
             ValueError: A pose in an order is not finite or has no orientation, or the
                 message has the fields of another edition.
         """
+        # The log map decides which topic comes here; other words of it are states without an event.
         if msgtype == "std_msgs/msg/String":
             return Event(t_s, _STATES[message.data]) if message.data in _STATES else None
         package, _, name = msgtype.partition("/msg/")
@@ -103,6 +106,7 @@ class NistGear2021(_Gear):
                 _kit_task(s, s.shipment_type, agv=s.agv_id, station=s.station_id)
                 for s in message.kitting_shipments
             ]
+            # From 2021 on the priority stands in the trial configuration alone.
             return _gear_order(
                 message, t_s, [*kits, *_assemblies(message.assembly_shipments)], priority_said=False
             )
@@ -178,6 +182,7 @@ def _of_another_edition(msgtype: str, cause: AttributeError) -> ValueError:
 
 
 def _gear_order(message: Any, t_s: float, tasks: Iterable[Task], *, priority_said: bool = True) -> Order:
+    # The message has no field for it: in all ROS 1 editions the id says what is updated.
     replaced, update, _ = message.order_id.partition("_update_")
     return Order(
         id=message.order_id,
@@ -214,7 +219,7 @@ def _tray_contents(message: Any, t_s: float) -> Kit | None:
 
 
 def _movable_tray_contents(message: Any, t_s: float) -> Kit | None:
-    # A tray that stands on no AGV tells of itself too, with an empty name here.
+    # A tray that stands on no AGV is reported too, with an empty name here.
     place = _numbered(message.kit_tray, r"kit_tray_(\d+)|agv(\d+)", "agv")
     tray = message.movable_tray
     found = Tray(tray.movable_tray_type, _pose_or_none(tray.movable_tray_pose))
@@ -239,8 +244,8 @@ def _products(products: Iterable[Any]) -> tuple[Product, ...]:
 # ROS 2: ariac_msgs
 
 _KINDS = {0: "kitting", 1: "assembly", 2: "combined"}
-_COLORS = {0: "red", 1: "green", 2: "blue", 3: "orange", 4: "purple"}
-_TYPES = {10: "battery", 11: "pump", 12: "sensor", 13: "regulator"}
+_COLORS = dict(enumerate(COLORS))
+_TYPES = dict(enumerate(TYPES, start=10))
 _DESTINATIONS = {0: "kitting", 1: "assembly_front", 2: "assembly_back", 3: "warehouse"}
 _NUMBERS = {n: str(n) for n in (1, 2, 3, 4)}
 """AGVs, stations and quadrants alike."""

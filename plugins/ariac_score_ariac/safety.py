@@ -92,7 +92,7 @@ class HumanContact(LimitMonitor):
         return f"{self.distance}/{{robot}}/{{human}}"
 
     def needs(self) -> Iterator[SignalNeed]:
-        """The distance between the two, and what tells whether the robot moved."""
+        """The distance between the two, and the speed, which shows whether the robot moved."""
         yield SignalNeed(self.distance, "m", self.max_gap_s)
         yield SignalNeed("speed", "m/s", self.max_gap_s, optional=True)
 
@@ -148,6 +148,7 @@ class HumanContact(LimitMonitor):
             )
 
     def _contact(self, limit: JudgedLimit, episode: Episode, exposure: Mapping[str, float]) -> Finding:
+        # Robustness against the contact distance: `limit` is the next number above it.
         watched, worst = limit.watched, episode.worst
         distance_m, speed = float(limit.bound.actual[worst]), watched.get(SPEED)
         return Finding(
@@ -216,15 +217,16 @@ class _EventsOnline:
 
     def __init__(self, monitor: NoEvent) -> None:
         self._monitor, self._arrivals = monitor, Arrivals()
-        self._told_s: dict[str, float] = {}
+        self._last_s: dict[str, float] = {}
 
     def step(self, samples: Sequence[Sample], events: Sequence[Event] = ()) -> Iterator[InstantVerdict]:
         """Say that there was such an event; several of one time are one thing to say."""
         self._arrivals.take(samples)
         for event in events:
             subject = event.subject or "trial"
-            if event.kind == self._monitor.kind and event.t_s > self._told_s.get(subject, -inf):
-                self._told_s[subject] = event.t_s
+            # An instant has one verdict for each subject.
+            if event.kind == self._monitor.kind and event.t_s > self._last_s.get(subject, -inf):
+                self._last_s[subject] = event.t_s
                 words = f"{event.kind.replace('_', ' ')} at {event.t_s:.3f} s"
                 yield InstantVerdict(subject, event.t_s, Verdict.VIOLATED, words)
 
@@ -262,6 +264,7 @@ def occurrences(
     >>> [occurrences(d) for d in (0.5, 4.9, 5.0, 12.3, 25.0)]
     [1, 1, 2, 3, 6]
     """
+    # A duration is a difference of stamps. So 5 s may come out as 4.9999999999 s, which may decide nothing.
     times = duration_s / every_s
     again = floor(times + _ROUNDING) if closed_right else max(-floor(-(times - _ROUNDING)) - 1, 0)
     return weight * (1 + again)
@@ -329,9 +332,9 @@ class CollisionEpisodes:
         check_parameters(self)
 
     def needs(self) -> Iterator[SignalNeed]:
-        """Whatever tells of contacts."""
-        told = {"in_contact": "1", "contact_force": "N", "body_separation": "m", "velocity": "m/s"}
-        for quantity, unit in told.items():
+        """Whatever shows contacts; which of them a log has is found out in `watch`."""
+        units = {"in_contact": "1", "contact_force": "N", "body_separation": "m", "velocity": "m/s"}
+        for quantity, unit in units.items():
             yield SignalNeed(quantity, unit, self.max_gap_s)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
@@ -349,6 +352,7 @@ class CollisionEpisodes:
             kinds = f"{first.kind}_{second.kind}"
             recorded = second.kind != ENVIRONMENT or self._recorded(trial, first, second)
             wanted = kinds == self.between or (self.between == "any" and recorded)
+            # Contact with people is `ariac.human_contact`, which has other consequences.
             if wanted and second.kind != "human":
                 yield first, second
 
@@ -365,6 +369,7 @@ class CollisionEpisodes:
         return Finding.inconclusive("trial", message, span=trial.window, clause=_COLLISION_CLAUSE)
 
     def _touching(self, trial: Trial, first: Body, second: Body) -> _Touching | None:
+        # A report of contact before a force, and a force before a distance. Either body may be named first.
         for a, b in ((first.id, second.id), (second.id, first.id)):
             flag = trial.signals.get(f"in_contact/{a}/{b}")
             force = trial.signals.get(f"contact_force/{a}/{b}")
@@ -376,10 +381,10 @@ class CollisionEpisodes:
                 watched = self._watched(trial, force)
                 return _Touching(watched, watched.columns[force.name] > self.contact_on_n, force)
         for a, b in ((first.id, second.id), (second.id, first.id)):
-            apart = trial.signals.get(f"body_separation/{a}/{b}")
-            if apart is not None:
-                watched = self._watched(trial, apart)
-                return _Touching(watched, watched.columns[apart.name] <= 0, None)
+            separation = trial.signals.get(f"body_separation/{a}/{b}")
+            if separation is not None:
+                watched = self._watched(trial, separation)
+                return _Touching(watched, watched.columns[separation.name] <= 0, None)
         return None
 
     def _watched(self, trial: Trial, signal: Signal) -> Watched:
@@ -395,7 +400,7 @@ class CollisionEpisodes:
             elif event.detail == OFF and began is not None:
                 spans.append(Span(began, event.t_s))
                 began = None
-        if began is not None:
+        if began is not None:  # still in contact when the recording ended
             spans.append(Span(began, max(began, trial.window.end_s if trial.window else began)))
         return spans
 
@@ -409,6 +414,7 @@ class CollisionEpisodes:
         else:
             spans = _merged(self._from_events(trial, first, second), self.t_off_s)
             collisions = [(span, {}) for span in spans]
+        # No event in a log that would have recorded one means that they never touched.
         if touching is None and not collisions and "in_contact" not in trial.witnessed:
             message = "the log does not show whether they touched"
             yield Finding.inconclusive(subject, message, span=trial.window, clause=_COLLISION_CLAUSE)
@@ -419,6 +425,7 @@ class CollisionEpisodes:
             yield Finding.inconclusive(subject, message, span=gap, clause=_COLLISION_CLAUSE)
         both = first.kind == second.kind == "robot"
         for span, hardness in collisions:
+            # The database of 2025 has a row for each of the two robots.
             weight = self.robot_robot_weight if both else 1
             speed = self._speed_against(trial, first, second, span.start_s)
             yield self._collision(subject, span, weight, speed, hardness)

@@ -1,7 +1,7 @@
 """Every check of every edition has cases on both sides: one where it earns, one where it does not.
 
 A case decides through a check when a value that it expects (score, task score, a term, or
-what it says of the check itself) would be another if the check had said otherwise. Cases of
+what it says of the check itself) would be another had the verdict been another. Cases of
 a rule set that another one extends count for that one too where the check is the same.
 """
 
@@ -168,7 +168,7 @@ def answer(finding: Finding, use: str) -> Verdict:
 
 
 def said_otherwise(measured: Measured, check: str, use: str) -> Iterator[tuple[str, dict[str, Finding]]]:
-    """The findings as they would be had the check said the opposite, or measured another number."""
+    """The findings as they would be had the verdict been the opposite, or measured another number."""
     own = {key: finding for key, finding in measured.findings.items() if finding.check == check}
     for verdict, (side, opposite) in OPPOSITE.items():
         turned = {key: replace(f, verdict=opposite) for key, f in own.items() if answer(f, use) is verdict}

@@ -25,10 +25,10 @@ CASES = {
 def test_each_option_takes_a_folder_outside_the_repository(tmp_path: Path) -> None:
     """As documented: with the tests to run, for pytest takes a lone folder as that of the tests."""
     arguments = []
-    for option, (tests, name, told) in CASES.items():
+    for option, (tests, name, document) in CASES.items():
         folder = tmp_path / option.strip("-")
         folder.mkdir()
-        (folder / name).write_text(json.dumps(told), encoding="utf-8")
+        (folder / name).write_text(json.dumps(document), encoding="utf-8")
         arguments += [tests, option, str(folder)]
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-n", "0", "-p", "no:cacheprovider"]
 

@@ -76,12 +76,12 @@ def cases_in(folder: Path) -> list[dict[str, Any]]:
 def case_in(file: Path) -> dict[str, Any]:
     """The case of a file; one without an id has the file's name."""
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
+        document = json.loads(file.read_text(encoding="utf-8"))
     except ValueError as error:
         raise pytest.UsageError(f"{file}: no official case, for it is not JSON: {error}") from error
-    if not isinstance(told, dict):
+    if not isinstance(document, dict):
         raise pytest.UsageError(f"{file}: no official case, for it is not a JSON object")
-    return {"id": file.stem, **told}
+    return {"id": file.stem, **document}
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -130,8 +130,8 @@ def test_every_official_case_is_of_a_kind_that_is_run(request: pytest.FixtureReq
 def year_of(case: Mapping[str, Any]) -> str | None:
     """The year whose rules the expectation belongs to; `None` when it is no oracle for any."""
     valid_for = case.get("valid_for") or [case.get("edition", "")]
-    told = re.match(r"20\d\d", str(valid_for[0]))
-    return told.group() if told else None
+    found = re.match(r"20\d\d", str(valid_for[0]))
+    return found.group() if found else None
 
 
 def referee_of(case: Mapping[str, Any]) -> Referee:
@@ -153,29 +153,29 @@ def in_s(time: Sequence[int]) -> float:
     return time[0] + time[1] / 1e9
 
 
-def pose_of(told: Mapping[str, Any]) -> Pose:
-    x, y, z = map(float, told["xyz"])
-    if "rpy" in told:
-        roll, pitch, yaw = map(float, told["rpy"])
+def pose_of(document: Mapping[str, Any]) -> Pose:
+    x, y, z = map(float, document["xyz"])
+    if "rpy" in document:
+        roll, pitch, yaw = map(float, document["rpy"])
         return Pose.from_rpy((x, y, z), (roll, pitch, yaw))
-    if "quat_wxyz" in told:
-        w, i, j, k = map(float, told["quat_wxyz"])
+    if "quat_wxyz" in document:
+        w, i, j, k = map(float, document["quat_wxyz"])
     else:
-        i, j, k, w = map(float, told["quat_xyzw"])
+        i, j, k, w = map(float, document["quat_xyzw"])
     return Pose((x, y, z), (w, i, j, k))
 
 
 def delivered_agv(container: str) -> str:
-    told = re.fullmatch(r"(agv(\d))::kit_tray_\2::kit_tray_\2::tray", container)
-    return told.group(1) if told else "no AGV"
+    found = re.fullmatch(r"(agv(\d))::kit_tray_\2::kit_tray_\2::tray", container)
+    return found.group(1) if found else "no AGV"
 
 
-def wanted_products(told: Sequence[Mapping[str, Any]]) -> tuple[WantedProduct, ...]:
-    return tuple(WantedProduct(f"part_{i}", p["type"], pose_of(p)) for i, p in enumerate(told))
+def wanted_products(products: Sequence[Mapping[str, Any]]) -> tuple[WantedProduct, ...]:
+    return tuple(WantedProduct(f"part_{i}", p["type"], pose_of(p)) for i, p in enumerate(products))
 
 
-def delivered_products(told: Sequence[Mapping[str, Any]]) -> tuple[Product, ...]:
-    return tuple(Product(p["type"], pose_of(p), p.get("faulty", False), p.get("name", "")) for p in told)
+def delivered_products(products: Sequence[Mapping[str, Any]]) -> tuple[Product, ...]:
+    return tuple(Product(p["type"], pose_of(p), p.get("faulty", False), p.get("name", "")) for p in products)
 
 
 def order_of(event: Mapping[str, Any]) -> Order:
@@ -232,11 +232,11 @@ def shaken(events: Sequence[Mapping[str, Any]], draw: random.Random) -> list[dic
             low, high = event["jitter"]["uniform"]
             axes = event["jitter"]["each_product_axis"]
             products = []
-            for told in event["contents"]["products"]:
+            for part in event["contents"]["products"]:
                 xyz = [
-                    v + draw.uniform(low, high) * (a in axes) for v, a in zip(told["xyz"], "xyz", strict=True)
+                    v + draw.uniform(low, high) * (a in axes) for v, a in zip(part["xyz"], "xyz", strict=True)
                 ]
-                products.append({**told, "xyz": xyz})
+                products.append({**part, "xyz": xyz})
             event["contents"] = {**event["contents"], "products": products}
     return varied
 
@@ -294,8 +294,8 @@ def earned(orders: Sequence[Order], points: Points, *, factored: bool = True) ->
     return sorted(found)
 
 
-def asked_terms(told: Sequence[Mapping[str, float]]) -> list[tuple[float, ...]]:
-    rows = [(t["presence"], t["pose"], t["bonus"], t["factor"]) for t in told]
+def terms_by_order(orders: Sequence[Mapping[str, float]]) -> list[tuple[float, ...]]:
+    rows = [(t["presence"], t["pose"], t["bonus"], t["factor"]) for t in orders]
     return sorted(row for row in rows if any(row[:3]))
 
 
@@ -306,14 +306,14 @@ def compare(expected: Mapping[str, Any], trial: Trial, points: Points) -> None:
         if key == "game_total":
             assert points.total == value
         elif key == "game_total_terms":
-            assert earned(trial.orders, points) == asked_terms(value)
+            assert earned(trial.orders, points) == terms_by_order(value)
         elif key == "first_shipment_pose_points":
             order = trial.orders[0]
             first = min(task.id for task in order.tasks)
             assert points.terms[f"{order.id}/{first}", "pose"] == value
         elif key == "orders":
-            for order_id, told in value.items():
-                compare_order(told, trial, by_id[order_id], points)
+            for order_id, document in value.items():
+                compare_order(document, trial, by_id[order_id], points)
         else:
             pytest.fail(f"unknown expectation {key!r}")
 
@@ -327,7 +327,7 @@ def compare_order(expected: Mapping[str, Any], trial: Trial, order: Order, point
         elif key == "completion_score":
             assert points.terms[order.id, "completion"] == value
         elif key in ("total_terms", "completion_score_terms"):
-            assert earned([order], points, factored=key == "total_terms") == asked_terms(value)
+            assert earned([order], points, factored=key == "total_terms") == terms_by_order(value)
         elif key == "complete":
             assert (time_taken.verdict is not Verdict.VIOLATED) == value
         elif key == "first_shipment_complete":
@@ -525,15 +525,15 @@ class Simulation:
     def complete(self) -> bool:
         return {task.id for task in self.announced[-1].tasks} <= self.submitted
 
-    def started(self, told: Mapping[str, Any]) -> None:
-        base, _, update = told["id"].partition("_update")
-        destinations = told.get("destinations") or ["any"] * told["shipment_count"]
-        products = wanted_products(told["products_per_shipment"])
+    def started(self, document: Mapping[str, Any]) -> None:
+        base, _, update = document["id"].partition("_update")
+        destinations = document.get("destinations") or ["any"] * document["shipment_count"]
+        products = wanted_products(document["products_per_shipment"])
         tasks = tuple(
             Task(f"{base}_shipment_{k}", products=products, agv=destinations[k])
-            for k in range(told["shipment_count"])
+            for k in range(document["shipment_count"])
         )
-        order = Order(told["id"], tasks, self.time_s, updates=base if update else "")
+        order = Order(document["id"], tasks, self.time_s, updates=base if update else "")
         self.announced.append(order)
         self.items.append(order)
 
@@ -634,19 +634,19 @@ class Demonstration:
         return trial_of(self.items)
 
     def announce(self, due: Callable[[Mapping[str, Any]], bool]) -> None:
-        for told in [order for order in self.waiting if due(order)]:
-            if "_update" in told["id"]:
+        for document in [order for order in self.waiting if due(order)]:
+            if "_update" in document["id"]:
                 raise CannotReplayError("an update announced at a time that no command tells")
-            self.waiting.remove(told)
-            self.items.append(demo_order(told, self.time_s))
+            self.waiting.remove(document)
+            self.items.append(demo_order(document, self.time_s))
 
-    def spawn(self, told: Mapping[str, Any]) -> None:
-        frame = told["reference_frame"].partition("::")[0]
+    def spawn(self, document: Mapping[str, Any]) -> None:
+        frame = document["reference_frame"].partition("::")[0]
         place = re.sub(r"^station(\d)$", r"as\1", frame)
         lying = self.places.setdefault(place, [])
-        if not any(p["type"] == told["type"] and p["xyz"][:2] == told["xyz"][:2] for p in lying):
-            name = told["model_name"]
-            lying.append({**told, "name": name, "faulty": name in self.faulty})
+        if not any(p["type"] == document["type"] and p["xyz"][:2] == document["xyz"][:2] for p in lying):
+            name = document["model_name"]
+            lying.append({**document, "name": name, "faulty": name in self.faulty})
 
     def submit(self, command: Mapping[str, Any], place: str, agv: str, station: str) -> None:
         kind = command["shipment_type"]
@@ -655,16 +655,16 @@ class Demonstration:
         self.items.append(Submission(kind, self.time_s, contents, agv, station))
 
 
-def demo_order(told: Mapping[str, Any], time_s: float) -> Order:
-    tasks = [task for kind in ("kitting", "assembly") for task in demo_tasks(told, kind)]
-    return Order(told["id"], tuple(tasks), time_s, told["priority"])
+def demo_order(document: Mapping[str, Any], time_s: float) -> Order:
+    tasks = [task for kind in ("kitting", "assembly") for task in demo_tasks(document, kind)]
+    return Order(document["id"], tuple(tasks), time_s, document["priority"])
 
 
-def demo_tasks(told: Mapping[str, Any], kind: str) -> Iterator[Task]:
-    block = told.get(kind, {"shipment_count": 0})
+def demo_tasks(document: Mapping[str, Any], kind: str) -> Iterator[Task]:
+    block = document.get(kind, {"shipment_count": 0})
     for k in range(block["shipment_count"]):
         yield Task(
-            f"{told['id']}_{kind}_shipment_{k}",
+            f"{document['id']}_{kind}_shipment_{k}",
             kind,
             wanted_products(block["products_per_shipment"]),
             block["agvs"][k] if "agvs" in block else "any",
@@ -682,13 +682,13 @@ def test_demonstration_of_the_organisers(demo_case: Case) -> None:
     assert violations(points, "no_arm_collision") == expected["arms_collision"]
     assert violations(points, "dropped_parts") == expected["dropped_part_penalty"]
     # Times were measured on the organisers' machine (README): they are not compared.
-    for told in expected["orders"]:
-        order = next(order for order in trial.orders if order.id == told["id"])
-        assert (points.terms[order.id, "total"], order.priority) == (told["total"], told["priority"])
-        assert points.terms[order.id, "completion"] == told["completion_score"]
-        for kit in told.get("kitting", []):
+    for document in expected["orders"]:
+        order = next(order for order in trial.orders if order.id == document["id"])
+        assert (points.terms[order.id, "total"], order.priority) == (document["total"], document["priority"])
+        assert points.terms[order.id, "completion"] == document["completion_score"]
+        for kit in document.get("kitting", []):
             compare_kit(f"{order.id}/{kit['shipment_type']}", kit, points)
-        for briefcase in told.get("assembly", []):
+        for briefcase in document.get("assembly", []):
             compare_briefcase(f"{order.id}/{briefcase['shipment_type']}", briefcase, points, trial, order)
 
 
@@ -707,7 +707,7 @@ def satisfied(points: Points, check: str, subject: str) -> bool:
     return {finding.verdict for finding in findings_about(points, check, subject)} == {Verdict.SATISFIED}
 
 
-def compare_kit(subject: str, told: Mapping[str, Any], points: Points) -> None:
+def compare_kit(subject: str, document: Mapping[str, Any], points: Points) -> None:
     place = next(iter(findings_about(points, "right_destination", subject)))
     found = {
         "completion_score": points.terms[subject, "kit"],
@@ -720,13 +720,13 @@ def compare_kit(subject: str, told: Mapping[str, Any], points: Points) -> None:
         "pose_points": points.terms[subject, "pose"],
         "bonus": points.terms[subject, "bonus"],
     }
-    assert {key: found[key] for key in told if key != "shipment_type"} == {
-        key: value for key, value in told.items() if key != "shipment_type"
+    assert {key: found[key] for key in document if key != "shipment_type"} == {
+        key: value for key, value in document.items() if key != "shipment_type"
     }
 
 
 def compare_briefcase(
-    subject: str, told: Mapping[str, Any], points: Points, trial: Trial, order: Order
+    subject: str, document: Mapping[str, Any], points: Points, trial: Trial, order: Order
 ) -> None:
     (counted,) = (f.quantities for f in findings_about(points, "assembly_counters", subject))
 
@@ -750,8 +750,8 @@ def compare_briefcase(
         "correct_color": counted["colors_alike"],
         "correct_station": satisfied(points, "right_station", subject),
     }
-    assert {key: found[key] for key in told if key != "shipment_type"} == {
-        key: value for key, value in told.items() if key != "shipment_type"
+    assert {key: found[key] for key in document if key != "shipment_type"} == {
+        key: value for key, value in document.items() if key != "shipment_type"
     }
 
 
@@ -764,7 +764,7 @@ def test_observation_of_a_run(observed_case: Case) -> None:
     assert case["format"] == "ariac-case/1"
     expected = case.get("expected", {})
     if "game_total" in expected:
-        compare_sums(expected)  # what was ordered and delivered is not told
+        compare_sums(expected)  # what was ordered and delivered is not known
         if Path(case.get("source", {}).get("path", "")).match("*/nist_team/*/*"):
             compare_log(expected)
     elif year_of(case) in RULE_SETS and "shipment" in expected and tells_one_shipment(case):
@@ -777,7 +777,9 @@ def test_observation_of_a_run(observed_case: Case) -> None:
 def tells_one_shipment(case: Mapping[str, Any]) -> bool:
     """Whether a report says what was ordered and delivered, as far as one shipment goes."""
     shipments = [shipment for order in case.get("orders", ()) for shipment in order.get("shipments", ())]
-    if [{"type", "agv", "products"} <= {*told} for told in shipments] != [True] or "delivered" not in case:
+    if [{"type", "agv", "products"} <= {*shipment} for shipment in shipments] != [
+        True
+    ] or "delivered" not in case:
         return False
     placed_right = "pose_points" in case["expected"]["shipment"]
     return placed_right or all("xyz" in product for product in case["delivered"])
@@ -789,9 +791,9 @@ def compare_shipment(case: Mapping[str, Any], expected: Mapping[str, Any]) -> No
     ordered = [placed(p, i) for i, p in enumerate(shipment["products"])]
     delivered = [dict(p) for p in case["delivered"]]
     # A report without poses says how many lay right: as many as it says are put into their places.
-    for i, told in enumerate(delivered):
-        if "xyz" not in told:
-            told.update(xyz=[10.0 + i, 0.0, 0.0], rpy=[0.0, 0.0, 0.0])
+    for i, part in enumerate(delivered):
+        if "xyz" not in part:
+            part.update(xyz=[10.0 + i, 0.0, 0.0], rpy=[0.0, 0.0, 0.0])
     right = expected["pose_points"] if not any("xyz" in p for p in case["delivered"]) else 0
     for slot in ordered:
         match = next((p for p in delivered if p["type"] == slot["type"] and p["xyz"][0] >= 10.0), None)
@@ -813,10 +815,10 @@ def compare_shipment(case: Mapping[str, Any], expected: Mapping[str, Any]) -> No
             pytest.fail(f"unknown expectation {key!r} of a shipment")
 
 
-def placed(told: Mapping[str, Any], i: int) -> dict[str, Any]:
-    """An ordered product with a pose: the told place, or one of its own."""
-    x, y = told.get("xy", [float(i), 0.0])
-    return {"xyz": [x, y, 0.0], "rpy": [0.0, 0.0, 0.0], **told}
+def placed(part: Mapping[str, Any], i: int) -> dict[str, Any]:
+    """An ordered product with a pose: the given place, or one of its own."""
+    x, y = part.get("xy", [float(i), 0.0])
+    return {"xyz": [x, y, 0.0], "rpy": [0.0, 0.0, 0.0], **part}
 
 
 def compare_sums(expected: Mapping[str, Any]) -> None:
@@ -829,10 +831,10 @@ def compare_sums(expected: Mapping[str, Any]) -> None:
         shipments = [*order.get("kitting", []), *order.get("assembly", [])]
         if shipments and all("completion_score" in s for s in shipments) and "priority" in order:
             assert order["total"] == order["priority"] * add(s["completion_score"] for s in shipments)
-        for told in shipments:
-            parts = [told.get(key) for key in ("two_points_type_and_pose", "one_point_color", "bonus")]
+        for shipment in shipments:
+            parts = [shipment.get(key) for key in ("two_points_type_and_pose", "one_point_color", "bonus")]
             if None not in parts:
-                assert add(parts) == told["completion_score"]
+                assert add(parts) == shipment["completion_score"]
 
 
 def add(numbers: Iterable[float | None]) -> float:
@@ -849,8 +851,8 @@ def compare_log(expected: Mapping[str, Any]) -> None:
         assert score_trial(log, RULE_SETS["2022"]).score == expected["game_total"]
 
 
-def observed(**told: Any) -> Case:
-    return {"format": "ariac-case/1", "id": "seen", "kind": "observed", **told}, {}
+def observed(**facts: Any) -> Case:
+    return {"format": "ariac-case/1", "id": "seen", "kind": "observed", **facts}, {}
 
 
 SEEN = {
@@ -866,7 +868,7 @@ SEEN = {
 
 
 @pytest.mark.parametrize(
-    "told",
+    "facts",
     [
         {},
         {"edition": "2023", "valid_for": [], "expected_reported_by_user": 7},
@@ -880,9 +882,9 @@ SEEN = {
     ],
     ids=["nothing", "a bug", "a year without rules", "no order", "no poses"],
 )
-def test_an_observation_without_notes_that_is_no_oracle_is_skipped(told: dict[str, Any]) -> None:
+def test_an_observation_without_notes_that_is_no_oracle_is_skipped(facts: dict[str, Any]) -> None:
     with pytest.raises(pytest.skip.Exception, match="no oracle: it tells of a part of a run"):
-        test_observation_of_a_run(observed(**told))
+        test_observation_of_a_run(observed(**facts))
 
 
 def test_an_observation_without_notes_that_tells_enough_is_compared() -> None:

@@ -103,95 +103,97 @@ def differences_in(file: Path) -> tuple[list[str], int]:
     """What differs in each trial of a file, by its number, and how many trials there are."""
     unpack = gzip.open if file.suffix == ".gz" else open
     with unpack(file, "rt", encoding="utf-8") as lines:
-        told = [line for line in lines if line.strip()]
-    found = [(number, list(differences(line))) for number, line in enumerate(told, start=1)]
-    return [f"  trial {number}, {'; '.join(said)}" for number, said in found if said], len(told)
+        rows = [line for line in lines if line.strip()]
+    found = [(number, list(differences(line))) for number, line in enumerate(rows, start=1)]
+    return [f"  trial {number}, {'; '.join(words)}" for number, words in found if words], len(rows)
 
 
 def differences(line: str) -> Iterator[str]:
     """What differs between one line and our score of it, in words, first of all which trial it is."""
     try:
-        told = json.loads(line)
-        trial, _ = trial_of(told), float(told["expected"]["total"])
+        document = json.loads(line)
+        trial, _ = trial_of(document), float(document["expected"]["total"])
     except (ValueError, KeyError, TypeError, LogError) as error:
         yield f"which is not of the format ariac-official-vectors/1: {error!r}"
         return
-    compared = list(compare(told, trial))
+    compared = list(compare(document, trial))
     if compared:
-        yield f"{told['case']}: {compared[0]}"
+        yield f"{document['case']}: {compared[0]}"
         yield from compared[1:]
 
 
 # From a vector to a trial --------------------------------------------------------------
 
 
-def state_of(told: Mapping[str, Any]) -> str:
-    return str(told["case"]).partition("-")[0]
+def state_of(document: Mapping[str, Any]) -> str:
+    return str(document["case"]).partition("-")[0]
 
 
-def pose_of(told: Mapping[str, Any] | None) -> Pose | None:
-    if told is None:
+def pose_of(document: Mapping[str, Any] | None) -> Pose | None:
+    if document is None:
         return None
-    (x, y, z), (w, i, j, k) = told["position_m"], told["orientation_wxyz"]
+    (x, y, z), (w, i, j, k) = document["position_m"], document["orientation_wxyz"]
     return Pose((x, y, z), (w, i, j, k))
 
 
-def wanted_of(number: int, told: Mapping[str, Any]) -> WantedProduct:
+def wanted_of(number: int, document: Mapping[str, Any]) -> WantedProduct:
     # Of a quadrant of which a vector does not say that it is challenged it is known that it is not.
     return WantedProduct(
         f"part_{number}",
-        told["type"],
-        pose_of(told["pose"]),
-        told.get("quadrant", 0),
-        told.get("challenged", False) if "quadrant" in told else None,
+        document["type"],
+        pose_of(document["pose"]),
+        document.get("quadrant", 0),
+        document.get("challenged", False) if "quadrant" in document else None,
     )
 
 
-def task_of(told: Mapping[str, Any]) -> Task:
+def task_of(document: Mapping[str, Any]) -> Task:
     return Task(
-        told["id"],
-        told["kind"],
-        tuple(wanted_of(number, product) for number, product in enumerate(told["products"])),
-        told["agv"],
-        told["station"],
-        Tray(told["tray"]) if told["tray"] else None,
+        document["id"],
+        document["kind"],
+        tuple(wanted_of(number, product) for number, product in enumerate(document["products"])),
+        document["agv"],
+        document["station"],
+        Tray(document["tray"]) if document["tray"] else None,
     )
 
 
-def order_of(told: Mapping[str, Any]) -> Order:
-    tasks = tuple(task_of(task) for task in told["tasks"])
-    return Order(told["id"], tasks, told["time_s"], told["priority"], updates=told.get("updates", ""))
+def order_of(document: Mapping[str, Any]) -> Order:
+    tasks = tuple(task_of(task) for task in document["tasks"])
+    return Order(
+        document["id"], tasks, document["time_s"], document["priority"], updates=document.get("updates", "")
+    )
 
 
-def submission_of(told: Mapping[str, Any], *, tray_is_seen: bool) -> Submission:
-    tray = Tray(told["tray"], pose_of(told.get("tray_pose")))
+def submission_of(document: Mapping[str, Any], *, tray_is_seen: bool) -> Submission:
+    tray = Tray(document["tray"], pose_of(document.get("tray_pose")))
     return Submission(
-        told["task"],
-        told["time_s"],
+        document["task"],
+        document["time_s"],
         tuple(
             Product(p["type"], pose_of(p["pose"]), p.get("faulty", False), p.get("name", ""))
-            for p in told["products"]
+            for p in document["products"]
         ),
-        told["agv"],
-        told["station"],
+        document["agv"],
+        document["station"],
         # From 2023 on an empty name says that no tray or insert was seen.
-        tray if told["tray"] or tray_is_seen else None,
+        tray if document["tray"] or tray_is_seen else None,
     )
 
 
-def trial_of(told: Mapping[str, Any]) -> Trial:
-    builder = TrialBuilder(told["case"], file=told["case"], clock=Clock("simulated time"))
+def trial_of(document: Mapping[str, Any]) -> Trial:
+    builder = TrialBuilder(document["case"], file=document["case"], clock=Clock("simulated time"))
     builder.witnessed |= {"submissions", "arm_collision", "part_dropped", "quality_check"}
-    for order in told["orders"]:
+    for order in document["orders"]:
         builder.add(order_of(order))
-    for submission in told["submissions"]:
-        builder.add(submission_of(submission, tray_is_seen=state_of(told) >= "2023"))
-    end_s = max([0.0, *(submission["time_s"] for submission in told["submissions"])]) + 1.0
-    if told.get("arm_collision", False):
+    for submission in document["submissions"]:
+        builder.add(submission_of(submission, tray_is_seen=state_of(document) >= "2023"))
+    end_s = max([0.0, *(submission["time_s"] for submission in document["submissions"])]) + 1.0
+    if document.get("arm_collision", False):
         builder.add(Event(end_s, "arm_collision"))
-    for number in range(told.get("floor_penalty", 0)):
+    for number in range(document.get("floor_penalty", 0)):
         builder.add(Event(end_s, "part_dropped", f"part_{number}"))
-    for check in told.get("quality_checks", []):
+    for check in document.get("quality_checks", []):
         builder.add(Event(check["time_s"], "quality_check", check["order"]))
     return builder.build()
 
@@ -204,17 +206,17 @@ def prepared(name: str) -> Prepared:
     return prepare(name, registry=REGISTRY)
 
 
-def compare(told: Mapping[str, Any], trial: Trial) -> Iterator[str]:
+def compare(document: Mapping[str, Any], trial: Trial) -> Iterator[str]:
     """Each number of a vector that is not ours, in words; an expectation that we do not know, too."""
-    unknown = sorted({*told} - FIELDS) + sorted(
-        f"expected.{key}" for key in {*told["expected"]} - {"total", "orders"}
+    unknown = sorted({*document} - FIELDS) + sorted(
+        f"expected.{key}" for key in {*document["expected"]} - {"total", "orders"}
     )
     if unknown:
         yield f"nobody compares {', '.join(unknown)}"
-    if state_of(told) not in RULE_SETS:
-        yield f"no rule set is of the state {state_of(told)!r}; known are {', '.join(RULE_SETS)}"
+    if state_of(document) not in RULE_SETS:
+        yield f"no rule set is of the state {state_of(document)!r}; known are {', '.join(RULE_SETS)}"
         return
-    rules = prepared(RULE_SETS[state_of(told)])
+    rules = prepared(RULE_SETS[state_of(document)])
     rule_set, measured = rules.rule_set, measure_trial(trial, rules)
     result = price_trial(measured, rule_set, NO_PROVENANCE)
     if result.score is None:
@@ -222,10 +224,10 @@ def compare(told: Mapping[str, Any], trial: Trial) -> Iterator[str]:
         because = "; ".join(f"{f.check} of {f.subject}: {f.message}" for f in undecided[:3])
         yield f"no score ({result.status}): {because}"
         return
-    if result.score != told["expected"]["total"]:
-        yield f"total: expected {told['expected']['total']:g}, got {result.score:f}"
-    if "orders" in told["expected"]:
-        yield from compare_orders(told["expected"]["orders"], rule_set, measured)
+    if result.score != document["expected"]["total"]:
+        yield f"total: expected {document['expected']['total']:g}, got {result.score:f}"
+    if "orders" in document["expected"]:
+        yield from compare_orders(document["expected"]["orders"], rule_set, measured)
 
 
 def compare_orders(
@@ -283,7 +285,7 @@ def expecting(total: float, order_total: float, time_taken_s: float) -> dict[str
 
 def written(folder: Path, name: str, *vectors: Any) -> Path:
     folder.mkdir(exist_ok=True)
-    text = "".join(f"{told if isinstance(told, str) else json.dumps(told)}\n" for told in vectors)
+    text = "".join(f"{one if isinstance(one, str) else json.dumps(one)}\n" for one in vectors)
     file = folder / name
     file.write_bytes(gzip.compress(text.encode()) if name.endswith(".gz") else text.encode())
     return file
@@ -326,19 +328,19 @@ WRONG: Mapping[str, tuple[Any, str]] = {
     "half a line": ("{", "not of the format ariac-official-vectors/1: JSONDecodeError"),
     "no object": ("[]", "not of the format ariac-official-vectors/1: TypeError"),
 }
-"""Vectors with one thing wrong, and what is said of it."""
+"""Vectors with one thing wrong, and the words for it."""
 
 
-@pytest.mark.parametrize(("wrong", "said"), WRONG.values(), ids=list(WRONG))
+@pytest.mark.parametrize(("wrong", "words"), WRONG.values(), ids=list(WRONG))
 def test_a_wrong_vector_is_named_with_its_trial_and_what_differs(
-    wrong: Any, said: str, tmp_path: Path
+    wrong: Any, words: str, tmp_path: Path
 ) -> None:
     file = written(tmp_path, "made.jsonl", vector(), wrong, vector())
 
     (differing,), trials = differences_in(file)
 
     assert differing.startswith("  trial 2, ")
-    assert said in differing
+    assert words in differing
     assert trials == 3
 
 

@@ -71,10 +71,10 @@ def cases_in(folder: Path) -> list[Case]:
 
 def facts_in(file: Path) -> dict[str, Any]:
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
+        document = json.loads(file.read_text(encoding="utf-8"))
     except ValueError as error:
         raise pytest.UsageError(f"{file}: no RML case, for it is not JSON: {error}") from error
-    return {"name": file.stem, **told} if isinstance(told, dict) else {}
+    return {"name": file.stem, **document} if isinstance(document, dict) else {}
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -142,8 +142,8 @@ def made(folder: Path, **facts: Any) -> Case:
     (below / "one.rml").write_text(SPEC, encoding="utf-8")
     (below / "one.jsonl").write_text('{"event": "one"}\n', encoding="utf-8")
     run = {"trace": "one.jsonl", "initial": "f", "verdicts": "t", "accepted": True}
-    told = {"spec": "one.rml", "compile": {"ok": True}, "runs": [run], **facts}
-    (below / "one.json").write_text(json.dumps(told), encoding="utf-8")
+    document = {"spec": "one.rml", "compile": {"ok": True}, "runs": [run], **facts}
+    (below / "one.json").write_text(json.dumps(document), encoding="utf-8")
     (case,) = cases_in(folder)
     return case
 

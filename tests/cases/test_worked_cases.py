@@ -140,10 +140,10 @@ TABLES_OF_CASES = sorted(FOLDER.glob("*.yaml"))
 def worked_cases(*tables: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Each case of some tables, of all when none is named, and its name."""
     for file in tables or TABLES_OF_CASES:
-        told = table(file)
-        several = isinstance(told["rules"], list)
-        for rules in told["rules"] if several else [told["rules"]]:
-            for case in told["cases"]:
+        document = table(file)
+        several = isinstance(document["rules"], list)
+        for rules in document["rules"] if several else [document["rules"]]:
+            for case in document["cases"]:
                 name = f"{file.stem}-{case['id']}" + (f"-{rules}" if several else "")
                 yield name, {"rules": rules, **case}
 
@@ -152,15 +152,15 @@ def worked_cases(*tables: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
 def table(file: Path) -> Mapping[str, Any]:
     # Tests read these tables several times; LibYAML reads them ten times as fast.
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    told: Mapping[str, Any] = yaml.load(file.read_text(encoding="utf-8"), loader)  # noqa: S506  # a safe one
-    return told
+    document: Mapping[str, Any] = yaml.load(file.read_text(encoding="utf-8"), loader)  # noqa: S506  # a safe one
+    return document
 
 
 each_table = pytest.mark.parametrize("file", TABLES_OF_CASES, ids=lambda file: file.stem)
 
 
-def product_of(told: str) -> Product:
-    kind, x, y, yaw, *more = told.split()
+def product_of(text: str) -> Product:
+    kind, x, y, yaw, *more = text.split()
     options = dict(word.split("=") for word in more if "=" in word)
     options.pop("in", None)
     name = options.pop("name", "")
@@ -173,36 +173,36 @@ def product_of(told: str) -> Product:
     return Product(kind, pose, "faulty" in more, name)
 
 
-def quadrant_of(told: str) -> int:
-    return next((int(word[3:]) for word in told.split() if word.startswith("in=")), 0)
+def quadrant_of(text: str) -> int:
+    return next((int(word[3:]) for word in text.split() if word.startswith("in=")), 0)
 
 
-def wanted_of(told: str, slot: str) -> WantedProduct:
-    product = product_of(told)
-    challenged = next((CHALLENGED[word] for word in told.split() if word in CHALLENGED), None)
-    return WantedProduct(slot, product.type, product.pose, quadrant_of(told), challenged)
+def wanted_of(text: str, slot: str) -> WantedProduct:
+    product = product_of(text)
+    challenged = next((CHALLENGED[word] for word in text.split() if word in CHALLENGED), None)
+    return WantedProduct(slot, product.type, product.pose, quadrant_of(text), challenged)
 
 
-def task_of(told: Mapping[str, Any]) -> Task:
+def task_of(document: Mapping[str, Any]) -> Task:
     return Task(
-        told["id"],
-        told.get("kind", "kitting"),
-        tuple(wanted_of(text, f"part_{i}") for i, text in enumerate(told.get("products", []))),
-        told.get("agv", "any"),
-        told.get("station", ""),
-        Tray(told["tray"]) if "tray" in told else None,
+        document["id"],
+        document.get("kind", "kitting"),
+        tuple(wanted_of(text, f"part_{i}") for i, text in enumerate(document.get("products", []))),
+        document.get("agv", "any"),
+        document.get("station", ""),
+        Tray(document["tray"]) if "tray" in document else None,
     )
 
 
-def submission_of(told: Mapping[str, Any]) -> Submission:
-    no_tray = told.get("tray") == "none"
-    tray = product_of(told["tray"]) if "tray" in told and not no_tray else None
+def submission_of(document: Mapping[str, Any]) -> Submission:
+    no_tray = document.get("tray") == "none"
+    tray = product_of(document["tray"]) if "tray" in document and not no_tray else None
     return Submission(
-        told["task"],
-        float(told["at"]),
-        tuple(product_of(text) for text in told["products"]),
-        told.get("agv", "agv1"),
-        told.get("station", ""),
+        document["task"],
+        float(document["at"]),
+        tuple(product_of(text) for text in document["products"]),
+        document.get("agv", "agv1"),
+        document.get("station", ""),
         Tray("") if no_tray else Tray(tray.type, tray.pose) if tray else None,
     )
 
@@ -212,28 +212,28 @@ def row(database: sqlite3.Connection, table: str, **values: Any) -> None:
     database.execute(f"INSERT INTO {table} ({columns}) VALUES ({marks})", tuple(values.values()))  # noqa: S608
 
 
-def store_run(path: Path, told: Mapping[str, Any]) -> None:
+def store_run(path: Path, document: Mapping[str, Any]) -> None:
     """Write the database of 2025 with one run."""
-    assert set(told) <= {"trial", "run", "penalties", "orders"}
+    assert set(document) <= {"trial", "run", "penalties", "orders"}
     with closing(sqlite3.connect(path)) as database:
         database.executescript(TABLES)
         row(database, "Competitor", id=1, name="team")
-        row(database, "Trial", id=1, trial_id="case", **told["trial"])
-        row(database, "Run", id=1, trial_id=1, competitor_id=1, **told["run"])
-        for name in told.get("penalties", []):
+        row(database, "Trial", id=1, trial_id="case", **document["trial"])
+        row(database, "Run", id=1, trial_id=1, competitor_id=1, **document["run"])
+        for name in document.get("penalties", []):
             row(database, "Penalty", run_id=1, type=PENALTIES[name], description="", time=1.0)
-        for text in told.get("orders", []):
+        for text in document.get("orders", []):
             kind, announced, submitted = text.split()
             times = {"announcement_time": float(announced), "submission_time": float(submitted)}
             row(database, "OrderSubmission", run_id=1, order_type=ORDER_TYPES[kind], **times)
         database.commit()
 
 
-def run_of(told: Mapping[str, Any]) -> Trial:
+def run_of(document: Mapping[str, Any]) -> Trial:
     """A run of 2025 as its reader gives it."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "results.db"
-        store_run(path, told)
+        store_run(path, document)
         return merge_trials("case", [AriacDatabaseReader().read(path, Wanted(LogMap("case")))], file=path)
 
 
@@ -246,16 +246,20 @@ def built_trial(case: Mapping[str, Any]) -> Trial:
     builder.witnessed |= WITNESSED - set(case.get("unwitnessed", []))
     if "sensors" in case or "cost" in case:
         builder.team = TeamSetup("", case.get("sensors"), case.get("cost"))
-    for told in case["orders"]:
-        tasks = tuple(task_of(task) for task in told["tasks"])
+    for document in case["orders"]:
+        tasks = tuple(task_of(task) for task in document["tasks"])
         order = Order(
-            told["id"], tasks, float(told["at"]), told.get("priority", 1), updates=told.get("updates", "")
+            document["id"],
+            tasks,
+            float(document["at"]),
+            document.get("priority", 1),
+            updates=document.get("updates", ""),
         )
         builder.add(order)
-    for told in case.get("submissions", []):
-        builder.add(submission_of(told))
-    for i, told in enumerate(case.get("events", [])):
-        kind, *more = told.split()
+    for document in case.get("submissions", []):
+        builder.add(submission_of(document))
+    for i, document in enumerate(case.get("events", [])):
+        kind, *more = document.split()
         t_s = next((float(word[3:]) for word in more if word.startswith("at=")), 90.0 + i)
         builder.add(Event(t_s, kind, *[word for word in more if not word.startswith("at=")]))
     return builder.build()
@@ -368,8 +372,8 @@ def compare_terms(expected: Mapping[str, Mapping[str, float]], result: Result, c
         level = ("submission", "part")[path.count("/") - 1] if "/" in path else "order" if path else "trial"
         for name, value in named.items():
             formula = Expression.parse(name)
-            told = sheet.evaluate_in(formula, scopes, findings, level=level, cohort=cohort)
-            assert (subject, name, told[path].value) == (subject, name, pytest.approx(value, rel=1e-9))
+            values = sheet.evaluate_in(formula, scopes, findings, level=level, cohort=cohort)
+            assert (subject, name, values[path].value) == (subject, name, pytest.approx(value, rel=1e-9))
 
 
 def compare_quantities(expected: Mapping[str, Mapping[str, float]], result: Result) -> None:

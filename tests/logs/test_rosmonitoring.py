@@ -21,9 +21,10 @@ from ariac_score.logs.rosmonitoring import (
     rows,
     stamp_s,
 )
-from ariac_score.testing import kitting_trial, recorded_messages, write_bag, write_event_log
+from ariac_score.testing import kitting_trial, write_bag, write_event_log
 from ariac_score.trial.channels import Channel, FieldMap
 from ariac_score_ariac.messages import NistGear2020
+from ariac_score_ariac.testing.recordings import recorded_messages
 
 READER = RosMonitoringReader()
 ORIGIN_NS = 1_700_000_000_000_000_000

@@ -27,7 +27,7 @@ from ariac_score.results.adjustments import Adjustments
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.steward import Adjustment
-from ariac_score.testing.competitions import (
+from ariac_score_ariac.testing.official_texts import (
     Outcome,
     PlannedOrder,
     sensor_cost_text,

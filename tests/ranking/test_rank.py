@@ -25,12 +25,12 @@ from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.ranking import ranking_text
 from ariac_score.results.cohort_file import COHORT, Cohort
-from ariac_score.testing.competitions import (
+from ariac_score_ariac.testing.official_database import write_database_competition
+from ariac_score_ariac.testing.official_texts import (
     Outcome,
     PlannedOrder,
     sensor_cost_text,
     trial_log_text,
-    write_database_competition,
     write_text_competition,
 )
 

@@ -15,7 +15,7 @@ from ariac_score.cli import main
 from ariac_score.errors import ResultError, RuleSetError
 from ariac_score.review.sensitivity import NEEDS_LOG, UNUSED, ScoreSensitivity, knobs_of, score_sensitivity
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
-from ariac_score.testing.competitions import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
+from ariac_score_ariac.testing.official_texts import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"

@@ -10,7 +10,7 @@ import pytest
 
 from ariac_score import Body, Event, Order, Signal, Span, Task, Trial, load_result
 from ariac_score.cli import main
-from ariac_score.testing.trials import write_trial_log
+from ariac_score.testing import write_trial_log
 
 T = np.arange(1001) / 100
 BODIES = (

@@ -34,13 +34,13 @@ from ariac_score.testing import (
     contract_checks,
     kitting_trial,
     made_trial,
-    recorded_messages,
     write_event_log,
     write_trial_log,
 )
-from ariac_score.testing.competitions import write_database_competition
 from ariac_score.testing.pages import example_parameters
 from ariac_score.testing.variants import SIGNAL_VARIANTS, reordered, shifted
+from ariac_score_ariac.testing.official_database import write_database_competition
+from ariac_score_ariac.testing.recordings import recorded_messages
 
 Install = Callable[..., str]
 
@@ -346,12 +346,17 @@ BAD: dict[str, tuple[str, str, str, str]] = {
         "units_declared",
         "in 'km/h', recorded in 'm/s'",
     ),
-    "speaks of another time": ("span=speed.span", "span=Span(0.0, 1e4)", "spans_inside", "speaks of 10000 s"),
+    "speaks of another time": (
+        "span=speed.span",
+        "span=Span(0.0, 1e4)",
+        "spans_inside",
+        "gives the time 10000 s",
+    ),
     "counts its calls": (
         SPEAK,
         "        STATE.append(1)\n        yield Finding.violated('t', f'call {len(STATE)}')\n" + SPEAK,
         "same_trial_same_findings",
-        "something else when asked again: violated t 'call 1', then violated t 'call 2'",
+        "other findings the second time: violated t 'call 1', then violated t 'call 2'",
     ),
     "changes the trial": (
         SPEAK,
@@ -535,25 +540,25 @@ class Fastest:
                 raise ValueError("the time does not increase")
             assert isinstance(sample.value, float)
             self.seen = [*([] if self.fault == "forgets" else self.seen), (sample.value, sample.t_s)]
-            yield from self._said(sample.value, sample.t_s, len(samples))
+            yield from self._verdicts(sample.value, sample.t_s, len(samples))
 
-    def _said(self, value: float, t_s: float, together: int) -> Iterator[InstantVerdict]:
+    def _verdicts(self, value: float, t_s: float, together: int) -> Iterator[InstantVerdict]:
         verdict = Verdict.VIOLATED if value > MEDIAN_M_S else Verdict.SATISFIED
-        said = InstantVerdict("robot", t_s, verdict, f"{value} m/s", value, "m/s")
+        instant = InstantVerdict("robot", t_s, verdict, f"{value} m/s", value, "m/s")
         match self.fault:
             case "sees what is to come":
-                said = replace(said, t_s=t_s + 1.0)
+                instant = replace(instant, t_s=t_s + 1.0)
             case "goes back":
-                said = replace(said, t_s=-t_s)
+                instant = replace(instant, t_s=-t_s)
             case "has no unit":
-                said = replace(said, unit="")
+                instant = replace(instant, unit="")
             case "changes its mind":
-                said = replace(said, final=True)
+                instant = replace(instant, final=True)
             case "says nothing of it":
-                said = replace(said, verdict=Verdict.SATISFIED)
+                instant = replace(instant, verdict=Verdict.SATISFIED)
             case "counts what comes":
-                said = replace(said, message=f"{together} at once")
-        yield said
+                instant = replace(instant, message=f"{together} at once")
+        yield instant
 
     def end(self, trial: Trial) -> Iterator[Finding]:
         if not self.seen:
@@ -566,7 +571,7 @@ class Fastest:
 
 @dataclass(frozen=True)
 class FastestSeen:
-    """The fastest moment of the robot, told while it is watched; or with a fault."""
+    """The fastest moment of the robot, reported while it is watched; or with a fault."""
 
     fault: str = ""
 
@@ -600,14 +605,14 @@ def test_a_monitor_that_is_stepped_finds_what_it_finds_in_the_whole_log(name: st
 @pytest.mark.parametrize(
     ("fault", "name", "words"),
     [
-        ("forgets", "one_by_one", r"told one sample at a time: .* then "),
-        ("forgets", "instant_by_instant", r"told one instant at a time: .* then "),
+        ("forgets", "one_by_one", r"given one sample at a time: .* then "),
+        ("forgets", "instant_by_instant", r"given one instant at a time: .* then "),
         ("counts what comes", "instant_by_instant", "when the samples of an instant come together"),
         ("sees what is to come", "standings", "when only .* has come"),
         ("goes back", "standings", "and then at"),
         ("has no unit", "standings", "no unit"),
         ("changes its mind", "standings", "for good"),
-        ("says nothing of it", "standings", "said so of no instant"),
+        ("says nothing of it", "standings", "calls it so at no instant"),
         ("is unlike an empty log", "nothing_stepped", "when nothing comes"),
         ("takes any time", "repeated_time", "two samples of one time without a word"),
     ],
@@ -750,7 +755,7 @@ def test_a_bad_reader_is_named_with_distribution_and_version(
 ) -> None:
     old, new, wanted, words = BAD_READERS[name]
     assert READER.count(old) == 1
-    # A trial without an end is asked for too: 0.3 s in all for the one that never ends.
+    # A trial without an end is among those tried: 0.3 s in all for the one that never ends.
     budget = {"budget_s": 0.003} if wanted == "time_budget" else {}
     checks = contract_checks(reader(install, READER.replace(old, new)), speeds, **budget)
 

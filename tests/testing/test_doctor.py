@@ -1,4 +1,4 @@
-"""`plugins doctor` and its companions: what is wrong with an installed plugin is said, and whose it is."""
+"""`plugins doctor` and its companions: what is wrong with an installed plugin, and which one it is."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ ILL: dict[str, tuple[str, str, str]] = {
         "    def __post_init__(self): raise KeyError('x')\n",
         "cannot be built: KeyError",
     ),
-    "asked otherwise": (
+    "called otherwise": (
         "def judge(self, trial, order)",
         "def judge(self, trial)",
         "has judge(self, trial) where",
@@ -89,7 +89,7 @@ def test_a_sound_stranger_is_nothing_to_speak_of(install: Install) -> None:
 
 
 @pytest.mark.parametrize("name", ILL)
-def test_what_is_wrong_is_said_with_distribution_and_version(
+def test_what_is_wrong_is_named_with_distribution_and_version(
     install: Install, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     old, new, words = ILL[name]
@@ -98,14 +98,14 @@ def test_what_is_wrong_is_said_with_distribution_and_version(
         source = source.replace("class Rule:", "class Other:")
     install("odd-rules", {"odd.rule": "Rule"}, source=source, version="6.6")
 
-    said = found(capsys)
+    printed = found(capsys)
 
-    assert said.startswith("odd.rule (odd-rules 6.6): ")
-    assert words in said
-    assert "\n  hint: " in said
+    assert printed.startswith("odd.rule (odd-rules 6.6): ")
+    assert words in printed
+    assert "\n  hint: " in printed
 
 
-def test_an_entry_point_to_nothing_is_said(install: Install, tmp_path: Path) -> None:
+def test_an_entry_point_to_nothing_is_named(install: Install, tmp_path: Path) -> None:
     install("odd-rules", {"odd.rule": "Rule"}, source=RULE, version="6.6")
     (tmp_path / "odd-rules-6.6/stranger_odd_rules.py").unlink()
 
@@ -114,16 +114,16 @@ def test_an_entry_point_to_nothing_is_said(install: Install, tmp_path: Path) -> 
     assert "ModuleNotFoundError" in ill.problem
 
 
-def test_two_distributions_with_one_name_are_both_said(install: Install) -> None:
+def test_two_distributions_with_one_name_are_both_named(install: Install) -> None:
     for distribution in ("fair-rules", "foul-rules"):
         install(distribution, {"fair.play": "Rule"}, source=RULE)
 
-    said = [(ill.origin, ill.problem) for ill in ailments()]
+    found_wrong = [(ill.origin, ill.problem) for ill in ailments()]
     both = "'fair.play' is provided by fair-rules 1.0 and foul-rules 1.0"
-    assert said == [("fair.play (fair-rules 1.0)", both), ("fair.play (foul-rules 1.0)", both)]
+    assert found_wrong == [("fair.play (fair-rules 1.0)", both), ("fair.play (foul-rules 1.0)", both)]
 
 
-def test_a_group_that_does_not_exist_is_said(install: Install) -> None:
+def test_a_group_that_does_not_exist_is_named(install: Install) -> None:
     install("odd-rules", {"odd.rule": "Rule"}, source=RULE, group="ariac_score.rule")
 
     (ill,) = ailments()
@@ -131,7 +131,7 @@ def test_a_group_that_does_not_exist_is_said(install: Install) -> None:
     assert ill.hint == "did you mean 'ariac_score.rules'?"
 
 
-def test_a_name_that_no_rule_set_can_use_is_said(install: Install) -> None:
+def test_a_name_that_no_rule_set_can_use_is_named(install: Install) -> None:
     install("odd-rules", {"Odd": "Rule"}, source=RULE)
 
     assert [ill.problem for ill in ailments()] == ["has a name that no rule set can use"]
@@ -150,7 +150,7 @@ def test_a_name_that_no_rule_set_can_use_is_said(install: Install) -> None:
         ("ariac-score[dev]!=0.1.0", True),
     ],
 )
-def test_a_distribution_for_another_version_of_ours_is_said(
+def test_a_distribution_for_another_version_of_ours_is_named(
     install: Install, tmp_path: Path, required: str, ill: bool
 ) -> None:
     install("odd-rules", {"odd.rule": "Rule"}, source=RULE)
@@ -160,7 +160,7 @@ def test_a_distribution_for_another_version_of_ours_is_said(
     assert [("and 0.1.0 is installed" in each.problem) for each in ailments()] == ([True] if ill else [])
 
 
-def test_a_distribution_without_metadata_is_said(install: Install, tmp_path: Path) -> None:
+def test_a_distribution_without_metadata_is_named(install: Install, tmp_path: Path) -> None:
     install("odd-rules", {"odd.rule": "Rule"}, source=RULE)
     (tmp_path / "odd-rules-1.0/odd_rules-1.0.dist-info/METADATA").unlink()
 
@@ -248,7 +248,7 @@ def test_a_plugin_that_cannot_be_built_fails_its_check(
     )
 
 
-def test_a_budget_that_is_not_kept_is_said(install: Install, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_budget_that_is_not_kept_is_named(install: Install, capsys: pytest.CaptureFixture[str]) -> None:
     source = RULE.replace("        yield", "        while True: pass\n        yield")
     install("odd-rules", {"odd.rule": "Rule"}, source=source, version="6.6")
 

@@ -36,8 +36,8 @@ def test_the_monitor_of_the_page_keeps_the_contract(check: ContractCheck) -> Non
 def test_it_says_at_once_what_it_finds_in_the_end() -> None:
     watch = written()().begin()
 
-    said = [s for i in range(len(SPEED)) for s in watch.step([SPEED.sample(i)])]
+    verdicts = [s for i in range(len(SPEED)) for s in watch.step([SPEED.sample(i)])]
     (found,) = watch.end(replace(WITH_GANTRY, signals={}))
 
-    assert [s.verdict is Verdict.VIOLATED for s in said] == [v > 0.5 for v in SPEED.values.tolist()]
-    assert found.robustness == min(s.robustness for s in said) == 0.5 - SPEED.values.max()
+    assert [s.verdict is Verdict.VIOLATED for s in verdicts] == [v > 0.5 for v in SPEED.values.tolist()]
+    assert found.robustness == min(s.robustness for s in verdicts) == 0.5 - SPEED.values.max()

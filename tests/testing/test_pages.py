@@ -131,7 +131,7 @@ def test_a_class_that_says_nothing_has_a_page_that_says_so(install: Install) -> 
     )
 
 
-def test_a_plugin_that_cannot_be_asked_is_named(install: Install) -> None:
+def test_a_plugin_that_cannot_be_built_is_named(install: Install) -> None:
     install("odd-rules", {"odd.plain": "Plain"}, source=ODD, version="6.6")
 
     with pytest.raises(PluginError, match=r"odd\.plain \(odd-rules 6\.6\) says nothing"):

@@ -6,14 +6,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from ariac_score.trial.build import TrialBuilder, merge_trials
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_STARTED, Event
 from ariac_score.trial.kits import RecordedKits, with_contents
 from ariac_score.trial.model import (
-    FaultMarks,
     Kit,
     Order,
     Pose,
@@ -46,13 +44,13 @@ def contents(of: Trial, *, max_age_s: float = 1.0) -> tuple[Product, ...] | None
     return submission.contents
 
 
-def test_a_submission_takes_the_last_contents_told_of_its_agv() -> None:
+def test_a_submission_takes_the_last_contents_recorded_of_its_agv() -> None:
     kits = [Kit("agv1", 9.9, (GEAR,)), Kit("agv1", 9.8, ()), Kit("agv2", 10.0, (ROD,))]
 
     assert contents(trial(*kits)) == (GEAR,)
 
 
-def test_contents_told_after_the_submission_do_not_count() -> None:
+def test_contents_recorded_after_the_submission_do_not_count() -> None:
     later = float(np.nextafter(10.0, math.inf))
 
     assert contents(trial(Kit("agv1", 9.5, (GEAR,)), Kit("agv1", later, (GEAR, ROD)))) == (GEAR,)
@@ -101,7 +99,7 @@ def test_the_tray_comes_with_the_contents_unless_the_submission_named_one() -> N
     assert kept.tray == Tray("movable_tray_light_wood")
 
 
-def test_what_was_joined_is_said() -> None:
+def test_that_contents_were_joined_is_a_remark() -> None:
     (defect,) = with_contents(trial(Kit("agv1", 10.0, (GEAR,))), max_age_s=1.0).log_defects
 
     assert (defect.kind, defect.count) == ("joined_contents", 1)
@@ -111,60 +109,31 @@ def test_what_was_joined_is_said() -> None:
 # Faults
 
 
-def kit(faults: FaultMarks, *products: Product) -> Kit:
-    return Kit("agv1", 10.0, products, faults=faults)
+def never_known(_contents: tuple[Product, ...], _trial: Trial, _task: Task | None) -> None:
+    """A competition whose trial does not say which products are faulty."""
 
 
-def test_products_are_not_taken_as_sound_where_nothing_lists_the_faulty_ones() -> None:
-    joined = with_contents(trial(kit("listed", GEAR)), max_age_s=1.0)
+def by_task(contents: tuple[Product, ...], trial: Trial, task: Task | None) -> tuple[Product, ...]:
+    """A competition that marks what lies on the first order's tray."""
+    faulty = task is not None and task in trial.orders[0].tasks
+    return tuple(replace(product, faulty=faulty) for product in contents)
+
+
+def test_products_are_not_taken_as_sound_where_nothing_says_which_are_faulty() -> None:
+    joined = with_contents(trial(Kit("agv1", 10.0, (GEAR,), faults=never_known)), max_age_s=1.0)
 
     assert joined.submissions[0].contents is None
     assert joined.unrecorded == (
         "which products of order_0_shipment_0 are faulty: its tray is seen, but no trial configuration tells",
     )
+    assert not joined.log_defects
 
 
-@pytest.mark.parametrize(
-    ("listed", "faulty"),
-    [
-        ({"gear_part_red_7"}, True),
-        ({"gear_part_red_77", "gear_part_red"}, False),
-        ({"bin1|gear_part_red_7"}, False),
-        (set(), False),
-    ],
-)
-def test_the_list_of_the_configuration_names_faulty_individuals(listed: set[str], faulty: bool) -> None:
-    with_list = replace(trial(kit("listed", GEAR)), faulty_products=frozenset(listed))
+def test_the_competition_marks_products_by_the_trial_and_the_task() -> None:
+    seen = Kit("agv1", 10.0, (GEAR,), faults=by_task)
 
-    assert contents(with_list) == (replace(GEAR, faulty=faulty),)
-
-
-def test_a_tray_on_which_nothing_lies_holds_nothing_faulty() -> None:
-    assert contents(trial(kit("listed"))) == ()
-    assert contents(trial(kit("challenged"))) == ()
-
-
-@pytest.mark.parametrize("challenged", [True, False])
-def test_parts_are_known_once_the_challenges_are(challenged: bool) -> None:
-    marked = Product("pump_red", Pose((0.1, 0.1, 0.0)), name="pump_red_3_faulty")
-    wanted = WantedProduct("part_0", "pump_red", None, 2, challenged=challenged)
-
-    found = contents(trial(kit("challenged", GEAR, marked), task=replace(KIT, products=(wanted,))))
-
-    assert found == (GEAR, replace(marked, faulty=True))
-
-
-def test_parts_are_unknown_as_long_as_the_challenges_are() -> None:
-    assert contents(trial(kit("challenged", GEAR))) is None
-
-
-def test_parts_of_an_assembly_are_never_faulty() -> None:
-    seen = Kit("as1", 10.0, (replace(GEAR, name="gear_faulty"),), faults="challenged")
-    submission = replace(SUBMITTED, station="as1")
-    found = contents(trial(seen, task=replace(KIT, kind="combined"), submission=submission))
-
-    assert found is not None
-    assert [product.faulty for product in found] == [False]
+    assert contents(trial(seen)) == (replace(GEAR, faulty=True),)
+    assert contents(trial(seen, submission=replace(SUBMITTED, task_id="another"))) == (GEAR,)
 
 
 # Several logs

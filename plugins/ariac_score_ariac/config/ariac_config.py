@@ -21,6 +21,7 @@ __all__ = ["TrialConfigReader"]
 FORMAT = "ARIAC trial configuration"
 MAX_TIME_LIMIT_S = 1e6
 _NO_LIMIT = -1
+"""What a configuration of 2017 to 2024 gives for a trial without a limit."""
 _USED = ("orders", "options", "challenges", "time_limit", *REQUIRED_KEYS, "CHALLENGES")
 
 
@@ -28,7 +29,7 @@ class TrialConfigReader:
     """Reads the orders of a trial configuration, and the numbers it states of the trial.
 
     Orders and their updates are given side by side, without times: when each was
-    announced, and so whether an update came, only a log of the trial can tell.
+    announced, and so whether an update came, is only in a log of the trial.
 
     Reads:
         Orders with their tasks, products and poses; of 2025 how many orders of each kind.
@@ -92,6 +93,7 @@ def _short(value: float) -> int | float:
 
 
 def _trial(path: Path) -> Trial:
+    # Official files repeat keys in their surroundings; where it could change an order, that is refused.
     document = load_yaml(path, may_repeat=_is_unused)
     values = ConfigValues(document)
     if document.data is None:
@@ -102,6 +104,7 @@ def _trial(path: Path) -> Trial:
     if "orders" in root:
         faulty = _faulty_products(values, root)
         orders, facts = _orders(values, root), _time_limit(values, root)
+    # With some keys missing it is still meant as one of 2025; the message then names the first of them.
     elif len(root.keys() & set(REQUIRED_KEYS)) > 2:
         facts = order_counts(values, root)
     else:
@@ -141,6 +144,7 @@ def _orders(values: ConfigValues, root: Mapping[Any, Any]) -> tuple[Order, ...]:
         return orders
     orders = shipment_orders(values, root)
     for key, tree in root.items():
+        # The surroundings of the trial: official files have mistakes there that change no order.
         if key not in ("orders", "options"):
             values.note_numbers(tree, (str(key),), _is_part_of_pose)
     return orders

@@ -1,7 +1,7 @@
 """What a YAML file of ARIAC looks like: trial, team, or something else, and of which years.
 
-Each edition wrote its configurations in its own form. Told apart by their keys, so that
-a file that is not the one asked for can be called by its name.
+Each edition wrote its configurations in its own form, which shows in the keys. So a message
+about a wrong file can say what the file is instead.
 
 Source: ARIAC notes on log formats, sections 7 and 8, and the official files themselves.
 """
@@ -22,6 +22,7 @@ _TRIAL, _TEAM = "a trial configuration", "a team configuration"
 _SNIFFED_BYTES = 4_000_000
 _KEY = re.compile(rb"""^(?:\xef\xbb\xbf)?["']?([A-Za-z_][A-Za-z0-9_]*)["']?[ \t]*:""", re.MULTILINE)
 _NAMED_KEYS = 5
+"""So many keys of an unknown file are named in a message."""
 
 _TRIAL_2025 = frozenset({"SEED", "DEFECT_RATE", "TIME_LIMIT", "NUM_KITS", "NUM_MODULES"})
 _SENSORS_2023 = frozenset(
@@ -66,6 +67,7 @@ def top_level_keys(path: Path) -> frozenset[str]:
             head = file.read(_SNIFFED_BYTES)
     except OSError:
         return frozenset()
+    # Not by a parser: readers are tried on every file of a folder, and a file need not be whole to be known.
     return frozenset(key.decode() for key in _KEY.findall(head))
 
 
@@ -77,6 +79,7 @@ def looks_like(path: Path) -> str:
 def form_in(path: Path) -> Form:
     """What a file looks like. No value of the file is part of it: team files hold access tokens."""
     try:
+        # A key given twice is a mistake of the file, and no reason not to say what it looks like.
         data = load_yaml(path, may_repeat=lambda _path: True).data
     except DataFileError:
         return Form("no YAML file that can be read")
@@ -102,6 +105,7 @@ def _years(first: int, last: int) -> tuple[int, ...]:
 
 
 def _trial(root: Mapping[Any, Any]) -> Form | None:
+    # One alone, such as SEED, may stand in a file of any kind.
     if len(_TRIAL_2025 & root.keys()) > 1:
         return Form(_TRIAL, (2025,))
     if "orders" not in root:
@@ -116,6 +120,7 @@ def _shipment_years(root: Mapping[Any, Any]) -> tuple[int, ...]:
     if keys & {"kitting", "assembly"}:
         blocks = [key for order in _maps(orders) for block in _maps(order) for key in block]
         return (2022,) if "trays" in blocks or "table_tray_infos" in root else (2021, 2022)
+    # Kits of parts are words of 2017. Destinations came in 2019, shelves in 2020.
     if keys & {"kit_count", "parts"}:
         return (2017,)
     return (2019, 2020) if "destinations" in keys or "shelf_layout" in root else _years(2018, 2020)
@@ -143,6 +148,7 @@ def _team(root: Mapping[Any, Any]) -> Form | None:
         return Form(_TEAM, (2021, 2022))
     if "sensors" not in root:
         return None
+    # Until 2022 and in 2023 the keys are the same: only the types differ, and some of these do not.
     types = {sensor["type"] for sensor in _maps(root["sensors"]) if isinstance(sensor.get("type"), str)}
     if types & _SENSORS_2023:
         return Form(_TEAM, (2023,))

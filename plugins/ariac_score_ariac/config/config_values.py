@@ -26,6 +26,7 @@ MAX_COUNT = 1000
 """More orders, shipments or sensors than this are a slip of the pen or hostile."""
 MAX_EXPRESSION_CHARS = 100
 MAX_NAMED_MISTAKES = 20
+"""Of one kind; the rest is counted, so that a hostile file cannot fill a result."""
 MAX_SHOWN_CHARS = 60
 _GLUED = re.compile(r"\d(?![eE][+-]?\d)[A-Za-z_]")
 """A digit run into a word, which Python parses with a warning."""
@@ -50,6 +51,7 @@ def arithmetic(text: str) -> float:
     >>> round(arithmetic("-pi/2"), 6)
     -1.570796
     """
+    # Python's parser recurses on brackets; a short text cannot exhaust it.
     if len(text) > MAX_EXPRESSION_CHARS:
         raise ValueError(f"{text[:20]!r}… is longer than {MAX_EXPRESSION_CHARS} characters")
     try:
@@ -138,6 +140,7 @@ class ConfigValues:
         ) from None
 
     def _typed(self, value: Any, kind: type[_Kind], words: str, path: ConfigPath) -> _Kind:
+        # True and false are whole numbers to Python.
         if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
             self.refuse(path, f"{shown(value)} is not {words}", f"give {words} here")
         return value

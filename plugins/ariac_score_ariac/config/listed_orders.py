@@ -10,20 +10,20 @@ from typing import Any
 
 from ariac_score import Order, Task, Tray, WantedProduct, did_you_mean
 from ariac_score_ariac.config.config_values import MAX_COUNT, ConfigPath, ConfigValues
+from ariac_score_ariac.parts import COLORS, TYPES
 
 __all__ = ["PRODUCT_TYPES", "listed_orders"]
 
 _HIGH_PRIORITY = 3
 _KINDS = ("kitting", "assembly", "combined")
-_TYPES = ("battery", "pump", "sensor", "regulator")
-_COLORS = ("red", "green", "blue", "orange", "purple")
-PRODUCT_TYPES = tuple(f"{kind}_{color}" for kind in _TYPES for color in _COLORS)
+PRODUCT_TYPES = tuple(f"{kind}_{color}" for kind in TYPES for color in COLORS)
 """Product types of 2023 and 2024."""
 _DESTINATIONS = ("kitting", "assembly_front", "assembly_back", "warehouse")
 _STATIONS = ("as1", "as2", "as3", "as4")
 _CONDITIONS = ("time_condition", "part_place_condition", "submission_condition")
 _CHALLENGES = ("faulty_part", "dropped_part", "robot_malfunction", "sensor_blackout", "human")
-_QUADRANTS = (1, 2, 3, 4)
+_NUMBERS = (1, 2, 3, 4)
+"""AGVs and quadrants alike."""
 
 
 def listed_orders(values: ConfigValues, root: Mapping[Any, Any]) -> tuple[Order, ...]:
@@ -39,6 +39,7 @@ def listed_orders(values: ConfigValues, root: Mapping[Any, Any]) -> tuple[Order,
     for number, value in enumerate(orders):
         path: ConfigPath = ("orders", number)
         order_id = values.text(values.given(values.mapping(value, path), "id", path), (*path, "id"))
+        # A slash parts the levels of a finding's subject.
         if "/" in order_id or order_id.split() != [order_id]:
             values.refuse(
                 (*path, "id"), f"{order_id!r} is no order id", "ids are 8 letters and digits, without spaces"
@@ -67,7 +68,7 @@ def _challenged(
                 place = (*path, "faulty_part")
                 parts = values.mapping(challenge, place)
                 order_id = values.one_of(parts, "order_id", ids, place)
-                found |= {(order_id, q) for q in _QUADRANTS if values.truth(parts, f"quadrant{q}", place)}
+                found |= {(order_id, q) for q in _NUMBERS if values.truth(parts, f"quadrant{q}", place)}
     return frozenset(found)
 
 
@@ -88,6 +89,7 @@ def _listed_order(
     priority = _HIGH_PRIORITY if values.truth(parts, "priority", path[:-1]) else 1
     if kind == "kitting":
         tray_id = values.given(block, "tray_id", path)
+        # Two digits of the model's name are read as the number, though trays end at 9.
         if type(tray_id) is not int or not 0 <= tray_id <= 99:
             values.refuse(
                 (*path, "tray_id"), f"{tray_id!r} is no tray id", "give the number of a tray, 0 to 9"
@@ -98,11 +100,12 @@ def _listed_order(
             products=_listed_products(
                 values, block, path, {q for order, q in challenged if order == order_id}
             ),
-            agv=f"agv{values.one_of(block, 'agv_number', _QUADRANTS, path)}",
+            agv=f"agv{values.one_of(block, 'agv_number', _NUMBERS, path)}",
             station=values.one_of(block, "destination", _DESTINATIONS, path),
             tray=Tray(f"kit_tray_{tray_id:02d}"),
         )
     else:
+        # `agv_number` says which AGVs bring the parts, and no score depends on it.
         products = _listed_products(values, block, path, None)
         task = Task(order_id, kind, products, station=values.one_of(block, "station", _STATIONS, path))
     return Order(order_id, (task,), None, priority)
@@ -111,7 +114,7 @@ def _listed_order(
 def _check_announcement(
     values: ConfigValues, order: Mapping[Any, Any], path: ConfigPath, ids: Sequence[str]
 ) -> None:
-    """That an order says when it is announced; the time itself only a log can tell."""
+    """Check that an order has a condition for its announcement; the time itself is only in a log."""
     place = (*path, "announcement")
     condition = values.mapping(values.given(order, "announcement", path), place)
     for kind, value in condition.items():
@@ -132,13 +135,13 @@ def _listed_products(
     for number, value in enumerate(values.sequence(values.given(block, "products", path[:-1]), path)):
         place = (*path, number)
         product = values.mapping(value, place)
-        kind = values.one_of(product, "type", _TYPES, place)
-        name = f"{kind}_{values.one_of(product, 'color', _COLORS, place)}"
+        kind = values.one_of(product, "type", TYPES, place)
+        name = f"{kind}_{values.one_of(product, 'color', COLORS, place)}"
         if challenged is None:
             pose = values.pose(values.given(product, "assembled_pose", place), (*place, "assembled_pose"))
             products.append(WantedProduct(f"part_{number}", name, pose))
         else:
-            quadrant = values.one_of(product, "quadrant", _QUADRANTS, place)
+            quadrant = values.one_of(product, "quadrant", _NUMBERS, place)
             products.append(
                 WantedProduct(f"part_{number}", name, None, quadrant, challenged=quadrant in challenged)
             )

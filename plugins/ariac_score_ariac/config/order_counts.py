@@ -21,6 +21,7 @@ REQUIRED_KEYS = ("ID", "SEED", "DEFECT_RATE", "TIME_LIMIT", "NUM_KITS", "NUM_MOD
 _KEYS = (*REQUIRED_KEYS, "POSSIBLE_DEFECTS", "CHALLENGES")
 _ID = re.compile(r"[A-Z0-9]{8}")
 _LARGEST = 10**9
+# What the simulator's own schema accepts. More is noted and not refused: its score is defined all the same.
 _OFFICIAL_MOST: Mapping[str, int] = MappingProxyType({"NUM_KITS": 12, "NUM_MODULES": 16})
 _CHALLENGES: Mapping[str, Mapping[str, tuple[int, int]]] = MappingProxyType(
     {
@@ -127,7 +128,7 @@ def _high_priority(values: ConfigValues, root: Mapping[Any, Any]) -> int:
                 "both count, as in the official score",
             )
         seen.add(order["ID"])
-    return len(orders)
+    return len(orders)  # as the simulator fills `num_high_priority` of its database
 
 
 def _check_challenge(values: ConfigValues, kind: str, challenge: Any, path: ConfigPath) -> None:

@@ -1,4 +1,4 @@
-"""Which product types the editions have, and what is asked for although none has it.
+"""Which product types the editions have, and what is ordered although none has it.
 
 Source: rulebooks 2017-2024, orders; ARIAC notes on log formats, sections 7.1 to 7.3.
 """
@@ -6,13 +6,13 @@ Source: rulebooks 2017-2024, orders; ARIAC notes on log formats, sections 7.1 to
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from ariac_score import LogDefect, Order, did_you_mean
 from ariac_score_ariac.config import listed_orders, shipment_orders
 from ariac_score_ariac.config.config_values import shown
 
-__all__ = ["Ariac", "unknown_products"]
+__all__ = ["unknown_products"]
 
 _TYPES = {
     range(2017, 2023): ("2017 to 2022", shipment_orders.PRODUCT_TYPES),
@@ -21,25 +21,15 @@ _TYPES = {
 """Editions, their name, and their product types; orders of 2025 name none."""
 
 
-class Ariac:
-    """What ARIAC knows of its editions.
-
-    Source:
-        Rulebooks 2017 to 2024, orders.
-    """
-
-    def unknown_products(self, orders: Sequence[Order], edition: int) -> list[LogDefect]:
-        """A defect for each product that is ordered although that edition has none of its type."""
-        return unknown_products(orders, edition)
-
-
 def unknown_products(orders: Iterable[Order], edition: int) -> list[LogDefect]:
-    """The product types of orders, wherever they come from, that no edition of its form has."""
+    """A defect for each product type that an order names and no edition of this form has."""
     known = next((types for editions, types in _TYPES.items() if edition in editions), None)
     if known is None:
         return []
     years, types = known
-    asked = [(order.id, wanted.type) for order in orders for task in order.tasks for wanted in task.products]
+    ordered = [
+        (order.id, wanted.type) for order in orders for task in order.tasks for wanted in task.products
+    ]
     return [
         LogDefect(
             "unknown_product_type",
@@ -47,6 +37,6 @@ def unknown_products(orders: Iterable[Order], edition: int) -> list[LogDefect]:
             count,
             f"{shown(kind)} is no product type of {years}; {did_you_mean(kind, types)}",
         )
-        for (order_id, kind), count in sorted(Counter(asked).items())
+        for (order_id, kind), count in sorted(Counter(ordered).items())
         if kind not in types
     ]

@@ -76,6 +76,7 @@ def _lidar(values: ConfigValues, sensor: Mapping[Any, Any], rate_hz: float, path
         )
     if rate_hz == max(_LIDAR_RATES_HZ):
         return "lidar_20hz"
+    # DIFF at exactly 200, see above.
     most = SMALL_LIDAR_SAMPLES if samples <= SMALL_LIDAR_SAMPLES else MAX_LIDAR_SAMPLES
     return f"lidar_10hz_{most}_samples"
 

@@ -38,7 +38,7 @@ _CONDITIONS = (
 
 
 def shipment_orders(values: ConfigValues, root: Mapping[Any, Any]) -> tuple[Order, ...]:
-    """The orders of a trial configuration of 2017 to 2022, updates beside the orders they change."""
+    """The orders of a trial configuration of 2017 to 2022; updates are orders that name another."""
     aliases = _aliases(values, root)
     orders = values.mapping(root.get("orders"), ("orders",))
     if not orders:
@@ -105,7 +105,7 @@ def _order(
 
 
 def _check_announcement(values: ConfigValues, order: Mapping[Any, Any], path: ConfigPath) -> None:
-    """That an order says what its announcement waits for; when that came only a log can tell."""
+    """Check what the announcement of an order waits for; when that came is only in a log."""
     condition = order.get("announcement_condition", "time")
     place = (*path, "announcement_condition_value")
     limit = order.get("announcement_condition_value", 0)
@@ -130,6 +130,7 @@ def _flat_tasks(
     aliases: Mapping[str, str],
 ) -> list[Task]:
     """The shipments of 2017 to 2020; in 2017 they are kits of parts."""
+    # Their types have another noun, too: `order_0_kit_0` in 2017, `order_0_shipment_0` later.
     kits = "kit_count" in parts or "parts" in parts
     noun, count_key, products_key = (
         ("kit", "kit_count", "parts") if kits else ("shipment", "shipment_count", "products")

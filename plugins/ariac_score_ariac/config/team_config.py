@@ -53,6 +53,7 @@ _KEYS_2025 = ("COMPETITOR_NAME", "CONVEYOR_SPEED", "CELL_FEED_RATE", "SENSORS")
 _SENSOR_KEYS = (*_PLACED, *_SWITCHED, "robot_cameras", *_KEYS_2025)
 _MAX_SPEED_M_S = 0.1
 _CELLS_PER_SPEED = 2
+"""The official bound of the feed rate, Hz for each m/s: `CELL_FEED_RATE <= 2 * CONVEYOR_SPEED`."""
 
 
 class TeamConfigReader:
@@ -64,7 +65,7 @@ class TeamConfigReader:
     Reads:
         The sensors by name and type.
     Refuses:
-        YAML that is none, and sensors whose type cannot be told.
+        YAML that is none, and sensors whose type is not given or has no grade.
     Source:
         ARIAC notes on log formats, section 8.
     """
@@ -197,6 +198,7 @@ def _sensors(values: ConfigValues, root: Mapping[Any, Any]) -> dict[str, str]:
         if root.get(key) is not None:
             for name, sensor in values.mapping(root[key], (key,)).items():
                 _add(values, sensors, str(name), _placed_type(values, sensor, (key, str(name))), key)
+            # No cost depends on where a sensor stands, so an odd number there is named and no more.
             values.note_numbers(root[key], (key,), lambda path: path[-2] in ("xyz", "rpy"))
     if root.get("robot_cameras") is not None:
         for name, camera in values.mapping(root["robot_cameras"], ("robot_cameras",)).items():
@@ -221,6 +223,7 @@ def _add(values: ConfigValues, sensors: dict[str, str], name: str, kind: str, ke
 
 def _placed_type(values: ConfigValues, sensor: Any, path: ConfigPath) -> str:
     kind = values.text(values.given(values.mapping(sensor, path), "type", path), (*path, "type"))
+    # Noted and not refused: the price list of the rule set decides what it knows.
     if kind not in SENSOR_TYPES:
         values.note(
             "unknown_sensor_type",

@@ -22,7 +22,7 @@ from ariac_score import Entry, Evaluation, OrderPlan, Stop, add_up
 __all__ = ["NistTextEvaluation", "RunTexts", "evaluate", "results_csv"]
 
 MAX_TEXT_BYTES = 4_000_000
-"""An official text is a few kilobytes."""
+"""An official text has a few kilobytes."""
 
 _SUMMARY, _DETAILS = "Order Summary", "Order Details"
 _LINES_OF_AN_ORDER, _SCORE_IN_ORDER = 8, 5
@@ -62,7 +62,7 @@ class NistTextEvaluation:
     """
 
     def evaluate(self, logs: Path, orders: Mapping[str, Sequence[OrderPlan]]) -> Evaluation:
-        """Evaluate every team folder, whoever takes part."""
+        """Evaluate every team folder, whether or not the competition lists the team."""
         teams = {team.name: [_texts(run) for run in _folders(team)] for team in _folders(logs)}
         # The program takes trials from the folders; of one without a configuration it knows no order.
         found = {run.trial for runs in teams.values() for run in runs}
@@ -84,7 +84,7 @@ def _texts(folder: Path) -> RunTexts:
 def _text(file: Path) -> str | None:
     try:
         if file.stat().st_size > MAX_TEXT_BYTES:
-            return None
+            return None  # no text of the program's; as if it were missing
         return file.read_text(encoding="utf-8", errors="replace")
     except OSError:
         return None
@@ -130,6 +130,7 @@ def _entry(
             ranked.append((_key(run), run))
         except _StoppedError as stop:
             stops.append(Stop(trial, team, run.folder, stop.exception, stop.cause))
+    # A stable sort: of equal runs the first in the program's listing, as there.
     for (negative_raw, _), run in sorted(ranked, key=lambda item: item[0]):
         try:
             scores, durations, remarks = _orders(run, orders)
@@ -157,7 +158,11 @@ def _without_run(
 
 
 def lines_of(text: str) -> list[str]:
-    """The lines of a text as the program reads them, without their ends."""
+    """The lines of a text as the program reads them, without their ends.
+
+    Not `splitlines`: the program opens files in text mode, where only line feeds and
+    carriage returns end a line.
+    """
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     return lines if lines[-1] else lines[:-1]
 
@@ -171,6 +176,7 @@ def _summary(text: str) -> list[str]:
         if found is None:
             raise _StoppedError("ValueError", f"trial_log.txt does not hold the words {words!r}")
         bounds.append(found)
+    # Without the heading and the row of `=` below it, and without the blank line and the row above the next.
     return lines[bounds[0] + 2 : bounds[1] - 2]
 
 
@@ -201,6 +207,7 @@ def _orders(
     remarks: list[str] = []
     read: tuple[int | None, float | None] | None = None
     for order in orders:
+        # Anywhere in any line, as the program looks: an id may be part of another.
         at = next((i for i, line in enumerate(summary) if order.id in line), None)
         if at is None and read is None:
             raise _StoppedError("UnboundLocalError", f"order {order.id!r} is not in trial_log.txt")
@@ -261,6 +268,7 @@ def _scored(
         if entry.cost == 0
     ]
     found = {team: entry for team, entry in found.items() if entry.cost != 0}
+    # The mean cost is over teams that scored; the mean duration over all that handed the order in.
     scoring = [e.cost for e in found.values() if add_up(s for s in e.scores.values() if s is not None) != 0]
     mean_cost = add_up(scoring) / len(scoring) if scoring else 0
     mean_s = {}
@@ -272,6 +280,7 @@ def _scored(
         total: float = 0
         for order in orders:
             total += _value(order, entry, mean_s[order.id])
+        # 1.0 is the program's weight. It stays, with the brackets, so that every product rounds as there.
         scored[team] = replace(entry, score=total * (1.0 * (mean_cost / entry.cost)))
     return scored
 
@@ -288,6 +297,7 @@ def _value(order: OrderPlan, entry: Entry, mean_s: float) -> float:
 def _leaderboard(
     teams: Mapping[str, object], trials: Mapping[str, Mapping[str, Entry]], stops: list[Stop]
 ) -> tuple[tuple[str, float], ...]:
+    # A team without an entry has no sum: the program looks each of them up, and stops.
     totals = []
     for team in teams:
         missing = [trial for trial, entries in trials.items() if team not in entries]
@@ -296,7 +306,7 @@ def _leaderboard(
             stops += [Stop(trial, team, "", "KeyError", cause) for trial in missing]
         else:
             totals.append((team, float(add_up(entries[team].score for entries in trials.values()))))
-    return tuple(sorted(totals, key=lambda item: -item[1]))
+    return tuple(sorted(totals, key=lambda item: -item[1]))  # ties stay in the order of the folders
 
 
 def results_csv(evaluation: Evaluation) -> str:

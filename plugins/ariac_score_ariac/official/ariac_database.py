@@ -1,7 +1,7 @@
 """Reading the SQLite database of 2025: runs, penalties and accepted submissions.
 
 The file may come from a stranger. It is opened for reading only and as immutable, so
-that nothing beside it is opened or changed; only plain tables are read, column by
+that no other file is opened or changed; only plain tables are read, column by
 column, and any program in its schema (views, virtual tables, generated columns,
 functions) is refused or never run. The score itself is not stored.
 
@@ -102,7 +102,7 @@ _MAGIC = b"SQLite format 3\0"
 _HEADER_BYTES = 100
 _SNIFFED_BYTES = 1_000_000
 _SHOWN = 100
-"""Runs that a description tells of one by one."""
+"""Runs that a description lists one by one."""
 _TRIAL_FACTS = ("time_limit", *_ORDERED.values())
 _RUN_FACTS = _TABLES["Run"][5:]
 _TIMES = ("time_limit", "duration", "avg_report_time")
@@ -139,7 +139,7 @@ class AriacDatabaseReader:
 
     Reads:
         The numbers of the run and its trial, penalties, and the submissions that were
-        accepted. Of several runs one is asked for by its number.
+        accepted. Of several runs one is chosen by its number.
     Refuses:
         A file that is damaged or no plain database, a table without its columns, no run at
         all, and several of which none was chosen.
@@ -210,11 +210,14 @@ def _trial(run: DatabaseRun, path: Path) -> Trial:
     duration_s = run.facts["duration"]
     builder.add(Event(0.0, COMPETITION_STARTED))
     builder.add(Event(duration_s, COMPETITION_ENDED))
+    # Every accepted submission and every penalty is a row: what has none did not happen.
     builder.witnessed |= {"submissions", *PENALTY_TYPES.values()}
     for number, (kind, t_s, description) in enumerate(run.penalties, start=1):
+        # Numbered subjects: each penalty is one finding, also several of one kind and time.
         builder.add(Event(t_s, kind, f"penalty_{number}", description))
     orders: list[OfficialOrder] = []
     for kind, announced_s, submitted_s in run.submissions:
+        # The database names no orders: they are numbered within their kind.
         order_id = f"{kind}_{1 + sum(1 for order in orders if order.kind == kind)}"
         orders.append(
             OfficialOrder(
@@ -375,6 +378,7 @@ class _Row:
         value = self.values[column]
         if value is None:
             return 0.0  # the schema's own default
+        # SQLite stores what it is given, whatever type the column was declared with.
         if not isinstance(value, (int, float)) or not math.isfinite(value):
             raise self.fault(column, "is not a finite number")
         return float(value)
@@ -417,6 +421,7 @@ def _rows(
     # The names are those of this module; the value is bound.
     condition = f' WHERE "{where}" = ?' if where else ""
     query = f'SELECT {columns} FROM "{table}"{condition} ORDER BY "id" LIMIT {MAX_ROWS + 1}'  # noqa: S608
+    # One more than the limit is fetched, so that too many are noticed and never counted.
     rows = database.execute(query, (value,) if where else ()).fetchall()
     if len(rows) > MAX_ROWS:
         raise LogError(f"table {table} has more than {MAX_ROWS:,} rows", file=path, hint=_DAMAGED)
@@ -438,6 +443,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             database.set_progress_handler(lambda: 1, MAX_STEPS)
             _check_schema(database, path)
             _check_pages(database, path)
+            # Last, for it forbids the pragmas above.
             database.set_authorizer(_only_reading)
             yield database
         finally:
@@ -458,10 +464,11 @@ def _check_files(path: Path) -> None:
             cause = f"the database is cut off: it has {size:,} bytes of {_whole_size(header):,}"
             raise LogError(cause, file=path, hint=_DAMAGED)
         for ending in ("-wal", "-journal"):
-            beside = path.with_name(path.name + ending)
-            if beside.is_file() and beside.stat().st_size:
+            # An immutable database is read without its journal, and so without these changes.
+            journal = path.with_name(path.name + ending)
+            if journal.is_file() and journal.stat().st_size:
                 raise LogError(
-                    f"{beside.name!r} beside it holds changes that are not in the database yet",
+                    f"{journal.name!r} next to it holds changes that are not in the database yet",
                     file=path,
                     hint="close the simulator, open the database once with sqlite3, and copy it again",
                 )
@@ -497,8 +504,9 @@ def _check_schema(database: sqlite3.Connection, path: Path) -> None:
         words = " ".join(str(sql).split()).upper()
         if kind != "table" or len(found) > 1 or not words.startswith("CREATE TABLE"):
             raise LogError(f"{table!r} is not a plain table, so it is not read", file=path, hint=_DAMAGED)
-        told = database.execute(f'PRAGMA table_xinfo("{table}")').fetchall()
-        hidden = {row[1]: row[6] for row in told}
+        # xinfo, not info: it lists generated columns, too, and says which they are.
+        listed = database.execute(f'PRAGMA table_xinfo("{table}")').fetchall()
+        hidden = {row[1]: row[6] for row in listed}
         for column in columns:
             if column not in hidden:
                 raise LogError(f"table {table!r} has no column {column!r}", file=path, hint=_DAMAGED)
@@ -511,9 +519,10 @@ def _check_schema(database: sqlite3.Connection, path: Path) -> None:
 
 
 def _check_pages(database: sqlite3.Connection, path: Path) -> None:
-    (told,) = database.execute("PRAGMA quick_check(1)").fetchone()
-    if told != "ok":
-        raise LogError(f"the database is damaged: {str(told)[:200]}", file=path, hint=_DAMAGED)
+    # Not `integrity_check`: it evaluates the expressions of indexes, which are a stranger's program.
+    (verdict,) = database.execute("PRAGMA quick_check(1)").fetchone()
+    if verdict != "ok":
+        raise LogError(f"the database is damaged: {str(verdict)[:200]}", file=path, hint=_DAMAGED)
 
 
 def _only_reading(

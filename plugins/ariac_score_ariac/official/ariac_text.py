@@ -3,7 +3,7 @@
 Its records carry wall-clock time only. `Sim time: <n>` is printed once per simulated
 second, and between two of these the simulator is taken to run at an even pace. On the
 real log of 2022 that places the start of the competition 10 ms from where the wall
-times of `state.log` put it, and start and end 14.869 s apart where the official
+times of `state.log` put it, and 14.869 s from start to end where the official
 process time is 14.852 s. So times from this file are good to about 0.02 s while the
 simulator keeps a steady pace, and never worse than the simulated second they fall
 in. The official process time is passed on as printed and corrects nothing: it says
@@ -50,8 +50,10 @@ __all__ = ["PerformanceLogReader"]
 CLOCK = Clock("simulated time", detail="wall time between whole simulated seconds")
 MAX_LINE_CHARS = 65_536
 MAX_DROPS = 10_000
+"""No trial has as many products; each drop becomes an event."""
 
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+"""2022 prints some labels and values in colour."""
 _GAZEBO_RECORD = re.compile(
     r"^\((?P<s>\d{1,9}|[0-8]\d{9}) (?P<ns>\d{1,9})\) "  # as ns they fit 64 bits
     r"(?:\[(?:Msg|Wrn|Err|Dbg)\] )?(?:\[[^\]\s]+:\d+\] ?)?(?P<text>.*)$"
@@ -63,10 +65,12 @@ _STARTED = re.compile(r"^(?:\[Service Call\] Start Competition|Handle start serv
 _ENDED = re.compile(r"^(?:\[Service Call\] End Competition|Handle end service called)")
 _ANNOUNCED = re.compile(r"^(?:-Order ID|New order to announce|Order to update): *(\S+)")
 _DROPPED = re.compile(r"^(?:Dropped Parts|Penalty Applied): *(\d{1,6})$")
+"""Words of 2021 and of 2022; each prints the running count, not one more."""
 _SUBMITTED = re.compile(r"submi(?:t|ssion)", re.IGNORECASE)
 _CONFIGURATION = re.compile(r"^-?(?:Configuration )?File: *(\S+)$")
 _FINAL_SCORE = re.compile(rf"^(?:End of trial\. )?Final score: *({_NUMBER})$", re.IGNORECASE)
 _BREAKDOWN = re.compile(r"^(?:Score breakdown:|<game_score>|\[(?:game|trial)_score\])$", re.IGNORECASE)
+# `<order_score order_0>` until 2020, `[order score]` in 2021, `Order Score` in 2022.
 _HEADING = re.compile(
     r"^[<\[]?(?P<what>game|trial|order|kitting|assembly|shipment|tray)(?:[ _]shipment)?[ _]score"
     r"(?: (?P<id>[^\s>\]]*))?[>\]]?$",
@@ -74,6 +78,7 @@ _HEADING = re.compile(
 )
 _VALUE = re.compile(r"^(?P<label>[^\[]*[^\[\s:=])\s*(?:[:=]\s*)?\[(?P<value>[^\]]*)\]$")
 _UPDATE = re.compile(r"_update_\d+$")
+"""What follows the name of the order in the name of its update."""
 
 
 class PerformanceLogReader:
@@ -83,7 +88,7 @@ class PerformanceLogReader:
         Start and end, announcements, collisions and dropped parts with their simulated
         time, and the scores as printed.
     Refuses:
-        An empty text, and one whose simulated time runs backwards: it tells of two runs.
+        An empty text, and one whose simulated time runs backwards: it holds two runs.
     Source:
         ARIAC notes on log formats, section 3; task manager plug-ins of 2017 to 2022.
     """
@@ -99,6 +104,7 @@ class PerformanceLogReader:
                 head = file.read(65_536)
         except OSError:
             return False
+        # An empty one is known by its name, so that the message is about it, and not about an unknown file.
         if not head:
             return path.name == "performance.log"
         return b"\0" not in head and _looks_printed(head.decode("utf-8", "replace"))
@@ -106,12 +112,12 @@ class PerformanceLogReader:
     def describe(self, path: Path) -> LogDescription:
         """The official numbers, and in which year's layout they are printed."""
         try:
-            told = _read_text(path)
-            times = _Times(told, path)
+            log = _read_text(path)
+            times = _Times(log, path)
             damage = ""
         except LogError as error:
             return LogDescription(format="ARIAC performance log", clock=str(CLOCK), damage=str(error))
-        score = told.score
+        score = log.score
         facts: dict[str, int | float | str] = {"layout": score.layout if score else "no final score"}
         if score is not None and score.total is not None:
             facts["final_score"] = score.total
@@ -133,7 +139,7 @@ class PerformanceLogReader:
         )
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
-        """Events, the official result, and the submissions the final score speaks of.
+        """Events, the official result, and the submissions that the final score lists.
 
         The text never shows what a shipment held: submissions come without contents,
         so that whatever depends on them stays undecided.
@@ -142,15 +148,15 @@ class PerformanceLogReader:
             NothingToScoreError: The file is missing or empty.
             LogError: Simulated time runs backwards: two runs in one file.
         """
-        told = _read_text(path)
+        log = _read_text(path)
         wanted.progress(1.0)
-        times = _Times(told, path)
-        builder = TrialBuilder(told.trial_id or path.stem, file=path, clock=CLOCK)
+        times = _Times(log, path)
+        builder = TrialBuilder(log.trial_id or path.stem, file=path, clock=CLOCK)
         for defect in times.defects:
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         builder.events.extend(times.events())
-        if told.score is not None:
-            _add_score(builder, told, told.score, times, path)
+        if log.score is not None:
+            _add_score(builder, log, log.score, times, path)
         return builder.build()
 
 
@@ -249,6 +255,7 @@ class _Score:
     def total(self) -> float | None:
         if self.printed is not None:
             return self.printed
+        # Until March 2021; from then on; 2017, which has also the first.
         return _number(self.values, "total game score", "total trial score", "total score")
 
     @property
@@ -257,6 +264,7 @@ class _Score:
 
     @property
     def collision(self) -> float | None:
+        # From 2020 on; 2019. Earlier editions print no such line, and so witness none.
         return _number(self.values, "arms collision", "was arm/arm collision")
 
     @property
@@ -271,7 +279,7 @@ class _Score:
 
     @property
     def layout(self) -> str:
-        """The year whose layout this is."""
+        """The year whose layout this is; 2018 has no priorities to print, 2019 and 2020 look alike."""
         if "tray" in self.headings:
             return "2017"
         if "game_tag" in self.headings:
@@ -302,6 +310,7 @@ class _Score:
             self.orders[-1].shipments.append(_Shipment(name))
 
     def _take_value(self, label: str, value: str) -> None:
+        # From 2021 on the heading has no name: a line below it has, and may also stand without a heading.
         if label == "order id":
             if not self.orders or self.orders[-1].id:
                 self.orders.append(_OrderScore(""))
@@ -338,8 +347,8 @@ def _number(values: dict[str, str], *labels: str) -> float | None:
 
 
 @dataclass
-class _Told:
-    """Everything of interest in one file, with the moments as printed."""
+class _ParsedLog:
+    """One file, parsed, with the moments as printed."""
 
     pace: list[tuple[int, float]] = field(default_factory=list)
     started: _Moment | None = None
@@ -351,11 +360,11 @@ class _Told:
     score: _Score | None = None
 
 
-def _read_text(path: Path) -> _Told:
+def _read_text(path: Path) -> _ParsedLog:
     try:
         if not path.stat().st_size:
             raise NothingToScoreError("the log is empty", file=path, hint="was the simulator started?")
-        told, now, score = _Told(), _Moment(), None
+        log, now, score = _ParsedLog(), _Moment(), None
         for raw in _lines(path):
             line = _Line.of(raw)
             if line.begins:
@@ -363,13 +372,13 @@ def _read_text(path: Path) -> _Told:
                 if score is not None:
                     score.ended = True
                 score = None
-            score = _begin_score(told, score, line, now)
+            score = _begin_score(log, score, line, now)
             if score is not None:
                 score.take(line.text)
-                _take_configuration(told, line.text)
+                _take_configuration(log, line.text)
             else:
-                _take_line(told, line.text, now)
-        return told
+                _take_line(log, line.text, now)
+        return log
     except FileNotFoundError:
         raise NothingToScoreError("no such file", file=path, hint="check the path") from None
     except OSError as cause:
@@ -387,53 +396,54 @@ def _lines(path: Path) -> Iterator[str]:
                 yield words
 
 
-def _begin_score(told: _Told, score: _Score | None, line: _Line, now: _Moment) -> _Score | None:
+def _begin_score(log: _ParsedLog, score: _Score | None, line: _Line, now: _Moment) -> _Score | None:
     """The score a line belongs to: the open one, a new one it begins, or none.
 
     The last one in the file is the final one; earlier ones are running scores.
     """
     final = _FINAL_SCORE.match(line.text)
     if final or (score is None and _BREAKDOWN.match(line.text)):
-        score = told.score = _Score(now, float(final[1]) if final else None)
+        score = log.score = _Score(now, float(final[1]) if final else None)
     return score
 
 
-def _take_configuration(told: _Told, text: str) -> None:
+def _take_configuration(log: _ParsedLog, text: str) -> None:
     found = _CONFIGURATION.match(text)
     if found:
-        told.trial_id = Path(found[1]).stem
+        log.trial_id = Path(found[1]).stem
 
 
-def _take_line(told: _Told, text: str, now: _Moment) -> None:
+def _take_line(log: _ParsedLog, text: str, now: _Moment) -> None:
     sim_time = _SIM_TIME.match(text)
     if sim_time:
         if now.wall_ns is not None:
-            told.pace.append((now.wall_ns, float(sim_time[1])))
+            log.pace.append((now.wall_ns, float(sim_time[1])))
         return
     announced, dropped = _ANNOUNCED.match(text), _DROPPED.match(text)
     if announced:
-        told.announced.setdefault(announced[1], now)
+        log.announced.setdefault(announced[1], now)
     elif dropped:
-        told.dropped.append((int(dropped[1]), now))
+        log.dropped.append((int(dropped[1]), now))
     elif _STARTED.match(text):
-        told.started = told.started or now
+        log.started = log.started or now
     elif _ENDED.match(text):
-        told.ended = told.ended or now
+        log.ended = log.ended or now
     elif _SUBMITTED.search(text):
-        told.submits += 1
+        log.submits += 1
     else:
-        _take_configuration(told, text)
+        _take_configuration(log, text)
 
 
 class _Times:
-    """Puts what was told on the clock of the simulation."""
+    """Puts the moments of a log on the clock of the simulation."""
 
-    def __init__(self, told: _Told, path: Path) -> None:
-        self.told, self.where = told, path.name
+    def __init__(self, log: _ParsedLog, path: Path) -> None:
+        self.log, self.where = log, path.name
         self.defects: list[LogDefect] = []
         self._wall_ns, self._sim_s = self._pace(path)
-        ended = told.ended or (told.score.at if told.score is not None else None)
-        self.started_s = self.of(told.started)
+        # The final score is printed when the trial ends, also by its time limit, which calls no service.
+        ended = log.ended or (log.score.at if log.score is not None else None)
+        self.started_s = self.of(log.started)
         self.ended_s = self.of(ended)
         self._count_untimed()
 
@@ -456,19 +466,19 @@ class _Times:
         """When an order, or the last update of it, was announced."""
         times = [
             self.of(moment)
-            for name, moment in self.told.announced.items()
+            for name, moment in self.log.announced.items()
             if _UPDATE.sub("", name) == order_id
         ]
         known = [t_s for t_s in times if t_s is not None]
         return max(known) if known else None
 
     def events(self) -> Iterator[Event]:
-        """The events whose time the log tells."""
+        """The events whose time the log gives."""
         if self.started_s is not None:
             yield Event(self.started_s, COMPETITION_STARTED)
         if self.ended_s is not None:
             yield Event(self.ended_s, COMPETITION_ENDED)
-        for order_id, moment in self.told.announced.items():
+        for order_id, moment in self.log.announced.items():
             t_s = self.of(moment)
             if t_s is not None:
                 yield Event(t_s, ORDER_ANNOUNCED, order_id)
@@ -476,7 +486,7 @@ class _Times:
     def _pace(self, path: Path) -> tuple[NDArray[np.int64], list[float]]:
         """Wall and simulated time where both are known, both strictly increasing."""
         kept: list[tuple[int, float]] = []
-        for wall_ns, sim_s in self.told.pace:
+        for wall_ns, sim_s in self.log.pace:
             if kept and kept[-1][1] - sim_s > LARGEST_STEP_BACK_S:
                 raise LogError(
                     f"simulated time runs backwards, from {kept[-1][1]:g} s to {sim_s:g} s",
@@ -485,12 +495,12 @@ class _Times:
                 )
             if not kept or (wall_ns > kept[-1][0] and sim_s > kept[-1][1]):
                 kept.append((wall_ns, sim_s))
-        self._count("disordered_stamps", len(self.told.pace) - len(kept), "simulated seconds out of order")
+        self._count("disordered_stamps", len(self.log.pace) - len(kept), "simulated seconds out of order")
         return np.array([wall for wall, _ in kept], dtype=np.int64), [sim for _, sim in kept]
 
     def _count_untimed(self) -> None:
-        told = [self.told.started, self.told.ended, *self.told.announced.values()]
-        lost = sum(1 for moment in told if moment is not None and self.of(moment) is None)
+        moments = [self.log.started, self.log.ended, *self.log.announced.values()]
+        lost = sum(1 for moment in moments if moment is not None and self.of(moment) is None)
         self._count("untimed_events", lost, "events were left out: too few simulated seconds are printed")
 
     def _count(self, kind: str, count: int, message: str) -> None:
@@ -498,7 +508,7 @@ class _Times:
             self.defects.append(LogDefect(kind, self.where, count, message))
 
 
-def _add_score(builder: TrialBuilder, told: _Told, score: _Score, times: _Times, path: Path) -> None:
+def _add_score(builder: TrialBuilder, log: _ParsedLog, score: _Score, times: _Times, path: Path) -> None:
     where = path.name
     totals = {order.id: order.total for order in score.orders if order.id and order.total is not None}
     builder.official = OfficialResult(
@@ -515,6 +525,7 @@ def _add_score(builder: TrialBuilder, told: _Told, score: _Score, times: _Times,
     if score.collision is not None:
         builder.witnessed.add(ARM_COLLISION)
         if score.collision:
+            # The breakdown says that arms collided, and no record says when.
             builder.events.append(
                 Event(end_s, ARM_COLLISION, "", f"at an unknown time; {end_words} is given")
             )
@@ -526,9 +537,11 @@ def _add_score(builder: TrialBuilder, told: _Told, score: _Score, times: _Times,
                 file=path,
                 hint="the text looks damaged; compare it with the log of the simulator",
             )
-        builder.events.extend(_drops(int(score.dropped), told, times, end_s))
+        builder.events.extend(_drops(int(score.dropped), log, times, end_s))
     _add_submissions(builder, score, times, where)
-    if score.complete and not told.submits and not any(order.shipments for order in score.orders):
+    # From 2021 on shipments of a kind are scored only once one of them was handed in. So a score without any
+    # shows that none was, unless some record mentions a submission.
+    if score.complete and not log.submits and not any(order.shipments for order in score.orders):
         builder.witnessed.add("submissions")
 
 
@@ -541,6 +554,7 @@ def _summary(order: _OrderScore, times: _Times) -> OfficialOrder:
         items[f"shipment_{position}/id"] = order.task_id(position)
         for label, value in _printed(shipment.values).items():
             items[f"shipment_{position}/{label}"] = value
+    # A time of 0 is printed for an order that is not complete.
     dated = announced_s is not None and taken_s and order.all_submitted
     return OfficialOrder(
         order.id,
@@ -568,10 +582,11 @@ def _end_of(score: _Score, times: _Times) -> tuple[float, str]:
     return 0.0, "0"
 
 
-def _drops(count: int, told: _Told, times: _Times, end_s: float) -> Iterator[Event]:
+def _drops(count: int, log: _ParsedLog, times: _Times, end_s: float) -> Iterator[Event]:
     """As many drops as the official score counts, dated where a record dates them."""
     dated: list[float] = []
-    for running, moment in told.dropped:
+    # Counts are running ones: each record dates as many drops as it counts beyond the one before.
+    for running, moment in log.dropped:
         t_s = times.of(moment)
         dated += [end_s if t_s is None else t_s] * max(0, min(running, count) - len(dated))
     for i in range(count):

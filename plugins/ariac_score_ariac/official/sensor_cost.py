@@ -59,11 +59,11 @@ class SensorCostReader:
     def describe(self, path: Path) -> LogDescription:
         """The total and the number of sensors by type."""
         try:
-            told = _tell(path)
+            cost = _parse(path)
         except LogError as error:
             return LogDescription(format=FORMAT, damage=str(error))
-        facts: dict[str, int | float | str] = {"total": told.total, "sensors": sum(told.counts.values())}
-        return LogDescription(format=FORMAT, facts=facts | {k: n for k, n in told.counts.items() if n})
+        facts: dict[str, int | float | str] = {"total": cost.total, "sensors": sum(cost.counts.values())}
+        return LogDescription(format=FORMAT, facts=facts | {k: n for k, n in cost.counts.items() if n})
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
         """The team's set-up with the printed cost; the team's name is not in the file.
@@ -72,22 +72,24 @@ class SensorCostReader:
             NothingToScoreError: The file is missing or empty.
             LogError: It is cut off, or a count or the total is no number.
         """
-        told = _tell(path)
+        cost = _parse(path)
         wanted.progress(1.0)
-        sensors = {f"{kind}_{k}": kind for kind, count in told.counts.items() for k in range(1, count + 1)}
+        sensors = {f"{kind}_{k}": kind for kind, count in cost.counts.items() for k in range(1, count + 1)}
         return Trial(
             id=path.stem,
-            team=TeamSetup(sensors=MappingProxyType(dict(sorted(sensors.items()))), sensor_cost=told.total),
+            team=TeamSetup(sensors=MappingProxyType(dict(sorted(sensors.items()))), sensor_cost=cost.total),
         )
 
 
 @dataclass(frozen=True)
-class _Told:
+class _SensorCost:
+    """The text, parsed: sensors by type, and the total in dollars."""
+
     counts: dict[str, int]
     total: float
 
 
-def _tell(path: Path) -> _Told:
+def _parse(path: Path) -> _SensorCost:
     counts: dict[str, int] = {}
     total: float | None = None
     for number, line in enumerate(_text(path).splitlines(keepends=True), start=1):
@@ -99,10 +101,11 @@ def _tell(path: Path) -> _Told:
             dollars = _DOLLARS.fullmatch(summed["total"])
             if dollars is None or float(dollars[1]) < 0:
                 raise _fault(path, number, f"the total {summed['total']!r} is not an amount of dollars")
+            # The last total counts. It is no sum of the counts: advanced cameras are listed and cost nothing.
             total = float(dollars[1])
     if total is None:
         raise LogError("the file is cut off: it has no total", file=path, hint=_CUT)
-    return _Told(counts, total)
+    return _SensorCost(counts, total)
 
 
 def _count(path: Path, number: int, kind: str, text: str) -> int:

@@ -55,6 +55,7 @@ OUTCOMES: Mapping[str, tuple[str, str]] = MappingProxyType(
 _NAME = "trial_log.txt"
 _SNIFFED_BYTES = 65_536
 _SIGNS = ("Trial Summary", "END OF TRIAL", "Orders Summary")
+"""Headings of 2024, of 2023 at release and of December 2023, in this order."""
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _RULE = re.compile(r"[=\-_*]{3,}")
 _PAIR = re.compile(r"^(?P<label>[^:]{1,80}?)\s*:\s*(?P<value>.*)$")
@@ -79,7 +80,7 @@ _CUT = "copy the log again; a score must not rest on part of it"
 
 
 class TrialLogReader:
-    """Reads the official score text of one run of 2023 or 2024, or how the run ended without one.
+    """Reads the official score text of one run of 2023 or 2024, or how the run ended without a score.
 
     Reads:
         The score and the times of each order as printed, the total, the course of the run.
@@ -109,24 +110,25 @@ class TrialLogReader:
             path.name == _NAME
             or (len(lines) == 1 and lines[0].lower() in OUTCOMES)
             or any(line in _SIGNS for line in lines)
+            # The layout of 2023 begins with the block of an order, and its only heading may be far below.
             or bool(re.match(r"\s*Order: *\S+\s+Type: *(?:Kitting|Assembly|Combined)\b", text))
         )
 
     def describe(self, path: Path) -> LogDescription:
         """The official numbers, and in which layout they are printed."""
         try:
-            told = _tell(path)
+            log = _parse(path)
         except LogError as error:
             return LogDescription(format=FORMAT, clock=str(CLOCK), damage=str(error))
-        official = told.official(path.name)
-        facts: dict[str, int | float | str] = {"layout": told.layout}
+        official = log.official(path.name)
+        facts: dict[str, int | float | str] = {"layout": log.layout}
         if official.outcome:
             facts["outcome"] = official.outcome
         if official.total is not None:
             facts["total"] = official.total
         if not official.outcome:
-            facts["orders"] = len(told.orders)
-            facts["submitted"] = sum(1 for order in told.orders if order.submitted)
+            facts["orders"] = len(log.orders)
+            facts["submitted"] = sum(1 for order in log.orders if order.submitted)
         return LogDescription(
             format=FORMAT, clock=str(CLOCK), facts=facts, duration_s=official.process_time_s or 0.0
         )
@@ -141,30 +143,31 @@ class TrialLogReader:
             NothingToScoreError: The file is missing or empty.
             LogError: It is cut off, or a value is not what its label says.
         """
-        told = _tell(path)
+        log = _parse(path)
         wanted.progress(1.0)
-        builder = TrialBuilder(told.trial_id or path.stem, file=path, clock=CLOCK)
-        builder.official = told.official(path.name)
-        if told.outcome:
-            builder.defect(told.outcome, path.name, 1, OUTCOMES[told.outcome_text][1])
+        builder = TrialBuilder(log.trial_id or path.stem, file=path, clock=CLOCK)
+        builder.official = log.official(path.name)
+        if log.outcome:
+            builder.defect(log.outcome, path.name, 1, OUTCOMES[log.outcome_text][1])
             return builder.build()
         builder.add(Event(0.0, COMPETITION_STARTED))
-        if told.completed_s is not None:
-            builder.add(Event(told.completed_s, COMPETITION_ENDED))
-        if told.lists_every_order:
+        if log.completed_s is not None:
+            builder.add(Event(log.completed_s, COMPETITION_ENDED))
+        # 2023 prints blocks of submitted kits alone: an order without one may have been an assembly.
+        if log.lists_every_order:
             builder.witnessed.add("submissions")
-        _add_orders(builder, told, path.name)
+        _add_orders(builder, log, path.name)
         return builder.build()
 
 
-def _add_orders(builder: TrialBuilder, told: _Told, where: str) -> None:
+def _add_orders(builder: TrialBuilder, log: _ParsedLog, where: str) -> None:
     undated = 0
-    for order in told.orders:
+    for order in log.orders:
         if order.announced_s is not None:
             builder.add(Event(order.announced_s, ORDER_ANNOUNCED, order.id))
         if order.submitted:
             undated += order.submitted_s is None
-            at_s = told.completed_s if order.submitted_s is None else order.submitted_s
+            at_s = log.completed_s if order.submitted_s is None else order.submitted_s
             agv, station = order.items.get("agv", ""), order.items.get("station", "")
             builder.add(
                 Submission(
@@ -180,8 +183,8 @@ def _add_orders(builder: TrialBuilder, told: _Told, where: str) -> None:
 
 
 @dataclass
-class _Told:
-    """Everything of interest in one file."""
+class _ParsedLog:
+    """One file, parsed."""
 
     layout: str
     items: dict[str, str] = field(default_factory=dict)
@@ -203,6 +206,7 @@ class _Told:
         """The result; its total is the printed one, else the sum of the orders' scores."""
         scores = {order.id: order.score for order in self.orders if order.score is not None}
         total = self.printed_total
+        # 2024 prints no total. Its scores carry no priority factor (log formats, section 5.1).
         if total is None and scores:
             total = 0.0
             for score in scores.values():
@@ -294,8 +298,8 @@ class _Values:
         return LogError(words, file=self.path, place=f"line {line.number}", hint=_CUT)
 
 
-def _tell(path: Path) -> _Told:
-    """What a file says, whichever layout it has.
+def _parse(path: Path) -> _ParsedLog:
+    """The text of a file, parsed, whichever layout it has.
 
     Raises:
         NothingToScoreError: The file is missing or empty.
@@ -303,18 +307,18 @@ def _tell(path: Path) -> _Told:
     """
     text = _text(path)
     lines = [_Line.of(number, raw) for number, raw in enumerate(text.splitlines(), start=1)]
-    said = [line for line in lines if line.text and not _RULE.fullmatch(line.text)]
-    if not said:
+    printed = [line for line in lines if line.text and not _RULE.fullmatch(line.text)]
+    if not printed:
         raise NothingToScoreError("the log is empty", file=path, hint="was the trial started?")
-    if len(said) == 1 and said[0].text.lower() in OUTCOMES:
-        return _Told("no score", outcome_text=said[0].text.lower())
-    titles = {line.text for line in said if not line.label}
+    if len(printed) == 1 and printed[0].text.lower() in OUTCOMES:
+        return _ParsedLog("no score", outcome_text=printed[0].text.lower())
+    titles = {line.text for line in printed if not line.label}
     if "Trial Summary" in titles:
-        return _of_2024(path, said)
+        return _of_2024(path, printed)
     if "Orders Summary" in titles:
-        return _interim(path, said, whole=text.endswith("\n"))
-    if "END OF TRIAL" in titles or said[0].label == "order":
-        return _of_2023(path, said)
+        return _interim(path, printed, whole=text.endswith("\n"))
+    if "END OF TRIAL" in titles or printed[0].label == "order":
+        return _of_2023(path, printed)
     raise LogError(
         "this is no score text of 2023 or 2024: it has neither a trial summary nor an end of trial",
         file=path,
@@ -328,6 +332,7 @@ def _text(path: Path) -> str:
             raise LogError(
                 f"the file has more than {MAX_BYTES:,} bytes", file=path, hint="is this the right file?"
             )
+        # Labels and numbers are ASCII: an odd byte elsewhere, as in a file name, need not hide a score.
         return _ANSI.sub("", path.read_text(encoding="utf-8-sig", errors="replace"))
     except FileNotFoundError:
         raise NothingToScoreError("no such file", file=path, hint="check the path") from None
@@ -344,7 +349,7 @@ def _cut_off(path: Path, missing: str) -> LogError:
 # 2024 -----------------------------------------------------------------------------------
 
 
-def _of_2024(path: Path, lines: Sequence[_Line]) -> _Told:
+def _of_2024(path: Path, lines: Sequence[_Line]) -> _ParsedLog:
     trial = _Values(path, "the trial")
     summaries: dict[str, _Values] = {}
     details: dict[str, _Details] = {}
@@ -352,6 +357,7 @@ def _of_2024(path: Path, lines: Sequence[_Line]) -> _Told:
     for line in lines:
         if not line.label:
             section = line.text if line.text.endswith(("Summary", "Details")) else section
+            # A box inside the details of an assembly, after which further orders may follow.
             section = "Order Details" if section == "Parts Summary" else section
         elif section == "Trial Summary":
             trial.take(line)
@@ -369,7 +375,7 @@ def _of_2024(path: Path, lines: Sequence[_Line]) -> _Told:
             summaries[order_id].take(line)
         elif section == "Order Details" and order_id in details:
             details[order_id].take(line)
-    return _checked_2024(path, trial, summaries, details, details_begun=section == "Order Details")
+    return _checked_2024(path, trial, summaries, details, has_details=section == "Order Details")
 
 
 @dataclass
@@ -391,6 +397,7 @@ class _Details:
             self._depth = line.depth
             self.blocks.append((self._inside, _OF_QUADRANT if line.label == "quadrant" else _OF_PART))
             return
+        # Only fewer tabs show where a quadrant or part ends; a text that lost all its tabs shows nothing.
         if 0 < line.depth <= self._depth:
             self._inside = ""
         self.values.take(line, f"{self._inside}/{line.label}" if self._inside else line.label)
@@ -402,7 +409,10 @@ class _Details:
         return next((label for label in wanted if label not in self.values), "") or self._half_a_value()
 
     def _half_a_value(self) -> str:
-        """The last label, when its value is visibly not whole."""
+        """The last label, when its value is visibly not whole.
+
+        A text that is cut in its last value still has every label.
+        """
         for label, value in self.values.printed().items():
             last = label.rpartition("/")[2]
             if last in ("position", "orientation") and not _THREE.fullmatch(value):
@@ -418,8 +428,8 @@ def _checked_2024(
     summaries: Mapping[str, _Values],
     details: Mapping[str, _Details],
     *,
-    details_begun: bool,
-) -> _Told:
+    has_details: bool,
+) -> _ParsedLog:
     """The whole text, or what is missing of it."""
     for label in ("completion_time", "total_number_of_orders", "number_of_submitted_orders"):
         if label not in trial:
@@ -431,16 +441,18 @@ def _checked_2024(
                 raise _cut_off(path, f"the summary of order {order_id!r} has no {label.replace('_', ' ')!r}")
     if announced is not None and len(summaries) < announced:
         raise _cut_off(path, f"{announced:g} orders are announced, {len(summaries)} are listed")
+    # More than announced is no cut: two texts in one file, or one that was edited.
     if announced is not None and len(summaries) > announced:
         raise LogError(
             f"{announced:g} orders are announced, {len(summaries)} are listed", file=path, hint=_CUT
         )
-    if summaries and not details_begun:
+    # Below each order of the summary stand details, at least the words 'Not Submitted'.
+    if summaries and not has_details:
         raise _cut_off(path, "there are no order details")
     orders = [_order_2024(path, order_id, values, details) for order_id, values in summaries.items()]
-    told = _Told("2024", trial.printed(), orders, lists_every_order=True)
-    told.completed_s = trial.time("completion_time")
-    return told
+    log = _ParsedLog("2024", trial.printed(), orders, lists_every_order=True)
+    log.completed_s = trial.time("completion_time")
+    return log
 
 
 def _order_2024(path: Path, order_id: str, values: _Values, details: Mapping[str, _Details]) -> OfficialOrder:
@@ -465,7 +477,7 @@ def _order_2024(path: Path, order_id: str, values: _Values, details: Mapping[str
 
 
 def _printed_times(values: _Values) -> dict[str, str]:
-    """When an order was handed in and how long it took, as printed: rounded, so differences can be others."""
+    """When an order was handed in and how long it took, as printed, with six decimals."""
     printed = {label: values.text(label) for label in ("submission_time", "submission_duration")}
     return {label: text for label, text in printed.items() if text.upper() != "N/A"}
 
@@ -473,7 +485,10 @@ def _printed_times(values: _Values) -> dict[str, str]:
 def _announced_s(
     path: Path, order_id: str, submitted_s: float | None, duration_s: float | None
 ) -> float | None:
-    """When an order was announced: its submission less the time it took."""
+    """When an order was announced: its submission less the time it took, which is what is printed.
+
+    Both are printed with six decimals, so an order announced at the start may come out a little before it.
+    """
     if submitted_s is None or duration_s is None:
         return None
     announced_s = round(submitted_s - duration_s, _DECIMALS)
@@ -489,7 +504,7 @@ def _announced_s(
 # 2023 -----------------------------------------------------------------------------------
 
 
-def _of_2023(path: Path, lines: Sequence[_Line]) -> _Told:
+def _of_2023(path: Path, lines: Sequence[_Line]) -> _ParsedLog:
     """The layout at release: a block for each kit handed in, then the end of the trial."""
     end = next((i for i, line in enumerate(lines) if line.text == "END OF TRIAL"), None)
     if end is None:
@@ -503,17 +518,17 @@ def _of_2023(path: Path, lines: Sequence[_Line]) -> _Told:
     for label in ("trial_completion_time", "trial_score"):
         if label not in trial:
             raise _cut_off(path, f"the end of the trial has no {label.replace('_', ' ')!r}")
-    # Only the last order of each kind is listed here, so nothing is taken from it but its words.
+    # As coded only the last order of each kind is listed here: no score or time is taken from it.
     heading = "orders"
     for line in lines[listed:] if listed is not None else ():
         if line.label:
             trial.take(line, f"{heading}/{line.label}")
         elif line.text.rstrip(":") != "ORDERS":
             heading = f"orders/{'_'.join(line.text.lower().split())}"
-    told = _Told("2023", trial.printed(), [_kit_2023(order_id, v) for order_id, v in blocks.items()])
-    told.printed_total = trial.number("trial_score")
-    told.completed_s = trial.time("trial_completion_time")
-    return told
+    log = _ParsedLog("2023", trial.printed(), [_kit_2023(order_id, v) for order_id, v in blocks.items()])
+    log.printed_total = trial.number("trial_score")
+    log.completed_s = trial.time("trial_completion_time")
+    return log
 
 
 def _kit_2023(order_id: str, values: _Values) -> OfficialOrder:
@@ -550,8 +565,9 @@ def _blocks(path: Path, lines: Iterable[_Line], first: str) -> dict[str, _Values
     return blocks
 
 
-def _interim(path: Path, lines: Sequence[_Line], *, whole: bool) -> _Told:
+def _interim(path: Path, lines: Sequence[_Line], *, whole: bool) -> _ParsedLog:
     """The layout of December 2023: every label begins with a dash, every order has its times."""
+    # This layout has no end mark, and a time looks whole wherever it is cut.
     if not whole:
         raise _cut_off(path, "its last line has no end")
     begin = next(i for i, line in enumerate(lines) if line.text == "Orders Summary")
@@ -562,13 +578,13 @@ def _interim(path: Path, lines: Sequence[_Line], *, whole: bool) -> _Told:
     blocks = _blocks(path, lines[begin:], "order_id")
     if not blocks:
         raise _cut_off(path, "no order is listed")
-    told = _Told("2023, interim", trial.printed(), [_order_interim(k, v) for k, v in blocks.items()])
-    told.printed_total = trial.number("trial_score", "total_score")
-    told.completed_s = trial.time("trial_completion_time", "completion_time")
-    if told.completed_s is None:
+    log = _ParsedLog("2023, interim", trial.printed(), [_order_interim(k, v) for k, v in blocks.items()])
+    log.printed_total = trial.number("trial_score", "total_score")
+    log.completed_s = trial.time("trial_completion_time", "completion_time")
+    if log.completed_s is None:
         ends = [values.time("completion_time") for values in blocks.values()]
-        told.completed_s = max((end for end in ends if end is not None), default=None)
-    return told
+        log.completed_s = max((end for end in ends if end is not None), default=None)
+    return log
 
 
 def _order_interim(order_id: str, values: _Values) -> OfficialOrder:

@@ -24,7 +24,7 @@ _CLAUSE = "ARIAC 2021 and 2022 scoring, assembly"
 _PREFIX = len("assembly_")
 
 MAX_PERMUTED = 9
-"""Products of one type the search over all orders is followed for; a briefcase holds four."""
+"""The most products of one type whose orders are all tried: 9! of them. A briefcase holds four."""
 
 _IN_PLACE, _IN_COLOR = 2, 3
 """Points of a product in its place, and in its place in its colour, as the rulebooks have them."""
@@ -89,6 +89,7 @@ class _Walk:
 
     def take(self, i: int, wanted: WantedProduct, *, in_place: bool, color_right: bool) -> None:
         """Note the delivered product of index `i` and take it out, unless its name is noted already."""
+        # The notes are a `std::map` by raw name, and inserting into one does not overwrite.
         name = self.left.pop(i).type
         if name in self.records:
             self.collapsed[wanted.slot] = name
@@ -104,6 +105,7 @@ class _Walk:
             slots = [wanted for wanted in self.task.products if wanted.type == kind]
             parts = [product for product in self.delivered if product.type == kind]
             improved = _improvements(slots, parts, self.test)
+            # Exact types against raw names: a delivered name with a prefix, as in `agv1::…`, gets no flag.
             if kind in self.records and improved:
                 self.records[kind] = replace(self.records[kind], in_place=True)
                 self.poses_alike += improved
@@ -118,6 +120,7 @@ class _Walk:
                 raise _AbortError(f"{product.type!r} ends before the colour of {wanted.type!r} begins")
             # The slice starts where the ordered name's colour does, not its own.
             color_right = name[color_at:] == wanted.type[color_at:]
+            # Counted before types are compared: the printed counter is of comparisons, not of products.
             self.colors_alike += color_right
             if _without_color(name) == kind:
                 self.types_alike += 1
@@ -156,6 +159,7 @@ class _Walk:
                 self.types_alike += 1
                 self.poses_alike += 1
                 self.colors_alike += color_right
+                # Numbered, so that two alike are two records: as documented both earn their points.
                 name = f"{product.name or product.type} ({i + 1} of {len(self.delivered)})"
                 self.records[name] = Record(wanted.slot, True, color_right)
         return self.result()
@@ -190,12 +194,13 @@ def _improvements(slots: Sequence[WantedProduct], parts: Sequence[Product], test
         return 0
     passing = [[test.passes(slot.pose, part.pose) for part in parts] for slot in slots]
     best = improved = 0
+    # In lexicographic order, as `std::next_permutation` goes through them from a sorted start.
     for order in permutations(range(max(len(slots), len(parts)))):
         found = sum(passing[i][j] for i, j in enumerate(order[: len(slots)]) if j < len(parts))
         if found > best:
             best, improved = found, improved + 1
             if best == min(len(slots), len(parts)):
-                break
+                break  # nothing later can beat it
     return improved
 
 
@@ -213,6 +218,7 @@ class _Briefcases:
         """What the simulator makes of a delivered briefcase."""
         if any(p.pose is None for p in sound(contents)) or any(w.pose is None for w in task.products):
             return Briefcase(undecided="a pose in the briefcase or in the order is not usable")
+        # As coded only products of one exact type are permuted.
         counts = [sum(1 for p in contents if p.type == wanted.type) for wanted in task.products]
         if self.matching == "best_assignment":
             counts = [len(sound(contents))]
@@ -299,7 +305,7 @@ class AssemblyPart(_Briefcases):
 
 @dataclass(frozen=True)
 class AssemblyCounters(_Briefcases):
-    """What the simulator prints about a briefcase beside its points.
+    """What the simulator prints about a briefcase in addition to its points.
 
     Measures:
         `types_alike`, `colors_alike`, `poses_alike`: how often each comparison
@@ -327,6 +333,6 @@ class AssemblyCounters(_Briefcases):
             "records": float(len(compared.records)),
             "delivered": float(len(contents)),
         }
-        told = ", ".join(f"{name.replace('_', ' ')} {number:g}" for name, number in counted.items())
-        satisfied = Finding.satisfied(subject, told)
+        listed = ", ".join(f"{name.replace('_', ' ')} {number:g}" for name, number in counted.items())
+        satisfied = Finding.satisfied(subject, listed)
         return replace(satisfied, quantities=counted, clause=_CLAUSE, units=dict.fromkeys(counted, "count"))

@@ -1,11 +1,11 @@
-"""Which submission counts for a shipment, and what to say when none can be found."""
+"""Which submission counts for a shipment, and what a rule finds when there is none."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from typing import Literal
 
-from ariac_score import Finding, Order, Product, Submission, Task, Trial
+from ariac_score import ORDER_ANNOUNCED, Finding, Order, Product, Submission, Task, Trial
 
 NOT_SUBMITTED = "it was never submitted"
 EMPTY_KIT = "no product is ordered"
@@ -25,10 +25,10 @@ def kitting_tasks(order: Order, kind: str = "kitting") -> Iterator[tuple[str, Ta
 
 
 def not_kits(order: Order, kind: str = "kitting") -> Iterator[Finding]:
-    """For each task of another kind that the rule does not judge it.
+    """A finding, "not applicable", for each task of another kind.
 
-    Said rather than passed over, so that a formula about the task has an answer and
-    `kitting.only_kitting` is what withholds the score.
+    Without one a formula about that task would have no answer. Whether the score is withheld
+    is left to `kitting.only_kitting`.
     """
     what = "a kit" if kind == "kitting" else f"of kind {kind}"
     for task in order.tasks:
@@ -38,7 +38,8 @@ def not_kits(order: Order, kind: str = "kitting") -> Iterator[Finding]:
 
 def first_announced_s(trial: Trial, order: Order) -> float | None:
     """When the first version of an order was announced, whatever updates came later."""
-    events = [event for event in trial.events_of("order_announced") if event.subject == order.id]
+    # `announced_s` is that of the latest update; each update has an event of its own.
+    events = [event for event in trial.events_of(ORDER_ANNOUNCED) if event.subject == order.id]
     return events[0].t_s if events else order.announced_s
 
 
@@ -53,6 +54,7 @@ def claimed(trial: Trial, order: Order, task: Task, counts_from: CountsFrom = "u
         the rulebook's coded section.
     """
     start_s = order.announced_s if counts_from == "update" else first_announced_s(trial, order)
+    # One at the very start counts: as coded its time must be at least that of the order.
     for submission in trial.submissions:
         if submission.task_id == task.id and (start_s is None or submission.submitted_s >= start_s):
             return submission
@@ -67,7 +69,7 @@ def each_delivered(
     *,
     kind: KindOfTask = "kitting",
 ) -> Iterator[Finding]:
-    """One finding for each task of the kind: what `judge` says of its contents, or why it cannot."""
+    """One finding for each task of the kind: that of `judge` about its contents, or why there is none."""
     yield from not_kits(order, kind)
     for subject, task in kitting_tasks(order, kind):
         submission = claimed(trial, order, task)
@@ -100,6 +102,7 @@ def undecidable(
             subject, "it was submitted, but the log does not show what was on the tray", clause=clause
         )
     changed_s = order.announced_s if order is not None else None
+    # Happens only where submissions count from the first announcement on (2017, 2018).
     if submission is not None and changed_s is not None and submission.submitted_s < changed_s:
         return Finding.inconclusive(
             subject,

@@ -71,6 +71,7 @@ class Presence:
                         slot, f"{wanted.type}: {NOT_SUBMITTED}", clause=clause
                     )
                 continue
+            # Faulty products are worth nothing, so they take no slot.
             types = [delivered_type(p.type, self.type_names) for p in sound(submission.contents or ())]
             yield from self._present(subject, task, types, clause)
 
@@ -79,6 +80,7 @@ class Presence:
         exact_first = self.without_color == "aborts_unless_exact"
         aborts = self.without_color != "whole_name"
         aborting = _first_without_color(task, types, exact_first=exact_first) if aborts else None
+        # Taking one off for each slot satisfies min(ordered, delivered) slots of a type, the first in order.
         left = Counter(key(kind) for kind in types)
         delivered = ", ".join(sorted(types)) or "nothing"
         for wanted in task.products:
@@ -103,6 +105,7 @@ def _first_without_color(task: Task, types: Sequence[str], *, exact_first: bool 
     up to the first of its base type; with `exact_first` only where none of its exact
     name is left.
     """
+    # The order of the scans is that of AriacScorer.cpp: which name is met first decides whether it aborts.
     left = list(types)
     for wanted in task.products:
         if "_" not in wanted.type:
@@ -205,6 +208,7 @@ class NoneMissing(_Counted):
         return self._each(trial, order, Finding.violated, self._missing, "nothing is missing")
 
     def _missing(self, task: Task, contents: tuple[Product, ...]) -> str:
+        # The difference of two counters keeps what is positive.
         ordered, delivered = self._counts(task, contents)
         if self.compare == "number":
             have, need = len(sound(contents)), len(task.products)
@@ -263,6 +267,7 @@ class RightNumber:
         )
 
     def _differs(self, task: Task, contents: tuple[Product, ...]) -> str:
+        # As coded faulty products are set apart and still counted in the total.
         have = len(contents) if self.count_faulty else len(sound(contents))
         return "" if have == len(task.products) else f"{have} objects, ordered {len(task.products)}"
 

@@ -16,8 +16,8 @@ class PositiveSensorCost(SensorCost):
     Measures:
         As `team.sensor_cost`.
     Violated when:
-        Never. It is inconclusive where that is, and where the sensors cost nothing: by
-        nothing no average can be divided, and what the factor is then nobody has said.
+        Never. It is inconclusive where `team.sensor_cost` is, and where the sensors cost
+        nothing: nothing says what the factor is where the divisor is 0.
     Source:
         ARIAC 2023 and 2024, evaluation scripts: the cost factor is the average cost
         divided by the team's own, and the program stops where that is 0.

@@ -1,4 +1,4 @@
-"""What a rule set about kits does not judge, said aloud."""
+"""Tasks that a rule set about kits does not judge, as findings."""
 
 from __future__ import annotations
 

@@ -83,15 +83,19 @@ class Destination:
                 yield self._compared(subject, task, submission, clause)
 
     def _compared(self, subject: str, task: Task, submission: Submission, clause: str) -> Finding:
-        asked: list[tuple[str, str, str, tuple[str, ...]]] = []
+        places: list[tuple[str, str, str, tuple[str, ...]]] = []
         if self.compare != "station" and task.agv != "any":
-            asked.append(("AGV", task.agv, submission.agv, self.known_agvs))
+            places.append(("AGV", task.agv, submission.agv, self.known_agvs))
         if self.compare != "agv":
-            asked.append(("station", task.station, submission.station, self.known_stations))
-        never = [f"{what} {wanted or 'none'}" for what, wanted, _, known in asked if _unknown(wanted, known)]
-        asked = [found for found in asked if found[3] or found[1] not in ("", "any")]
-        wrong = [f"{what} {got}, ordered {wanted}" for what, wanted, got, _ in asked if got and got != wanted]
-        unseen = [what for what, _, got, _ in asked if not got]
+            places.append(("station", task.station, submission.station, self.known_stations))
+        # An empty or unknown name matches nothing, whatever AGV the shipment left on.
+        never = [f"{what} {wanted or 'none'}" for what, wanted, _, known in places if _unknown(wanted, known)]
+        # An order that names no station leaves it open, unless the simulator has a list of names.
+        places = [found for found in places if found[3] or found[1] not in ("", "any")]
+        wrong = [
+            f"{what} {got}, ordered {wanted}" for what, wanted, got, _ in places if got and got != wanted
+        ]
+        unseen = [what for what, _, got, _ in places if not got]
         if never:
             return Finding.violated(
                 subject,
@@ -150,6 +154,7 @@ class OrderTime:
         if any(_unwitnessed(trial, submission) for submission in everything):
             yield Finding.inconclusive(order.id, "the log does not show submissions", clause=clause)
             return
+        # As coded a kind that is complete has its time even where another kind is missing.
         missing = everything.count(None)
         message = f"{len(everything) - missing} of {len(everything)} shipments were submitted"
         together = self.until == "all_complete"
@@ -176,7 +181,10 @@ class OrderTime:
 
 
 def _last_complete_s(claims: list[list[Submission | None]]) -> float | None:
-    """The latest submission of the last kind of which all were submitted."""
+    """The latest submission of the last kind of which all were submitted.
+
+    The last kind, not the latest time: as coded the time of the assemblies overwrites that of the kits.
+    """
     end_s = None
     for found in claims:
         times = [submission.submitted_s for submission in found if submission is not None]

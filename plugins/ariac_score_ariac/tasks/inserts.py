@@ -8,14 +8,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score import Finding, Limit, Order, Pose, Product, Task, Trial, WantedProduct, parameter
+from ariac_score_ariac.parts import part_of
 from ariac_score_ariac.tasks.poses import best_total
-from ariac_score_ariac.tasks.quadrants import Sight, not_judged, part_of, sight, tasks_of
+from ariac_score_ariac.tasks.quadrants import Sight, not_judged, sight, tasks_of
 
 KINDS = ("assembly", "combined")
+"""Both are built in an insert; they differ in their points and in where the parts come from."""
 CLAUSE = "ARIAC 2023 and 2024, assembly as coded"
 
 _INSERT = "assembly_insert"
 _INSERT_NUMBER = 16
+"""The simulator takes this one character of the name for the number, so inserts end at 9."""
 
 
 def insert_number(model: str) -> int | None:
@@ -70,6 +73,7 @@ class InsertSeen:
         if seen.submission is None or seen.unknown:
             return Finding.inconclusive(subject, seen.unknown, clause=CLAUSE)
         insert = seen.submission.tray
+        # Parts are seen at the ordered station alone. So an insert whose name no log has was the right one.
         got = wanted if insert is None else insert_number(insert.type)
         if insert is not None and got is None:
             message = f"{insert.type!r} names no insert such as assembly_insert_2"
@@ -92,7 +96,7 @@ class InsertedPart:
         compares colours; `pose` the distance in space, the absolute dot product of the
         quaternions as recorded, and the angle of the whole rotation, as far as they have
         a limit, in the frame of the insert; `color_and_pose` both. Whether a part is
-        faulty, or was ever inserted, is not asked.
+        faulty, or was ever inserted, does not matter.
     Violated when:
         No part of the type is there; its colour differs; the distance or the rotation
         exceeds its limit or the dot product is below its limit (the limits themselves
@@ -127,6 +131,7 @@ class InsertedPart:
         for wanted, rivals in zip(ordered, alike, strict=True):
             if len(rivals) > 1 and (wanted.pose is None or any(part.pose is None for part in rivals)):
                 return None
+        # As documented one part fills one slot; of several ways that which is worth the most.
         worth = [[self._worth(wanted, part) for part in parts] for wanted in ordered]
         return {
             wanted.slot: None if i is None else parts[i]
@@ -160,33 +165,36 @@ class InsertedPart:
         if not alike:
             words = seen.nothing or f"no {ordered[0]} in the insert for it"
             yield Finding.violated(subject, words, clause=CLAUSE)
+        # As coded the points of all pairs add up, so that two parts of a type count twice for each slot.
         for number, part in enumerate(alike, start=1):
-            told = f"{part.name or part.type}" + (f" ({number} of {len(alike)})" if len(alike) > 1 else "")
-            yield self._pair(subject, wanted, part, told)
+            name = f"{part.name or part.type}" + (f" ({number} of {len(alike)})" if len(alike) > 1 else "")
+            yield self._pair(subject, wanted, part, name)
 
-    def _pair(self, subject: str, wanted: WantedProduct, part: Product, told: str) -> Finding:
+    def _pair(self, subject: str, wanted: WantedProduct, part: Product, name: str) -> Finding:
         right_color = part_of(part.type) == part_of(wanted.type)
         if self.compare == "type" or (self.compare == "color" and right_color):
-            return Finding.satisfied(subject, f"{told} is in the insert", clause=CLAUSE)
+            return Finding.satisfied(subject, f"{name} is in the insert", clause=CLAUSE)
         if self.compare in ("color", "color_and_pose") and not right_color:
-            return Finding.violated(subject, f"{told}, ordered {wanted.type}", clause=CLAUSE)
+            return Finding.violated(subject, f"{name}, ordered {wanted.type}", clause=CLAUSE)
         if wanted.pose is None or part.pose is None:
             why = (
                 "the order gives no pose that can be used"
                 if wanted.pose is None
-                else f"the pose of {told} is not usable"
+                else f"the pose of {name} is not usable"
             )
             return Finding.inconclusive(subject, why, clause=CLAUSE)
         limits = self.limits(wanted.pose, part.pose)
         message = "; ".join(map(str, [limit for limit in limits if not limit.kept] or limits))
-        return Finding.from_limits(subject, *limits, clause=CLAUSE, message=f"{told}: {message}")
+        return Finding.from_limits(subject, *limits, clause=CLAUSE, message=f"{name}: {message}")
 
     def limits(self, wanted: Pose, found: Pose) -> tuple[Limit, ...]:
         """Distance in space, dot product of the quaternions as recorded, rotation, against their limits."""
+        # With the height, unlike the tests of 2017 to 2022.
         (wx, wy, wz), (fx, fy, fz) = wanted.position_m, found.position_m
         dx, dy, dz = fx - wx, fy - wy, fz - wz
         distance_m = math.sqrt(dx * dx + dy * dy + dz * dz)
         limits = [Limit("distance", distance_m, "m", at_most=self.max_distance_m)]
+        # As coded 0.95, some 36 degrees; the constant for the documented 15 degrees is never used.
         if self.min_quaternion_dot is not None:
             dot = wanted.quaternion_dot(found)
             limits.append(Limit("quaternion dot", dot, "1", at_least=self.min_quaternion_dot))

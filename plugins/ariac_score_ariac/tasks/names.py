@@ -14,6 +14,7 @@ def base_type(product_type: str) -> str:
     >>> base_type("gear_part_red")
     'gear_part'
     """
+    # Without an underscore the simulator aborts; rules that need to say so test for it themselves.
     return product_type.rpartition("_")[0] or product_type
 
 

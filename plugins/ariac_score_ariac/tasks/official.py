@@ -1,6 +1,6 @@
-"""What the official score text says, taken as it is printed.
+"""Numbers of the official score text, taken as they are printed.
 
-Nothing is scored again here: a text that contradicts itself stays what it is.
+Nothing is scored again here, and a text that contradicts itself is not corrected.
 """
 
 from __future__ import annotations
@@ -75,6 +75,7 @@ class OfficialOrderScore:
             return Finding.inconclusive(order.id, "the official text does not say whether it was handed in")
         quantities = self._quantities(order, printed)
         if not printed.submitted:
+            # A text may print no score for it.
             quantities = {"score": 0.0} | quantities
             words = f"not handed in by the official text; score {quantities['score']:g}"
             return Finding(order.id, Verdict.VIOLATED, words, quantities=quantities, units=_units(quantities))
@@ -89,6 +90,7 @@ class OfficialOrderScore:
         """What is known of the order, by name."""
         score, factor = printed.score, self._factor(order, printed)
         total = _number(printed.items, *_TOTALS) if _by_simulator(printed) else None
+        # Until 2022 the total is printed with the factor; from 2023 on scores are, and without it.
         if total is None and score is not None and factor is not None:
             total = score * factor
         known = {
@@ -110,6 +112,7 @@ class OfficialOrderScore:
             return factor
         if _by_simulator(printed):
             return 1.0
+        # Without a configuration the order is made of this very text, which did not print its priority.
         if order.outline:
             return None
         return self.priority_factor if order.priority > 1 else 1.0
@@ -158,6 +161,7 @@ class OfficialTrialScore:
         missing = [name for name in self.requires if name not in quantities]
         if missing:
             return Finding.inconclusive(_SUBJECT, f"the official text does not say the {_words(missing[0])}")
+        # The printed total is 0 already; the verdict says why.
         collided = quantities.get("collisions", 0.0) > 0
         words = (
             f"arms collided by the official text; {_shown(quantities)}" if collided else _shown(quantities)

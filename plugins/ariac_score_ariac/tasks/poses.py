@@ -29,14 +29,12 @@ class PoseError:
         distance_m: In the plane of the tray; height does not count.
         quaternion_dot: Absolute dot product of the two quaternions as recorded.
         heading_error_rad: Difference of the yaw angles, not negative.
-        facing_error_rad: Angle between the two vertical axes; pi is upside down.
         rotation_rad: Angle of the whole rotation from one to the other, 0 to pi.
     """
 
     distance_m: float
     quaternion_dot: float
     heading_error_rad: float
-    facing_error_rad: float
     rotation_rad: float
 
     @classmethod
@@ -47,13 +45,10 @@ class PoseError:
         product, yaw is read from a normalised copy.
         """
         dx, dy = (d - w for w, d in zip(wanted.position_m[:2], delivered.position_m[:2], strict=True))
-        (a, b, c), (d, e, f) = wanted.up_axis, delivered.up_axis
-        cosine = a * d + b * e + c * f
         return cls(
             math.sqrt(dx * dx + dy * dy),
             wanted.quaternion_dot(delivered),
             abs(delivered.yaw_rad - wanted.yaw_rad),
-            math.acos(min(1.0, max(-1.0, cosine))),
             wanted.rotation_to(delivered),
         )
 
@@ -86,6 +81,7 @@ class PoseTest:
 
     def error(self, wanted: Pose, delivered: Pose) -> PoseError:
         """The error of a delivered pose as this test sees it."""
+        # The ordered one is never normalised, in no edition.
         return PoseError.between(wanted, delivered.normalised() if self.normalise_delivered else delivered)
 
     def limits(self, error: PoseError) -> tuple[Limit, ...]:
@@ -98,6 +94,7 @@ class PoseTest:
         if self.max_rotation_rad is not None:
             limits.append(Limit("rotation", error.rotation_rad, "rad", at_most=self.max_rotation_rad))
         if self.max_heading_error_rad is not None:
+            # The coded test: |d| < bound, or ||d| - 2 pi| <= bound. The bound itself passes the second alone.
             heading = min(error.heading_error_rad, abs(error.heading_error_rad - 2 * math.pi))
             strict = heading == error.heading_error_rad and not self.heading_limit_passes
             limits.append(
@@ -184,6 +181,7 @@ class KitPose:
     def _placed(
         self, subject: str, task: Task, contents: tuple[Product, ...], clause: str
     ) -> Iterator[Finding]:
+        # As coded each exact type is a search of its own.
         findings: dict[str, Finding] = {}
         for kind in sorted({self._kind(wanted.type) for wanted in task.products}):
             slots = [wanted for wanted in task.products if self._kind(wanted.type) == kind]
@@ -230,10 +228,12 @@ class KitPose:
             assert pose is not None  # only a part with a pose passes
             nearest = self.test.error(slot.pose, pose)
         elif errors:
+            # Which part was meant is unknown; the nearest shows the least that is wrong.
             nearest = min(errors, key=lambda error: error.distance_m)
         else:
             return Finding.violated(subject, f"no {slot.type} on the tray", clause=clause)
         limits = self.test.limits(nearest)
+        # It passes here too, but there were more slots than parts.
         if matched is None and all(limit.kept for limit in limits):
             return Finding.violated(
                 subject, f"the {slot.type} near it counts for another slot", clause=clause
@@ -259,6 +259,7 @@ def greedy_assignment(passing: Sequence[Sequence[int]], parts: int) -> list[int 
     >>> greedy_assignment([[0, 1], [0]], 2)
     [0, None]
     """
+    # Parts outside, slots inside: the order of delivery decides, as coded.
     part_of: list[int | None] = [None] * len(passing)
     for part in range(parts):
         for slot, fitting in enumerate(passing):
@@ -315,7 +316,7 @@ def best_total(worth: Sequence[Sequence[int | None]]) -> list[int | None]:
     >>> best_total([[3, 2], [2, None]])
     [1, 0]
     """
-    # By the set of parts taken: the most it brings, and how.
+    # By the set of parts taken, as bits: the most it brings, and how.
     reached: dict[int, tuple[int, list[int | None]]] = {0: (0, [])}
     for row in worth:
         further: dict[int, tuple[int, list[int | None]]] = {}
@@ -375,8 +376,10 @@ class TrayRight:
             return make(subject, f"tray {got.type}, ordered {wanted.type}", clause=clause)
         if got.pose is None:
             return Finding.inconclusive(subject, "the log does not show the tray's pose", clause=clause)
+        # Without a limit of the yaw: the coded one, 0.35 rad, has no effect (rulebook, section 6).
         test = PoseTest(
             self.max_distance_m, self.min_quaternion_dot, None, max_rotation_rad=self.max_rotation_rad
         )
+        # Rulebook 2022: the ordered pose is the identity at the middle of the AGV.
         error = test.error(wanted.pose or Pose((0.0, 0.0, 0.0)), got.pose)
         return Finding.from_limits(subject, *test.limits(error), clause=clause)

@@ -19,31 +19,13 @@ from ariac_score import (
     WantedProduct,
     parameter,
 )
+from ariac_score_ariac.parts import FAULTY_ENDING, part_of
 from ariac_score_ariac.tasks.claims import EMPTY_KIT, NOT_SUBMITTED, claimed
-
-TYPES = ("battery", "pump", "sensor", "regulator")
-COLORS = ("red", "green", "blue", "orange", "purple")
 
 QUALITY_CHECK = "quality_check"
 """Kind of the event that an order's kit was inspected; its subject is the order's id."""
 
-FAULTY_ENDING = "_faulty"
-
 CLAUSE = "ARIAC 2023 and 2024, kitting as coded"
-
-
-def part_of(name: str) -> tuple[str, str] | None:
-    """The type and colour that a model's name contains; `None` when it is no part.
-
-    Source: task manager of 2023 and 2024: a model is a part when its name contains a
-    known type and a known colour; anything else on the tray is not seen.
-
-    >>> part_of("battery_blue"), part_of("assembly_pump_red_4"), part_of("kit_tray_03")
-    (('battery', 'blue'), ('pump', 'red'), None)
-    """
-    kind = next((kind for kind in TYPES if kind in name), None)
-    color = next((color for color in COLORS if color in name), None)
-    return None if kind is None or color is None else (kind, color)
 
 
 def quadrant_of(pose: Pose) -> int:
@@ -107,6 +89,7 @@ def sight(trial: Trial, order: Order, task: Task) -> Sight:
         return Sight(submission, unknown=f"the log does not show the {what} it was handed in from")
     if wanted not in ("", "any", got):
         return Sight(submission, nothing=f"it was at {what} {got}; only {wanted} is looked at")
+    # An empty type says that there was none; a missing tray, that no log shows it.
     if submission.tray is not None and not submission.tray.type:
         return Sight(submission, nothing=f"no {base} was seen, so no part")
     if submission.contents is None:
@@ -114,15 +97,15 @@ def sight(trial: Trial, order: Order, task: Task) -> Sight:
     return Sight(submission, tuple(part for part in submission.contents if part_of(part.type)))
 
 
-def not_judged(order: Order, kinds: Sequence[str], why: str = "") -> Iterator[Finding]:
-    """For each slot of each task of another kind that a rule does not judge it.
+def not_judged(order: Order, kinds: Sequence[str]) -> Iterator[Finding]:
+    """A finding, "not applicable", for each slot of each task of another kind.
 
-    Said rather than passed over, so that a formula about the slot or task has an answer.
+    Without one a formula about that slot or task would have no answer.
     """
     for task in order.tasks:
         subject = f"{order.id}/{task.id}"
         if task.kind not in kinds:
-            message = why or f"a task of kind {task.kind} is none of {', '.join(kinds)}"
+            message = f"a task of kind {task.kind} is none of {', '.join(kinds)}"
             for slot in [f"{subject}/{wanted.slot}" for wanted in task.products] or [subject]:
                 yield Finding.not_applicable(slot, message)
 
@@ -190,7 +173,7 @@ class QuadrantPart:
         one ordered last. `judge: type` compares types, `color` colours. `upright`
         takes the angle between the vertical and the part's own vertical axis
         (`flip_vector: axis`), or that axis with the part's position on the tray added
-        to it (`axis_and_position`). `sound` asks for faulty parts: recorded marks
+        to it (`axis_and_position`). `sound` looks for faulty parts: by recorded marks
         where nothing is known of challenges; else only a challenged quadrant can have
         one. After an earlier quality check that is a part which the check has marked.
         Without one the part is faulty as soon as any part in the quadrant has type and
@@ -233,6 +216,7 @@ class QuadrantPart:
             return Finding.inconclusive(subject, why, clause=CLAUSE)
         if seen.submission is None or seen.nothing:
             return self._absent(subject, seen.nothing)
+        # As coded a quadrant has one set of points, which the product ordered last overwrites.
         rival = [other for other in task.products if other.quadrant == wanted.quadrant][-1]
         if rival is not wanted:
             return self._absent(subject, f"quadrant {wanted.quadrant} counts for {rival.slot}, ordered later")
@@ -244,6 +228,7 @@ class QuadrantPart:
             return self._absent(subject, f"quadrant {wanted.quadrant} is empty")
         found = part_of(part.type)
         assert found is not None  # only parts are seen
+        # A part of the wrong type earns nothing, so its colour, tilt and faults are not compared.
         if found[0] != ordered[0]:
             return self._absent(subject, f"a {' '.join(found[::-1])} lies in quadrant {wanted.quadrant}")
         if self.compare == "sound":
@@ -259,6 +244,7 @@ class QuadrantPart:
         """The finding about a part of the right type."""
         assert part.pose is not None  # it was found by its place
         if self.compare == "upright":
+            # As coded: not flipped only below the limit.
             tilt = Limit("tilt", self.tilt_rad(part.pose), "rad", at_most=self.max_tilt_rad, strict=True)
             return Finding.from_limits(subject, tilt, clause=CLAUSE)
         right = self.compare == "type" or part_of(part.type) == part_of(wanted.type)
@@ -288,6 +274,7 @@ class QuadrantPart:
         if faulty is None:
             why = "a part as ordered has no usable pose; it might lie in the challenged quadrant"
             return Finding.inconclusive(subject, why, clause=CLAUSE)
+        # Where both ways agree it does not matter whether there was an inspection.
         if faulty != _marked(part) and QUALITY_CHECK not in trial.witnessed:
             why = "the log does not show whether its challenged quadrant was inspected"
             return Finding.inconclusive(subject, why, clause=CLAUSE)
@@ -302,6 +289,7 @@ class QuadrantPart:
     def tilt_rad(self, pose: Pose) -> float:
         """The angle that decides whether a part is flipped, in rad."""
         x, y, z = pose.up_axis
+        # Until 2024.4.1 the tip of the axis was taken on the tray, and the part's position never subtracted.
         if self.flip_vector == "axis_and_position":
             px, py, pz = pose.position_m
             x, y, z = px + x, py + y, pz + z
@@ -310,6 +298,7 @@ class QuadrantPart:
 
 def _last_in(quadrant: int, parts: Sequence[Product]) -> tuple[Product | None, Product | None]:
     """The last part in a quadrant, and a later one that may lie there, its pose being unknown."""
+    # As coded each part in the list overwrites the points of its quadrant, so the last one counts.
     for part in reversed(parts):
         if part.pose is None:
             return None, part
@@ -330,8 +319,8 @@ def _inspected(trial: Trial, order: Order, seen: Sight) -> bool:
 
 
 def _fault(subject: str, part: Product, faulty: bool, why: str) -> Finding:
-    make, said = (Finding.violated, "faulty") if faulty else (Finding.satisfied, "sound")
-    return make(subject, f"{part.name or part.type} is {said}, {why}", clause=CLAUSE)
+    make, state = (Finding.violated, "faulty") if faulty else (Finding.satisfied, "sound")
+    return make(subject, f"{part.name or part.type} is {state}, {why}", clause=CLAUSE)
 
 
 def _holds_right_part(quadrant: int, task: Task, parts: Sequence[Product]) -> bool | None:
@@ -369,11 +358,11 @@ class ExtraParts:
                 yield Finding.inconclusive(subject, seen.unknown, clause=CLAUSE)
                 continue
             found, ordered = len(seen.parts), len(task.products)
-            told = f"{found} parts on the tray, {ordered} ordered"
+            counts = f"{found} parts on the tray, {ordered} ordered"
             for number in range(1, found - ordered + 1):
-                yield Finding.violated(subject, f"{told}: extra part {number}", clause=CLAUSE)
+                yield Finding.violated(subject, f"{counts}: extra part {number}", clause=CLAUSE)
             if found <= ordered:
-                yield Finding.satisfied(subject, seen.nothing or told, clause=CLAUSE)
+                yield Finding.satisfied(subject, seen.nothing or counts, clause=CLAUSE)
 
 
 def _each_other_task(order: Order) -> Iterator[Finding]:
@@ -386,6 +375,7 @@ def _each_other_task(order: Order) -> Iterator[Finding]:
 
 _TRAY = "kit_tray"
 _TRAY_NUMBER = slice(9, 11)
+"""The characters that the task manager reads as the number, whatever follows them."""
 
 
 def tray_number(model: str) -> int | None:

@@ -1,4 +1,4 @@
-"""Runs of 2025, of which the official record is numbers: orders handed in, times, cells, reports."""
+"""Runs of 2025, whose official record consists of numbers: orders handed in, times, cells, reports."""
 
 from __future__ import annotations
 
@@ -52,6 +52,7 @@ class RunOrder:
         if stored is None or stored.submitted is None:
             yield Finding.inconclusive(order.id, "there is no record of the run that names it")
             return
+        # Type -1 of the database is of no kind: the official sums count types 1 to 3 alone.
         kinds = {kind: float(stored.kind == kind) for kind in _KINDS}
         if not stored.submitted:
             yield Finding(order.id, Verdict.VIOLATED, "not handed in", quantities=kinds, units=_units(kinds))
@@ -97,6 +98,7 @@ class RunRecord:
             return
         numbers = {name: trial.facts[name] for name in _FACTS}
         unfinished = not numbers["completed"] and not numbers["aborted"]
+        # The bonus for time divides by it.
         if not numbers["time_limit_s"] > 0:
             yield Finding.inconclusive(_SUBJECT, f"a time limit of {numbers['time_limit_s']:g} s is none")
         elif unfinished and self.unfinished == "undecided":

@@ -46,8 +46,8 @@ class SensorCost:
         for kind, dollars in self.prices.items():
             if not 0 <= dollars < math.inf:
                 raise ValueError(f"the price of {kind!r} is {dollars:g} but cannot be negative")
-        told = [*self.prices, *self.free, *self.excluded]
-        twice = sorted({kind for kind in told if told.count(kind) > 1})
+        listed = [*self.prices, *self.free, *self.excluded]
+        twice = sorted({kind for kind in listed if listed.count(kind) > 1})
         if twice:
             raise ValueError(f"{twice[0]!r} can be only one of priced, free and excluded, and only once")
 
@@ -58,6 +58,7 @@ class SensorCost:
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """One finding about the team."""
         team = trial.team or TeamSetup()
+        # What the simulator counted stands; a configuration then only explains it, or differs in the message.
         recorded = None if self.take == "configured" else team.sensor_cost
         if recorded is not None:
             yield self._recorded(team, recorded)
@@ -91,6 +92,7 @@ class SensorCost:
     def _bill(self, sensors: Mapping[str, str]) -> _Bill:
         types = sorted(sensors.values())
         counts = {kind: types.count(kind) for kind in types}
+        # One sensor without a price makes the sum unknown: leaving it out would favour the team.
         for kind in counts:
             if kind in self.excluded:
                 return _Bill(None, f"sensors of type {kind!r} are not for teams in this edition")

@@ -50,6 +50,7 @@ class WrongColorPose:
     def _counted(self, subject: str, task: Task, contents: tuple[Product, ...]) -> Finding:
         ordered = {wanted.type for wanted in task.products}
         types = [delivered_type(product.type, self.type_names) for product in sound(contents)]
+        # Of a type that is ordered, too many are unwanted, and not of a wrong colour.
         wrong = [p for p, kind in zip(sound(contents), types, strict=True) if kind not in ordered]
         groups = len(ordered & set(types))
         nameless = [p.type for p in wrong if "_" not in delivered_type(p.type, self.type_names)]
@@ -59,6 +60,7 @@ class WrongColorPose:
                 f"the simulator would have aborted at the product name {nameless[0]!r}, which has no colour",
                 clause=_CLAUSE,
             )
+        # Without a group the loop over wrong colours is never entered: no pose and no name decides anything.
         rivals = [[p for p in wrong if self._alike(wanted, p)] for wanted in task.products]
         if groups and any(
             near and (wanted.pose is None or any(p.pose is None for p in near))

@@ -241,7 +241,7 @@ def test_a_schema_that_computes_is_refused(tmp_path: Path, statements: tuple[str
     assert cause in refusal(tmp_path, *statements).cause
 
 
-def test_an_index_that_would_run_a_function_is_not_asked(tmp_path: Path) -> None:
+def test_an_index_that_would_run_a_function_is_not_used(tmp_path: Path) -> None:
     path = database(tmp_path, "CREATE INDEX i ON Run (abs(id))")
 
     assert run_ids(path) == (7,)

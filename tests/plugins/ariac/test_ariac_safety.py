@@ -121,7 +121,7 @@ def test_the_finding_tells_the_nearest_moment() -> None:
 
 
 @pytest.mark.parametrize("quantity", ["centre_distance", "centre_distance_2d", "separation"])
-def test_it_reads_the_distance_it_is_told_to_and_no_other(quantity: Any) -> None:
+def test_it_reads_the_distance_it_is_given_and_no_other(quantity: Any) -> None:
     monitor = HumanContact(distance=quantity)
     other = "separation" if quantity != "separation" else "centre_distance"
 

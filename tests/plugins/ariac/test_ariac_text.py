@@ -257,7 +257,7 @@ def test_a_submitted_shipment_is_dated_by_the_time_its_order_took(tmp_path: Path
     assert trial.log_defects == ()
 
 
-def test_of_several_shipments_only_the_last_is_dated_and_that_is_said(tmp_path: Path) -> None:
+def test_of_several_shipments_only_the_last_is_dated_with_a_remark(tmp_path: Path) -> None:
     trial = read(tmp_path, kitting("true", "true"))
 
     assert [s.submitted_s for s in trial.submissions] == pytest.approx([8.5, 8.5])

@@ -79,12 +79,12 @@ def trial(*submissions: Submission, witnessed: Iterable[str] = ("submissions",))
     return Trial("t", submissions=submissions, witnessed=frozenset(witnessed))
 
 
-def verdicts(rule: Rule, of: Trial, asked: Order) -> list[Verdict]:
-    return [finding.verdict for finding in rule.judge(of, asked)]
+def verdicts(rule: Rule, of: Trial, wanted: Order) -> list[Verdict]:
+    return [finding.verdict for finding in rule.judge(of, wanted)]
 
 
-def only(rule: Rule, of: Trial, asked: Order) -> Finding:
-    (finding,) = rule.judge(of, asked)
+def only(rule: Rule, of: Trial, wanted: Order) -> Finding:
+    (finding,) = rule.judge(of, wanted)
     return finding
 
 
@@ -139,9 +139,9 @@ def test_the_pose_of_a_faulty_product_is_not_needed(rule: Rule) -> None:
 
 @pytest.mark.parametrize("rule", OF_ASSEMBLIES[:3], ids=repr)
 def test_more_products_than_any_briefcase_holds_are_refused_not_searched(rule: Rule) -> None:
-    asked = order("assembly", *[(PUMP, at(0))] * 10)
+    wanted = order("assembly", *[(PUMP, at(0))] * 10)
 
-    assert set(verdicts(rule, trial(handed_in(Product(PUMP, at(0)))), asked)) == {INCONCLUSIVE}
+    assert set(verdicts(rule, trial(handed_in(Product(PUMP, at(0)))), wanted)) == {INCONCLUSIVE}
 
 
 @pytest.mark.parametrize("rule", OF_ASSEMBLIES[:2], ids=repr)
@@ -175,13 +175,13 @@ def test_a_briefcase_never_submitted_earns_nothing(rule: Rule, verdict: Verdict)
         ),
     ],
 )
-def test_the_second_of_two_alike_is_told_to_have_fallen_into_the_first(
+def test_the_second_of_two_alike_is_reported_to_have_fallen_into_the_first(
     compare: Any, messages: list[str]
 ) -> None:
-    asked = order("assembly", (PUMP, at(0)), (PUMP, at(0.1)))
+    wanted = order("assembly", (PUMP, at(0)), (PUMP, at(0.1)))
     briefcase = trial(handed_in(Product(PUMP, at(0)), Product(PUMP, at(0.1))))
 
-    assert [f.message for f in AssemblyPart(compare=compare).judge(briefcase, asked)] == messages
+    assert [f.message for f in AssemblyPart(compare=compare).judge(briefcase, wanted)] == messages
 
 
 @pytest.mark.parametrize(
@@ -209,34 +209,34 @@ def test_without_a_limit_the_yaw_is_not_tested(limit: float | None, verdict: Ver
 
 @pytest.mark.parametrize(("counting", "counted"), [("each_delivered_type", 2), ("once", 1)])
 def test_a_pair_of_wrong_color_counts_for_each_delivered_type_or_once(counting: Any, counted: int) -> None:
-    asked = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)), ("b_red", at(0.2)))
+    wanted = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)), ("b_red", at(0.2)))
     tray = trial(handed_in(Product(BLUE, at(0)), Product("a_red", at(0.1)), Product("b_red", at(0.2))))
 
-    finding = only(WrongColorPose(counting=counting), tray, asked)
+    finding = only(WrongColorPose(counting=counting), tray, wanted)
 
     assert (finding.verdict, finding.quantities["counted"]) == (VIOLATED, counted)
 
 
 def test_a_wrong_color_elsewhere_and_a_faulty_one_in_place_are_no_pair() -> None:
-    asked = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)))
+    wanted = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)))
     tray = trial(
         handed_in(Product(BLUE, at(0.5)), Product(BLUE, at(0), faulty=True), Product("a_red", at(0.1)))
     )
 
-    finding = only(WrongColorPose(), tray, asked)
+    finding = only(WrongColorPose(), tray, wanted)
 
     assert (finding.verdict, dict(finding.quantities)) == (SATISFIED, {"pairs": 0, "groups": 1, "counted": 0})
 
 
 def test_an_unknown_pose_of_a_wrong_color_decides_only_where_it_would_count() -> None:
-    asked = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)))
+    wanted = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)))
     blue = Product(BLUE, None)
 
     assert (
-        only(WrongColorPose(), trial(handed_in(blue, Product("a_red", at(0.1)))), asked).verdict
+        only(WrongColorPose(), trial(handed_in(blue, Product("a_red", at(0.1)))), wanted).verdict
         is INCONCLUSIVE
     )
-    assert only(WrongColorPose(), trial(handed_in(blue)), asked).verdict is SATISFIED
+    assert only(WrongColorPose(), trial(handed_in(blue)), wanted).verdict is SATISFIED
 
 
 # Names, numbers, places ----------------------------------------------------------------
@@ -244,7 +244,7 @@ def test_an_unknown_pose_of_a_wrong_color_decides_only_where_it_would_count() ->
 
 @pytest.mark.parametrize(("names", "verdict"), [("whole", VIOLATED), ("after_colon", SATISFIED)])
 def test_a_prefix_is_cut_off_where_the_rule_set_says_so(names: Any, verdict: Verdict) -> None:
-    asked = order("kitting", (PUMP, at(0)))
+    wanted = order("kitting", (PUMP, at(0)))
     tray = trial(handed_in(Product(f"agv1::tray::{PUMP}", at(0))))
     rules: list[Rule] = [
         Presence(type_names=names),
@@ -254,7 +254,7 @@ def test_a_prefix_is_cut_off_where_the_rule_set_says_so(names: Any, verdict: Ver
         NoneUnwanted(type_names=names),
     ]
 
-    assert [verdicts(rule, tray, asked) for rule in rules] == [[verdict]] * 5
+    assert [verdicts(rule, tray, wanted) for rule in rules] == [[verdict]] * 5
 
 
 @pytest.mark.parametrize(("count_faulty", "verdict"), [(True, VIOLATED), (False, SATISFIED)])
@@ -271,9 +271,9 @@ def test_a_faulty_product_counts_in_the_number_or_not(count_faulty: bool, verdic
     [((), "agv3", VIOLATED), ((), "", SATISFIED), (("agv1",), "", VIOLATED), (("agv1",), "any", SATISFIED)],
 )
 def test_an_agv_that_is_not_known_is_never_right(known: tuple[str, ...], agv: str, verdict: Verdict) -> None:
-    asked = order("kitting", (PUMP, at(0)), agv=agv)
+    wanted = order("kitting", (PUMP, at(0)), agv=agv)
 
-    assert verdicts(Destination(known_agvs=known), trial(handed_in()), asked) == [verdict]
+    assert verdicts(Destination(known_agvs=known), trial(handed_in()), wanted) == [verdict]
 
 
 def test_of_two_kinds_of_task_the_later_complete_one_gives_the_time() -> None:
@@ -317,10 +317,10 @@ def test_a_heading_error_at_the_limit_passes_where_the_rule_set_says_so(
     passes: bool, verdict: Verdict
 ) -> None:
     turned = at(0, yaw=0.1)
-    asked, tray = order("kitting", (PUMP, at(0))), trial(handed_in(Product(PUMP, turned)))
+    wanted, tray = order("kitting", (PUMP, at(0))), trial(handed_in(Product(PUMP, turned)))
     rule = KitPose(heading_limit_passes=passes, max_heading_error_rad=abs(turned.yaw_rad))
 
-    assert verdicts(rule, tray, asked) == [verdict]
+    assert verdicts(rule, tray, wanted) == [verdict]
 
 
 @given(passing=st.lists(st.lists(st.integers(0, 4), unique=True), max_size=5))
@@ -349,11 +349,11 @@ def test_greedy_fills_as_the_simulator_walks_and_never_more_than_the_best(passin
 def test_a_briefcase_never_earns_more_than_one_record_for_each_name(
     names: list[str], places: list[int]
 ) -> None:
-    asked = order("assembly", *((name, at(0.1 * i)) for i, name in enumerate(names)))
+    wanted = order("assembly", *((name, at(0.1 * i)) for i, name in enumerate(names)))
     delivered = [Product(names[i], at(0.1 * i)) for i in places if i < len(names)]
 
     for contents in permutations(delivered):
-        found = verdicts(AssemblyPart(), trial(handed_in(*contents)), asked)
+        found = verdicts(AssemblyPart(), trial(handed_in(*contents)), wanted)
         assert found.count(SATISFIED) == len(set(names))  # all lie right, so each name is noted once
 
 

@@ -37,8 +37,8 @@ def database(tmp_path: Path) -> Path:
 
 def score(capsys: pytest.CaptureFixture[str], path: Path, rules: str) -> tuple[int, str, str]:
     code = main(["score", str(path), "--rules", rules])
-    told = capsys.readouterr()
-    return code, told.out, told.err
+    printed = capsys.readouterr()
+    return code, printed.out, printed.err
 
 
 @pytest.mark.parametrize(("run", "points"), [(3, "2500 of"), (4, "0 of")])

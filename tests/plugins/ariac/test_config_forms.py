@@ -1,4 +1,4 @@
-"""What a YAML file looks like, told without quoting it; official files: `test_official_configs.py`."""
+"""What a YAML file looks like, named without quoting it; official files: `test_official_configs.py`."""
 
 from __future__ import annotations
 

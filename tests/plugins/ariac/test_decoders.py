@@ -142,14 +142,14 @@ def test_a_submission_names_its_tray_or_says_that_there_was_none() -> None:
 
 def test_a_submission_whose_contents_are_unknown_is_not_one_of_nothing() -> None:
     empty = Fields(shipment_type="s", agv="agv1", station="", products=[], tray="")
-    told = [
+    decoded = [
         RECORDS.decode(
             "ariac_score_msgs/msg/Submission", Fields(**vars(empty), contents_unknown=unknown), 1.0
         )
         for unknown in (True, False)
     ]
 
-    assert [item.contents for item in told if isinstance(item, Submission)] == [None, ()]
+    assert [item.contents for item in decoded if isinstance(item, Submission)] == [None, ()]
 
 
 # The AGV of an order
@@ -313,9 +313,9 @@ def test_an_order_of_a_message_is_that_of_the_trial_file_it_was_published_from(
 ) -> None:
     compared = 0
     for path, trial in _files(shared, year):
-        told = [MSGS.decode("ariac_msgs/msg/Order", _ariac_msgs_order(o), 3.0) for o in trial["orders"]]
-        assert [_comparable(o) for o in told if isinstance(o, Order)] == _from_configuration(path), path
-        compared += len(told)
+        decoded = [MSGS.decode("ariac_msgs/msg/Order", _ariac_msgs_order(o), 3.0) for o in trial["orders"]]
+        assert [_comparable(o) for o in decoded if isinstance(o, Order)] == _from_configuration(path), path
+        compared += len(decoded)
     assert compared > 5
 
 
@@ -332,14 +332,14 @@ def test_an_order_of_2021_and_2022_is_that_of_its_trial_file_but_for_the_priorit
     compared = 0
     for path, trial in _files(shared, year):
         expected = _from_configuration(path)
-        told = [
+        decoded = [
             decoder.decode(msgtype, _gear_order(name, given, names=names), 3.0)
             for name, given in trial["orders"].items()
         ]
-        orders = [o for o in told if isinstance(o, Order)]
+        orders = [o for o in decoded if isinstance(o, Order)]
         assert [_comparable(o) for o in orders] == [replace(o, priority=1) for o in expected], path
         assert not any(o.priority_said for o in orders)
-        compared += len(told)
+        compared += len(decoded)
     assert compared > 20
 
 

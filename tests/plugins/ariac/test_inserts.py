@@ -156,7 +156,7 @@ def test_a_missing_part_earns_nothing(rules: str, kind: Literal["assembly", "com
     assert score(trial([BATTERY], kind=kind), rules) == points
 
 
-def test_faulty_is_not_asked() -> None:
+def test_faulty_does_not_matter() -> None:
     assert score(trial([replace(BATTERY, faulty=True), PUMP]), AS_2023) == 14
 
 

@@ -25,6 +25,7 @@ from ariac_score.logs.gazebo import GazeboStateReader
 from ariac_score.trial.channels import Footprint, KitMap, LogMap, TrayMatch
 from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Kit, Pose, Product, Tray
+from ariac_score_ariac.fault_marks import by_challenges, by_list
 from ariac_score_ariac.kit_from_poses import KitsOfModels, part_type, product_type
 
 QUARTER = "1.5707963267948966"
@@ -111,7 +112,7 @@ def contents(path: Path, place: str, t_s: float, kits: KitMap = FIXED) -> tuple[
 TRAY_1, TRAY_2 = agv(1, f"2 3 0.75 0 0 {QUARTER}"), agv(2, "2 -3 0.75 0 0 0")
 
 
-def test_a_part_on_a_turned_tray_is_told_in_the_frame_of_the_tray(tmp_path: Path) -> None:
+def test_a_part_on_a_turned_tray_is_given_in_the_frame_of_the_tray(tmp_path: Path) -> None:
     log = state_log(tmp_path, frame("5 0", TRAY_1, part("gear_part_red_7", 1.9, 3.2, turn=QUARTER)))
 
     (found,) = contents(log, "agv1", 5.0)
@@ -260,7 +261,7 @@ def movable(name: str, pose: str) -> str:
     return model(name, pose, link(f"{name}::link", pose))
 
 
-def test_parts_are_told_in_the_frame_of_the_movable_tray(tmp_path: Path) -> None:
+def test_parts_are_given_in_the_frame_of_the_movable_tray(tmp_path: Path) -> None:
     tray = movable("movable_tray_dark_wood_1", f"2.05 -3.1 0.77 0 0 {QUARTER}")
     log = state_log(tmp_path, frame("5 0", TRAY_2, tray, part("bin2|assembly_pump_red_3", 1.95, -3.0)))
 
@@ -282,7 +283,7 @@ def test_without_a_movable_tray_there_is_no_kit(tmp_path: Path) -> None:
     elsewhere = movable("movable_tray_dark_wood_1", "5 5 1 0 0 0")
     log = state_log(tmp_path, frame("5 0", TRAY_2, elsewhere, part("assembly_pump_red_3", 2.0, -3.0)))
 
-    assert seen(log, "agv2", 5.0, LOOSE) == Kit("agv2", 5.0, (), Tray(""), "listed")
+    assert seen(log, "agv2", 5.0, LOOSE) == Kit("agv2", 5.0, (), Tray(""), by_list)
 
 
 def test_two_movable_trays_on_one_agv_are_undecided(tmp_path: Path) -> None:
@@ -310,7 +311,7 @@ def test_a_part_of_2023_has_type_and_color_in_its_name(tmp_path: Path) -> None:
         ("battery_blue", "battery_blue"),
         ("pump_red", "pump_red_1"),
     ]
-    assert kit.faults == "challenged"
+    assert kit.faults is by_challenges
 
 
 def test_parts_that_share_a_quadrant_lose_their_poses_for_their_order_is_unknown(tmp_path: Path) -> None:

@@ -620,7 +620,7 @@ def test_a_tray_of_known_type_but_unknown_pose_decides_the_type_only() -> None:
 
 
 @pytest.mark.parametrize("rule", TRAY_RULES, ids=lambda rule: rule.compare)
-def test_before_2022_no_tray_is_asked_for(rule: TrayRight) -> None:
+def test_before_2022_no_tray_is_needed(rule: TrayRight) -> None:
     assert only(rule, on_tray(GREEN), kit((GEAR, ORIGIN))).verdict is NOT_APPLICABLE
 
 

@@ -123,16 +123,16 @@ def test_every_official_trial_loads_whole(subtests: pytest.Subtests) -> None:
             trial, root = TRIALS.read(CONFIG / name, WANTED), plain(name)
 
             orders = root.get("orders", [])
-            asked = [
+            wanted = [
                 pair
                 for order in (orders.values() if isinstance(orders, dict) else orders)
                 for pair in shipments(order)
             ]
             tasks = [task for order in trial.orders for task in order.tasks]
             assert len(trial.orders) == len(orders)
-            assert len(tasks) == sum(count for count, _ in asked)
+            assert len(tasks) == sum(count for count, _ in wanted)
             assert sum(len(task.products) for task in tasks) == sum(
-                count * products for count, products in asked
+                count * products for count, products in wanted
             )
             limit_s = root.get("time_limit", root.get("TIME_LIMIT", -1))
             assert trial.facts.get("time_limit_s", -1) == limit_s
@@ -189,10 +189,10 @@ def test_of_an_entry_for_the_evaluation_only_the_name_is_read(subtests: pytest.S
                 None,
                 None,
             )
-            told = (*refusals, repr(trial), repr(ENTRIES.describe(path)))
+            texts = (*refusals, repr(trial), repr(ENTRIES.describe(path)))
             secrets = [value for key, value in plain(name)["github"].items() if value]
             assert secrets
-            assert not any(secret in words for secret in secrets for words in told)
+            assert not any(secret in words for secret in secrets for words in texts)
 
 
 def test_every_other_official_file_is_called_by_its_name(subtests: pytest.Subtests) -> None:

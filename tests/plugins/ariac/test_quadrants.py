@@ -486,7 +486,7 @@ def test_a_part_without_a_pose_hides_only_the_quadrants_it_may_have_overwritten(
     assert verdicts(QuadrantPart(), after) == [INCONCLUSIVE, INCONCLUSIVE, SATISFIED, SATISFIED]
 
 
-def test_a_task_of_another_kind_is_said_to_be_none() -> None:
+def test_a_task_of_another_kind_is_not_one() -> None:
     other = Order("o", (Task("o", "assembly", (WantedProduct("part_0", "pump_red"),), station="as1"),))
     rules: list[Rule] = [*ASPECTS, ExtraParts(), TrayNumber()]
     for rule in rules:

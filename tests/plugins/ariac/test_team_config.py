@@ -70,7 +70,7 @@ def test_the_official_team_of_2022_has_seven_logical_cameras() -> None:
         ("team_name: a\n", False, False, False),
     ],
 )
-def test_files_are_told_apart_by_their_top_level_keys(
+def test_files_are_distinguished_by_their_top_level_keys(
     tmp_path: Path, text: str, trial: bool, team: bool, entry: bool
 ) -> None:
     path, other = tmp_path / "a.yml", tmp_path / "a.txt"
@@ -261,7 +261,7 @@ def entry(folder: Path, text: str) -> Path:
     return path
 
 
-def test_the_name_of_an_entry_is_read_and_nothing_is_said_about_sensors(tmp_path: Path) -> None:
+def test_the_name_of_an_entry_is_read_and_nothing_about_sensors(tmp_path: Path) -> None:
     path = entry(tmp_path, ENTRY)
     trial = ENTRIES.read(path, WANTED)
 

@@ -1,13 +1,12 @@
-"""Competitions made to order: official texts of 2024, the database of 2025, several teams and runs.
+"""A competition of 2024 made to order: the official texts of several teams and runs.
 
-Scores of 2024 are worked out here from the flaws of each part, by the rules of the
+Scores are worked out here from the flaws of each part, by the rules of the
 rulebook's coded section of 2024, and not by the scoring code of this project.
 """
 
 from __future__ import annotations
 
 import random
-import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,12 +18,13 @@ __all__ = [
     "TRIALS_2024",
     "Outcome",
     "PlannedOrder",
-    "write_database_competition",
     "write_text_competition",
 ]
 
 CRASHED = "Gazebo Crashed score not recorded\n"
 CANCELLED = "Process cancelled by user"
+"""What the evaluation script writes into `trial_log.txt`, the second without a line end; section 5.2."""
+
 PRICES = {
     "break_beam": 100,
     "proximity": 100,
@@ -57,6 +57,7 @@ class PlannedOrder:
     def most(self) -> int:
         """The most it can score."""
         n = len(self.parts)
+        # Kitting 1 + 3n + n, assembly 3n + n, combined 5n + n: rulebook, section 8.
         return _POINTS[self.kind] * n + n + (1 if self.kind == "kitting" else 0)
 
 
@@ -70,6 +71,7 @@ class Outcome:
 
     def points(self, order: PlannedOrder, i: int) -> int:
         """The points of one part."""
+        # A wrong colour costs a point; flipped, faulty, misplaced or of another type a part earns nothing.
         if self.flaws[i] in ("", "color"):
             return _POINTS[order.kind] - (self.flaws[i] == "color")
         return 0
@@ -221,11 +223,12 @@ def _quadrants(order: PlannedOrder, outcome: Outcome) -> Iterator[str]:
 
 
 def _parts(order: PlannedOrder, outcome: Outcome) -> Iterator[str]:
-    wanted = sorted(enumerate(order.parts), key=lambda item: item[1][0])  # battery, pump, regulator, sensor
+    # Battery, pump, regulator, sensor: the simulator has one record for each type, in this order.
+    wanted = sorted(enumerate(order.parts), key=lambda item: item[1][0])
     for i, (kind, color) in wanted:
         flaw = outcome.flaws[i]
         if flaw == "none":
-            continue
+            continue  # no part, no record of it
         yield f"\tPart: {_other(color) if flaw == 'color' else color} {kind}"
         yield f"\t\tPart score: {outcome.points(order, i)}"
         yield "\t\tCorrect type: yes"
@@ -293,104 +296,3 @@ def _order(order: PlannedOrder) -> dict[str, object]:
         "priority": order.priority,
         f"{order.kind}_task": task,
     }
-
-
-# The database of 2025 ------------------------------------------------------------------
-
-TABLES_2025 = """
-CREATE TABLE Competitor (id INTEGER PRIMARY KEY, name TEXT);
-CREATE TABLE Trial (id INTEGER PRIMARY KEY, trial_id TEXT, config_hash TEXT, seed INTEGER, time_limit REAL,
-    num_kits INTEGER, num_modules INTEGER, num_high_priority INTEGER);
-CREATE TABLE Run (id INTEGER PRIMARY KEY, trial_id INTEGER, competitor_id INTEGER, completed BOOLEAN,
-    aborted BOOLEAN, sensor_cost REAL, duration REAL, total_cells INTEGER, defective_cells INTEGER,
-    avg_report_time REAL, num_reports_submitted INTEGER, num_correct_reports INTEGER,
-    num_correct_report_classifications INTEGER);
-CREATE TABLE Penalty (id INTEGER PRIMARY KEY, run_id INTEGER, type INTEGER, description TEXT, time REAL);
-CREATE TABLE OrderSubmission (id INTEGER PRIMARY KEY, run_id INTEGER, submission_time REAL,
-    announcement_time REAL, time_limit REAL, order_type INTEGER);
-"""
-"""The columns of the official schema; notes on log formats, section 10."""
-
-TEAMS_2025 = {"aurora": 7400.0, "borealis": 9900.0, "cygnus": 5200.0}
-"""The sensor cost of each team, dollars."""
-TRIALS_2025 = {"KITSONLY": (4, 0, 1), "MODULES1": (0, 3, 0), "MIXEDALL": (2, 2, 2)}
-"""Kits, modules and high-priority orders of each trial."""
-_KIT, _MODULE, _HIGH_PRIORITY = 1, 2, 3
-_TIME_LIMIT_S = 900.0
-_PENALTIES = (
-    "good cell in inspection bin",
-    "cell in conveyor bin",
-    "object on an invalid surface",
-    "AGV collision",
-    "robot collision",
-)
-
-
-def write_database_competition(path: Path, *, seed: int = 2025) -> None:
-    """Write a database of 2025: three teams, three trials, five runs each, some of them aborted.
-
-    Args:
-        path: Of the database; replaced when there is one.
-        seed: For what happens in the runs.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)
-    chance = random.Random(seed)  # noqa: S311  # an example, not a secret
-    database = sqlite3.connect(path)
-    try:
-        database.executescript(TABLES_2025)
-        teams = list(enumerate(TEAMS_2025, start=1))
-        database.executemany("INSERT INTO Competitor VALUES (?, ?)", teams)
-        for number, (trial, counts) in enumerate(TRIALS_2025.items(), start=1):
-            row = (number, trial, f"{number:032x}", 40 + number, _TIME_LIMIT_S, *counts)
-            database.execute("INSERT INTO Trial VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
-        for _ in range(RUNS):
-            for place in range(1, len(TRIALS_2025) + 1):
-                for team, name in teams:
-                    _add_run(database, place, team, name, chance)
-        database.commit()
-    finally:
-        database.close()
-
-
-def _ms(seconds: float) -> float:
-    """A time as a simulator stamps it, in whole milliseconds."""
-    return int(seconds * 1000) / 1000
-
-
-def _add_run(database: sqlite3.Connection, trial: int, team: int, name: str, chance: random.Random) -> None:
-    flaw_rate, usual_s = _STYLE[name]
-    kits, modules, high_priority = list(TRIALS_2025.values())[trial - 1]
-    orders = [(_KIT, 0.0)] * kits + [(_MODULE, 0.0)] * modules
-    orders += [(_HIGH_PRIORITY, _ms(100 + 200 * i + 50 * chance.random())) for i in range(high_priority)]
-    aborted = chance.random() < flaw_rate / 2
-    handed_in = orders[: len(orders) // 2] if aborted else orders
-    cells, defective = 40, 2 + int(6 * chance.random())
-    now_s = 30.0
-    times = []
-    for kind, announced_s in handed_in:
-        now_s = _ms(max(now_s, announced_s) + usual_s * (0.7 + 0.6 * chance.random()))
-        times.append((now_s, announced_s, kind))
-    found = int(defective * (1 - flaw_rate * chance.random()))
-    values = (trial, team, not aborted, aborted, TEAMS_2025[name], _ms(now_s + 5), cells, defective)
-    report_s = _ms(1.5 + 4 * chance.random())
-    database.execute(
-        "INSERT INTO Run (trial_id, competitor_id, completed, aborted, sensor_cost, duration, total_cells,"
-        " defective_cells, avg_report_time, num_reports_submitted, num_correct_reports,"
-        " num_correct_report_classifications) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        (*values, report_s, cells, cells - defective + found, found),
-    )
-    (run,) = database.execute("SELECT max(id) FROM Run").fetchone()
-    for now_s, announced_s, kind in times:
-        database.execute(
-            "INSERT INTO OrderSubmission (run_id, submission_time, announcement_time, time_limit, order_type)"
-            " VALUES (?, ?, ?, ?, ?)",
-            (run, now_s, announced_s, _TIME_LIMIT_S, kind),
-        )
-    for kind, words in enumerate(_PENALTIES):
-        for _ in range(int(chance.random() + flaw_rate)):
-            at_s = _ms(10 + now_s * chance.random())
-            database.execute(
-                "INSERT INTO Penalty (run_id, type, description, time) VALUES (?, ?, ?, ?)",
-                (run, kind, words, at_s),
-            )
