@@ -4,10 +4,8 @@ Each operator says once what it makes of the rows that have come since it last d
 rows of a trial together, or of one row after the other while the trial goes on. What it
 carries from step to step is its own margin at the row before; how far it looks back and
 ahead is its window. So a trial that is judged afterwards and one that is watched have the
-same margins, with two exceptions. Where the window of an `until` holds no sample, rows
-however far behind it may decide; whoever watches does not wait for them. And where rows are closer
-together than `CLOSEST_S`, which stamps cannot be, one that is still to come may belong to a
-window that was taken for complete.
+same margins. Only where rows are closer together than `CLOSEST_S`, which stamps cannot be,
+one that is still to come may belong to a window that was taken for complete.
 """
 
 from __future__ import annotations
@@ -212,12 +210,13 @@ class _Within(_Operator):
             return margin
         lower, upper = margin.lower.copy(), margin.upper.copy()
         join = np.minimum if self.smallest else np.maximum
+        # First what is missing in the trial: a policy about what lies beyond does not fill it in.
+        if widest.empty is not None:
+            lower[widest.empty], upper[widest.empty] = -np.inf, np.inf
         if self.beyond is not None:
             for edge in edges:
                 lower[edge] = join(lower[edge], self.beyond[0])
                 upper[edge] = join(upper[edge], self.beyond[1])
-        if widest.empty is not None:
-            lower[widest.empty], upper[widest.empty] = -np.inf, np.inf
         return Margin(lower, upper)
 
 
@@ -319,8 +318,10 @@ class _Bounded(_Operator):
         at, between, out = self._nearest(new)
         there = (at >= start) & (at < start + len(free.lower))
         empty = rows.window(*self.reached.window, new).widest.empty
-        if isinstance(self.free, _Until) and empty is not None and not rows.over:
-            there &= ~empty  # what decides then may come much later, however many rows have come
+        if empty is not None:
+            # The nearest row lies behind the window then. b may have come in the window, between two
+            # samples, and nothing behind it says that it did not.
+            there &= ~empty
         # Between the last sample and the end of the trial nothing is known, though it is no hole.
         missing = np.where(out, self.beyond[0], -np.inf), np.where(out, self.beyond[1], np.inf)
         lower = np.where(there, free.lower.take(at - start, mode="clip"), missing[0])

@@ -68,7 +68,7 @@ class Extent:
     Attributes:
         before: Rows whose window begins before the trial.
         after: Rows whose window ends after the trial.
-        empty: Rows within the trial whose window holds no sample.
+        empty: Rows whose window holds no sample, though some of it lies in the trial.
     """
 
     before: slice
@@ -245,28 +245,29 @@ class Rows:
             return None
         if first > last:
             return None
-        before, after = self._reaching(self.begin + start_s, self.begin + end_s)
+        start, end = self.begin + start_s, self.begin + end_s
+        before, after = self._reaching(start, end)
         n = len(self)
         # Beyond the last sample there may be trial left, shorter than what counts as a hole.
         if first > 0 or last < 0:
-            (inside,) = np.nonzero(self._misses(first, last, before, after))
-            if len(inside):
+            rows = np.arange(n)
+            holds_none = (rows + first > n - 1) | (rows + last < 0)
+            if (holds_none & self._in_trial(start, end)).any():
                 return None
         return Extent(before, after, None, max(first, -n), min(last, n))
 
-    def _misses(self, first: int, last: int, before: slice, after: slice) -> BoolArray:
-        """Rows whose window lies in the trial but beyond all samples."""
-        rows = np.arange(len(self))
-        misses: BoolArray = (rows + first > len(self) - 1) | (rows + last < 0)
-        misses[before] = misses[after] = False
-        return misses
+    def _in_trial(self, start: FloatArray, end: FloatArray) -> BoolArray:
+        """Which windows lie in the trial, at least in part."""
+        inside: BoolArray = (end >= self.start_s - TOLERANCE_S) & (start <= self.end_s + TOLERANCE_S)
+        return inside
 
     def _each(self, start: FloatArray, end: FloatArray) -> Extent:
         first = self.end.searchsorted(start - TOLERANCE_S, side="left")
         last = self.begin.searchsorted(end + TOLERANCE_S, side="right") - 1
         before, after = self._reaching(start, end)
-        empty: BoolArray = first > last
-        empty[before] = empty[after] = False
+        empty = first > last
+        if empty.any():
+            empty &= self._in_trial(start, end)
         return Extent(before, after, empty if empty.any() else None, first=first, last=last)
 
 
