@@ -27,8 +27,9 @@ from ariac_score_stl.margins import Beyond
 from ariac_score_stl.online import FormulaOnline
 from ariac_score_stl.outcome import Outcome
 from ariac_score_stl.signals import Source, Subject, check_name, parse_source, subjects
+from ariac_score_stl.specification import Specification
 from ariac_score_stl.syntax import STEPS, Node, StlError, parse
-from ariac_score_stl.units import check_units, unit_of
+from ariac_score_stl.units import check_units
 
 __all__ = ["StlFormula"]
 
@@ -103,7 +104,7 @@ class StlFormula:
             raise ValueError("constants must be finite")
         for name in (*self.signals, *self.constants):
             check_name(name)
-        _ = self.sources, self.tree
+        _ = self.specification
 
     @cached_property
     def sources(self) -> Mapping[str, Source]:
@@ -129,23 +130,24 @@ class StlFormula:
                     f"column {node.column}: {node.operator!r} is about neighbouring samples, which dense "
                     "time has not; use bounds in seconds, or 'time: discrete'"
                 )
-        check_units(tree, self._units)
+        check_units(tree, {name: source.unit for name, source in self.sources.items()})
         return tree
 
-    @property
-    def body(self) -> Node:
-        """What is judged at every moment: what follows an outermost `always`, else all of the formula."""
-        return self.tree.parts[0] if self.tree.operator == "always" else self.tree
-
-    @property
-    def _units(self) -> dict[str, str]:
-        return {name: source.unit for name, source in self.sources.items()}
-
     @cached_property
-    def margin_units(self) -> Mapping[Node, str]:
-        """The unit of every predicate's margin."""
-        predicates = [node for node in self.tree.walk() if node.operator == "predicate"]
-        return {node: unit_of(node, self._units) for node in predicates}
+    def specification(self) -> Specification:
+        """The formula and the parameters, as those need them that judge it."""
+        return Specification(
+            tree=self.tree,
+            sources=self.sources,
+            constants=self.constants,
+            time=self.time,
+            beyond=self.beyond,
+            max_gap_s=self.max_gap_s,
+            t_on_s=self.t_on_s,
+            t_off_s=self.t_off_s,
+            clause=self.clause,
+            critical=self.critical,
+        )
 
     def needs(self) -> Iterator[SignalNeed]:
         """The quantities of its signals."""
@@ -174,7 +176,7 @@ class StlFormula:
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
         """A watch that judges every instant once what the formula looks at there has come."""
-        return FormulaOnline(self, bodies)
+        return FormulaOnline(self.specification, bodies, self.watch)
 
     def _outcomes(self, trial: Trial) -> Iterator[Finding | Outcome]:
         judged = list(subjects(trial, self.sources))
@@ -222,7 +224,7 @@ class StlFormula:
             message = "there is no sample during the competition"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)
         try:
-            judged = JudgedFormula(self, t, dict(zip(found, values, strict=True)), span)
+            judged = JudgedFormula(self.specification, t, dict(zip(found, values, strict=True)), span)
         except FormulaError as error:
             message = f"the formula has no value: {error.cause}"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)

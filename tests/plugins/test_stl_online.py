@@ -298,8 +298,8 @@ def test_what_cannot_be_said_before_the_end_is_said_to_be_so(text: str, more: An
     monitor = formula(text, **more)
     trial = log([0.0, 0.1], d=[9, 9], v=[0, 0])
 
-    assert why in undecided_online(monitor)
-    assert monitor.begin(BODIES).undecided == undecided_online(monitor)  # type: ignore[attr-defined]
+    assert why in undecided_online(monitor.specification)
+    assert monitor.begin(BODIES).undecided == undecided_online(monitor.specification)  # type: ignore[attr-defined]
     assert said(monitor, trial) == []
     assert ending(monitor, trial) == list(monitor.watch(trial))
 
@@ -312,12 +312,12 @@ def test_a_formula_about_nobody_known_says_so() -> None:
 
 @pytest.mark.parametrize("text", ["always v < 1", "historically v < 1", "always eventually[0,9] v < 1"])
 def test_what_can_be_said_is_not_put_off(text: str) -> None:
-    assert undecided_online(formula(text)) == ""
+    assert undecided_online(formula(text).specification) == ""
 
 
 def test_an_outermost_always_without_bounds_is_no_look_ahead() -> None:
-    assert undecided_online(formula("always v < 1")) == ""
-    assert undecided_online(formula("always always v < 1")) != ""
+    assert undecided_online(formula("always v < 1").specification) == ""
+    assert undecided_online(formula("always always v < 1").specification) != ""
 
 
 def test_a_formula_without_value_is_undecided_from_there_on() -> None:
