@@ -38,7 +38,7 @@ _NO_TEXTS: Mapping[str, str] = MappingProxyType({})
 
 
 SHORTEST_GAP_S = 1e-6
-"""A gap must be far longer than what rounding does to stamps."""
+"""Shorter ones would be of the size of the tolerance of windows, 1e-9 s, and of the rounding of stamps."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class StlFormula:
         The robustness of the formula at the start of the competition: how far every predicate could
         be shifted before the verdict changes, in the unit of the predicate that decides. Where a
         robustness is exactly 0, `<` and `<=` still differ. The formula is judged for every robot,
-        human or pair that its signals speak of. With `time: discrete` a window holds the samples in
+        human or pair that its signals are of. With `time: discrete` a window holds the samples in
         it; with `dense` a sample stands for the time up to the next one.
     Violated when:
         The formula does not hold. One that begins with `always` is judged at every sample of its
@@ -120,10 +120,10 @@ class StlFormula:
         """
         tree = parse(self.formula, self.signals, constants=self.constants)
         if not tree.names & self.signals.keys():
-            raise StlError("the formula speaks of no signal")
+            raise StlError("the formula uses no signal")
         unused = sorted(self.signals.keys() - tree.names)
         if unused:
-            raise StlError(f"the formula does not speak of signal {unused[0]!r}")
+            raise StlError(f"the formula does not use signal {unused[0]!r}")
         for node in tree.walk():
             if self.time == "dense" and node.operator in STEPS:
                 raise StlError(
@@ -155,7 +155,7 @@ class StlFormula:
             yield SignalNeed(quantity, unit, self.max_gap_s)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
-        """Findings for everyone the formula speaks of."""
+        """Findings for everyone whom the formula is about."""
         for outcome in self._outcomes(trial):
             if isinstance(outcome, Finding):
                 yield outcome
@@ -166,16 +166,16 @@ class StlFormula:
     def margins(self, trial: Trial) -> Iterator[Chart]:
         """The robustness at every sample that is judged, where all predicates share a unit.
 
-        Dense time has moments of its own between the samples, so it tells none.
+        There is none in dense time, whose margins also change between samples.
         """
         for outcome in self._outcomes(trial) if self.time == "discrete" else ():
             chart = outcome.chart if isinstance(outcome, Outcome) else None
             if chart is not None:
                 yield chart
-            del outcome, chart  # likewise
+            del outcome, chart  # as in `watch`
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
-        """A watch that judges every instant once what the formula looks at there has come."""
+        """A watch that judges every instant as soon as all that the formula looks at from there has come."""
         return FormulaOnline(self.specification, bodies, self.watch)
 
     def _outcomes(self, trial: Trial) -> Iterator[Finding | Outcome]:
@@ -208,6 +208,7 @@ class StlFormula:
                 message = f"signal {signal.name!r} has {components} components; a formula takes one"
                 yield Finding.inconclusive(str(subject), message, clause=self.clause)
                 return
+        # With neither event the recording is taken for the competition; with one, the other is missing.
         if (trial.started_s is None) != (trial.ended_s is None):
             end = "end" if trial.ended_s is None else "start"
             message = f"the log does not show the {end} of the competition, so part of it may be missing"

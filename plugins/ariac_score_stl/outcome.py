@@ -23,7 +23,7 @@ class Outcome:
     Args:
         judged: The formula, judged.
         subject: Whom it is about.
-        signals: The signals by the names that the formula has for them.
+        signals: The signals, by the names used in the formula.
     """
 
     def __init__(self, judged: JudgedFormula, subject: str, signals: Mapping[str, Signal]) -> None:
@@ -68,7 +68,7 @@ class Outcome:
         return [one if size is None else replace(one, unit=units.get(size, "")) for one, size in found]
 
     def _violation(self, episode: Span) -> tuple[Finding, float | None]:
-        """The finding; with the size of its robustness where its unit is to be looked for anywhere."""
+        """The finding; and the size of its robustness, where no predicate at that moment gives its unit."""
         judged = self.judged
         first = int(judged.begin.searchsorted(episode.start_s))
         last = int(judged.begin.searchsorted(episode.end_s, side="right"))
@@ -99,7 +99,7 @@ class Outcome:
         return finding, abs(robustness) if unit is None else None
 
     def _within(self, episode: Span) -> Span:
-        """The part of an episode that is judged: in dense time its last step may go on after that."""
+        """The part of an episode that is judged: in dense time its last step may last longer than that."""
         if self.specification.time != "dense":
             return episode
         end_s = min(episode.end_s, self.judged.stretch.end_s)
@@ -107,6 +107,7 @@ class Outcome:
 
     def _exactly(self, span: Span) -> Span:
         """A span without the tolerances that windows are laid out with."""
+        # Each end moves by some tolerances, so of one moment the end may come to lie before the start.
         return Span(*sorted(self.judged.exactly(t_s) for t_s in (span.start_s, span.end_s)))
 
     def _how_long(self, span: Span, worst_s: float) -> str:
@@ -171,7 +172,7 @@ class Outcome:
         return "; ".join(reasons) or "its bounds are shorter than the time between two samples"
 
     def _beyond_the_trial(self) -> Finding | None:
-        """What the bounds of the outermost `always` ask for after the end of the trial."""
+        """The finding about the part of the outermost `always` that lies after the trial."""
         policy = self.specification.beyond
         if not self.judged.ends_beyond or policy in ("weak", "cut"):
             return None
@@ -233,7 +234,7 @@ class Outcome:
         return self._unit_at(robustness, last.t_s) if known is None else known
 
     def _unit_at(self, robustness: float, at_s: float) -> str | None:
-        """The unit all predicates share; of different ones that of the predicate that is as far then."""
+        """The unit that all predicates share; else that of one whose margin then has this size."""
         units, row = self.specification.margin_units, self.judged.sample(at_s)
         if self.specification.shared_unit is not None:
             return self.specification.shared_unit
@@ -241,7 +242,7 @@ class Outcome:
         return next(far, None)
 
     def _units_anywhere(self, sizes: Collection[float]) -> dict[float, str]:
-        """For each size the unit of the first predicate that is as far at any sample."""
+        """For each size the unit of the first predicate whose margin has it at any sample."""
         wanted, found = np.array(sorted(sizes)), dict[float, str]()
         for node, unit in self.specification.margin_units.items() if len(wanted) else ():
             # Once for all sizes: there may be a thousand violations, of a million samples.

@@ -592,8 +592,8 @@ def test_a_signal_in_another_unit_is_refused() -> None:
         ("d > 'a'", "means nothing in a formula"),
         ("__import__(1) > 1", "column 1: a name with a leading underscore"),
         ("d > 2j", "column 6: unknown signal 'j'"),
-        ("1 > 2", "the formula speaks of no signal"),
-        ("always true", "the formula speaks of no signal"),
+        ("1 > 2", "the formula uses no signal"),
+        ("always true", "the formula uses no signal"),
     ],
 )
 def test_a_formula_that_is_none_is_refused_with_its_place(formula: str, message: str) -> None:
@@ -695,12 +695,12 @@ def test_any_words_are_a_formula_or_an_error_that_says_so(words: list[str]) -> N
 @pytest.mark.parametrize(
     ("formula", "message"),
     [
-        ("d > v", "'d > v' puts m beside m/s"),
-        ("d + v > 1", "'d + v' puts m beside m/s"),
-        ("max(d, v) > 1", "puts m beside m/s"),
-        ("d * v > d", "puts m^2/s beside m"),
-        ("d ** 2 > d", "puts m^2 beside m"),
-        ("always (d > 1 and v / d < v)", "column 19: 'v / d < v' puts 1/s beside m/s"),
+        ("d > v", "'d > v' mixes m and m/s"),
+        ("d + v > 1", "'d + v' mixes m and m/s"),
+        ("max(d, v) > 1", "mixes m and m/s"),
+        ("d * v > d", "mixes m^2/s and m"),
+        ("d ** 2 > d", "mixes m^2 and m"),
+        ("always (d > 1 and v / d < v)", "column 19: 'v / d < v' mixes 1/s and m/s"),
     ],
 )
 def test_different_units_are_not_compared(formula: str, message: str) -> None:
@@ -724,7 +724,7 @@ def test_a_bare_number_may_have_any_unit(formula: str) -> None:
         ({"signals": {"d": "centre_distance"}}, "write 'QUANTITY in UNIT'"),
         ({"signals": {"d": "centre_distance in  "}}, "write 'QUANTITY in UNIT'"),
         ({"signals": {"d": "centre_distance in m,s"}}, "'m,s' is not a unit"),
-        ({"signals": {"d": DISTANCE, "v": SPEED}}, "does not speak of signal 'v'"),
+        ({"signals": {"d": DISTANCE, "v": SPEED}}, "does not use signal 'v'"),
         ({"signals": {"d": DISTANCE, "until": SPEED}}, "'until' is a word of the language"),
         ({"signals": {"d": DISTANCE, "max": SPEED}}, "'max' is a word of the language"),
         ({"signals": {"d": DISTANCE, "lambda": SPEED}}, "'lambda' is a word of the language"),
