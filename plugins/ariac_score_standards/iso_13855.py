@@ -259,6 +259,26 @@ class SafeguardDistance(LimitMonitor):
 
     def past_line(self, t: FloatArray, position_m: FloatArray) -> tuple[BoolArray, FloatArray]:
         """Whether a human is past the line, and since when; positions of shape (n, 2 or 3)."""
+        side, share = self._relative_to_line(position_m)
+        beyond = side >= 0
+        unseen = np.ones(len(t), dtype=bool)
+        unseen[1:] = np.diff(t) > self.max_gap_s + TOLERANCE_S
+        # Who is behind the line where the log or a stretch of it begins has crossed it at some time before.
+        # When is not known; the latest it can be is now, so that what is missing violates nothing.
+        entered = unseen & (share >= 0) & (share <= 1)
+        when = np.array(t, dtype=np.float64)
+        cross = np.flatnonzero(beyond[1:] & ~beyond[:-1] & ~unseen[1:])
+        part = -side[cross] / (side[cross + 1] - side[cross])
+        where = share[cross] + part * (share[cross + 1] - share[cross])
+        through = (where >= 0) & (where <= 1)
+        entered[cross[through] + 1] = True
+        when[cross + 1] = t[cross] + part * (t[cross + 1] - t[cross])
+        first = first_of_runs(t, beyond, self.max_gap_s)
+        past: BoolArray = beyond & entered[first]
+        return past, when[first]
+
+    def _relative_to_line(self, position_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """On which side of the line each point is (positive: that of the hazard), and where along it, 0 to 1."""
         a, b = (np.asarray(end, dtype=np.float64) for end in self.line)
         along, offset = b - a, position_m[:, :2] - a
         axes = [*zip(*self.hazard, strict=False)][:2]
@@ -266,23 +286,10 @@ class SafeguardDistance(LimitMonitor):
         side = along[0] * offset[:, 1] - along[1] * offset[:, 0]
         if along[0] * middle[1] - along[1] * middle[0] < 0:
             side = -side
-        beyond = side >= 0
         share = (offset[:, 0] * along[0] + offset[:, 1] * along[1]) / (
             along[0] * along[0] + along[1] * along[1]
         )
-        entered = np.zeros(len(t), dtype=bool)
-        when = np.array(t, dtype=np.float64)
-        cross = np.flatnonzero(beyond[1:] & ~beyond[:-1])
-        part = -side[cross] / (side[cross + 1] - side[cross])
-        where = share[cross] + part * (share[cross + 1] - share[cross])
-        through = (where >= 0) & (where <= 1)
-        entered[cross[through] + 1] = True
-        when[cross + 1] = t[cross] + part * (t[cross + 1] - t[cross])
-        if len(t) and beyond[0]:
-            entered[0] = 0 <= share[0] <= 1
-        first = first_of_runs(t, beyond, self.max_gap_s)
-        past: BoolArray = beyond & entered[first]
-        return past, when[first]
+        return side, share
 
     @property
     def reach(self) -> Reach:
