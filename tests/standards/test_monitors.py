@@ -1523,8 +1523,8 @@ def test_a_collision_is_seen_by_geometry_where_no_contact_is_recorded() -> None:
         (lambda: Always(holds="sqrt(v) > 1", signals={"v": "speed/{robot}"}), "unknown function 'sqrt'"),
         (lambda: Always(holds="v >", signals={"v": "speed/{robot}"}), "is not a formula"),
         (lambda: Always(holds="v.x()", signals={"v": "speed/{robot}"}), "is not allowed in a formula"),
-        (lambda: Always(signals={"v": "speed/{dog}"}), r"speaks of \{dog\}; it may speak of robot"),
-        (lambda: Always(signals={"v": "pressure/{robot}"}), "measures nothing known: .*name its unit"),
+        (lambda: Always(signals={"v": "speed/{dog}"}), r"names \{dog\}; it may name robot"),
+        (lambda: Always(signals={"v": "pressure/{robot}"}), "of no known quantity: .*name its unit"),
         (lambda: Always(signals={"v": "speed/{robot} [km/h]"}), "but it is measured in 'm/s'"),
         (lambda: Always(signals={"v": "position/{robot}"}), "has 3 components"),
         (lambda: Always(signals={"v": "speed/{robot}.x"}), "has no components"),
@@ -1740,7 +1740,7 @@ def test_a_formula_without_a_value_is_undecided_and_says_why() -> None:
 def test_a_misspelt_quantity_of_a_formula_is_answered_with_the_near_one() -> None:
     with pytest.raises(ValueError, match=r"name its unit, .*; or did you mean 'speed'\?"):
         Always(holds="v < 1", signals={"v": "sped/{robot}"})
-    with pytest.raises(ValueError, match="measures nothing known: name its unit"):
+    with pytest.raises(ValueError, match="of no known quantity: name its unit"):
         Always(holds="v < 1", signals={"v": "xyzzy/{robot}"})
 
 
