@@ -3,7 +3,7 @@
 The text of a specification becomes a `Program` (`running`), by `tokens`, `parser` and
 `checks`; its `Machine` (`machine`) rewrites states (`terms`) with each event that its
 event types (`matching`, `guards`) match. `columns` and `automaton` do the same for whole
-signals at once, `trace_columns` for traces; `monitor` makes findings of it, `cli` letters.
+signals at once, `trace_columns` for traces; `monitor` turns the outcome into findings, `cli` into letters.
 """
 
 from __future__ import annotations
@@ -21,7 +21,11 @@ __all__ = ["Program", "RmlError", "RmlRunError", "RmlSpec", "Run", "compile_rml"
 
 
 def __getattr__(name: str) -> Any:
-    """The monitor, loaded when it is used: the commands do without signals and numpy."""
+    """The monitor, loaded when it is used.
+
+    `rml check` and `rml format` need neither signals nor numpy: this package takes 0.08 s of processor
+    time to load without the monitor and 0.28 s with it.
+    """
     if name != "RmlSpec":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from ariac_score_rml.monitor import RmlSpec  # noqa: PLC0415  # see above

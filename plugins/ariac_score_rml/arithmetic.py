@@ -55,7 +55,7 @@ def holds(op: str, difference: NDArray[np.float64], tolerance: float) -> NDArray
 
 
 def holds(op: str, difference: float | NDArray[np.float64], tolerance: float) -> bool | NDArray[np.bool_]:
-    """Whether `left op right`, given left - right, where differences up to a tolerance are none."""
+    """Whether `left op right` holds, given left - right; differences up to a tolerance count as 0."""
     if op == "<":
         return difference < -tolerance
     if op == "<=":
@@ -132,7 +132,7 @@ def _number(data: Data, env: Env) -> Number:
         return _checked(_computed(data.op, [_number(arg, env) for arg in data.args]))
     value = _value(data, env)
     if isinstance(value, str) and len(value) == 1:
-        return ord(value)  # as in the reference
+        return ord(value)  # as in the reference: a string of one character counts as its code point
     if isinstance(value, int | float) and not isinstance(value, bool):
         return value
     raise RmlRunError(f"{_named(data)} is {shown(value)} where a number is needed", kind="type_error")
@@ -160,6 +160,7 @@ def _computed(op: str, args: list[Number]) -> Number:
         if op == "*":
             return a * b
         if op == "/":
+            # As in the reference: integers that divide evenly give an integer, which is not the same float.
             exact = isinstance(a, int) and isinstance(b, int) and b != 0 and a % b == 0
             return a // b if exact else a / b
         if op == "^":

@@ -1,10 +1,10 @@
 """Running a specification over columns: a table of states, built as it is needed, that jumps over self-loops.
 
-Why a table beside the interpreter (`machine`)? Where no data is bound, a transition depends on
-nothing but the state and which of the types that the state asks about the event is of. So the
-types are evaluated as columns, each transition is asked of the interpreter once, and a stretch
-of events that leave a state as it is is one look: 0.05 us an event instead of 20 us. The rules of
-rewriting stand in the interpreter alone. Where data is bound it takes each event.
+Why a table, when there is an interpreter (`machine`)? Where no data is bound, a transition depends
+only on the state, and on which of the types that it tests the event is of. So the types are
+evaluated as columns, the interpreter is run once for each transition, and a stretch of events that
+leave the state unchanged is skipped in one step: 0.05 us an event instead of 20 us. The rules of
+rewriting stand in the interpreter alone. Where data is bound, it takes each event.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _FIRST_LOOK = 64
 
 @dataclass(frozen=True)
 class Watch:
-    """What a specification said of a stream of events.
+    """The outcome of a specification over a stream of events.
 
     Attributes:
-        states: States met, each once.
+        states: The states that were reached, each once.
         before: Which of them the stream was in before each event, shape (n,); -1: not judged.
         rejected: Whether the event was rejected, shape (n,).
         initial: Letter before any event.
@@ -63,7 +63,7 @@ def watch_stream(machine: Machine, stream: Stream, after: AfterViolation, column
 
 
 class _Recorder:
-    """Keeps what is found out, in either way of running."""
+    """Collects the outcome, in either way of running."""
 
     def __init__(self, count: int) -> None:
         self._states: dict[Term, int] = {}
@@ -71,11 +71,11 @@ class _Recorder:
         self.rejected = np.zeros(count, dtype=bool)
 
     def number(self, state: Term) -> int:
-        """Which of the states met this is."""
+        """The number of a state, in the order in which states are reached."""
         return self._states.setdefault(state, len(self._states))
 
     def watch(self, progress: Progress | None, error: RmlRunError | None = None, error_at: int = -1) -> Watch:
-        """What was found out; without progress nothing can be said, not even before any event."""
+        """The outcome; without progress, not even the empty trace could be judged."""
         initial: Letter = "E" if progress is None else progress.initial
         end: Letter = "E" if progress is None or error is not None else progress.letter
         fresh = progress is None or progress.fresh
@@ -131,18 +131,18 @@ def watch_columns(machine: Machine, stream: Stream, after: AfterViolation, colum
 
 
 def _unfolded(machine: Machine) -> Term:
-    """The body of `Main`, which is what most specifications come back to; the reference to it is not."""
+    """The body of `Main`: most specifications return to it, but not to the reference `Main` itself."""
     start = machine.start
     body = machine.unfold(start) if start.kind == "ref" else None
     return start if body is None else body
 
 
 class _Row:
-    """What is known of one state: for each pattern of matches what comes of it.
+    """The transitions of one state, by which of its types match.
 
     Attributes:
-        codes: Which of the types that the state asks about each event is of, as bits, shape (n,).
-        outcome: For each such number what comes of it.
+        codes: For each event which of the types that the state tests it is of, as bits, shape (n,).
+        outcome: What an event with such a code does to the state.
         next: The state after it.
     """
 
@@ -153,7 +153,7 @@ class _Row:
 
 
 class _Table:
-    """The rows of the states met."""
+    """The rows of the states that were reached."""
 
     def __init__(self, machine: Machine, columns: Columns) -> None:
         self._machine, self._columns = machine, columns
@@ -161,10 +161,10 @@ class _Table:
         self._codes: dict[tuple[object, ...], _Codes] = {}
 
     def row(self, state: Term) -> _Row:
-        """What is known of a state.
+        """The transitions of a state.
 
         Raises:
-            NotColumnarError: Only the interpreter can say what becomes of it.
+            NotColumnarError: Only the interpreter can make its transitions.
         """
         row = self._rows.get(state)
         if row is None:
@@ -177,7 +177,7 @@ class _Table:
         return row
 
     def _codes_of(self, types: tuple[Term, ...]) -> _Codes:
-        # Kept by types, not by state: a counter goes through many states that ask about the same types.
+        # Kept by types, not by state: a counter goes through many states that test the same types.
         keys = tuple(map(match_key, types))
         if keys not in self._codes:
             found = np.zeros(self._columns.count(slice(None)), dtype=np.uint16)
@@ -205,6 +205,7 @@ def _leaves_at(row: _Row, i: int, *, passes: bool) -> int:
         quiet |= row.outcome == _REJECTS
     if not quiet[codes[i]]:
         return i
+    # Ever longer looks: a short stretch costs little, a long one few passes.
     look, end = _FIRST_LOOK, len(codes)
     while i < end:
         loud = ~quiet[codes[i : i + look]]

@@ -396,7 +396,7 @@ def _odd_declaration(declaration: Declaration) -> Iterator[Warned]:
     pattern = declaration.pattern
     if isinstance(pattern, OrPattern) and any(isinstance(option, Name) for option in pattern.options):
         yield _warned(
-            place, f"in the pattern of {name!r} a name beside '|' is a variable that matches everything"
+            place, f"in the pattern of {name!r} a name next to '|' is a variable that matches everything"
         )
     if declaration.negated and declaration.guard is not None:
         yield _warned(place, f"{name!r} negates its pattern but not its guard")

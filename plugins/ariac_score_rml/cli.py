@@ -28,7 +28,7 @@ def register(commands: Any) -> None:
     """Add the command and its actions."""
     parser = commands.add_parser("rml", description="Check, format and run RML specifications.")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    check = actions.add_parser("check", help="parse a specification and say what is wrong with it")
+    check = actions.add_parser("check", help="parse a specification and report what is wrong with it")
     check.add_argument("specs", type=Path, metavar="SPEC", nargs="+")
     check.set_defaults(run=run_check)
     layout = actions.add_parser("format", help="print a specification in its one form")
@@ -49,7 +49,7 @@ def register(commands: Any) -> None:
     run.add_argument(
         "--events",
         choices=("jsonl", "bag", "mcap"),
-        help="what TRACE is; by default its suffix tells. Of a recording every message is an event: its "
+        help="what TRACE is; default: by its suffix. Of a recording every message is an event: its "
         "fields, `topic` without leading slash, and `time` since the first message in s",
     )
     run.add_argument("--exact", action="store_true", help="compare numbers in guards without tolerance")
@@ -74,7 +74,6 @@ def _positive(text: str) -> int:
 
 
 def _text(path: Path, kind: str) -> str:
-
     error = UsageError if kind == "specification" else LogError
     try:
         return path.read_text(encoding="utf-8")
@@ -88,7 +87,6 @@ def _text(path: Path, kind: str) -> str:
 
 
 def _compiled(path: Path, dialect: Any) -> Program:
-
     program = compile_rml(_text(path, "specification"), dialect=dialect, file=path)
     for warning in program.warnings:
         print(f"warning: {plain(f'{path}: {warning}')}", file=sys.stderr)
@@ -96,7 +94,7 @@ def _compiled(path: Path, dialect: Any) -> Program:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """Say of each specification that it is sound; the first that is not ends it."""
+    """Check each specification; the first that is refused ends it."""
     for path in arguments.specs:
         program = _compiled(path, arguments.dialect)
         types = len({d.type.name for d in program.spec.declarations})
@@ -107,7 +105,6 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 def run_format(arguments: argparse.Namespace) -> int:
     """Print the specification as the formatter writes it, or compare."""
-
     before = _text(arguments.spec, "specification")
     after = format_rml(parse(before, dialect=arguments.dialect, file=arguments.spec))
     if arguments.check:
@@ -119,8 +116,7 @@ def run_format(arguments: argparse.Namespace) -> int:
 
 
 def run_trace(arguments: argparse.Namespace) -> int:
-    """Print the letters of a trace and how it came out."""
-
+    """Print the letters of a trace and its verdict."""
     program = _compiled(arguments.spec, arguments.dialect)
     kind = arguments.events or _SUFFIXES.get(
         arguments.trace.suffix, "bag" if arguments.trace.is_dir() else "jsonl"
@@ -145,12 +141,11 @@ def _over_text(machine: Machine, path: Path) -> Run:
         with path.open("rb") as file:
             run = run_lines(machine, file)
     except OSError:
-        run = None  # the other way says why
+        run = None  # reading it as text reports why
     return run or running.run_trace(machine, read_events(_text(path, "trace"), file=path))
 
 
 def _show(run: Run, output_format: str) -> None:
-
     at = len(run.letters)
     if output_format == "json":
         facts: dict[str, Any] = {"initial": run.initial, "letters": run.letters, "accepted": run.accepted}

@@ -1,8 +1,8 @@
 """Event types over whole columns: one numpy expression for each type instead of one match for each event.
 
-Only what is certain to come out as in the interpreter is said here. Of which events that
-is, hangs on each event alone; where it is wanted of any other, `NotColumnarError` is
-raised, and the interpreter does it event by event.
+An event is decided here only where the interpreter is certain to decide the same. Whether it
+is, depends on that event alone; where a verdict is needed on one that is not, `NotColumnarError`
+is raised, and the interpreter takes the stream event by event.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _Values: TypeAlias = "Mapping[Unknown, _Value]"
 
 
 class NotColumnarError(Exception):
-    """This can only be said event by event."""
+    """This can only be decided event by event."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Topic:
     fields: Mapping[str, FloatArray]
 
     def record(self) -> dict[str, Any]:
-        """The fields every event of it has: columns, and what is the same in all."""
+        """The fields of its events: as columns, or as a value where it is the same in all."""
         return {"time": self.t, **self.fields, "topic": self.name}
 
 
@@ -108,7 +108,7 @@ class Stream:
 
 
 def _at(value: Any, row: int) -> Json:
-    """What a field is in one event."""
+    """The value of a field in one event."""
     if isinstance(value, np.ndarray):
         number: Json = value[row].item()
         return number
@@ -119,7 +119,7 @@ def _at(value: Any, row: int) -> Json:
 
 @dataclass(frozen=True)
 class Match:
-    """What a type says of each event.
+    """Which events are of a type, and by how much.
 
     Attributes:
         holds: Whether the event is of the type, shape (n,).
@@ -127,7 +127,7 @@ class Match:
             no inequality decides.
         bound: What the inequality that decides compares with; NaN where there is none.
         field: Which field of its topic the inequality limits; -1 where none stands alone on a side.
-        sure: What it says of every event alike, decided by no inequality.
+        sure: The answer where it is the same for every event and no inequality decides it.
     """
 
     holds: BoolArray
@@ -144,7 +144,7 @@ class Match:
 
     @classmethod
     def alike(cls, holds: bool, count: int) -> Match:
-        """A match that says the same of every event; nobody may write to it."""
+        """A match with one answer for every event; read-only."""
         margin = np.inf if holds else -np.inf
         return cls(
             np.broadcast_to(np.bool_(holds), count),
@@ -200,7 +200,7 @@ class Columns:
         stream: The events.
 
     Attributes:
-        close: How many comparisons would come out otherwise without the tolerance.
+        close: How many comparisons would come out differently without the tolerance.
     """
 
     def __init__(self, matcher: Matcher, stream: Stream) -> None:
@@ -214,10 +214,10 @@ class Columns:
         return len(range(len(self._stream))[rows]) if isinstance(rows, slice) else len(rows)
 
     def match(self, name: str, given: tuple[Given, ...], rows: Rows = _ALL) -> Match:
-        """What a type with these arguments says of each of some events.
+        """Which of some events are of a type with these arguments.
 
         Raises:
-            NotColumnarError: Of one of them only the interpreter can say.
+            NotColumnarError: Only the interpreter can decide one of them.
         """
         key = (name, tuple(g.key for g in given))
         if key not in self._known:
@@ -252,11 +252,11 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class _Doubts:
-    """Events of which a guard cannot simply be computed.
+    """Events for which a guard cannot simply be computed.
 
     Attributes:
         zero: Where something is divided by zero, shape (n,).
-        undecided: Where only the interpreter can say what comes out, shape (n,).
+        undecided: Where only the interpreter can decide, shape (n,).
     """
 
     zero: BoolArray
@@ -275,8 +275,8 @@ class _OneTopic:
     """The event types over one topic.
 
     Attributes:
-        close: How many comparisons would come out otherwise without the tolerance.
-        undecided: Of which events only the interpreter can say, shape (n,).
+        close: How many comparisons would come out differently without the tolerance.
+        undecided: Which events only the interpreter can decide, shape (n,).
     """
 
     def __init__(self, matcher: Matcher, topic: Topic, tolerance: float) -> None:
@@ -362,7 +362,7 @@ class _OneTopic:
 
     def _slot_takes(self, slot: Slot, value: object, values: dict[Unknown, _Value]) -> BoolArray:
         if isinstance(value, dict | list):
-            raise NotColumnarError  # a record or a list as a value
+            raise NotColumnarError  # whether two of these are the same, only the interpreter knows
         if isinstance(slot, Bound):
             return self._fits(slot.value, value)
         if isinstance(slot, Unknown):
@@ -395,12 +395,12 @@ class _OneTopic:
     # Guards --------------------------------------------------------------------------
 
     def _guard(self, guard: Data, scope: Scope, values: _Values) -> tuple[Match, BoolArray]:
-        """Where a guard holds, and where only the interpreter can say."""
+        """Where a guard holds, and where only the interpreter can decide."""
         if not isinstance(guard, Op):
             raise NotColumnarError
         if guard.op in ("&&", "||"):
             (left, undecided), (right, further) = (self._guard(arg, scope, values) for arg in guard.args)
-            # The right side counts only where the left does not decide.
+            # As in the interpreter, which leaves the right side alone where the left decides.
             undecided = undecided | (further & (left.holds if guard.op == "&&" else ~left.holds))
             return left & right if guard.op == "&&" else left | right, undecided
         doubts = _Doubts(self._all(False), self._all(False))
@@ -467,6 +467,7 @@ class _OneTopic:
             return np.abs(args[0])
         if name in ("min", "max"):
             a, b = np.broadcast_arrays(*args)
+            # Not np.minimum: of 0.0 and -0.0, and of NaN, Python takes the first argument.
             return np.where(b < a if name == "min" else b > a, b, a)
         if name not in FLOAT_FUNCTIONS:
             raise NotColumnarError  # a condition

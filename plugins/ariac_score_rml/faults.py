@@ -1,4 +1,4 @@
-"""What can be wrong with a specification, or with running one."""
+"""Errors in a specification, and errors when it runs."""
 
 from __future__ import annotations
 

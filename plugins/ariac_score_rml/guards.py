@@ -128,7 +128,7 @@ FLOAT_FUNCTIONS: Mapping[str, Callable[..., float]] = {**FUNCTIONS, "^": math.po
 
 @dataclass
 class _State:
-    """What a guard has established so far."""
+    """What a guard has established so far: values, unknowns expressed by others, inequalities, the rest."""
 
     values: Values
     expressed: dict[Unknown, _Linear] = field(default_factory=dict)
@@ -146,7 +146,7 @@ class Solver:
         tolerance: Differences up to this count as equality; 0 compares exactly.
 
     Attributes:
-        close: How many comparisons would have come out otherwise without the tolerance.
+        close: How many comparisons would have come out differently without the tolerance.
     """
 
     def __init__(self, tolerance: float = TOLERANCE) -> None:
@@ -192,6 +192,7 @@ class Solver:
             return False
         if isinstance(difference, float):
             return self._holds(guard.op, difference)
+        # Not linear in its unknowns, like the reference's CLP(R): it waits until they have values.
         if difference is None:
             state.waiting.append((guard, scope))
             return True
@@ -208,7 +209,9 @@ class Solver:
         return held
 
     def _determine(self, zero: _Linear, state: _State) -> None:
-        """Use an equation to be rid of one unknown."""
+        """Use an equation to express one unknown by the others."""
+        # The one with the largest factor: to divide by a small one would enlarge the rounding. Ties by
+        # name, so that the order of dictionaries decides nothing.
         unknown = max(zero.factors, key=lambda u: (abs(zero.factors[u]), u.name))
         factor = zero.factors[unknown]
         rest = {u: -f / factor for u, f in zero.factors.items() if u is not unknown}
@@ -219,7 +222,7 @@ class Solver:
             state.expressed[unknown] = meaning
 
     def _consistent(self, state: _State) -> bool:
-        """Follow what has become known until nothing new comes of it."""
+        """Substitute what has become known, until that makes nothing else known."""
         while True:
             known = (len(state.values), len(state.expressed))
             for unknown, meaning in list(state.expressed.items()):
@@ -257,7 +260,7 @@ class Solver:
         return state.expressed.get(unknown) or _Linear(0.0, {unknown: 1.0})
 
     def _room(self, state: _State) -> bool:
-        """Whether the inequalities with one unknown leave it a value; if only one, it is that."""
+        """Whether the inequalities with one unknown leave it a value; if only one is left, it gets that."""
         ranges: dict[Unknown, list[float]] = {}
         strict: dict[Unknown, list[bool]] = {}
         for op, bound in state.bounds:

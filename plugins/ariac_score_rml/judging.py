@@ -1,4 +1,4 @@
-"""From the verdicts on events to findings: what a specification says of one subject."""
+"""From the verdicts on events to the findings about one subject."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ class Settings:
         after: What follows a rejection.
         max_gap_s: An event stands for no longer than this, s.
         t_on_s: Shorter violations are none, s.
-        t_off_s: Violations less apart are one, s.
-        spec_sha256: Which text this is.
+        t_off_s: Violations with a shorter pause between them are one, s.
+        spec_sha256: SHA-256 of the specification.
     """
 
     after: AfterViolation
@@ -59,7 +59,7 @@ class Judgement:
         settings: How it is judged.
         subject: Whom the events are about.
         recorded: The events, by topic; there has to be one.
-        decided: Whether nothing about the subject is open already.
+        decided: Whether nothing is undecided before the events are judged.
     """
 
     def __init__(
@@ -90,14 +90,14 @@ class Judgement:
 
     @property
     def chart(self) -> Chart | None:
-        """The margin over time, of events at one time the least; `None` where there is none of one unit."""
+        """The margin over time, the least of events at one time; `None` unless all have one unit."""
         known = np.isfinite(self._margin)
         if self._watch.error_at >= 0:
             known[self._watch.error_at] = False
         units = {self._unit(row) for row in self._examples(np.flatnonzero(known))}
         if len(units) != 1:
             return None
-        # A rejected event is beyond its limit, whatever the last digit says; an accepted one within.
+        # The tolerance of guards decides near a limit: a rejected event is never shown within its limit.
         margin = np.where(self._watch.rejected, np.minimum(self._margin, 0.0), np.maximum(self._margin, 0.0))
         t, first = np.unique(self._stream.t, return_index=True)
         least = np.minimum.reduceat(np.where(known, margin, inf), first)
@@ -113,7 +113,7 @@ class Judgement:
         )
 
     def _examples(self, rows: IntArray) -> list[int]:
-        """Of these events one for each topic and field that is limited in it."""
+        """One of these events for each topic and limited field."""
         pairs = np.stack([self._stream.topic[rows], self._field[rows]])
         _, first = np.unique(pairs, axis=1, return_index=True)
         return [int(row) for row in rows[first]]

@@ -1,8 +1,8 @@
 """Running a specification: each event rewrites the state, each state has a letter.
 
-The rewriting rules are those of the reference, choices being committed as there. They
-are written with continuations, so that an alternative is looked at only when it is
-asked for and a state may be as deep as it likes.
+The rewriting rules are those of the reference, and choices are committed where it commits
+them. They are written with continuations: alternatives are tried only when they are needed,
+and a state may be nested to any depth without deep recursion.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ _MAX_ACTIONS = 20_000_000
 """How many rewriting steps one event may take."""
 
 MAX_EVENT_TYPES = 12
-"""States that ask about more event types are not looked at by what matches."""
+"""Beyond this number of event types a state's transitions are not looked up by which of them match."""
 
 _MAX_MEMOISED = 8
-"""States that ask about more event types are not worth remembering by what matches."""
+"""Beyond this number of event types the interpreter does not remember transitions: few come again."""
 
 _MAX_KNOWN = 100_000
 
@@ -51,7 +51,7 @@ _VALUELESS = _Valueless()
 
 
 class _Solutions:
-    """The solutions of one match, found when they are asked for, and once."""
+    """The solutions of one match, each found once, when it is first needed."""
 
     def __init__(self, found: Iterator[_Solution]) -> None:
         self._found, self._kept = found, list[_Solution]()
@@ -115,21 +115,22 @@ class Machine:
         return self.terms.main()
 
     def letter(self, state: Term) -> Letter:
-        """What may be said of a trace that has led to this state.
+        """The letter of a trace that has led to this state.
 
         Raises:
-            RmlRunError: It cannot be said, as when an `if` has no value.
+            RmlRunError: There is none, as when an `if` has no value.
         """
         if state is self.terms.all:
             return "T"
         return "t" if self.halts(state) else "f"
 
     def after_matches(self, state: Term, matches: Mapping[object, bool]) -> Term | None:
-        """The state after an event of which only is known which types it is of.
+        """The state after any event that is of certain types.
 
         Args:
             state: The state before.
-            matches: By `match_key`, for every type the state may ask about, none with open names.
+            matches: Whether the event is of each type that the state may test, by `match_key`; no type
+                may have open names.
         """
         self._matches = {key: _Solutions(iter(({},) if held else ())) for key, held in matches.items()}
         return self._run(state)
@@ -147,7 +148,7 @@ class Machine:
         try:
             bits = tuple(self._match(term).get(0) is not None for term in types)
         except (RmlRunError, RecursionError):
-            return self._run(state)  # whether it counts depends on whether a step asks
+            return self._run(state)  # the error counts only if a step really tests that type
         if len(self._steps_known) > _MAX_KNOWN:
             self._steps_known.clear()
         if (state, bits) not in self._steps_known:
@@ -223,6 +224,8 @@ class Machine:
 
     def _or(self, term: Term, succeed: _Success, fail: _Failure) -> _Next | None:
         left, right = term.parts
+        # Committed, as in the reference: once the left side takes the event, neither its other solutions
+        # nor the right side are tried, even if what follows fails. So `retry` is dropped here.
         return self._step, (
             left,
             lambda state, bound, _: (succeed, (state, bound, fail)),
@@ -279,7 +282,7 @@ class Machine:
 
     def _filter(self, term: Term, succeed: _Success, fail: _Failure) -> _Next | None:
         inside, outside = term.parts
-        matched = self._match(term).get(0)
+        matched = self._match(term).get(0)  # the first alone: committed, too
         filtered = self.terms.filtered
         if matched is None:
             return self._step, (
@@ -332,10 +335,13 @@ class Machine:
 
         return self._step, (term.parts[0], close, fail)
 
-    # What names and conditions stand for ---------------------------------------------
+    # References and conditions -------------------------------------------------------
 
     def unfold(self, term: Term) -> Term | None:
-        """The body of an equation as it is used here; `None` with a wrong number of arguments."""
+        """The body of an equation as it is used here; `None` with a wrong number of arguments.
+
+        In the reference no rule applies then, so that such a use takes no event; `check` warns.
+        """
         if term.unfolded is None:
             equation = self.terms.equations[term.name]
             if len(term.data) != len(equation.params):
@@ -346,24 +352,24 @@ class Machine:
         return term.unfolded
 
     def branch(self, term: Term) -> Term:
-        """Which part of an `if` counts."""
+        """The branch of an `if` that its condition chooses."""
         return term.parts[0] if condition(term.data[0], dict(term.env)) else term.parts[1]
 
-    # What a step may ask -------------------------------------------------------------
+    # Which types a step may test -----------------------------------------------------
 
     def event_types(self, state: Term) -> tuple[Term, ...] | None:
-        """The event types a step from a state may ask about, in the order of the state.
+        """The event types that a step from a state may test, in the order of the state.
 
-        `None` when one of them has a name whose value an event would give: then a step
-        depends on more than on which of them match. Also when there are more than
-        `MAX_EVENT_TYPES`, which nobody makes use of.
+        `None` when one of them has a name that an event would give its value: then a step
+        depends on more than which of them match. Also when there are more than
+        `MAX_EVENT_TYPES`.
         """
         if state.event_types is None:
             self._find_event_types(state)
         return None if not isinstance(state.event_types, tuple) else state.event_types
 
     def _find_event_types(self, root: Term) -> None:
-        """Of every part a step may reach, inner ones first: no growing state is gone through anew."""
+        """Find those of every part a step may reach, inner parts first, so that each is visited once."""
         todo: list[tuple[Term, list[Term] | None]] = [(root, None)]
         path: set[int] = set()
         while todo:
@@ -409,7 +415,7 @@ class Machine:
             else:
                 yield from term.parts
         except RmlRunError:
-            return  # a step that gets there raises it again, and no type beyond is asked about
+            return  # a step that gets there raises it again, before it tests any type beyond
 
     # Halting -------------------------------------------------------------------------
 
@@ -437,7 +443,7 @@ class Machine:
         return bool(root.halts)
 
     def _halting(self, term: Term) -> bool | RmlRunError | Term:
-        """Whether a state halts; or the part of it that must be asked first."""
+        """Whether a state halts; or the part of it that has to be known first."""
         kind = term.kind
         if kind in ("empty", "all", "star", "opt", "closure"):
             return True
@@ -458,7 +464,7 @@ class Machine:
 
 
 def match_key(term: Term) -> object:
-    """What tells one event type with its arguments from another."""
+    """The identity of an event type with its arguments."""
     return term.name, tuple(g.key for g in term.given)
 
 

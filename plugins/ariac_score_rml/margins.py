@@ -1,4 +1,4 @@
-"""How far each event of a stream was from being rejected, or from being accepted."""
+"""How far each event of a stream was from the opposite verdict."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ __all__ = ["margins"]
 
 
 def margins(machine: Machine, stream: Stream, watch: Watch, columns: Columns) -> Match | None:
-    """How far each event was from being rejected (negative: from being accepted), and from what bound.
+    """How far each event was from being rejected (negative: from being accepted), and from which bound.
 
     Of alternatives the best counts, of joint demands the worst. Infinite where no
-    inequality over numbers decides. `None` when that can only be said event by event.
+    inequality over numbers decides. `None` when it can only be found event by event.
     """
     if not len(stream):
         return Match.alike(True, 0)
@@ -40,7 +40,7 @@ def margins(machine: Machine, stream: Stream, watch: Watch, columns: Columns) ->
 
 
 def _stretches(watch: Watch) -> Iterator[tuple[Term, Rows]]:
-    """For each state the events that found it, those that were not judged left out.
+    """Each state with the events that were judged in it.
 
     Raises:
         NotColumnarError: There are too many states.

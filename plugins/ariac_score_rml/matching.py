@@ -1,4 +1,4 @@
-"""Event types: which events they match, and what values the names among their arguments get."""
+"""Event types: which events they match, and which values that gives to the names in their arguments."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def alternatives(pattern: Pattern) -> Iterator[Pattern]:
 
 
 class Declared:
-    """One declaration, its pattern taken apart."""
+    """One declaration, its pattern resolved into alternatives."""
 
     def __init__(self, declaration: Declaration) -> None:
         self.params = [arg.name for arg in declaration.type.args if isinstance(arg, Var)]
@@ -107,7 +107,7 @@ class Matcher:
             name: The type.
             slots: Its arguments.
             event: The event.
-            values: What unknowns have values already.
+            values: The values of unknowns that have one already.
 
         Raises:
             RmlRunError: A guard cannot be evaluated.
@@ -117,6 +117,7 @@ class Matcher:
             if known is None:
                 continue
             found = self._alternatives(declared, scope, event, known)
+            # The pattern alone is negated, the guard is not: as in the reference, and `check` warns.
             if declared.negated:
                 if next(found, None) is not None:
                     continue
@@ -140,7 +141,7 @@ class Matcher:
 
 
 def scope_of(params: list[str], slots: list[Slot], values: Values) -> tuple[Scope, Values | None]:
-    """What the parameters of a declaration stand for; no values when two of one name differ."""
+    """The meaning of each parameter of a declaration; no values when two of one name disagree."""
     scope: Scope = {}
     for param, slot in zip(params, slots, strict=True):
         first = scope.get(param)
@@ -156,7 +157,7 @@ def scope_of(params: list[str], slots: list[Slot], values: Values) -> tuple[Scop
 
 
 def _takes(pattern: Pattern, value: Json, scope: Scope, values: Values) -> bool:
-    """Whether a pattern without `|` takes a value; unknowns get theirs on the way."""
+    """Whether a pattern without `|` takes a value; unknowns in it get theirs."""
     if isinstance(pattern, Name):
         return _slot_takes(slot_of_name(pattern.name, scope), value, values)
     if isinstance(pattern, Literal_):
@@ -168,6 +169,7 @@ def _takes(pattern: Pattern, value: Json, scope: Scope, values: Values) -> bool:
     if isinstance(pattern, ListPattern):
         if not isinstance(value, list):
             return False
+        # `[...]` alone takes no empty list, in the reference neither.
         count, least = len(pattern.items), max(1, len(pattern.items))
         if not (len(value) >= least if pattern.rest else len(value) == count):
             return False

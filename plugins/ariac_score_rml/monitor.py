@@ -42,8 +42,8 @@ class RmlSpec:
     """The events of a trial keep a specification in RML, the Runtime Monitoring Language.
 
     `spec` is the specification, or the path of an `.rml` file, which is relative to
-    the rule set that names it and becomes part of it. `events` says of each topic which
-    signal each field of its events is: `{snapshot: {robot_speed: "speed/{robot}"}}`; with
+    the rule set that names it and becomes part of it. `events` names, for each topic, the
+    signal of each field of its events: `{snapshot: {robot_speed: "speed/{robot}"}}`; with
     `{robot}` or `{human}` every robot, human or pair is judged on its own. Every sample
     is one event: a record of these fields as floats, of `topic`, and of `time` in s of
     trial time. A quantity
@@ -54,11 +54,11 @@ class RmlSpec:
         time, and may end when the competition does. Where inequalities over numbers
         decide, by how much (in the unit of the field they limit). Stretches longer
         than `max_gap_s` without a sample are inconclusive, and so is everything from
-        an event on that cannot be judged.
+        the first event on that cannot be judged.
     Violated when:
-        An event is rejected; afterwards the monitor passes over it (`resume`), begins
-        anew (`restart`) or judges no further (`once`). Rejections less than `t_off_s`
-        apart are one violation, those shorter than `t_on_s` none. Or the trial ends
+        An event is rejected; the monitor then passes over it (`resume`), starts again
+        (`restart`) or judges no further (`once`). Rejections with pauses shorter than
+        `t_off_s` are one violation, those shorter than `t_on_s` none. Or the trial ends
         where the specification may not.
     Source:
         The specification; its semantics are those of the RML compiler and monitor of
@@ -101,7 +101,7 @@ class RmlSpec:
                     raise ValueError(f"topic {topic.name!r} of events has no field")
 
     def needs(self) -> Iterator[SignalNeed]:
-        """Every quantity that a field of an event is."""
+        """The quantities of the fields of events."""
         needed = {s.quantity: s.unit for topic in topic_sources(self.events) for s in topic.fields.values()}
         for quantity, unit in sorted(needed.items()):
             yield SignalNeed(quantity, unit, self.max_gap_s)
@@ -119,7 +119,7 @@ class RmlSpec:
                 yield chart
 
     def _outcomes(self, trial: Trial) -> Iterator[Finding | Judgement]:
-        """What is open or cannot be said, and the events of each subject, judged."""
+        """What is undecided beforehand, and the judged events of each subject."""
         program: Program | None = getattr(self, "_program", None)
         if program is None or not self.events:
             missing = "specification" if program is None else "mapping of events"
@@ -133,7 +133,7 @@ class RmlSpec:
             yield from self._outcomes_of(trial, topics, subject, names)
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
-        """A watch that judges every sample, as soon as all topics have reached it."""
+        """A watch that judges every sample as soon as all topics have reached it."""
         topics = topic_sources(self.events)
         program: Program | None = getattr(self, "_program", None)
         known = subjects(Trial("", bodies=tuple(bodies)), topics) if program and topics else ()
@@ -145,10 +145,10 @@ class RmlSpec:
         )
 
     def begin_events(self) -> EventWatch:
-        """A watch for events as they are recorded; `events` and what is about episodes play no part.
+        """A watch for events as they are recorded; `events` and the parameters of episodes are not used.
 
         Raises:
-            ValueError: No specification is given, or nothing can be said before any event.
+            ValueError: No specification is given, or the empty trace cannot be judged.
         """
         try:
             return EventsOnline(self._machine(), self.after_violation)
@@ -222,7 +222,7 @@ def _check_mapping(program: Program, events: Mapping[str, Mapping[str, str]]) ->
 def _unmapped(what: str, name: str, known: Mapping[str, object] | set[str]) -> str:
     near = get_close_matches(name, sorted(known), n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"mapped: {', '.join(sorted(known))}"
-    return f"the specification speaks of the {what} {name!r}, which events do not have; {hint}"
+    return f"the specification names the {what} {name!r}, which events do not have; {hint}"
 
 
 def _records(pattern: Pattern | None) -> Iterator[RecordPattern]:
@@ -234,7 +234,7 @@ def _records(pattern: Pattern | None) -> Iterator[RecordPattern]:
             yield from _records(option)
 
 
-# What is open before anything is judged ---------------------------------------------------
+# What is undecided before anything is judged ------------------------------------------------
 
 
 def _nobody(trial: Trial) -> Finding:

@@ -30,15 +30,15 @@ Wanted = Sequence[tuple[str, Fields]]
 """The topics of one subject: name, and signal by field."""
 
 LATEST_S = 1e12
-"""What is later is no time."""
+"""A field `time` beyond this, some 30 000 years, is no time in s."""
 PENDING = "the specification still asks for something"
 
 
 class Trace:
-    """A specification on events, one after another.
+    """A specification over events, one after another.
 
     Attributes:
-        progress: Where it is.
+        progress: The state it is in.
     """
 
     def __init__(self, machine: Machine, after: AfterViolation) -> None:
@@ -53,7 +53,7 @@ class Trace:
         state = self.progress.state
         if self.progress.take(self._machine.after(state, event)):
             return ""
-        # What the event would have had to be, as far as that hangs on its type alone.
+        # The types it would have had to be of; those with names that wait for a value are left out.
         types = self._machine.event_types(state)
         try:
             others = {t.name for t in types or () if self._machine.solutions(t, event).get(0) is None}
@@ -66,7 +66,7 @@ class Trace:
 
 
 class EventsOnline:
-    """Judges a trace of events as they are; a rejected one is final unless the policy says otherwise."""
+    """Judges a trace of events as they are; a rejection is final unless the policy differs."""
 
     def __init__(self, machine: Machine, after: AfterViolation) -> None:
         self._trace = Trace(machine, after)
@@ -89,18 +89,16 @@ class EventsOnline:
             raise ValueError(str(error)) from error
         if reason:
             channel = event.get("topic", event.get("service", "the event"))
-            standing = InstantVerdict(
+            verdict = InstantVerdict(
                 "trace", t_s, Verdict.VIOLATED, f"{channel!r} {reason}", final=progress.over
             )
         elif progress.letter == "f":
-            standing = InstantVerdict(
-                "trace", t_s, Verdict.VIOLATED, f"the trace may not end here: {PENDING}"
-            )
+            verdict = InstantVerdict("trace", t_s, Verdict.VIOLATED, f"the trace may not end here: {PENDING}")
         else:
             final = progress.letter == "T"
-            standing = InstantVerdict("trace", t_s, Verdict.SATISFIED, "the trace may end here", final=final)
-        self._final = standing if standing.final else None
-        return standing
+            verdict = InstantVerdict("trace", t_s, Verdict.SATISFIED, "the trace may end here", final=final)
+        self._final = verdict if verdict.final else None
+        return verdict
 
 
 # Signals ---------------------------------------------------------------------------------
@@ -144,7 +142,7 @@ class SignalsOnline:
             for followed in self._subjects:
                 followed.take_event(event)
         for followed in self._subjects:
-            yield from followed.standings()
+            yield from followed.verdicts()
 
     def end(self, trial: Trial) -> Iterable[Finding]:
         """What the monitor finds in the trial with the samples that were stepped."""
@@ -152,15 +150,15 @@ class SignalsOnline:
 
 
 class _Topic:
-    """The events of one topic, as its signals make them."""
+    """The events of one topic, made of the samples of its signals."""
 
     def __init__(self, name: str, fields: Fields, arrivals: Arrivals, max_gap_s: float) -> None:
         self.name, self.fields = name, tuple(fields)
         self.alignment: Alignment = arrivals.aligned(list(fields.values()), max_gap_s=max_gap_s)
         self.waiting: deque[tuple[float, dict[str, Json]]] = deque()
 
-    def come(self) -> None:
-        """Take the events that have come."""
+    def collect(self) -> None:
+        """Queue the events that are complete by now."""
         for t_s, values in self.alignment.rows():
             event: dict[str, Json] = {"time": t_s}
             event.update(zip(self.fields, values, strict=True))  # type: ignore[arg-type]  # they are numbers
@@ -175,9 +173,9 @@ class _Followed:
         self.subject, self.topics = subject, topics
         self._new_trace = trace
         self.window = -inf, inf
-        self._begin_anew()
+        self._restart()
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         self.broken: RmlRunError | None = None
         self.trace: Trace | None = None
         self.over = False
@@ -187,18 +185,18 @@ class _Followed:
             self.broken = error
 
     def take_event(self, event: Event) -> None:
-        """Where the competition starts, what came before is forgotten."""
+        """Start again where the competition starts."""
         from_s, to_s = self.window
         if event.kind == COMPETITION_STARTED and from_s == -inf:
             self.window = event.t_s, to_s
-            self._begin_anew()
+            self._restart()
         elif event.kind == COMPETITION_ENDED:
             self.window = from_s, event.t_s
 
-    def standings(self) -> Iterator[InstantVerdict]:
-        """What can be said by now."""
+    def verdicts(self) -> Iterator[InstantVerdict]:
+        """The verdicts that can be given by now."""
         for topic in self.topics:
-            topic.come()
+            topic.collect()
         while (t_s := self._next_s()) < inf:
             events = [
                 topic.waiting.popleft()[1]
@@ -225,14 +223,14 @@ class _Followed:
                     reasons.append(f"{event['topic']!r} {reason}")
         except RmlRunError as error:
             self.over = True
-            words = f"cannot be judged from here: {error}"
-            return InstantVerdict(self.subject, t_s, Verdict.INCONCLUSIVE, words, final=True)
+            message = f"cannot be judged from here: {error}"
+            return InstantVerdict(self.subject, t_s, Verdict.INCONCLUSIVE, message, final=True)
         if reasons:
             self.over = self.trace.progress.over
             return InstantVerdict(self.subject, t_s, Verdict.VIOLATED, " and ".join(reasons), final=self.over)
-        return self._standing(t_s, self.trace.progress.letter)
+        return self._accepted(t_s, self.trace.progress.letter)
 
-    def _standing(self, t_s: float, letter: Letter) -> InstantVerdict:
+    def _accepted(self, t_s: float, letter: Letter) -> InstantVerdict:
         if letter == "f":
             return InstantVerdict(self.subject, t_s, Verdict.INCONCLUSIVE, PENDING)
         return InstantVerdict(self.subject, t_s, Verdict.SATISFIED, "is accepted", final=letter == "T")

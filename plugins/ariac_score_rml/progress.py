@@ -1,4 +1,4 @@
-"""Where a specification is in a stream of events, and what a rejected event changes in that."""
+"""The state of a specification in a stream of events, and what a rejected event does to it."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from ariac_score_rml.terms import Term
 __all__ = ["AfterViolation", "Progress"]
 
 AfterViolation: TypeAlias = Literal["resume", "restart", "once"]
-"""resume: the rejected event is passed over; restart: Main begins anew; once: nothing more is judged."""
+"""resume: the rejected event is passed over; restart: Main starts again; once: nothing more is judged."""
 
 
 class Progress:
     """A specification, event after event.
 
     Attributes:
-        state: What the next event finds.
+        state: The state before the next event.
         initial: Letter before any event.
         letter: Letter of the events so far.
         fresh: Whether nothing was accepted since the start or the last restart.
-        over: Whether nothing that may come is judged any more.
+        over: Whether no further event is judged.
 
     Raises:
-        RmlRunError: Nothing can be said before any event.
+        RmlRunError: The empty trace cannot be judged.
     """
 
     def __init__(self, machine: Machine, after: AfterViolation, start: Term | None = None) -> None:
@@ -35,13 +35,13 @@ class Progress:
         self.fresh, self.over = True, False
 
     def take(self, found: Term | None) -> bool:
-        """Take an event; whether it is accepted.
+        """Take an event, and return whether it is accepted.
 
         Args:
             found: The state that the event leads to; `None`: it is rejected.
 
         Raises:
-            RmlRunError: Nothing can be said after it; everything is as before.
+            RmlRunError: The trace cannot be judged with it; nothing has changed.
         """
         if found is not None:
             self.letter = self._machine.letter(found)

@@ -16,7 +16,7 @@ _SOURCE = re.compile(r"(?P<signal>[^\s\[]+)(?:\s*\[(?P<unit>[^\]]+)\])?")
 
 @dataclass(frozen=True)
 class FieldSource:
-    """Which signal a field is, with `{robot}` and `{human}` to be filled in."""
+    """The signal of a field, with `{robot}` and `{human}` to be filled in."""
 
     signal: str
     unit: str
@@ -29,7 +29,7 @@ class FieldSource:
 
 @dataclass(frozen=True)
 class TopicSource:
-    """Which signals the fields of a topic are."""
+    """The signals of the fields of a topic."""
 
     name: str
     fields: Mapping[str, FieldSource]
@@ -40,7 +40,7 @@ class TopicSource:
 
 
 def topic_sources(events: Mapping[str, Mapping[str, str]]) -> list[TopicSource]:
-    """What the parameter `events` says.
+    """The topics of the parameter `events`.
 
     Raises:
         ValueError: A field is no signal of one number in a known unit.
@@ -68,7 +68,7 @@ def _source(text: str) -> FieldSource:
 
 
 def subjects(trial: Trial, topics: Sequence[TopicSource]) -> Iterator[tuple[str, Mapping[str, str]]]:
-    """Whom a specification is judged for, and what their signals are called by."""
+    """Whom a specification is judged for, and the bodies in the names of their signals."""
     texts = [source.signal for topic in topics for source in topic.fields.values()]
     robot, human = (any(f"{{{kind}}}" in text for text in texts) for kind in ("robot", "human"))
     if robot and human:
@@ -88,7 +88,7 @@ class Recorded:
 
     Attributes:
         topic: Times and fields.
-        signals: The signal that each field is.
+        signals: The signal of each field.
         gaps: Stretches of the competition without events.
     """
 

@@ -1,4 +1,4 @@
-"""Whole traces: letters, and how the trace came out."""
+"""Whole traces: their letters and their verdict."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def compile_rml(text: str, *, dialect: Dialect = "2024", file: object = None) ->
     """Parse and check a specification.
 
     Raises:
-        RmlError: It is refused; `kind`, `line` and `column` say what and where.
+        RmlError: It is refused; `kind`, `line` and `column` give cause and place.
 
     >>> program = compile_rml("a matches {x:1}; Main = a*;")
     >>> run_trace(program.machine(), [{"x": 1}, {"x": 2}]).letters
@@ -51,13 +51,13 @@ def compile_rml(text: str, *, dialect: Dialect = "2024", file: object = None) ->
 
 @dataclass(frozen=True)
 class Run:
-    """How a trace came out.
+    """The outcome of a trace.
 
     Attributes:
         initial: Letter before any event.
         letters: One for each event, up to the first `F` or `E`.
         error: Why an event could not be judged.
-        close: Comparisons that would come out otherwise without the tolerance.
+        close: Comparisons that would come out differently without the tolerance.
     """
 
     initial: Letter
@@ -72,7 +72,7 @@ class Run:
 
     @property
     def accepted(self) -> bool | None:
-        """Whether the trace keeps the specification; `None` when that cannot be said."""
+        """Whether the trace keeps the specification; `None` when it cannot be judged."""
         return None if self.end == "E" else self.end in "Tt"
 
 

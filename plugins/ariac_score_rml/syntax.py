@@ -82,7 +82,7 @@ class Var:
 class Op:
     """An operator or function with its operands; one operand of `-` is the sign.
 
-    `grouped` says that it was written in parentheses.
+    `grouped`: it was written in parentheses.
     """
 
     op: str
@@ -137,7 +137,7 @@ class RecordPattern:
 
 @dataclass(frozen=True)
 class ListPattern:
-    """`[p, …]`; `rest` says that `...` ends it."""
+    """`[p, …]`; `rest`: `...` ends it."""
 
     items: tuple[Pattern, ...]
     rest: bool

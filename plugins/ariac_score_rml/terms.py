@@ -1,8 +1,8 @@
 """States of a monitor: trace expressions with the values bound so far, each kept once.
 
-Equal states are one object, so that what has been found out about a state (whether
-it may end, what an event makes of it) is found out once. Nothing here recurses: a
-state may be thousands of levels deep.
+Equal states are one object, so that what is true of a state (whether it may end, what
+an event makes of it) is computed once. Nothing here recurses: a state may be thousands
+of levels deep.
 """
 
 from __future__ import annotations
@@ -81,11 +81,11 @@ class Term:
         data: The condition of an `if`, or the arguments of an equation.
         env: Values of names in `data` and in the equation.
         open: Names without a value.
-        size: Number of parts, all told.
+        size: Number of parts at all levels.
         owner: The equation it was written in.
-        halts: Whether the trace may end here, or why that cannot be said; `None`: not known yet.
-        unfolded: What a reference stands for, once it is known.
-        event_types: Those that a step may ask about, once they are known; see `Machine.event_types`.
+        halts: Whether the trace may end here, or why that has no answer; `None`: not computed yet.
+        unfolded: The body that a reference stands for, once it is computed.
+        event_types: Those that a step may test, once they are computed; see `Machine.event_types`.
     """
 
     __slots__ = (
@@ -132,7 +132,7 @@ class Terms:
 
     Args:
         spec: Parsed and checked.
-        most: How many states are remembered before all are forgotten; nothing but time hangs on it.
+        most: How many states are remembered before all are forgotten; this affects nothing but time.
     """
 
     def __init__(self, spec: Spec, *, most: int = 200_000) -> None:
@@ -195,6 +195,7 @@ class Terms:
             return a
         if a is self.empty:
             return b
+        # Nested to the right: a step then reaches the first part at once, however long the sequence is.
         if a.kind == "seq":
             return self.make(
                 "seq", (a.parts[0], self.make("seq", (a.parts[1], b), owner=a.owner)), owner=a.owner
@@ -282,7 +283,7 @@ class Terms:
         return _NONE
 
     def body(self, name: str) -> Term:
-        """What an equation says, with its names still open."""
+        """The body of an equation, with its names still open."""
         if name not in self._bodies:
             self._bodies[name] = self._term(self.equations[name].body, name)
         return self._bodies[name]
@@ -313,7 +314,7 @@ class Terms:
         return self.make("filter", parts, name=exp.type.name, given=_given(exp.type), owner=owner)
 
     def _reference(self, ref: Ref, owner: str) -> Term:
-        """A reference is the text it stands for; where that is `empty` or `all`, rewriting must see it."""
+        """The state of a reference. The rewriting rules must see one to `empty` or `all` as such."""
         meant: Exp = ref
         while isinstance(meant, Ref) and meant.args is None and meant.name in self.equations:
             equation = self.equations[meant.name]

@@ -73,7 +73,7 @@ class Token:
 
 
 def tokenize(text: str, dialect: Dialect = "2024") -> tuple[list[Token], list[Token]]:
-    """The tokens of a text, ending with one of kind `end`; and apart from them its comments.
+    """The tokens of a text, ending with one of kind `end`; and, separately, its comments.
 
     Raises:
         RmlError: A character that begins no token, a string without its end.

@@ -1,8 +1,8 @@
 """Traces of which each line is an event, as columns: a specification then runs over arrays of numbers.
 
-Lines that differ in nothing but numbers have one layout, and most traces have a
-few. What is not as plain as that is left to `read_events`, which also says where a trace is
-broken, and to the interpreter.
+Lines that differ only in numbers have one layout, and most traces have few layouts. Anything
+less regular is left to the interpreter and to `read_events`, which also reports where a trace
+is broken.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ariac_score_rml.running import Run
 __all__ = ["run_lines"]
 
 _BLOCK_BYTES = 1 << 20
-"""So much of a trace is held as text and as events at a time."""
+"""How much of a trace is held as text and as events at a time."""
 
 _MAX_LAYOUTS = 16
 """Event types are evaluated for each layout; with very many of them the interpreter is as quick."""
@@ -113,7 +113,8 @@ def _groups(file: BinaryIO) -> Iterable[_Group]:
             group.lines.append(np.array(places, dtype=np.float64) + count)
             group.parts.append(_columns(records))
             colons += len(records) * _colons(records[0])
-        # Of a key that stands twice the decoder keeps the last one and says nothing; its colon shows it.
+        # Of a repeated key the decoder silently keeps the last; `read_events` refuses it. The number of
+        # colons shows it, unless one is written as \\u003a.
         if colons != text.count(b":") or b"\\u003" in text:
             raise _NotAlikeError
         count += len(events)
@@ -134,7 +135,7 @@ def _layouts(records: Sequence[Mapping[str, Any]]) -> list[Hashable]:
 
 
 def _labels(values: Sequence[Any]) -> Sequence[Hashable]:
-    """What tells layouts apart in the values of one field."""
+    """The part of the layout that each value of one field makes."""
     kinds = set(map(type, values))
     if kinds <= _NUMBERS_AND_LISTS:
         return list(map(type, values))
@@ -148,7 +149,7 @@ _OPEN = _NUMBERS_AND_LISTS | {dict}
 
 
 def _places(labels: Sequence[Hashable]) -> Mapping[Hashable, Sequence[int]]:
-    """Where each of some labels stands."""
+    """The positions of each label."""
     if len(set(labels)) == 1:
         return {labels[0]: range(len(labels))}
     found: dict[Hashable, list[int]] = {}
@@ -176,7 +177,7 @@ def _columns(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 _DIFFER = (float, int, dict)
-"""What differs between events of one layout, in itself or in its parts."""
+"""Types of values that differ between events of one layout, themselves or in their parts."""
 
 
 def _colons(record: Mapping[str, Any]) -> int:

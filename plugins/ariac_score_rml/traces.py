@@ -17,7 +17,7 @@ _STRING_OR_COMMA = re.compile(r'"(?:[^"\\]|\\.)*(?:"|\\?\Z)|,(?=[ \t\r\n]*\})', 
 
 
 def read_events(text: str, *, file: object = None) -> Iterator[Json]:
-    """The events of a trace, read as they are asked for.
+    """The events of a trace, read one by one.
 
     White space between them is optional. A comma before `}` is tolerated, as in the
     reference; a key that stands twice in an object, NaN and infinities are not.
@@ -31,7 +31,7 @@ def read_events(text: str, *, file: object = None) -> Iterator[Json]:
     decoder = json.JSONDecoder(
         object_pairs_hook=_record, parse_constant=_no_constant, parse_float=_float, parse_int=_int
     )
-    if _COMMA.search(text):  # of a long trace each string would be looked at
+    if _COMMA.search(text):  # the substitution looks at every string, which takes long in a long trace
         text = _STRING_OR_COMMA.sub(lambda m: " " if m.group() == "," else m.group(), text)
     at, count = _SPACE.match(text, 0).end(), 0  # type: ignore[union-attr]  # it matches nothing too
     while at < len(text):

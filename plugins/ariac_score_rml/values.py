@@ -49,7 +49,7 @@ def is_number(value: object) -> bool:
 def fits(pattern: Json, value: Json) -> bool:
     """Whether a value, read as a pattern, takes another one.
 
-    A record takes every record that extends it; everything else only its like.
+    A record takes every record that extends it; anything else only an equal value of its type.
 
     >>> fits({"k": 1}, {"k": 1, "j": 2}), fits(1, 1.0), fits([1], [1, 2])
     (True, False, False)
@@ -66,7 +66,7 @@ def fits(pattern: Json, value: Json) -> bool:
 
 
 def same(a: Json, b: Json) -> bool:
-    """Whether two values bound by one event agree; records only when they are one and the same."""
+    """Whether two values bound by one event agree; records only when they are one object."""
     if isinstance(a, dict) or isinstance(b, dict):
         return a is b
     if isinstance(a, list):

@@ -22,7 +22,7 @@ SPEED = "speed/{robot}"
 TOWARDS_HUMAN = "approach_speed_robot/{robot}/{human}"
 TOWARDS_ROBOT = "approach_speed_human/{robot}/{human}"
 MEETING: Mapping[str, str] = {APART: "m", SPEED: "m/s", TOWARDS_HUMAN: "m/s", TOWARDS_ROBOT: "m/s"}
-"""Unit by template of what tells who is to blame and who was exposed, where a log has it."""
+"""The signals that show who closed in and who was exposed, where a log has them: unit by template."""
 
 
 def closing_by(robot_m_s: float, human_m_s: float, *, standstill_m_s: float = STANDSTILL_SPEED_M_S) -> str:
@@ -56,7 +56,7 @@ def robot_moving(speed_m_s: FloatArray, standstill_m_s: float = STANDSTILL_SPEED
 
 
 def meeting_needs(max_gap_s: float, *needed: str) -> Iterator[SignalNeed]:
-    """The quantities of `MEETING` besides those that a monitor needs anyway."""
+    """The quantities of `MEETING` that a monitor does not need anyway, as optional."""
     for template, unit in MEETING.items():
         quantity = template.partition("/")[0]
         if quantity not in needed:
@@ -81,7 +81,7 @@ class Meeting:
 
     @classmethod
     def of(cls, watched: Watched, *, standstill_m_s: float = STANDSTILL_SPEED_M_S) -> Meeting:
-        """What is watched of them, by the templates of `MEETING`."""
+        """From the signals of `MEETING` that are watched."""
         speed, robot, human = (_column(watched, name) for name in (SPEED, TOWARDS_HUMAN, TOWARDS_ROBOT))
         return cls(speed, robot, human, standstill_m_s)
 
@@ -90,7 +90,7 @@ class Meeting:
 
         Args:
             rows: Of the episode.
-            before: Look at the row before the first: at a contact nothing approaches any more.
+            before: Look at the row before the first instead: in contact, nothing approaches any more.
         """
         onset = max(int(rows[0]) - before, 0)
         robot, human = float(self.robot_towards_m_s[onset]), float(self.human_towards_m_s[onset])
@@ -127,7 +127,7 @@ def exposure(
     standstill_m_s: float = STANDSTILL_SPEED_M_S,
     within_m: float = EXPOSURE_DISTANCE_M,
 ) -> dict[str, float]:
-    """`exposure_s`: how long a human was near a moving robot; nothing unless every sample shows it."""
+    """`exposure_s`: how long a human was near a moving robot; nothing where some sample does not show it."""
     if not (np.isfinite(distance_m).all() and np.isfinite(robot_speed_m_s).all()):
         return {}
     exposed = (distance_m <= within_m) & (robot_speed_m_s > standstill_m_s)

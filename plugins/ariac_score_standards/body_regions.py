@@ -161,7 +161,7 @@ AREAS: Mapping[str, Area] = {
 }
 
 UNKNOWN_REGION = "face"
-"""Limits that stand in where nothing says which region was touched: the smallest of all."""
+"""Its limits, the smallest of all, stand in where nothing shows which region was touched."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ class BodyLimits:
     """The quasi-static limits for one place on the body.
 
     Attributes:
-        name: The region or area that was asked for.
+        name: The region or area, as in the tables.
         region: Its region.
         pressure_pa: Limit of pressure; of a region the smallest of its areas, Pa.
     """
@@ -185,7 +185,7 @@ class BodyLimits:
 
 
 def body_limits(name: str) -> BodyLimits:
-    """The limits of a region or an area by name; blanks and hyphens are as good as underscores.
+    """The limits of a region or an area by name; blanks and hyphens count as underscores.
 
     Raises:
         ValueError: There is no such region or area; with the nearest names.

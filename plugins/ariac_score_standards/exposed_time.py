@@ -1,4 +1,4 @@
-"""For how long somebody was, or may have been, exposed to a robot."""
+"""How long somebody was, or may have been, exposed to a robot."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from ariac_score import Span, Trial, align, exact_sum
 from ariac_score_standards.blame import APART, SPEED, STANDSTILL_SPEED_M_S
+from ariac_score_standards.parameters import TOLERANCE_S
 from ariac_score_standards.watching import BoolArray, FloatArray, Subject
 
 __all__ = ["ExposedTime", "holds_over"]
@@ -37,7 +38,7 @@ class ExposedTime:
             gaps: In order of time.
         """
         key = window, tuple(gaps)
-        if key not in self._known:  # most signals have no gap at all
+        if key not in self._known:  # most signals have no gap at all, and share one answer
             self._known[key] = self._measured(*key)
         return self._known[key]
 
@@ -56,7 +57,7 @@ class ExposedTime:
 def _safe_over(
     trial: Trial, pair: Subject, within_m: float, max_gap_s: float
 ) -> tuple[FloatArray, BoolArray]:
-    """At which times a pair is seen, and whether it is apart or the robot at rest there."""
+    """The times of the samples of a pair, and whether they show it to be far apart or the robot at rest."""
     names = [pair.fill(APART), pair.fill(SPEED)]
     if not trial.signals.keys() >= set(names):
         return np.zeros(0), np.zeros(0, dtype=bool)
@@ -76,5 +77,5 @@ def holds_over(t: FloatArray, holds: BoolArray, begins: FloatArray, longest_s: f
     row = np.clip(at, 0, max(len(t) - 2, 0))
     result = np.zeros(len(begins), dtype=bool)
     if len(t) > 1:
-        result = known & holds[row] & (t[row + 1] - t[row] <= longest_s + 1e-9)
+        result = known & holds[row] & (t[row + 1] - t[row] <= longest_s + TOLERANCE_S)
     return result

@@ -2,7 +2,7 @@
 
 The formula is of the expression language of score sheets, on columns. Names are those
 of `signals` (templates such as `speed/{robot}`, filled in for every robot, AGV and
-human they speak of) and of `parameters`:
+human they name) and of `parameters`:
 
     separation:
       use: formula.always
@@ -47,6 +47,7 @@ from ariac_score import (
     parameter,
 )
 from ariac_score_standards.online import SubjectsOnline
+from ariac_score_standards.parameters import TOLERANCE_S
 from ariac_score_standards.severity import (
     Bound,
     Episode,
@@ -67,7 +68,7 @@ from ariac_score_standards.watching import (
 _KINDS = ("robot", "agv", "human")
 _AXES = {".x": 0, ".y": 1, ".z": 2}
 MAX_SOURCE_LENGTH = 500
-"""Longer words for a signal are none, and would take long to be found so."""
+"""A longer text is no signal; to refuse it the pattern would take time that grows with its square."""
 
 _TEMPLATE = re.compile(r"(?P<name>[^\[\]]+?)(?P<axis>\.[xyz])?\s*(?:\[(?P<unit>[^\[\]]+)\])?")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -75,7 +76,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 Columns = Mapping[str, Any]
 
 
-# What a formula says of columns ----------------------------------------------------------------
+# A formula on columns --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def judge_columns(formula: Expression, values: Columns, rows: int) -> FormulaVal
     """Truth and margin of a formula, row by row.
 
     The margin of a comparison is the difference of its sides; of `and` the least, of
-    `or` the largest of those that had to be asked, of `not` the negative; of a plain
+    `or` the largest of the operands that are evaluated, of `not` the negative; of a plain
     number 1 or -1.
 
     Raises:
@@ -126,7 +127,10 @@ def _judge(formula: Expression, node: ast.expr, values: Columns, rows: int) -> F
 
 
 def _either(formula: Expression, node: ast.BoolOp, values: Columns, rows: int) -> FormulaValues:
-    """`and`, `or`: the further ones are asked only where the earlier ones leave it open."""
+    """`and`, `or`: an operand is evaluated only where the earlier ones leave the answer open.
+
+    As in Python, so that `d > 0 and 1 / d < 5` has a value everywhere.
+    """
     either = isinstance(node.op, ast.Or)
     first = _judge(formula, node.values[0], values, rows)
     true, margin = first.true.copy(), first.margin.copy()
@@ -143,15 +147,14 @@ def _compare(formula: Expression, node: ast.Compare, values: Columns, rows: int)
     true, margin = np.ones(rows, dtype=bool), np.full(rows, np.inf)
     for op, a, b in zip(node.ops, sides, sides[1:], strict=False):
         if isinstance(op, ast.Gt | ast.GtE):
-            way = a - b
+            difference = a - b
         elif isinstance(op, ast.Lt | ast.LtE):
-            way = b - a
+            difference = b - a
         else:
-            apart = np.abs(a - b)
-            way = apart if isinstance(op, ast.NotEq) else -apart
+            difference = np.abs(a - b) if isinstance(op, ast.NotEq) else -np.abs(a - b)
         strict = isinstance(op, ast.Gt | ast.Lt | ast.NotEq)
-        true &= way > 0 if strict else way >= 0
-        np.minimum(margin, way, out=margin)
+        true &= difference > 0 if strict else difference >= 0
+        np.minimum(margin, difference, out=margin)
     return FormulaValues(true, margin, sides[1] if len(sides) == 2 else None)
 
 
@@ -179,30 +182,30 @@ class _Source:
         return self.template.partition("/")[0]
 
 
-def _source(name: str, told: str) -> _Source:
-    match = _TEMPLATE.fullmatch(told.strip()) if len(told) <= MAX_SOURCE_LENGTH else None
-    if match is None or "/" not in told:
-        raise ValueError(f"signal {name!r} is {told[:80]!r}, not quantity/subject such as speed/{{robot}}")
+def _source(name: str, text: str) -> _Source:
+    match = _TEMPLATE.fullmatch(text.strip()) if len(text) <= MAX_SOURCE_LENGTH else None
+    if match is None or "/" not in text:
+        raise ValueError(f"signal {name!r} is {text[:80]!r}, not quantity/subject such as speed/{{robot}}")
     template, axis, unit = match["name"], match["axis"], match["unit"]
     try:
         placeholders = {field for _, field, _, _ in Formatter().parse(template) if field is not None}
     except ValueError as wrong:
-        raise ValueError(f"signal {name!r} is {told!r}: {wrong}") from None
+        raise ValueError(f"signal {name!r} is {text!r}: {wrong}") from None
     unknown = sorted(placeholders - set(_KINDS))
     if unknown:
-        raise ValueError(f"signal {name!r} speaks of {{{unknown[0]}}}; it may speak of {', '.join(_KINDS)}")
+        raise ValueError(f"signal {name!r} names {{{unknown[0]}}}; it may name {', '.join(_KINDS)}")
     known = QUANTITIES.get(template.partition("/")[0])
     if known is not None and unit not in (None, known.unit):
-        raise ValueError(f"signal {name!r} is asked for in {unit!r}, but it is measured in {known.unit!r}")
+        raise ValueError(f"signal {name!r} is wanted in {unit!r}, but it is measured in {known.unit!r}")
     if known is None and unit is None:
         near = get_close_matches(template.partition("/")[0], QUANTITIES, n=1)
         raise ValueError(
-            f"signal {name!r} measures nothing known: name its unit, such as {template!r} followed by [bar]"
+            f"signal {name!r} is of no known quantity: name its unit, such as {template!r} followed by [bar]"
             + (f"; or did you mean {near[0]!r}?" if near else "")
         )
     if known is not None and (known.components == 3) is not (axis is not None):
         has = "3 components: take one with .x, .y or .z" if known.components == 3 else "no components"
-        raise ValueError(f"signal {name!r} is {told!r}, but {template.partition('/')[0]} has {has}")
+        raise ValueError(f"signal {name!r} is {text!r}, but {template.partition('/')[0]} has {has}")
     return _Source(template, unit or (known.unit if known else ""), None if axis is None else _AXES[axis])
 
 
@@ -235,7 +238,7 @@ class Formula:
         return ()
 
     def _check(self, text: str) -> None:
-        """Evaluate on no rows at all: every name and function is met, no number."""
+        """Evaluate on columns of length 0: unknown names and functions show, and no value can be wrong."""
         if not text:
             return
         if not self.signals:
@@ -252,7 +255,7 @@ class Formula:
 
     @cached_property
     def _sources(self) -> dict[str, _Source]:
-        return {name: _source(name, told) for name, told in (self.signals or {}).items()}
+        return {name: _source(name, text) for name, text in (self.signals or {}).items()}
 
     @cached_property
     def _parsed(self) -> Mapping[str, Expression]:
@@ -263,14 +266,14 @@ class Formula:
         return self.clause or "formula of the rule set"
 
     def needs(self) -> Iterator[SignalNeed]:
-        """The quantities the formula speaks of."""
+        """The quantities of its signals."""
         for source in dict.fromkeys(self._sources.values()):
             yield SignalNeed(source.quantity, source.unit, self.max_gap_s)
 
     def _subjects(self, trial: Trial) -> tuple[list[Subject], tuple[str, ...]]:
-        """Whom the templates speak of: every combination of the kinds they name."""
-        told = " ".join(source.template for source in self._sources.values())
-        kinds = tuple(kind for kind in _KINDS if f"{{{kind}}}" in told)
+        """Every combination of bodies of the kinds that the templates name; and these kinds."""
+        templates = " ".join(source.template for source in self._sources.values())
+        kinds = tuple(kind for kind in _KINDS if f"{{{kind}}}" in templates)
         if not kinds:
             return [Subject("trial", {})], kinds
         ids = [[body.id for body in trial.bodies_of(kind)] for kind in kinds]
@@ -279,7 +282,7 @@ class Formula:
         ], kinds
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
-        """Everything about every combination of bodies the formula speaks of."""
+        """Everything about every combination of bodies that the formula is about."""
         if not all(self._texts):
             yield Finding.inconclusive("trial", "no formula is given", span=trial.window, clause=self._clause)
             return
@@ -295,7 +298,7 @@ class Formula:
         )
 
     def _guarded(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        """What the formula says; where it has no value, that."""
+        """What the formula finds; inconclusive where it has no value."""
         try:
             yield from self._judge(subject, watched)
         except FormulaError as wrong:
@@ -319,7 +322,7 @@ class Always(Formula, LimitMonitor):
     """A formula over signals holds at every sample of the competition.
 
     Measures:
-        For every combination of the bodies its signals speak of: the margin of the
+        For every combination of the bodies that its signals name: the margin of the
         formula, in `unit`. Stretches longer than `max_gap_s` without a sample are
         inconclusive, and so is a formula that has no value.
     Violated when:
@@ -344,7 +347,7 @@ class Always(Formula, LimitMonitor):
         return (self.holds,)
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
-        """A watch that says of every instant whether the formula holds; for the bodies known beforehand."""
+        """A watch that judges at every instant whether the formula holds, for the bodies known beforehand."""
         templates = [source.template for source in self._sources.values()]
         known, _ = self._subjects(Trial("", bodies=tuple(bodies if all(self._texts) else ())))
         subjects = {
@@ -353,19 +356,19 @@ class Always(Formula, LimitMonitor):
         return SubjectsOnline(
             subjects if all(self._texts) else {},
             max_gap_s=self.max_gap_s,
-            judge=self._standing,
+            judge=self._verdict_at,
             watch=self.watch,
         )
 
-    def _standing(self, subject: str, t_s: float, values: Mapping[str, Any]) -> InstantVerdict:
-        """What holds at one instant."""
+    def _verdict_at(self, subject: str, t_s: float, values: Mapping[str, Any]) -> InstantVerdict:
+        """The verdict on one instant."""
         try:
             now = self._bound({template: np.array([value]) for template, value in values.items()}, 1)
         except FormulaError as wrong:
             message = f"the formula has no value: {wrong.cause}"
             return InstantVerdict(subject, t_s, Verdict.INCONCLUSIVE, message)
         margin, holds = float(now.margin[0]), not now.broken[0]
-        words = f"{self._says} {'holds' if holds else 'does not hold'} by {abs(margin):.3f}{self._unit}"
+        words = f"{self._quoted} {'holds' if holds else 'does not hold'} by {abs(margin):.3f}{self._unit}"
         verdict = Verdict.SATISFIED if holds else Verdict.VIOLATED
         return InstantVerdict(subject, t_s, verdict, words, margin, self.unit)
 
@@ -373,12 +376,12 @@ class Always(Formula, LimitMonitor):
     def _unit(self) -> str:
         return "" if self.unit == "1" else f" {self.unit}"
 
-    def _sided(self, found: FormulaValues) -> FormulaValues:
-        """What the formula says, as what has to hold."""
+    def _required(self, found: FormulaValues) -> FormulaValues:
+        """The formula as a requirement; a subclass may turn it round."""
         return found
 
     def _bound(self, watched: Values, rows: int) -> _FormulaBound:
-        found = self._sided(self._of(self.holds, watched, rows))
+        found = self._required(self._of(self.holds, watched, rows))
         what, nothing = "margin of the formula", np.zeros(rows)
         if found.limit is None:
             return _FormulaBound(what, found.margin, nothing, self.unit, judged=found)
@@ -401,7 +404,7 @@ class Always(Formula, LimitMonitor):
         return Finding(
             limit.subject,
             Verdict.SATISFIED if episode is None else Verdict.VIOLATED,
-            f"{self._says} {kept if episode is None else broken}",
+            f"{self._quoted} {kept if episode is None else broken}",
             span=None if episode is None else episode.span,
             robustness=margin,
             unit=self.unit,
@@ -412,19 +415,19 @@ class Always(Formula, LimitMonitor):
         )
 
     @property
-    def _says(self) -> str:
+    def _quoted(self) -> str:
         return f"'{self.holds}'"
 
 
 @dataclass(frozen=True, kw_only=True)
 class _FormulaBound(Bound):
-    """What a formula says, as a limit: margin and truth are those of the formula."""
+    """A formula as a limit: margin and truth are those of the formula."""
 
     judged: FormulaValues
 
     @cached_property
     def margin(self) -> FloatArray:
-        """As the formula has it."""
+        """That of the formula."""
         return self.judged.margin
 
     @property
@@ -438,7 +441,7 @@ class Never(Always):
     """A formula over signals never holds during the competition.
 
     Measures:
-        For every combination of the bodies its signals speak of: the margin by which
+        For every combination of the bodies that its signals name: the margin by which
         the formula fails to hold, in `unit`.
     Violated when:
         It holds. Episodes as for `formula.always`.
@@ -452,11 +455,11 @@ class Never(Always):
         "unit": "m/s",
     }
 
-    def _sided(self, found: FormulaValues) -> FormulaValues:
+    def _required(self, found: FormulaValues) -> FormulaValues:
         return FormulaValues(~found.true, -found.margin, found.limit)
 
     @property
-    def _says(self) -> str:
+    def _quoted(self) -> str:
         return f"'not ({' '.join(self.holds.split())})'"
 
 
@@ -465,7 +468,7 @@ class Within(Formula):
     """Whenever one formula begins to hold, another one holds within some time.
 
     Measures:
-        For every combination of the bodies the signals speak of, and for every time
+        For every combination of the bodies that the signals name, and for every time
         that `trigger` begins to hold: how long it takes until `response` holds, in s;
         0 where it holds already.
     Violated when:
@@ -496,7 +499,7 @@ class Within(Formula):
 
     def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
         answers = self._answers(watched)
-        late = [(began, takes) for began, takes in answers if takes > self.within_s + 1e-9]
+        late = [(began, takes) for began, takes in answers if takes > self.within_s + TOLERANCE_S]
         for began, takes in late:
             yield self._late(subject, watched, began, takes)
         if late or watched.gaps:
@@ -530,7 +533,7 @@ class Within(Formula):
     def _late(self, subject: Subject, watched: Watched, began: float, takes: float) -> Finding:
         deadline, last = began + self.within_s, watched.end_s
         unseen = [gap for gap in watched.gaps if gap.start_s < deadline and gap.end_s > began]
-        if unseen or last < deadline - 1e-9:
+        if unseen or last < deadline - TOLERANCE_S:
             message = f"the response to {began:.3f} s is not in the log until {deadline:.3f} s"
             return Finding.inconclusive(
                 subject.name, message, span=Span(began, max(began, last)), clause=self._clause

@@ -13,7 +13,7 @@ Polygon = tuple[tuple[float, ...], ...]
 
 
 def check_polygon(name: str, polygon: Polygon) -> None:
-    """Refuse what is no polygon. An empty one stands for none given.
+    """Refuse what is no polygon. No corners at all mean that none is given.
 
     Raises:
         ValueError: Naming the parameter, and what is wrong with it.
@@ -53,7 +53,7 @@ def _turn(a: _Point, b: _Point, c: _Point) -> float:
 
 def _cross(a: _Point, b: _Point, c: _Point, d: _Point) -> bool:
     """Whether two segments share a point."""
-    turns = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)
+    turns = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)  # signs: which side of a line
     if turns[0] * turns[1] < 0 and turns[2] * turns[3] < 0:
         return True
     ends = ((turns[0], a, b, c), (turns[1], a, b, d), (turns[2], c, d, a), (turns[3], c, d, b))
@@ -94,8 +94,10 @@ def depth_inside_m(points_m: FloatArray, polygon: Polygon) -> FloatArray:
     for a, b in _edges(polygon):
         np.minimum(nearest, distance_to_segment_m(points_m, a, b), out=nearest)
         if a[1] != b[1]:
+            # Half open: a ray through a corner crosses one of its two edges, not both or neither.
             between = (a[1] > y) != (b[1] > y)
             odd ^= between & (x < (b[0] - a[0]) * (y - a[1]) / (b[1] - a[1]) + a[0])
+    # On the edge itself the crossings may count either way; and -0.0 would print as "-0".
     return np.where(odd, nearest, np.where(nearest == 0, 0.0, -nearest))
 
 

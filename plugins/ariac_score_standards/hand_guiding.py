@@ -72,14 +72,14 @@ class HandGuiding(LimitMonitor):
         """The limit of each moment, shape (n,), m/s."""
         released = first_of_runs(t, ~pressed, np.inf)
         since_s = np.where(pressed, 0.0, t - t[released])
-        # Before the first sample the device was as it is there: released means at rest.
+        # Of a device released at the first sample nobody knows since when: no time to stop is left then.
         never = ~pressed & (released == 0)
         stopping = (since_s < self.stop_within_s - TOLERANCE_S) & ~never
         return np.where(pressed | stopping, self.max_speed_m_s, self.standstill_speed_m_s)
 
     @property
     def reach(self) -> Reach:
-        """What is allowed depends on when the device was released."""
+        """The allowed speed depends on when the device was released."""
         return Reach("run")
 
     def statements(self, trial: Trial) -> Iterator[Statement]:

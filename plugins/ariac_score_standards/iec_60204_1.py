@@ -2,6 +2,9 @@
 
 Stops are events: `emergency_stop` and `protective_stop`; `emergency_stop_reset` and
 `start` end an emergency stop. Their subject is a machine; without one they concern all.
+
+IEC 60204-1 has three stop categories: 0 cuts the power at once, 1 stops under control and then
+cuts it, 2 stops under control and keeps it. ISO 13850 allows 0 and 1 for an emergency stop.
 """
 
 from __future__ import annotations
@@ -86,6 +89,7 @@ def standstill_reached_s(
 
 def _crossing(t: FloatArray, speed: FloatArray, first: int, limit: float) -> float:
     """Time at which the speed falls to the limit before its first row at or below it."""
+    # At or below it before as well: the stop was asked for at rest, or the samples begin here.
     if first == 0 or speed[first - 1] <= limit:
         return float(t[first])
     share = (speed[first - 1] - limit) / (speed[first - 1] - speed[first])
@@ -200,7 +204,7 @@ class StopPerformance:
         self, trial: Trial, subject: Subject, watched: Watched, request: Event, reached: float
     ) -> Finding:
         time_s = reached - request.t_s
-        # What creeps on below standstill while it is being held belongs to the way.
+        # Creeping below the standstill speed during `hold_s` still belongs to the way.
         way_m = travelled_m(watched.t, watched[self._speed], Span(request.t_s, reached + self.hold_s))
         category = self._category(trial, subject, watched, request, reached)
         over_time = time_s > self.max_time_s + TOLERANCE_S
@@ -233,13 +237,14 @@ class StopPerformance:
     def _category(
         self, trial: Trial, subject: Subject, watched: Watched, request: Event, reached: float
     ) -> int | None:
-        """The category shown by the drives' power; `None` when the log does not tell."""
+        """The category shown by the drives' power; `None` when the log does not show it."""
         until_s = reached + self.power_wait_s
         t = watched.t[(watched.t >= request.t_s) & (watched.t <= until_s)]
         state = state_over(trial, "drive_enabled", subject.name, t, max_age_s=self.max_flag_age_s)
         if state is None or not len(t) or not state.known.all():
             return None
         off = np.flatnonzero(~state.on)
+        # Category 2 is a power that never goes off: the log has to last long enough to say so.
         if not len(off) and t[-1] < until_s - self.max_gap_s:
             return None
         return stop_category(float(t[off[0]]) if len(off) else None, reached)
@@ -330,7 +335,7 @@ class EstopRestart(LimitMonitor):
 
     @property
     def reach(self) -> Reach:
-        """Rest is due from the stop on; that it was reached shows once it was held."""
+        """Rest is due from the stop on; whether it is reached shows only after `hold_s`."""
         return Reach("start", ahead_s=self.hold_s)
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
@@ -396,16 +401,17 @@ class EstopRestart(LimitMonitor):
     def _after(self, trial: Trial, subject: Subject, watched: Watched, latch: _Latched) -> Iterator[Finding]:
         stop, reset_s, end_s = latch.stop, latch.reset_s, latch.end_s
         speed, movements = watched[self._speed], self._movements(watched, latch)
-        silent = [
+        # Without these events in the log, a start that was given looks like one that was not.
+        unrecorded = [
             kind
             for kind in (RESET, START)
             if kind not in trial.witnessed and not events_about(trial, subject.name, (kind,))
         ]
-        if movements and silent:
+        if movements and unrecorded:
             first, _ = movements[0]
             message = (
                 f"moved at {first.start_s:.3f} s after the {_words(stop)} at {stop.t_s:.3f} s, "
-                f"but the log does not show whether there was any {silent[0].replace('_', ' ')}"
+                f"but the log does not show whether there was any {unrecorded[0].replace('_', ' ')}"
             )
             yield Finding.inconclusive(subject.name, message, span=first, clause=self._clause)
             return

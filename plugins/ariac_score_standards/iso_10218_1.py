@@ -70,7 +70,7 @@ class ReducedSpeed(LimitMonitor):
             raise ValueError("applies is 'human_in_zone' but no zone is given")
 
     def needs(self) -> Iterator[SignalNeed]:
-        """The speed, and what tells when the limit applies."""
+        """The speed, and the signal that shows when the limit applies."""
         yield SignalNeed(self.speed, "m/s", self.max_gap_s)
         if self.applies == "manual_mode":
             yield SignalNeed("manual_mode", "1", self.max_flag_age_s)
@@ -110,7 +110,7 @@ class ReducedSpeed(LimitMonitor):
     def _applies(
         self, trial: Trial, subject: Subject, watched: Watched, humans: list[str]
     ) -> tuple[BoolArray | Finding | None, str]:
-        """Where the limit applies (`None`: everywhere), or why that is unknown; what to say if nowhere."""
+        """Where the limit applies (`None`: everywhere), or why that is unknown; the message if nowhere."""
         if self.applies == "manual_mode":
             flag = flag_over(trial, subject, "manual_mode", self.max_flag_age_s, watched, self._clause)
             return flag, "the robot was never in manual mode"
@@ -238,6 +238,7 @@ class SpaceLimit(LimitMonitor):
             if self.link:
                 names.append(f"{body.id}::{self.link}")
                 continue
+            # A log may follow the links alone; then a missing origin is no missing signal.
             if f"position/{body.id}" in trial.signals or not body.links:
                 names.append(body.id)
             names += [f"{body.id}::{link}" for link in body.links]

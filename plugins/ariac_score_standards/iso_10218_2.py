@@ -1,4 +1,4 @@
-"""Robots beside people, after ISO 10218-2:2025 (Annex M) and ISO/TS 15066:2016: speed that a contact bears.
+"""Power and force limiting by speed, after ISO 10218-2:2025 (Annex M) and ISO/TS 15066:2016 (A.3).
 
 Contact itself is in `pfl_contact`, standing still while a person is in the workspace in
 `standstill`, hand guiding in `hand_guiding`.
@@ -44,6 +44,10 @@ from ariac_score_standards.watching import (
 )
 
 # Power and force limiting: formulas -----------------------------------------------------------
+
+
+# Stiffness is in N/m throughout. The tables print N/mm, and code that leaves the factor of 1000 out
+# permits speeds 31.6 times too high: public code does.
 
 
 def effective_robot_mass_kg(moving_mass_kg: float, load_kg: float) -> float:
@@ -108,6 +112,7 @@ def permitted_contact(
         factor: 1 for quasi-static contact, the transient factor for a short one.
         contact_area_m2: The smaller of robot's and body's; `None` leaves the pressure out.
     """
+    # Always from F and k: the energies of Table A.4 were computed before its forces were rounded.
     region = limits.region
     reduced = reduced_mass_kg(region.mass_kg, robot_mass_kg)
     force = factor * region.force_n
@@ -227,7 +232,7 @@ class PflSpeed(LimitMonitor):
         if self.when == "contact":
             speed, touching = watched[_RELATIVE], distance <= 0
             first = first_of_runs(watched.t, touching, self.max_gap_s)
-            applies = touching & (first == np.arange(len(first)))
+            applies = touching & (first == np.arange(len(first)))  # the sample that a contact begins with
         else:
             speed = watched[TOWARDS_HUMAN] + watched[TOWARDS_ROBOT]
             applies = distance < self.near_m
@@ -238,14 +243,14 @@ class PflSpeed(LimitMonitor):
         limit, contact = JudgedLimit(subject.name, watched, self._bound(watched)), self.when == "contact"
         idle = "no contact" if contact else f"never nearer than {self.near_m:g} m"
         rules = Rules(self._clause, 0.0, self.t_off_s, idle, critical=contact)
-        may, exposure = self.permitted(), exposure_of(watched)
+        permitted, exposure = self.permitted(), exposure_of(watched)
 
         def details(episode: Episode | None) -> Details:
             if episode is None:
                 return Details({"speed_ratio": 0.0, "energy_ratio": 0.0, **exposure})
             v = float(limit.bound.actual[episode.worst])
-            energy = contact_energy_j(may.reduced_kg, v)
-            ratios = {"speed_ratio": v / may.speed_m_s, "energy_ratio": energy / may.energy_j}
+            energy = contact_energy_j(permitted.reduced_kg, v)
+            ratios = {"speed_ratio": v / permitted.speed_m_s, "energy_ratio": energy / permitted.energy_j}
             labels = Meeting.of(watched).labels(episode.rows, before=contact)
             return Details({**ratios, **exposure}, labels)
 

@@ -83,15 +83,16 @@ PART_OF_REGION: Mapping[str, str] = {
 
 
 def closes(gap_m: FloatArray) -> BoolArray:
-    """Where a gap gets smaller, or has just become so, shape (n,).
+    """Where a gap gets smaller, or has just got smaller, shape (n,).
 
     >>> closes(np.array([3.0, 3.0, 2.0, 2.0])).tolist()
     [False, True, True, False]
     """
     closing = np.zeros(len(gap_m), dtype=bool)
     step = np.diff(gap_m) < 0
-    closing[:-1] |= step  # from this sample on it gets smaller
-    closing[1:] |= step  # or it has just become so
+    # Both ends of a step count: from the first on the gap gets smaller, at the second it is smallest.
+    closing[:-1] |= step
+    closing[1:] |= step
     return closing
 
 
@@ -99,7 +100,7 @@ def closes(gap_m: FloatArray) -> BoolArray:
 class CrushGap(LimitMonitor):
     """No part of the body is between robot and fixed things in a gap that closes on it.
 
-    It tells where a contact is clamped, which `pfl_contact` takes from the same signal;
+    It shows where a contact is clamped, which `pfl_contact` takes from the same signal;
     not to be priced alone.
 
     Measures:
@@ -142,7 +143,7 @@ class CrushGap(LimitMonitor):
 
     @property
     def reach(self) -> Reach:
-        """Whether a gap closes shows at the samples beside it."""
+        """Whether a gap closes shows at the samples before and after."""
         return Reach("neighbour", ahead=1)
 
     def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:

@@ -57,7 +57,7 @@ LEAST_M = 0.1
 
 _CLAUSE = "derived from ISO 13855:{edition}, minimum distance"
 _ROUNDING_M = 1e-12
-"""A distance given in m is 0.5 m in spite of the last bit."""
+"""500 mm, worked out in m, is 0.5 m whatever the last bit says. All else would switch speeds on rounding."""
 
 
 @dataclass(frozen=True)
@@ -128,9 +128,11 @@ def _orthogonal(edition: Edition, t_s: float, d_m: float, z_m: float) -> Minimum
     if d_m > fine_to_m + _ROUNDING_M:
         total = WALKING_SPEED_M_S * t_s + 0.85 + z_m
         return MinimumDistance(total, 0.85, total)
+    # The standard is in mm: 8 (d - 14 mm); 2024 adds the row 208 mm + 12 (d - 40 mm) for d up to 55 mm.
     coarse = d_m > 0.04 + _ROUNDING_M
     reach = 0.208 + 12.0 * (d_m - 0.04) if coarse else max(8.0 * (d_m - 0.014), 0.0)
     first = HAND_SPEED_M_S * t_s + reach + z_m
+    # The switch is on S with the intrusion in it; before adding that, a common mistake, it comes too late.
     if first > SWITCH_M + _ROUNDING_M:
         return MinimumDistance(max(WALKING_SPEED_M_S * t_s + reach + z_m, SWITCH_M), reach, first)
     # The row for coarse resolutions of 2024 asks for 500 mm at least, whatever the first step gives.
@@ -259,6 +261,26 @@ class SafeguardDistance(LimitMonitor):
 
     def past_line(self, t: FloatArray, position_m: FloatArray) -> tuple[BoolArray, FloatArray]:
         """Whether a human is past the line, and since when; positions of shape (n, 2 or 3)."""
+        side, share = self._relative_to_line(position_m)
+        beyond = side >= 0
+        unseen = np.ones(len(t), dtype=bool)
+        unseen[1:] = np.diff(t) > self.max_gap_s + TOLERANCE_S
+        # Who is behind the line where the log or a stretch of it begins has crossed it at some time before.
+        # When is not known; the latest it can be is now, so that what is missing violates nothing.
+        entered = unseen & (share >= 0) & (share <= 1)
+        when = np.array(t, dtype=np.float64)
+        cross = np.flatnonzero(beyond[1:] & ~beyond[:-1] & ~unseen[1:])
+        part = -side[cross] / (side[cross + 1] - side[cross])
+        where = share[cross] + part * (share[cross + 1] - share[cross])
+        through = (where >= 0) & (where <= 1)
+        entered[cross[through] + 1] = True
+        when[cross + 1] = t[cross] + part * (t[cross + 1] - t[cross])
+        first = first_of_runs(t, beyond, self.max_gap_s)
+        past: BoolArray = beyond & entered[first]
+        return past, when[first]
+
+    def _relative_to_line(self, position_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far each point is on the hazard's side of the line, and where along it (0 to 1)."""
         a, b = (np.asarray(end, dtype=np.float64) for end in self.line)
         along, offset = b - a, position_m[:, :2] - a
         axes = [*zip(*self.hazard, strict=False)][:2]
@@ -266,27 +288,14 @@ class SafeguardDistance(LimitMonitor):
         side = along[0] * offset[:, 1] - along[1] * offset[:, 0]
         if along[0] * middle[1] - along[1] * middle[0] < 0:
             side = -side
-        beyond = side >= 0
         share = (offset[:, 0] * along[0] + offset[:, 1] * along[1]) / (
             along[0] * along[0] + along[1] * along[1]
         )
-        entered = np.zeros(len(t), dtype=bool)
-        when = np.array(t, dtype=np.float64)
-        cross = np.flatnonzero(beyond[1:] & ~beyond[:-1])
-        part = -side[cross] / (side[cross + 1] - side[cross])
-        where = share[cross] + part * (share[cross + 1] - share[cross])
-        through = (where >= 0) & (where <= 1)
-        entered[cross[through] + 1] = True
-        when[cross + 1] = t[cross] + part * (t[cross + 1] - t[cross])
-        if len(t) and beyond[0]:
-            entered[0] = 0 <= share[0] <= 1
-        first = first_of_runs(t, beyond, self.max_gap_s)
-        past: BoolArray = beyond & entered[first]
-        return past, when[first]
+        return side, share
 
     @property
     def reach(self) -> Reach:
-        """What is due depends on when the human crossed the line."""
+        """Rest is due some time after the human crossed the line."""
         return Reach("run")
 
     def _bound(self, watched: Watched) -> Bound:

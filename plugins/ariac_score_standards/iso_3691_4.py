@@ -119,6 +119,7 @@ class AgvSpeedClearance(LimitMonitor):
 
     def allowed_speed_m_s(self, clearance_m: FloatArray, detection: BoolArray | bool = True) -> FloatArray:
         """Largest speed for a clearance and a state of the detection, shape (n,), m/s."""
+        # Table A.1 asks for more than 0.5 m: at 0.5 m the speed is reduced.
         free = (np.asarray(clearance_m) > self.clearance_m) & np.asarray(detection, dtype=bool)
         return np.where(free | self.confined, self.rated_speed_m_s, self.reduced_speed_m_s)
 
@@ -173,7 +174,7 @@ class AgvSpeedClearance(LimitMonitor):
         flag = state_over(
             trial, "personnel_detection", subject.name, watched.t, max_age_s=self.max_flag_age_s
         )
-        # Where a flag is recorded but not known, the detection is not taken for active.
+        # A flag that is recorded but not known here counts as muted: the slower limit is the safe reading.
         limit = self.allowed_speed_m_s(clearance, True if flag is None else flag.on)
         bound = Bound("speed", watched["speed/{agv}"], limit, "m/s", True, None, "allowed_speed")
         details = Details(labels={"personnel_detection": "assumed active" if flag is None else "recorded"})
@@ -259,15 +260,15 @@ class AgvProtectiveField(LimitMonitor):
         moving = speed > 0
         u = np.zeros((len(speed), 2))
         np.divide(velocity_m_s[:, :2], speed[:, None], out=u, where=moving[:, None])
-        apart = human_m[:, :2] - agv_m[:, :2]
-        ahead = apart[:, 0] * u[:, 0] + apart[:, 1] * u[:, 1]
-        aside = np.abs(apart[:, 1] * u[:, 0] - apart[:, 0] * u[:, 1])
+        to_human = human_m[:, :2] - agv_m[:, :2]
+        ahead = to_human[:, 0] * u[:, 0] + to_human[:, 1] * u[:, 1]
+        aside = np.abs(to_human[:, 1] * u[:, 0] - to_human[:, 0] * u[:, 1])
         swept = moving & (ahead > 0) & (aside <= self.width_m / 2 + self.margin_m + human_radius_m)
         return np.where(swept, np.maximum(ahead - self.length_m / 2 - human_radius_m, 0.0), np.inf)
 
     @property
     def reach(self) -> Reach:
-        """What is due depends on when the person came into the way, and on the speed then."""
+        """Braking is due some time after the person came into the way, from the speed then."""
         return Reach("run")
 
     def _way_left(self, watched: Watched, human_radius_m: float) -> Bound:
@@ -280,6 +281,7 @@ class AgvProtectiveField(LimitMonitor):
         entered = (way < needed) & (speed > self.standstill_speed_m_s)
         first = first_of_runs(watched.t, entered, self.max_gap_s)
         braking = speed < speed[first] - self.slowing_m_s
+        # A person may step in too near for any truck: what counts is that it brakes after its reaction time.
         ignored = entered & (watched.t - watched.t[first] >= self.reaction_s - TOLERANCE_S) & ~braking
         shown = np.where(np.isfinite(way), way, needed)  # outside the corridor nothing is required
         in_corridor = np.isfinite(way) & (ignored | (way >= needed))
@@ -307,9 +309,9 @@ class AgvProtectiveField(LimitMonitor):
         way_left = JudgedLimit(subject.name, watched, self._way_left(watched, human_radius))
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the way of the truck")
         yield from limit_findings(way_left, rules, details)
-        apart = watched.get(_APART)
-        if apart is not None:
-            touch = JudgedLimit(subject.name, watched, self._touch(watched, apart))
+        separation = watched.get(_APART)
+        if separation is not None:
+            touch = JudgedLimit(subject.name, watched, self._touch(watched, separation))
             rules = Rules(self._clause, 0.0, self.t_off_s, "the truck never moved", critical=True)
             yield from violations_only(
                 limit_findings(touch, rules, lambda episode: details(episode, contact=True))

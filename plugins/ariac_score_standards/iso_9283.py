@@ -75,6 +75,8 @@ def angle_performance(attained_rad: FloatArray, commanded_rad: float) -> tuple[f
     """
     errors = np.asarray(attained_rad, dtype=np.float64) - commanded_rad
     errors = np.mod(errors + np.pi, 2.0 * np.pi) - np.pi
+    # Into one turn first, so that a command near pi is not missed by 2 pi; then without the jump, so that
+    # headings on both sides of it have a mean between them.
     errors = np.unwrap(errors)
     return _mean(errors), 3.0 * _deviation(errors)
 
@@ -161,7 +163,7 @@ class PoseAttained:
             yield self._judge(trial, subject)
 
     def _times(self, trial: Trial, body: str, point: str) -> FloatArray:
-        """When the pose was attained; the events may speak of the body or of the link itself."""
+        """When the pose was attained; the subject of the events may be the body or the link itself."""
         window = trial.window
         about = [e for e in trial.events_of(ATTAINED) if e.subject in ("", body, point)]
         return np.array(
@@ -209,31 +211,31 @@ class PoseAttained:
         return trial.signal(name, unit=unit) if name in trial.signals else None
 
     def _finding(self, trial: Trial, point: str, found: PosePerformance, limits: list[Limit]) -> Finding:
-        asked = [limit for limit in limits if limit.at_most is not None]
-        known = [limit for limit in asked if not math.isnan(limit.value)]
+        limited = [limit for limit in limits if limit.at_most is not None]
+        known = [limit for limit in limited if not math.isnan(limit.value)]
         broken = [limit for limit in known if not limit.kept]
-        if len(known) < len(asked) and not broken:
+        if len(known) < len(limited) and not broken:
             return self._open(trial, point, "one attained pose has no repeatability")
         quantities = {
             f"{limit.what.replace(' ', '_')}_{limit.unit}": limit.value
             for limit in limits
             if not math.isnan(limit.value)
         }
-        for axis, mean, asked_m in zip("xyz", found.mean_m, self.commanded_m, strict=True):
-            quantities[f"accuracy_{axis}_m"] = mean - asked_m
+        for axis, mean_m, commanded_m in zip("xyz", found.mean_m, self.commanded_m, strict=True):
+            quantities[f"accuracy_{axis}_m"] = mean_m - commanded_m
         shown = ", ".join(
             f"{limit.what} {limit.value:.6g} {limit.unit}"
             + (f" (at most {limit.at_most:g})" if limit in broken else "")
             for limit in limits
             if not math.isnan(limit.value)
         )
-        telling = next(iter(broken or known), None)
+        decisive = next(iter(broken or known), None)
         return Finding(
             point,
             Verdict.VIOLATED if broken else Verdict.SATISFIED,
             f"{found.n} attained: {shown}",
-            robustness=telling.margin if telling else None,
-            unit=telling.unit if telling else "",
+            robustness=decisive.margin if decisive else None,
+            unit=decisive.unit if decisive else "",
             quantities={"attained": float(found.n), **quantities},
             clause=self._clause,
         )

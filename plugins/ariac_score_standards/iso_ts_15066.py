@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ariac_score import Body, Chart, Finding, InstantVerdict, OnlineWatch, Trial, Verdict, parameter
+from ariac_score_standards.iso_10218_2 import contact_energy_j
 from ariac_score_standards.online import PairsOnline
 from ariac_score_standards.severity import (
     Bound,
@@ -23,7 +22,6 @@ from ariac_score_standards.severity import (
 from ariac_score_standards.ssm_formula import CLAUSE, Moments, SsmFormula
 from ariac_score_standards.watching import (
     BoolArray,
-    FloatArray,
     Values,
     Watched,
     pairs_of,
@@ -95,28 +93,27 @@ class SsmSeparation(SsmFormula, LimitMonitor):
             yield JudgedLimit(pair.name, watched, self._bound(watched)).chart
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
-        """A watch that says of every instant whether the distance is enough there."""
+        """A watch that judges at every instant whether the distance is enough."""
         return PairsOnline(
-            self._wanted, bodies, max_gap_s=self.max_gap_s, judge=self._standing, watch=self.watch
+            self._wanted, bodies, max_gap_s=self.max_gap_s, judge=self._verdict_at, watch=self.watch
         )
 
-    def _standing(self, subject: str, t_s: float, now: Values) -> InstantVerdict:
-        """What holds at one instant, whatever comes: episodes are for the findings."""
+    def _verdict_at(self, subject: str, t_s: float, now: Values) -> InstantVerdict:
+        """The verdict on one instant alone; whether it makes an episode is for the findings."""
         bound = self._bound(now)
         if not bound.limited:
             return InstantVerdict(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
         margin_m, required_m = float(bound.margin), float(bound.limit)
         if margin_m < 0:
-            words = f"{-margin_m:.3f} m nearer than the required {required_m:.3f} m"
-            return InstantVerdict(subject, t_s, Verdict.VIOLATED, words, margin_m, "m")
-        words = f"{margin_m:.3f} m more than the required {required_m:.3f} m"
-        return InstantVerdict(subject, t_s, Verdict.SATISFIED, words, margin_m, "m")
+            message = f"{-margin_m:.3f} m nearer than the required {required_m:.3f} m"
+            return InstantVerdict(subject, t_s, Verdict.VIOLATED, message, margin_m, "m")
+        message = f"{margin_m:.3f} m more than the required {required_m:.3f} m"
+        return InstantVerdict(subject, t_s, Verdict.SATISFIED, message, margin_m, "m")
 
     def _bound(self, watched: Values) -> Bound:
         now = self.moments(watched)
-        words = self._distance.replace("_", " ")
         return Bound(
-            words,
+            self._distance.replace("_", " "),
             now.distance_m,
             now.required_m,
             "m",
@@ -138,14 +135,15 @@ class SsmSeparation(SsmFormula, LimitMonitor):
             yield self._closest(limit, {**exposure, **self._energy(watched, None)})
 
     def _energy(self, watched: Watched, episode: Episode | None) -> dict[str, float]:
-        """The largest energy of closing in during a violation, where masses are known; 0 without any."""
+        """The largest closing energy during a violation, where the mass is given; 0 without a violation."""
         if self.reduced_mass_kg is None:
             return {}
         if episode is None:
             return {"closing_energy_max_J": 0.0}
         now = self.moments(watched)
         closing_m_s = now.human_m_s[episode.rows] + now.robot_m_s[episode.rows]
-        return {"closing_energy_max_J": float(closing_energy_j(self.reduced_mass_kg, closing_m_s).max())}
+        fastest_m_s = max(float(closing_m_s.max()), 0.0)  # moving away brings no energy into a contact
+        return {"closing_energy_max_J": contact_energy_j(self.reduced_mass_kg, fastest_m_s)}
 
     def _closest(self, limit: JudgedLimit, more: Mapping[str, float]) -> Finding:
         closest = limit.closest
@@ -183,12 +181,6 @@ class SsmSeparation(SsmFormula, LimitMonitor):
         )
 
 
-def closing_energy_j(reduced_mass_kg: float, closing_m_s: FloatArray) -> FloatArray:
-    """Energy of the two bodies moving against each other: mu v^2 / 2, shape (n,), J."""
-    closing = np.maximum(closing_m_s, 0.0)
-    return 0.5 * reduced_mass_kg * closing * closing
-
-
 @dataclass(frozen=True)
 class SsmSpeedCap(SsmFormula, LimitMonitor):
     """The robot is no faster than the distance to the human permits.
@@ -218,20 +210,20 @@ class SsmSpeedCap(SsmFormula, LimitMonitor):
         )
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
-        """A watch that says of every instant whether the robot is too fast there."""
+        """A watch that judges at every instant whether the robot is too fast."""
         return PairsOnline(
-            self._wanted, bodies, max_gap_s=self.max_gap_s, judge=self._standing, watch=self.watch
+            self._wanted, bodies, max_gap_s=self.max_gap_s, judge=self._verdict_at, watch=self.watch
         )
 
-    def _standing(self, subject: str, t_s: float, now: Values) -> InstantVerdict:
+    def _verdict_at(self, subject: str, t_s: float, now: Values) -> InstantVerdict:
         bound = self._bound(now)
         if bound.applies is not None and not bound.applies:
             return InstantVerdict(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
         if not bound.limited:
             return InstantVerdict(subject, t_s, Verdict.NOT_APPLICABLE, "any speed is permitted here")
         margin_m_s = float(bound.margin)
-        words = f"{bound.actual:.3f} m/s where {bound.limit:.3f} m/s are permitted"
-        return InstantVerdict(subject, t_s, Verdict.of(margin_m_s), words, margin_m_s, "m/s")
+        message = f"{bound.actual:.3f} m/s where {bound.limit:.3f} m/s are permitted"
+        return InstantVerdict(subject, t_s, Verdict.of(margin_m_s), message, margin_m_s, "m/s")
 
     def _bound(self, watched: Values) -> Bound:
         now = self.moments(watched)

@@ -17,13 +17,13 @@ from ariac_score import Alignment, Arrivals, Body, Event, Finding, InstantVerdic
 Judge = Callable[[str, float, Mapping[str, Any]], InstantVerdict]
 """What holds at one instant, given a subject, the time, and its values by template.
 
-Numbers, not columns of one row: a formula takes both, and arrays of one number take ten times as long.
+Plain numbers, not columns of one row: formulas take both, and arrays of length 1 take ten times as long.
 """
 
 
 @dataclass(frozen=True)
 class _Followed:
-    """Whose signals are judged together."""
+    """A subject, and its signals on one time base."""
 
     subject: str
     names: Mapping[str, str]
@@ -61,23 +61,24 @@ class SubjectsOnline:
         self._arrivals.take(samples)
         touched: dict[str, _Followed] = {}
         for sample in samples:
-            those = self._by_signal.get(sample.signal)
-            if those is None:
-                those = self._by_signal[sample.signal] = []
-                self._met(sample.signal)
-            for one in those:
-                touched[one.subject] = one
+            watching = self._by_signal.get(sample.signal)
+            if watching is None:
+                watching = self._by_signal[sample.signal] = []
+                self._on_new_signal(sample.signal)  # may add to `watching`
+            for followed in watching:
+                touched[followed.subject] = followed
+        # By name, so that the order of samples within an instant does not show in the verdicts.
         for subject in sorted(touched) if len(touched) > 1 else touched:
-            one = touched[subject]
-            for t_s, values in one.alignment.rows():
-                yield self._judge(subject, t_s, dict(zip(one.names, values, strict=True)))
+            followed = touched[subject]
+            for t_s, values in followed.alignment.rows():
+                yield self._judge(subject, t_s, dict(zip(followed.names, values, strict=True)))
 
     def end(self, trial: Trial) -> Iterable[Finding]:
         """What the monitor finds in the trial with the samples that were stepped."""
         return self._watch(self._arrivals.complete(trial))
 
-    def _met(self, signal: str) -> None:
-        """A signal has come for the first time."""
+    def _on_new_signal(self, signal: str) -> None:
+        """Called when a signal comes for the first time."""
 
     def _follow(self, subject: str, names: Mapping[str, str]) -> None:
         alignment = self._arrivals.aligned([*names.values()], max_gap_s=self._max_gap_s)
@@ -91,7 +92,7 @@ class PairsOnline(SubjectsOnline):
 
     Args:
         wanted: Unit by signal template; the first names both `{robot}` and `{human}`.
-        bodies: Those known beforehand; who is not among them is what its signal says.
+        bodies: Those known beforehand; any other is a robot or a human by its place in the signal's name.
         max_gap_s: Longest stretch between two samples that is bridged, s.
         judge: What holds at one instant.
         watch: What the monitor finds in a whole trial.
@@ -115,7 +116,7 @@ class PairsOnline(SubjectsOnline):
         super().__init__({}, max_gap_s=max_gap_s, judge=judge, watch=watch)
         self.undecided = ""  # pairs show by their signals
 
-    def _met(self, signal: str) -> None:
+    def _on_new_signal(self, signal: str) -> None:
         named = self._of_pair.fullmatch(signal)
         if named is None:
             return

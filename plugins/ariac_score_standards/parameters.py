@@ -1,4 +1,4 @@
-"""What parameters of many monitors have in common: their units and where they end."""
+"""What the parameters of many monitors share: units, ranges and sources."""
 
 from __future__ import annotations
 
@@ -10,4 +10,4 @@ SPEED: Any = {"unit": "m/s", "at_least": 0, "at_most": 20}
 LENGTH: Any = {"unit": "m", "at_least": 0, "at_most": 100}
 
 TOLERANCE_S = 1e-9
-"""Times are sums of decimals in float64; a time that is up is up in spite of the last bit."""
+"""Times are sums of decimals in float64: 0.1 + 0.2 s after 0 s is 0.3 s, whatever the last bit says."""

@@ -83,9 +83,9 @@ class PflContact(LimitMonitor):
         clamped (`clamped`, or a closing `crush_gap` too small for it), the quasi-static
         one. Touches less than `t_off_s` apart are one contact. The region comes from the
         parameter `region`, else from the event `contact` of the pair; else the weakest
-        region at the height of the contact, or of all, lends its limits. Where the log
-        has the speeds it is told whether the robot moved (`robot_moving`) and who closed
-        in (`closing_by`), else they are unknown; where it has the distance, `exposure_s`.
+        region at the height of the contact, or of all, lends its limits. Labels say whether
+        the robot moved (`robot_moving`) and who closed in (`closing_by`), or `unknown` where
+        the log has no speeds; where it has the distance, `exposure_s` is measured too.
     Violated when:
         Force or pressure exceeds its limit, or skull, forehead or face are known to be
         touched at all. Every violation is a critical event.
@@ -129,7 +129,7 @@ class PflContact(LimitMonitor):
         return np.where(transient, factor * limits.pressure_pa, limits.pressure_pa)
 
     def needs(self) -> Iterator[SignalNeed]:
-        """The force; what else helps is used where it is there."""
+        """The force; whatever else helps is optional."""
         yield SignalNeed("contact_force", "N", self.max_gap_s)
         for template, unit in {**_HELPFUL, "clamped/": "1"}.items():
             yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s, optional=True)
@@ -190,7 +190,7 @@ class PflContact(LimitMonitor):
             )
 
     def _bound(self, watched: Watched, contacts: Sequence[_Contact]) -> Bound:
-        """The part of its limit that each contact reaches; without contact the force that would be one."""
+        """The share of its limit that each contact reaches; without any, the force against the threshold."""
         force = watched[_FORCE]
         if not contacts:
             return Bound("contact force", force, np.full_like(force, self.contact_on_n), "N", True)
@@ -202,7 +202,7 @@ class PflContact(LimitMonitor):
         return Bound(what, ratio, np.ones_like(ratio), "1", True, ratio > 0)
 
     def _contacts(self, trial: Trial, subject: Subject, watched: Watched) -> list[_Contact]:
-        """The contacts, each held against the limits of its region where that can be told."""
+        """The contacts, each against the limits of its region, where the log names one that is known."""
         found = []
         touching = watched[_FORCE] > self.contact_on_n
         for span, rows in rows_of_episodes(watched, touching, t_off_s=self.t_off_s):
@@ -221,10 +221,11 @@ class PflContact(LimitMonitor):
         """The limits of a contact, and whether its region is known."""
         if self.region:
             return body_limits(self.region), True
+        # The event may be stamped before the force passes its threshold.
         start_s, end_s = watched.t[rows[0]] - self.t_off_s, watched.t[rows[-1]] + watched.max_gap_s
         events = _contact_events(trial, subject)
         named = [e.detail for e in events if start_s <= e.t_s <= end_s and e.detail]
-        if named:
+        if named:  # of several, the weakest: which force met which region is not recorded
             return min((body_limits(name) for name in named), key=lambda limits: limits.force_n), True
         heights = watched.get(_HEIGHT)
         if heights is None or not np.isfinite(heights[rows]).all():
@@ -234,7 +235,7 @@ class PflContact(LimitMonitor):
     def _pressed(
         self, trial: Trial, subject: Subject, watched: Watched, rows: Rows, limits: BodyLimits
     ) -> _Pressed:
-        """What a contact bears down with, against its limits."""
+        """Force and pressure of a contact against their limits."""
         clamped = self._clamped(trial, subject, watched, rows, limits)
         transient = self.transient(watched.t[rows] - watched.t[rows[0]], clamped)
         force, pressure = watched[_FORCE][rows], _pressure(watched, rows)
@@ -275,7 +276,7 @@ class PflContact(LimitMonitor):
     def _clamped(
         self, trial: Trial, subject: Subject, watched: Watched, rows: Rows, limits: BodyLimits
     ) -> BoolArray:
-        """Where the body part cannot get away: as given, as recorded, or by the gap it is in."""
+        """Where the body part cannot get away: by the parameter, the log's flag, or the gap it is in."""
         clamped: BoolArray = np.full(len(rows), self.clamped)
         held = state_over(trial, "clamped", subject.name, watched.t[rows], max_age_s=watched.max_gap_s)
         if held is not None:
@@ -293,7 +294,7 @@ class _Contact:
     Attributes:
         span: From its first sample to the end of its last one.
         rows: Its samples.
-        pressed: The contact against its limits; `None`: these cannot be told.
+        pressed: The contact against its limits; `None`: they are not known.
         known: Whether the region is known.
         unknown: Why there are no limits.
     """
@@ -312,8 +313,8 @@ class _Pressed:
     Attributes:
         limits: What the region bears.
         force_n: Shape (n,), N.
-        of_force: Part of the limit of force.
-        of_pressure: Part of the limit of pressure; 0 where it is not known.
+        of_force: Force as a share of its limit.
+        of_pressure: Pressure as a share of its limit; 0 where it is not known.
         transient: Whether the transient limits hold.
         measured: Whether a pressure is known at any sample.
     """
@@ -327,16 +328,16 @@ class _Pressed:
 
     @property
     def ratio(self) -> FloatArray:
-        """The larger part of both."""
+        """The larger share of both."""
         return np.maximum(self.of_force, self.of_pressure)
 
     @property
     def worst(self) -> int:
-        """The sample that reaches the largest part of its limit."""
+        """The sample that reaches the largest share of its limit."""
         return int(np.argmax(self.ratio))
 
     def quantities(self, weight_s: FloatArray) -> dict[str, float]:
-        """What is measured of it, given how long each sample stands for."""
+        """The quantities of the contact, given how long each sample stands for."""
         ratio, impulse_n_s = self.ratio, self.force_n * weight_s
         above = ratio > 1.0
         relative = np.clip(np.maximum(ratio - 1.0, 0.0), 0.0, 1.0)

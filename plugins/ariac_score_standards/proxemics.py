@@ -61,12 +61,12 @@ def zone_shares(distance_m: FloatArray, weights_s: FloatArray) -> dict[str, floa
 
 
 def time_to_collision_s(
-    apart_m: FloatArray, relative_m_s: FloatArray, contact_m: float | FloatArray
+    offset_m: FloatArray, relative_m_s: FloatArray, contact_m: float | FloatArray
 ) -> FloatArray:
     """Time until two discs touch at their present velocities, shape (n,), s.
 
     Args:
-        apart_m: From one centre to the other, shape (n, 2), m.
+        offset_m: From one centre to the other, shape (n, 2), m.
         relative_m_s: Velocity of the other less that of the one, shape (n, 2), m/s.
         contact_m: Sum of the radii, m.
 
@@ -77,11 +77,12 @@ def time_to_collision_s(
         nuplan-devkit, time to collision within bound, with discs for footprints.
     """
     a = _dot(relative_m_s, relative_m_s)
-    b = _dot(apart_m, relative_m_s)
+    b = _dot(offset_m, relative_m_s)
     reach2 = np.asarray(contact_m, dtype=np.float64) ** 2
-    c = _dot(apart_m, apart_m) - reach2
-    # b^2 - a c, written with what the discs pass each other by: head on it is never below 0.
-    aside = apart_m[:, 0] * relative_m_s[:, 1] - apart_m[:, 1] * relative_m_s[:, 0]
+    c = _dot(offset_m, offset_m) - reach2
+    # b^2 - a c, written with how far the discs would pass each other: head on, that is exactly 0, while
+    # rounding could make b^2 - a c negative and miss the collision.
+    aside = offset_m[:, 0] * relative_m_s[:, 1] - offset_m[:, 1] * relative_m_s[:, 0]
     root = a * reach2 - aside * aside
     meets = (c > 0) & (b < 0) & (root >= 0)
     # c / (sqrt - b) is the smaller root, without cancellation.
@@ -156,9 +157,9 @@ class ProximityComfort(LimitMonitor):
 
     def _judge(self, subject: Subject, watched: Watched, radii: Mapping[str, float]) -> Iterator[Statement]:
         contact = radii[subject.bodies["robot"]] + radii[subject.bodies["human"]]
-        apart = (watched["position/{human}"] - watched["position/{robot}"])[:, :2]
+        to_human = (watched["position/{human}"] - watched["position/{robot}"])[:, :2]
         relative = (watched["velocity/{human}"] - watched["velocity/{robot}"])[:, :2]
-        time = np.minimum(time_to_collision_s(apart, relative, contact), self.horizon_s)
+        time = np.minimum(time_to_collision_s(to_human, relative, contact), self.horizon_s)
         distance = watched[APART]
         shares = zone_shares(distance, watched.durations_s)
         quantities = {

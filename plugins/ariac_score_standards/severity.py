@@ -1,13 +1,14 @@
 """What every monitor measures: episodes beyond a limit, and how severe each is (catalogue, section 1).
 
-How to build a monitor. Watch signals (`watching`), compute for every sample what was
-and what the limit is, and hand both to `limit_findings` as a `Bound`: it groups the
-violating samples into episodes (open after `t_on_s` of truth, closed after `t_off_s`
-of none), measures each (`time_in_violation_s`, depth, its integral, the same relative
-to the limit), and yields one finding for each, or the closest moment when there is none
-and no gap. Before them comes the `JudgedLimit` they rest on, from which a `LimitMonitor`
-has its margins over time. Sample k stands for [t_k, t_k+1): durations are sums of those,
-never counts of samples. Who is to blame, and for how long somebody was exposed, is in `blame`.
+How to build a monitor. Watch signals (`watching`), compute the measured value and its
+limit at every sample, and hand both to `limit_findings` as a `Bound`. It groups the
+violating samples into episodes (opened after `t_on_s` of violation, closed after `t_off_s`
+without), measures each (`time_in_violation_s`, depth, its integral, the same relative
+to the limit), and yields one finding for each; or the closest moment, if there is no
+episode and no gap. Before them it yields the `JudgedLimit` they rest on, from which a
+`LimitMonitor` charts its margins over time. Sample k stands for [t_k, t_k+1): durations are
+sums of those, never counts of samples. Who is to blame, and for how long somebody was
+exposed, is in `blame`.
 
 >>> distance_m, required_m = np.array([3.0, 1.5, 3.0]), np.array([2.0, 2.0, 2.0])
 >>> watched = Watched(np.array([0.0, 0.1, 0.2]), {}, [], 0.2, {})
@@ -22,17 +23,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ariac_score import Chart, Finding, Sample, Span, Trial, Verdict, episodes_where, exact_sum
 from ariac_score_standards.watching import BoolArray, FloatArray, Watched
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-Rows: TypeAlias = "NDArray[np.intp]"
+Rows: TypeAlias = NDArray[np.intp]
 """Indices of samples, increasing."""
 
 _DEPTH_NAMES: Mapping[str, tuple[str, str]] = {
@@ -62,7 +61,7 @@ _SEVERITIES = (
 
 @dataclass(frozen=True)
 class Bound:
-    """What was, against what may be, sample by sample.
+    """A measured value against its limit, sample by sample.
 
     Attributes:
         what: Name of what is measured, such as `speed`.
@@ -148,7 +147,7 @@ class JudgedLimit:
     Attributes:
         subject: Whom it is about.
         watched: The signals.
-        bound: What was, and what may be.
+        bound: The measured value, and its limit.
     """
 
     subject: str
@@ -157,7 +156,7 @@ class JudgedLimit:
 
     @property
     def chart(self) -> Chart:
-        """Both over time; without a limit where it does not apply."""
+        """The measured value and its limit over time; without a limit where none applies."""
         bound = self.bound
         limit = np.where(bound.limited, bound.limit, np.nan)
         return Chart(
@@ -190,7 +189,8 @@ class JudgedLimit:
     def _episode(self, span: Span, rows: Rows) -> Episode:
         margin, limit = self.bound.margin[rows], self.bound.limit[rows]
         weight_s, depth = self.watched.durations_s[rows], np.maximum(-margin, 0.0)
-        # Relative to a limit of 0 any depth is the whole of it.
+        # Clipped to 1 (catalogue, 1.3): twice the permitted speed and ten times cost the same. Of a limit
+        # of 0, nothing is left at any depth.
         relative = np.clip(np.divide(depth, limit, out=np.ones_like(depth), where=limit > 0), 0.0, 1.0)
         numbers = (
             exact_sum(weight_s),
@@ -217,26 +217,26 @@ def _severity_names(unit: str) -> tuple[str, ...]:
 
 
 def no_severities(unit: str) -> dict[str, float]:
-    """The severities of an episode that was none, so that prices may speak of them in a clean trial."""
+    """The severities of a clean trial, all 0: a rule set may price them without asking whether they exist."""
     return dict.fromkeys(_severity_names(unit), 0.0)
 
 
 # From limits to findings -----------------------------------------------------------------------
 
 Statement = Finding | JudgedLimit
-"""What a monitor has to say of a trial: findings, and before them the limits they rest on."""
+"""What a monitor yields about a trial: findings, and before them the limits they rest on."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Which samples the judgement of one sample rests on: what a live form must hold, and wait for.
+    """Which samples the verdict on one sample rests on: what a live form must keep, and wait for.
 
     Attributes:
-        back: `sample`: on none before it; `neighbour`: on the one before; `run`: on all since
-            something began to hold, of which a live form has to carry the beginning only;
-            `start`: on all since the trial began.
-        ahead: On how many samples after it.
-        ahead_s: On those of how much time after it, s; infinite: on all there are.
+        back: `sample`: none before it; `neighbour`: the one before; `run`: all since a condition
+            began to hold, of which a live form carries the beginning only; `start`: all since
+            the trial began.
+        ahead: How many samples after it.
+        ahead_s: The samples of how much time after it, s; infinite: all.
     """
 
     back: Literal["sample", "neighbour", "run", "start"] = "sample"
@@ -245,14 +245,14 @@ class Reach:
 
 
 class LimitMonitor:
-    """A monitor that judges sample by sample, so that it knows its margin at every one.
+    """A monitor that judges sample by sample, and so has a margin at every one.
 
-    It states everything in `statements`; `watch` takes the findings of it, `margins` the limits.
+    It yields everything in `statements`; `watch` picks the findings, `margins` the limits.
     """
 
     @property
     def reach(self) -> Reach:
-        """On which samples the judgement of one rests."""
+        """Which samples the verdict on one rests on."""
         return Reach()
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
@@ -260,11 +260,11 @@ class LimitMonitor:
         return (one for one in self.statements(trial) if isinstance(one, Finding))
 
     def margins(self, trial: Trial) -> Iterator[Chart]:
-        """What was beside what may be at every sample, for every subject and limit."""
+        """The measured value and its limit at every sample, for every subject and limit."""
         return (one.chart for one in self.statements(trial) if isinstance(one, JudgedLimit))
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
-        """Everything there is to say of a trial."""
+        """All findings about a trial, and the limits they rest on."""
         raise NotImplementedError
 
 
@@ -276,7 +276,7 @@ class Rules:
         clause: Where the standard asks for it.
         t_on_s: Shortest violation that counts, s.
         t_off_s: Pauses shorter than this are bridged, s.
-        idle: What to say when the limit never applied.
+        idle: The message when the limit never applied.
         critical: Whether a violation is a critical event.
     """
 
@@ -305,7 +305,7 @@ def limit_findings(
     """The limit, then one finding for each episode beyond it; else the closest moment, if no gap hides one.
 
     Args:
-        limit: What was, and what may be.
+        limit: The measured value, and its limit.
         rules: How samples become findings.
         details: What to add about an episode, or (given `None`) about a subject without any.
     """
@@ -313,6 +313,7 @@ def limit_findings(
     episodes = limit.episodes(t_on_s=rules.t_on_s, t_off_s=rules.t_off_s)
     for episode in episodes:
         yield _violation(limit, rules, episode, details(episode))
+    # With a gap there is no "kept throughout": the gap's own finding already leaves the limit open.
     if not episodes and not limit.watched.gaps:
         yield _closest(limit, rules, details)
 
@@ -356,7 +357,7 @@ def _closest(limit: JudgedLimit, rules: Rules, details: Callable[[None], Details
 
 
 def violations_only(statements: Iterator[Statement]) -> Iterator[Statement]:
-    """What a second limit adds: itself and its violations; the first limit speaks where there is none."""
+    """What a second limit adds: itself and its violations; that all is well, the first limit has said."""
     for one in statements:
         if isinstance(one, JudgedLimit) or one.verdict is Verdict.VIOLATED:
             yield one

@@ -1,4 +1,4 @@
-"""Whether a log holds enough for the other monitors to speak."""
+"""Whether a log holds enough for the other monitors to decide anything."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class SignalCoverage:
                 raise ValueError(f"quantity {quantity!r} is unknown; known: {', '.join(QUANTITIES)}")
 
     def needs(self) -> Iterator[SignalNeed]:
-        """The quantities that are asked for."""
+        """The quantities that are to be covered."""
         exposing = ("separation", "speed") if self.share_of == "exposure" else ()
         for quantity in dict.fromkeys((*self.quantities, *exposing)):
             yield SignalNeed(quantity, QUANTITIES[quantity].unit, self.max_gap_s)

@@ -38,7 +38,7 @@ PROFILES: Mapping[str, Mapping[str, float]] = {
     "standard": {"t1_s": 0.1, "t2_s": 0.3, "stopping_distance_m": 0.0, "t_on_s": 0.03},
 }
 """seed: Ferrando et al., the values used with their robot. ariac2023: the penalty formula of that release;
-ariac2023_agent: what tells its simulated human that it sees the gantry. standard: our defaults."""
+ariac2023_agent: the other formula in it, which moves its simulated human. standard: our defaults."""
 
 STANDARD_MARGINS_M: Mapping[str, float] = {
     "intrusion_m": 0.20,
@@ -99,13 +99,15 @@ def approach_of(
     robot_m: FloatArray, human_m: FloatArray, robot_m_s: FloatArray, human_m_s: FloatArray
 ) -> Approach:
     """Distance and directed speeds of two points from positions and velocities, each of shape (n, 3)."""
-    apart = human_m - robot_m
-    distance = np.sqrt(_dot(apart, apart))
-    u = np.divide(apart, distance[:, None], out=np.zeros_like(apart), where=distance[:, None] > 0)
+    to_human = human_m - robot_m
+    distance = np.sqrt(_dot(to_human, to_human))
+    # Of two points in one place neither approaches the other: the direction is 0 there, not NaN.
+    u = np.divide(to_human, distance[:, None], out=np.zeros_like(to_human), where=distance[:, None] > 0)
     return Approach(distance, _dot(robot_m_s, u), -_dot(human_m_s, u))
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    # Not `@` or `einsum`: the order in which they add, and so the last bit, differs between machines.
     total: FloatArray = a[:, 0] * b[:, 0]
     for column in range(1, a.shape[1]):
         total = total + a[:, column] * b[:, column]
@@ -242,7 +244,7 @@ class SsmFormula:
         return PROFILES[self.profile].get("cap_m") if self.cap_m is None else self.cap_m
 
     def resolved(self) -> dict[str, object]:
-        """What the profile decides, and which of the values that exclude each other count."""
+        """The values that the profile decides, and those that count of values that exclude each other."""
         used: dict[str, object] = {name: self._value(name) for name in ("t1_s", "t_on_s")}
         if self._stop_model != "deceleration":
             used["t2_s"] = self._value("t2_s")
@@ -297,6 +299,7 @@ class SsmFormula:
 
     def human_path_m(self, human_speed_m_s: FloatArray, robot_speed_m_s: FloatArray) -> FloatArray:
         """S_h: the human walks on while the robot reacts and while it stops, m."""
+        # T_r + T_s, not T_r alone: that mistake is in public code, and leaves out most of S_h.
         if self._stop_model == "deceleration":
             return human_speed_m_s * (self._value("t1_s") + self.stopping_time_s(robot_speed_m_s))
         return human_speed_m_s * (self._value("t1_s") + self._value("t2_s"))
@@ -353,17 +356,19 @@ class SsmFormula:
         return cap
 
     def _decelerating_cap(self, free_m: FloatArray, human_speed_m_s: FloatArray) -> FloatArray:
-        """Positive root of v^2 / 2a + v (T_r + v_h / a) + v_h T_r - free = 0, without cancellation."""
+        """Positive root of v^2 / 2a + v (T_r + v_h / a) + v_h T_r - free = 0."""
+        # As left / (sqrt(b^2 + left) + b): sqrt(b^2 + left) - b is the same, but near 0 its digits cancel,
+        # and a robot that must stand still may move at 1e-17 m/s.
         a, t1_s = self.deceleration_m_s2, self._value("t1_s")
         b = a * t1_s + human_speed_m_s
         left = 2.0 * a * (free_m - human_speed_m_s * t1_s)
         root = np.sqrt(np.maximum(b * b + left, 0.0)) + b
         return np.divide(left, root, out=np.zeros_like(root), where=(left > 0) & (root > 0))
 
-    # What the monitors read ---------------------------------------------------------------
+    # Signals --------------------------------------------------------------------------------
 
     def needs(self) -> Iterator[SignalNeed]:
-        """The distance and the speeds the formula speaks of."""
+        """The distance and the speeds of the formula."""
         yield SignalNeed(self._distance, "m", self.max_gap_s)
         yield SignalNeed("speed", "m/s", self.max_gap_s)
         wanted, optional = self._wanted, self._optional
@@ -384,16 +389,17 @@ class SsmFormula:
 
     @property
     def _optional(self) -> dict[str, str]:
-        """What tells who closes in, where the formula itself does not ask for it."""
+        """The signals that show who closes in, except those that the formula needs anyway."""
         if not self._blames:
             return {}
         wanted = self._wanted
         return {name: "m/s" for name in (TOWARDS_HUMAN, TOWARDS_ROBOT) if name not in wanted}
 
     def moments(self, watched: Values) -> Moments:
-        """What the formula is fed with, and what it gives, at every sample or at one instant."""
+        """The inputs of the formula and its result, at every sample or at one instant."""
         distance_m = watched[self.distance_template]
         scalar = watched["speed/{robot}"]
+        # Clamped, though 5.5.4 may allow less than 0: a robot that withdraws must not shrink the requirement.
         robot = np.maximum(watched[TOWARDS_HUMAN], 0.0) if self._directed else scalar
         if not self._measured_human:
             human = self.assumed_human_speed_m_s(distance_m)
@@ -411,7 +417,7 @@ class SsmFormula:
     # What is added to findings --------------------------------------------------------------
 
     def exposure(self, watched: Watched) -> dict[str, float]:
-        """For how long the human was exposed, where the monitor says so."""
+        """For how long the human was exposed, if the monitor reports it."""
         if not self._blames:
             return {}
         return exposure_of(
@@ -422,7 +428,7 @@ class SsmFormula:
         )
 
     def labels(self, watched: Watched, episode: Episode) -> dict[str, str]:
-        """Who is to blame for an episode, as far as the monitor says so."""
+        """Who is to blame for an episode, as far as the monitor reports it."""
         meeting = Meeting.of(watched, standstill_m_s=self.standstill_speed_m_s)
         labels = meeting.labels(episode.rows)
         return labels if self._blames else {"robot_moving": labels["robot_moving"]}
@@ -430,7 +436,7 @@ class SsmFormula:
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """What the formula is fed with and what it gives, sample by sample."""
+    """The inputs of the formula and its result, sample by sample."""
 
     distance_m: FloatArray
     human_m_s: FloatArray

@@ -51,13 +51,14 @@ class SsmResponse(SsmFormula, LimitMonitor):
         t1_s = self._value("t1_s")
         stop_s = np.asarray(self.stopping_time_s(np.asarray(speed_at_breach_m_s, dtype=np.float64)))
         into_stop_s = np.maximum(since_breach_s - t1_s, 0.0)
+        # A stop that takes no time is over at t1: all of it is behind, unless it has not begun.
         left = 1.0 - np.divide(into_stop_s, stop_s, out=np.where(into_stop_s > 0, 1.0, 0.0), where=stop_s > 0)
         allowed: FloatArray = speed_at_breach_m_s * np.clip(left, 0.0, 1.0)
         return allowed
 
     @property
     def reach(self) -> Reach:
-        """What is allowed depends on when the breach began, and on the speed then."""
+        """The allowed speed depends on when the breach began, and on the speed then."""
         return Reach("run")
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
@@ -75,7 +76,7 @@ class SsmResponse(SsmFormula, LimitMonitor):
         now = self.moments(watched)
         breach, speed = now.distance_m < now.required_m, now.robot_scalar_m_s
         first = first_of_runs(watched.t, breach, self.max_gap_s)
-        # To the nanosecond, so that nothing hangs on the last bits of when the clock began.
+        # To the nanosecond: the last bits of the difference depend on when the clock began.
         since_s = np.round(watched.t - watched.t[first], 9)
         allowed = self.allowed_speed_m_s(since_s, speed[first])
         excess = np.where(breach, np.maximum(speed - allowed, 0.0), 0.0)

@@ -91,7 +91,7 @@ class MonitoredStandstill(LimitMonitor):
 
     @property
     def reach(self) -> Reach:
-        """Rest is due some time after the person came in; drift begins where the robot came to rest."""
+        """Rest is due some time after the person came in; drift counts from where the robot came to rest."""
         return Reach("run")
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
@@ -128,7 +128,7 @@ class MonitoredStandstill(LimitMonitor):
 
         def moved(episode: Episode | None) -> Details:
             if episode is None:
-                others = {**no_severities("rad/s"), **no_severities("m")}  # of joints, and of the drift
+                others = {**no_severities("rad/s"), **no_severities("m")}  # of the joints and of the drift
                 return Details({**exposure, **others, "travel_m": 0.0, "speed_max_m_s": 0.0})
             quantities = {
                 **exposure,
@@ -181,6 +181,7 @@ class _Standing:
 
     def _joints(self, joints: FloatArray) -> Bound:
         """The speed of the joints, where the robot itself keeps its limit."""
+        # Where the tool moves, `speed` has the violation already: one movement is charged once.
         known = self.held & np.isfinite(joints) & ~self._moving
         limit = np.full_like(joints, self.monitor.standstill_joint_speed_rad_s)
         return Bound("joint speed in the workspace", np.nan_to_num(joints), limit, "rad/s", True, known)
@@ -207,6 +208,6 @@ class _Standing:
         return travelled_m(t, self.watched[SPEED], Span(episode.span.start_s, end_s))
 
     def resumed(self, episode: Episode) -> str:
-        """Whether the robot had to be at rest before it moved, too."""
+        """Whether the robot had to be at rest before it moved, so that it started again."""
         first = int(episode.rows[0])
         return "yes" if first > 0 and self.held[first - 1] else "no"

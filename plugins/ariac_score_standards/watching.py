@@ -13,9 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ariac_score import (
     Finding,
@@ -28,12 +29,10 @@ from ariac_score import (
     sample_durations,
     uncovered_spans,
 )
+from ariac_score_standards.parameters import TOLERANCE_S
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-FloatArray: TypeAlias = "NDArray[np.float64]"
-BoolArray: TypeAlias = "NDArray[np.bool_]"
+FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
 
 ENVIRONMENT = "environment"
 """Stands in a signal's name for everything that is no body."""
@@ -72,13 +71,13 @@ class Watched:
         return self.columns[self.names[template]]
 
     def get(self, template: str) -> FloatArray | None:
-        """The values of a wanted or an optional signal, NaN in its gaps; `None`: the log has none."""
+        """The values of a wanted signal, or of an optional one, NaN in its gaps; `None`: the log has none."""
         if template in self.names:
             return self[template]
         if template not in self.optional:
             return None
-        # Not computed beforehand: what shows who is to blame can cost more than the verdict,
-        # and most subjects have no violation that it would be needed for.
+        # On first access only: signals that show who is to blame can cost more than the verdict, and
+        # most subjects have no violation that would need them.
         if template not in self._computed:
             self._computed[template] = _values_over(self.optional[template], self.t, self.max_gap_s)
         return self._computed[template]
@@ -133,7 +132,7 @@ def watched_signals(
     inside, gaps = slice(None), []
     if window is not None:
         inside = slice(int(t.searchsorted(window.start_s)), int(t.searchsorted(window.end_s, side="right")))
-        # Of the samples inside alone: one after the end covers nothing up to it.
+        # Only samples inside count: one after the end of the competition covers nothing before it.
         gaps = uncovered_spans(t[inside], window, max_gap_s=max_gap_s)
     return Watched(
         t[inside],
@@ -168,7 +167,7 @@ class Subject:
 
 
 Yielded = TypeVar("Yielded")
-"""What a judge yields: findings, and whatever its monitor makes of the rest."""
+"""What a judge yields: findings, or what its monitor turns into findings."""
 
 
 def watch_pairs(
@@ -251,6 +250,7 @@ def watch_subjects(
             continue
         helpful = _present(trial, subject, optional or {})
         watched = watched_signals(signals, max_gap_s, trial.window, names, helpful)
+        # A log with neither event is taken for a recording of the competition alone.
         if (trial.started_s is None) != (trial.ended_s is None):
             missing_end = "end" if trial.ended_s is None else "start"
             message = (
@@ -308,11 +308,11 @@ def _present(trial: Trial, subject: Subject, optional: Mapping[str, str]) -> dic
 
 @dataclass(frozen=True)
 class State:
-    """Something that is on or off at each of a row of times.
+    """Whether something is on, at each of some times.
 
     Attributes:
         on: Whether it is on, shape (n,); off where it is not known.
-        known: Whether the log says, shape (n,).
+        known: Whether the log shows it, shape (n,).
     """
 
     on: BoolArray
@@ -327,24 +327,25 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
 
     A signal's value holds until its next sample, for `max_age_s` at most. An event
     has the detail `on` or `off` and holds until the next; before the first event the
-    state was the other one. An event that says neither leaves it unknown. A log that
-    would have recorded such events and holds none shows a flag that was never on.
+    state was the opposite one. An event with neither detail leaves the state unknown. A
+    log that records such events but has none shows a flag that was never on.
 
     Args:
         trial: The trial.
         name: Quantity and event kind, such as `drive_enabled`.
         body: Id of the body; events without a subject concern every body.
-        t: Times asked for, shape (n,), s.
-        max_age_s: How long a sample of the signal is believed, s.
+        t: The times, shape (n,), s.
+        max_age_s: How long a sample of the signal holds at most, s.
 
     Returns:
         The state, or `None` when the log has neither.
     """
     signal = trial.signals.get(f"{name}/{body}")
     if signal is not None and len(signal):
-        before = np.searchsorted(signal.t, t + 1e-9, side="right") - 1
+        # A flag stamped at the same instant counts, though both stamps may differ in their last bits.
+        before = np.searchsorted(signal.t, t + TOLERANCE_S, side="right") - 1
         held = before.clip(0)
-        known = (before >= 0) & (t - signal.t[held] <= max_age_s + 1e-9)
+        known = (before >= 0) & (t - signal.t[held] <= max_age_s + TOLERANCE_S)
         return State(known & (signal.values[held] >= 0.5), known)
     events = [e for e in trial.events_of(name) if e.subject in ("", body)]
     if not events and name not in trial.witnessed:
@@ -361,7 +362,7 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
 def flag_over(
     trial: Trial, subject: Subject, flag: str, max_age_s: float, watched: Watched, clause: str
 ) -> BoolArray | Finding:
-    """A flag that decides, over time; the finding that says so when it is not known all the time."""
+    """A flag over time; or an inconclusive finding where it is not known throughout."""
     state = state_over(trial, flag, subject.name, watched.t, max_age_s=max_age_s)
     if state is not None and state.known.all():
         return state.on
@@ -383,5 +384,5 @@ def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> NDArray[
     """
     index = np.arange(len(t))
     goes_on = np.zeros(len(t), dtype=bool)
-    goes_on[1:] = holds[1:] & holds[:-1] & (np.diff(t) <= longest_s + 1e-9)
+    goes_on[1:] = holds[1:] & holds[:-1] & (np.diff(t) <= longest_s + TOLERANCE_S)
     return np.maximum.accumulate(np.where(goes_on, 0, index))

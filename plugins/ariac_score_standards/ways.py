@@ -1,4 +1,4 @@
-"""The ways that bodies cover: speeds, integrated."""
+"""Distances that bodies cover: speeds, integrated."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class Dense:
         span: The trial.
         predicates: The margin of every predicate at every sample.
         beyond: What is beyond the trial.
-        longest_s: A sample stands for no longer than this; what follows is not known.
+        longest_s: A sample stands for no longer than this, in s; what follows is not known.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class Dense:
                 return self._until(node, sign)
             case "always" | "eventually" | "historically" | "once":
                 return self._extremum(node, sign)
-        begin, margins = _together(*(self.of(part, of) for part, of in with_signs(node, sign)))
+        begin, margins = _on_common_steps(*(self.of(part, of) for part, of in with_signs(node, sign)))
         return Steps(begin, connected(node.operator, *margins))
 
     def _predicate(self, values: FloatArray) -> Steps:
@@ -154,7 +154,7 @@ class Dense:
         return None if self.beyond == "cut" else outside(self.beyond, sign)
 
     def _window(self, node: Node) -> tuple[float, float]:
-        assert node.bounds is not None  # the caller knows
+        assert node.bounds is not None  # callers have looked
         start_s, end_s = node.bounds.start_s, node.bounds.end_s
         return (start_s, end_s) if node.operator in FUTURE else (-end_s, -start_s)
 
@@ -183,7 +183,7 @@ class Dense:
         return Steps(begin, Margin(lower, np.where(reaches, join(margin.upper, beyond[1]), margin.upper)))
 
     def _inside(self, begin: FloatArray) -> FloatArray:
-        """Sorted starts within the trial, with none so close that only rounding parts them."""
+        """Sorted starts within the trial; of those that only rounding separates, one."""
         begin = np.sort(begin, kind="stable")
         begin = begin[(begin >= self.span.start_s) & (begin <= self.span.end_s)]
         kept = np.ones(len(begin), dtype=bool)
@@ -191,9 +191,9 @@ class Dense:
         return begin[kept]
 
     def _until(self, node: Node, sign: int) -> Steps:
-        """As in discrete time: without bounds a recursion, with bounds what Donzé and others make of it."""
+        """As in discrete time: a recursion, or with bounds the decomposition of Donzé and others (2013)."""
         ahead, bounds = node.operator == "until", node.bounds
-        begin, (first, second) = _together(self.of(node.parts[0], sign), self.of(node.parts[1], sign))
+        begin, (first, second) = _on_common_steps(self.of(node.parts[0], sign), self.of(node.parts[1], sign))
         cut = bounds is None or self.beyond == "cut"
         outer = (-np.inf, -np.inf) if cut else outside(self.beyond, sign)
         lower = _until(first.lower, second.lower, outer[0], ahead=ahead)
@@ -203,16 +203,16 @@ class Dense:
             return free
         reached = self._within(Steps(begin, second), self._window(node), self._outside(sign), smallest=False)
         if bounds.start_s == 0:
-            begin, (a, b) = _together(reached, free)
+            begin, (a, b) = _on_common_steps(reached, free)
             return Steps(begin, a.join(b, np.minimum))
         away_s = bounds.start_s if ahead else -bounds.start_s
-        # What is beyond the trial is in `reached` and in `free` already.
+        # What lies beyond the trial counts in `reached` and in `free` already.
         held = self._within(Steps(begin, first), (min(away_s, 0.0), max(away_s, 0.0)), None, smallest=True)
-        begin, (a, b, c) = _together(reached, held, self._moved(free, away_s, outer))
+        begin, (a, b, c) = _on_common_steps(reached, held, self._moved(free, away_s, outer))
         return Steps(begin, a.join(b, np.minimum).join(c, np.minimum))
 
     def _moved(self, steps: Steps, away_s: float, outer: Bounds) -> Steps:
-        """What holds `away_s` from here."""
+        """At every moment, the margin `away_s` from there."""
         edges = [self.span.start_s, self.span.start_s - away_s, self.span.end_s - away_s + 2 * TOLERANCE_S]
         begin = self._inside(np.concatenate((steps.begin - away_s, edges)))
         there = begin + away_s
@@ -222,8 +222,8 @@ class Dense:
         return Steps(begin, Margin(lower, np.where(out, outer[1], margin.upper)))
 
 
-def _together(*several: Steps) -> tuple[FloatArray, list[Margin]]:
-    """Step functions on steps that fit them all."""
+def _on_common_steps(*several: Steps) -> tuple[FloatArray, list[Margin]]:
+    """The starts of the steps of all of them, and each on these steps."""
     begin = several[0].begin
     if any(steps.begin is not begin for steps in several[1:]):
         begin = np.unique(np.concatenate([steps.begin for steps in several]))

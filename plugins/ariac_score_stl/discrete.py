@@ -1,13 +1,11 @@
 """How far a formula is kept, at every sample and for every sub-formula: discrete time.
 
-Each operator says once what it makes of the rows that have come since it last did: of all
-rows of a trial together, or of one row after the other while the trial goes on. What it
+Each operator is stated once, over the rows that are new since it was last evaluated: all
+rows of a trial together, or one row after the other while the trial goes on. What it
 carries from step to step is its own margin at the row before; how far it looks back and
 ahead is its window. So a trial that is judged afterwards and one that is watched have the
-same margins, with two exceptions. Where the window of an `until` holds no sample, rows
-however far behind it may decide; whoever watches does not wait for them. And where rows are closer
-together than `CLOSEST_S`, which stamps cannot be, one that is still to come may belong to a
-window that was taken for complete.
+same margins. Only where rows are closer together than `CLOSEST_S`, which stamps cannot be,
+one that is still to come may belong to a window that was taken for complete.
 """
 
 from __future__ import annotations
@@ -59,41 +57,41 @@ class _Operator(ABC):
     """One sub-formula, and its margin so far."""
 
     def __init__(self, rows: Rows, *parts: _Operator) -> None:
-        self.rows, self.parts, self.given = rows, parts, _Margins()
+        self.rows, self.parts, self.so_far = rows, parts, _Margins()
 
     @property
     def margin(self) -> Margin:
-        """Its margin at all rows that are kept and known."""
-        return self.given.margin
+        """Its margin at the rows that are kept and known."""
+        return self.so_far.margin
 
     @property
     def known(self) -> int:
         """At how many rows all of its parts are known."""
-        return min(len(part.given) for part in self.parts)
+        return min(len(part.so_far) for part in self.parts)
 
     @property
     def ready(self) -> int:
-        """At how many rows its margin can be given by now."""
+        """At how many rows its margin can be known by now."""
         return self.known
 
     @property
     def before(self) -> Margin | None:
-        """Its margin at the row before those that are given now; `None`: there is none."""
-        return self.margin[slice(-1, None)] if len(self.given) else None
+        """Its margin at the row before the new ones; `None`: there is none."""
+        return self.margin[slice(-1, None)] if len(self.so_far) else None
 
-    def go_on(self) -> None:
-        """Give what can be given."""
-        new = slice(len(self.given), self.ready)
+    def advance(self) -> None:
+        """Evaluate the rows that have become ready."""
+        new = slice(len(self.so_far), self.ready)
         if new.start < new.stop:
-            self.given.add(self.give(new))
+            self.so_far.add(self.evaluate(new))
 
     @abstractmethod
-    def give(self, new: slice) -> Margin:
+    def evaluate(self, new: slice) -> Margin:
         """The margin at rows that are ready."""
 
 
 class _Predicate(_Operator):
-    """Its margins come from outside; in a hole it may be anything."""
+    """Its margins are set from outside; in a hole they may be anything."""
 
     values: FloatArray
 
@@ -101,13 +99,13 @@ class _Predicate(_Operator):
     def ready(self) -> int:
         return len(self.rows)
 
-    def give(self, new: slice) -> Margin:
+    def evaluate(self, new: slice) -> Margin:
         lower = self.rows.spread(self.values, -np.inf, new)
         return Margin(lower, lower if self.rows.hole is None else self.rows.spread(self.values, np.inf, new))
 
 
 class _Constant(_Operator):
-    """True and false: no shift of any predicate changes them."""
+    """True and false, with an infinite margin: no shift of any predicate changes them."""
 
     def __init__(self, rows: Rows, value: float) -> None:
         super().__init__(rows)
@@ -117,19 +115,19 @@ class _Constant(_Operator):
     def ready(self) -> int:
         return len(self.rows)
 
-    def give(self, new: slice) -> Margin:
+    def evaluate(self, new: slice) -> Margin:
         values = np.full(new.stop - new.start, self.value)
         return Margin(values, values)
 
 
 class _Connective(_Operator):
-    """What is decided at each row by itself."""
+    """An operator that looks at no other row."""
 
     def __init__(self, rows: Rows, operator: str, *parts: _Operator) -> None:
         super().__init__(rows, *parts)
         self.operator = operator
 
-    def give(self, new: slice) -> Margin:
+    def evaluate(self, new: slice) -> Margin:
         return connected(self.operator, *(part.margin[new] for part in self.parts))
 
 
@@ -144,7 +142,7 @@ class _Neighbour(_Operator):
     def ready(self) -> int:
         return self.known if self.rows.over else max(self.known - max(self.by, 0), 0)
 
-    def give(self, new: slice) -> Margin:
+    def evaluate(self, new: slice) -> Margin:
         margin, hole = self.parts[0].margin, self.rows.hole
         at = np.arange(new.start, new.stop) + self.by
         there = (at >= 0) & (at < len(margin.lower))
@@ -168,7 +166,7 @@ class _SoFar(_Operator):
     def ready(self) -> int:
         return 0 if self.ahead and not self.rows.over else self.known
 
-    def give(self, new: slice) -> Margin:
+    def evaluate(self, new: slice) -> Margin:
         part, join, before = self.parts[0].margin[new], self.join, self.before
         if self.ahead:
             return part.apply(lambda values: join.accumulate(values[::-1])[::-1])
@@ -189,9 +187,9 @@ class _Within(_Operator):
 
     @property
     def ready(self) -> int:
-        return self.rows.seen(self.window[1], self.known)
+        return self.rows.complete(self.window[1], self.known)
 
-    def give(self, new: slice) -> Margin:
+    def evaluate(self, new: slice) -> Margin:
         part, window = self.parts[0].margin, self.rows.window(*self.window, new)
         # What bounds the extremum from its weak side must see all that could matter.
         for_lower, for_upper = window.widest, window.surest
@@ -206,18 +204,19 @@ class _Within(_Operator):
         return extent.lowest(values) if self.smallest else -extent.lowest(-values)
 
     def _edges(self, margin: Margin, widest: Extent) -> Margin:
-        """What windows see beyond the trial, or where they see no sample at all."""
+        """Account for what lies beyond the trial, and for windows that hold no sample."""
         edges = [edge for edge in (widest.before, widest.after) if edge.start < edge.stop]
         if (not edges or self.beyond is None) and widest.empty is None:
             return margin
         lower, upper = margin.lower.copy(), margin.upper.copy()
         join = np.minimum if self.smallest else np.maximum
+        # First what is missing in the trial: a policy about what lies beyond does not fill it in.
+        if widest.empty is not None:
+            lower[widest.empty], upper[widest.empty] = -np.inf, np.inf
         if self.beyond is not None:
             for edge in edges:
                 lower[edge] = join(lower[edge], self.beyond[0])
                 upper[edge] = join(upper[edge], self.beyond[1])
-        if widest.empty is not None:
-            lower[widest.empty], upper[widest.empty] = -np.inf, np.inf
         return Margin(lower, upper)
 
 
@@ -228,7 +227,7 @@ class _Since(_Operator):
         super().__init__(rows, first, second)
         self.start = start
 
-    def give(self, new: slice) -> Margin:
+    def evaluate(self, new: slice) -> Margin:
         first, second = (part.margin[new] for part in self.parts)
         before = self.before
         if before is None:
@@ -247,7 +246,7 @@ class _Until(_Operator):
     def ready(self) -> int:
         return self.known if self.rows.over else 0
 
-    def give(self, new: slice) -> Margin:
+    def evaluate(self, new: slice) -> Margin:
         return self.from_row(new.start)
 
     def from_row(self, row: int) -> Margin:
@@ -268,8 +267,8 @@ def _followed(first: Margin, second: Margin, start: Bounds) -> Margin:
 class _Bounded(_Operator):
     """`until` or `since` with bounds: b in the window, a up to its nearest moment, and from there on `free`.
 
-    `free` is the same without bounds. It needs no window: with b in the window too, b beyond it
-    changes nothing, for a has to hold up to there anyway. So `free` need know no row behind the window.
+    `free` is the same without bounds. It needs no window of its own: where b also comes in the window,
+    it does not matter that b comes beyond it as well. So `free` needs no row behind the window.
 
     Args:
         rows: The rows.
@@ -299,11 +298,11 @@ class _Bounded(_Operator):
     @property
     def ready(self) -> int:
         if isinstance(self.free, _Since):
-            return min(self.known, len(self.free.given))
-        return min(self.rows.seen(self.reached.window[1], self.free.known), len(self.reached.given))
+            return min(self.known, len(self.free.so_far))
+        return min(self.rows.complete(self.reached.window[1], self.free.known), len(self.reached.so_far))
 
-    def give(self, new: slice) -> Margin:
-        # `until` is followed back from the last row that has come, so anew for all rows from here on.
+    def evaluate(self, new: slice) -> Margin:
+        # `until` runs backwards from the last row so far, so that each new sample changes all of it.
         free, start = self.free.margin, 0
         if isinstance(self.free, _Until):
             free, start = self.free.from_row(new.start), new.start
@@ -319,8 +318,10 @@ class _Bounded(_Operator):
         at, between, out = self._nearest(new)
         there = (at >= start) & (at < start + len(free.lower))
         empty = rows.window(*self.reached.window, new).widest.empty
-        if isinstance(self.free, _Until) and empty is not None and not rows.over:
-            there &= ~empty  # what decides then may come much later, however many rows have come
+        if empty is not None:
+            # The nearest row lies behind the window then. b may have come in the window, between two
+            # samples, and nothing behind it says that it did not.
+            there &= ~empty
         # Between the last sample and the end of the trial nothing is known, though it is no hole.
         missing = np.where(out, self.beyond[0], -np.inf), np.where(out, self.beyond[1], np.inf)
         lower = np.where(there, free.lower.take(at - start, mode="clip"), missing[0])
@@ -328,7 +329,8 @@ class _Bounded(_Operator):
         lower = np.minimum(lowest_between(first.lower, *between), lower)
         upper = np.minimum(lowest_between(first.upper, *between), upper)
         if rows.hole is not None:
-            # A hole has no one moment to count from, and in one that is reached the first part must hold on.
+            # A hole is many moments: windows begin anywhere in one that is reached, so a has to hold in it
+            # up to there; and no single moment of one that is judged can be counted from.
             in_hole = there & rows.hole.take(at, mode="clip")
             lower[in_hole] = np.minimum(lower, first.lower.take(at, mode="clip"))[in_hole]
             lower[rows.hole[new]], upper[rows.hole[new]] = -np.inf, np.inf
@@ -363,7 +365,7 @@ class Discrete:
         self._order: list[_Operator] = []
         self._predicates: dict[Node, _Predicate] = {}
         self._top = self._of(tree, 1)
-        self._given = 0
+        self._returned = 0
         self._back_s = reach_s(tree, back=True, unbounded_s=0.0)
         self._depth = 1 + sum(1 for _ in tree.walk())
 
@@ -378,13 +380,13 @@ class Discrete:
             beyond: What is beyond the trial.
         """
         found = cls(tree, rows, beyond)
-        found._go_on(predicates)
+        found._advance(predicates)
         return found
 
     def take(
         self, t_s: float, predicates: Mapping[Node, FloatArray], longest_s: float
     ) -> list[tuple[float, bool, float, float]]:
-        """Take one more sample; give every row of which all is known by now.
+        """Take one more sample; return every row whose margin has become known.
 
         Args:
             t_s: Its time.
@@ -392,13 +394,13 @@ class Discrete:
             longest_s: A longer stretch without a sample is a hole, s.
 
         Returns:
-            Of each row when it begins, whether it is a hole, and the bounds of the formula.
+            For each row: when it begins, whether it is a hole, and both bounds of the margin.
         """
         rows = self.rows
         rows.take(t_s, longest_s)
-        self._go_on(predicates)
-        new = slice(self._given, len(self._top.given))
-        self._given = new.stop
+        self._advance(predicates)
+        new = slice(self._returned, len(self._top.so_far))
+        self._returned = new.stop
         margin, count = self._top.margin[new], new.stop - new.start
         holes = [False] * count if rows.hole is None else rows.hole[new].tolist()
         found = list(
@@ -407,27 +409,27 @@ class Discrete:
         self._forget()
         return found
 
-    def _go_on(self, predicates: Mapping[Node, FloatArray]) -> None:
+    def _advance(self, predicates: Mapping[Node, FloatArray]) -> None:
         for node, predicate in self._predicates.items():
             predicate.values = predicates[node]
         for operator in self._order:
-            operator.go_on()
+            operator.advance()
 
     def _forget(self) -> None:
-        """Let go of the rows that nobody looks at any more."""
+        """Drop the rows that no operator looks at any more."""
         rows = self.rows
-        if self._given <= _FORGOTTEN_AT_ONCE:
+        if self._returned <= _FORGOTTEN_AT_ONCE:
             return
-        # Where a window begins counts, and for each operator the row before: it carries on from there.
-        oldest_s = rows.begin[self._given - 1] - self._back_s - self._depth * CLOSEST_S
+        # The farthest window back, and one row more for each operator, which carries on from its last one.
+        oldest_s = rows.begin[self._returned - 1] - self._back_s - self._depth * CLOSEST_S
         count = int(rows.end.searchsorted(oldest_s)) - self._depth
-        count = min(count, self._given - self._depth)
+        count = min(count, self._returned - self._depth)
         if count <= _FORGOTTEN_AT_ONCE:
             return
         rows.forget(count)
         for operator in self._order:
-            operator.given.forget(count)
-        self._given -= count
+            operator.so_far.forget(count)
+        self._returned -= count
 
     @property
     def kept(self) -> int:
@@ -479,6 +481,7 @@ class Discrete:
             case "true" | "false":
                 return add(_Constant(rows, np.inf if node.operator == "true" else -np.inf))
             case "next":
+                # With `cut`, `next` holds at the last row: rtamt's choice.
                 missing = (np.inf, np.inf) if self.beyond == "cut" else outside(self.beyond, sign)
                 return add(_Neighbour(rows, self._of(node.parts[0], sign), 1, missing))
             case "rise" | "fall":
@@ -506,7 +509,7 @@ class Discrete:
         add, rows, rise = self._add, self.rows, node.operator == "rise"
         now = self._of(node.parts[0], sign if rise else -sign)
         then_sign = -sign if rise else sign
-        # Cut, the first row changes if it is as after a change.
+        # With `cut`, what holds at the first row has just risen, what does not has fallen: rtamt's choice.
         cut = (-np.inf, -np.inf) if rise else (np.inf, np.inf)
         missing = cut if self.beyond == "cut" else outside(self.beyond, then_sign)
         then = add(_Neighbour(rows, self._of(node.parts[0], then_sign), -1, missing))
@@ -515,7 +518,7 @@ class Discrete:
         return add(_Connective(rows, "and", add(_Connective(rows, "not", now)), then))
 
     def _within(self, part: _Operator, node: Node, sign: int, *, smallest: bool) -> _Within:
-        assert node.bounds is not None  # the caller knows
+        assert node.bounds is not None  # callers have looked
         window = node.bounds.start_s, node.bounds.end_s
         if node.operator not in FUTURE:
             window = -window[1], -window[0]
@@ -525,6 +528,7 @@ class Discrete:
     def _until(self, node: Node, sign: int) -> _Operator:
         rows, bounds = self.rows, node.bounds
         first, second = (self._of(part, sign) for part in node.parts)
+        # Without bounds it means the rest of the trial, and b that never comes there breaks it.
         cut = bounds is None or self.beyond == "cut"
         beyond = (-np.inf, -np.inf) if cut else outside(self.beyond, sign)
         ahead = node.operator == "until"

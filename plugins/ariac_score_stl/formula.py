@@ -28,8 +28,9 @@ from ariac_score_stl.margins import Beyond
 from ariac_score_stl.online import FormulaOnline
 from ariac_score_stl.outcome import Outcome
 from ariac_score_stl.signals import Source, Subject, check_name, parse_source, subjects
+from ariac_score_stl.specification import Specification
 from ariac_score_stl.syntax import STEPS, Node, StlError, parse
-from ariac_score_stl.units import check_units, unit_of
+from ariac_score_stl.units import check_units
 
 __all__ = ["StlFormula"]
 
@@ -38,7 +39,7 @@ _NO_TEXTS: Mapping[str, str] = MappingProxyType({})
 
 
 SHORTEST_GAP_S = 1e-6
-"""A gap must be far longer than what rounding does to stamps."""
+"""Shorter ones would be of the size of the tolerance of windows, 1e-9 s, and of the rounding of stamps."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class StlFormula:
         The robustness of the formula at the start of the competition: how far every predicate could
         be shifted before the verdict changes, in the unit of the predicate that decides. Where a
         robustness is exactly 0, `<` and `<=` still differ. The formula is judged for every robot,
-        human or pair that its signals speak of. With `time: discrete` a window holds the samples in
+        human or pair that its signals are of. With `time: discrete` a window holds the samples in
         it; with `dense` a sample stands for the time up to the next one.
     Violated when:
         The formula does not hold. One that begins with `always` is judged at every sample of its
@@ -104,7 +105,7 @@ class StlFormula:
             raise ValueError("constants must be finite")
         for name in (*self.signals, *self.constants):
             check_name(name)
-        _ = self.sources, self.tree
+        _ = self.specification
 
     @cached_property
     def sources(self) -> Mapping[str, Source]:
@@ -120,33 +121,34 @@ class StlFormula:
         """
         tree = parse(self.formula, self.signals, constants=self.constants)
         if not tree.names & self.signals.keys():
-            raise StlError("the formula speaks of no signal")
+            raise StlError("the formula uses no signal")
         unused = sorted(self.signals.keys() - tree.names)
         if unused:
-            raise StlError(f"the formula does not speak of signal {unused[0]!r}")
+            raise StlError(f"the formula does not use signal {unused[0]!r}")
         for node in tree.walk():
             if self.time == "dense" and node.operator in STEPS:
                 raise StlError(
                     f"column {node.column}: {node.operator!r} is about neighbouring samples, which dense "
                     "time has not; use bounds in seconds, or 'time: discrete'"
                 )
-        check_units(tree, self._units)
+        check_units(tree, {name: source.unit for name, source in self.sources.items()})
         return tree
 
-    @property
-    def body(self) -> Node:
-        """What is judged at every moment: what follows an outermost `always`, else all of the formula."""
-        return self.tree.parts[0] if self.tree.operator == "always" else self.tree
-
-    @property
-    def _units(self) -> dict[str, str]:
-        return {name: source.unit for name, source in self.sources.items()}
-
     @cached_property
-    def margin_units(self) -> Mapping[Node, str]:
-        """The unit of every predicate's margin."""
-        predicates = [node for node in self.tree.walk() if node.operator == "predicate"]
-        return {node: unit_of(node, self._units) for node in predicates}
+    def specification(self) -> Specification:
+        """The formula and the parameters, as those need them that judge it."""
+        return Specification(
+            tree=self.tree,
+            sources=self.sources,
+            constants=self.constants,
+            time=self.time,
+            beyond=self.beyond,
+            max_gap_s=self.max_gap_s,
+            t_on_s=self.t_on_s,
+            t_off_s=self.t_off_s,
+            clause=self.clause,
+            critical=self.critical,
+        )
 
     def needs(self) -> Iterator[SignalNeed]:
         """The quantities of its signals."""
@@ -154,7 +156,7 @@ class StlFormula:
             yield SignalNeed(quantity, unit, self.max_gap_s)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
-        """Findings for everyone the formula speaks of."""
+        """Findings for everyone whom the formula is about."""
         for outcome in self._outcomes(trial):
             if isinstance(outcome, Finding):
                 yield outcome
@@ -165,17 +167,17 @@ class StlFormula:
     def margins(self, trial: Trial) -> Iterator[Chart]:
         """The robustness at every sample that is judged, where all predicates share a unit.
 
-        Dense time has moments of its own between the samples, so it tells none.
+        There is none in dense time, whose margins also change between samples.
         """
         for outcome in self._outcomes(trial) if self.time == "discrete" else ():
             chart = outcome.chart if isinstance(outcome, Outcome) else None
             if chart is not None:
                 yield chart
-            del outcome, chart  # likewise
+            del outcome, chart  # as in `watch`
 
     def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
-        """A watch that judges every instant once what the formula looks at there has come."""
-        return FormulaOnline(self, bodies)
+        """A watch that judges every instant as soon as all that the formula looks at from there has come."""
+        return FormulaOnline(self.specification, bodies, self.watch)
 
     def _outcomes(self, trial: Trial) -> Iterator[Finding | Outcome]:
         judged = list(subjects(trial, self.sources))
@@ -207,6 +209,7 @@ class StlFormula:
                 message = f"signal {signal.name!r} has {components} components; a formula takes one"
                 yield Finding.inconclusive(str(subject), message, clause=self.clause)
                 return
+        # With neither event the recording is taken for the competition; with one, the other is missing.
         if (trial.started_s is None) != (trial.ended_s is None):
             end = "end" if trial.ended_s is None else "start"
             message = f"the log does not show the {end} of the competition, so part of it may be missing"
@@ -223,7 +226,7 @@ class StlFormula:
             message = "there is no sample during the competition"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)
         try:
-            judged = JudgedFormula(self, t, dict(zip(found, values, strict=True)), span)
+            judged = JudgedFormula(self.specification, t, dict(zip(found, values, strict=True)), span)
         except FormulaError as error:
             message = f"the formula has no value: {error.cause}"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)

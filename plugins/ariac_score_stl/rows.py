@@ -1,4 +1,4 @@
-"""The time base of a formula: samples, and the holes between them of which nothing is known."""
+"""The time base of a formula: samples, and the holes between them in which nothing is known."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _REACHED_S = TOLERANCE_S / 2  # a row this near the end of a window is the last 
 
 
 class Column:
-    """Numbers of rows: new ones are added, the oldest forgotten."""
+    """A column of numbers that grows at its end and forgets from its start."""
 
     def __init__(self, values: NDArray[Any]) -> None:
         self._room, self._first, self._last = values, 0, len(values)
@@ -37,11 +37,11 @@ class Column:
 
     @property
     def values(self) -> NDArray[Any]:
-        """All of them."""
+        """All that are kept."""
         return self._room[self._first : self._last]
 
     def add(self, values: NDArray[Any]) -> None:
-        """Add new ones; those of a whole trial become the column as they are, without a copy."""
+        """Add new ones at the end; the first are not copied, for they may be a whole trial."""
         if not self._last:
             self._room, self._last = values, len(values)
             return
@@ -54,7 +54,7 @@ class Column:
         self._last = last
 
     def forget(self, count: int) -> None:
-        """Let go of the first ones."""
+        """Drop the first ones."""
         self._first += count
 
 
@@ -62,13 +62,13 @@ class Column:
 class Extent:
     """Which rows the windows of some rows cover.
 
-    Either `nearest` and `farthest` say so for all rows alike, in rows, or `first`
-    and `last` for each.
+    Either `nearest` and `farthest` do for all rows, counted in rows, or `first` and
+    `last` for each row.
 
     Attributes:
         before: Rows whose window begins before the trial.
         after: Rows whose window ends after the trial.
-        empty: Rows within the trial whose window holds no sample.
+        empty: Rows whose window holds no sample, though some of it lies in the trial.
     """
 
     before: slice
@@ -91,8 +91,8 @@ class Window:
     """A stretch of time relative to each of some rows, as rows.
 
     Attributes:
-        widest: All rows that some moment of the row can see.
-        surest: The rows that every moment of it sees; where there are no holes, the same.
+        widest: The rows that some moment of the row sees.
+        surest: The rows that every moment of it sees; the same for a sample, which is one moment.
     """
 
     widest: Extent
@@ -159,7 +159,7 @@ class Rows:
         self._windows.clear()
 
     def forget(self, count: int) -> None:
-        """Let go of the first rows."""
+        """Drop the first rows."""
         self._begin.forget(count)
         self._end.forget(count)
         if self._any_hole:
@@ -190,7 +190,7 @@ class Rows:
         return self._hole.values if self._any_hole else None
 
     def spread(self, values: FloatArray, in_holes: float, rows: slice) -> FloatArray:
-        """Values of the samples among some rows, as values of the rows."""
+        """Values at the samples of some rows, with `in_holes` at the holes between them."""
         if self.hole is None:
             return values
         sampled = ~self.hole[rows]
@@ -200,12 +200,12 @@ class Rows:
 
     # Windows -----------------------------------------------------------------------------
 
-    def seen(self, end_s: float, known: int) -> int:
-        """Of how many rows, from the first on, the window up to `end_s` away is known as a whole.
+    def complete(self, end_s: float, known: int) -> int:
+        """At how many rows, from the first on, the window up to `end_s` away is known as a whole.
 
         Args:
             end_s: How far the window reaches; negative is back in time.
-            known: Of how many rows is known what the window looks at.
+            known: At how many rows what the window looks at is known.
         """
         if self.over:
             return known
@@ -222,9 +222,9 @@ class Rows:
         return self._windows[key]
 
     def _window(self, start_s: float, end_s: float, rows: slice) -> Window:
-        alike = self._alike(start_s, end_s)
-        if alike is not None:
-            return Window(alike, alike)
+        uniform = self._uniform(start_s, end_s)
+        if uniform is not None:
+            return Window(uniform, uniform)
         begin, end = self.begin[rows], self.end[rows]
         widest = self._each(begin + start_s, end + end_s)
         if self.hole is None:
@@ -236,8 +236,8 @@ class Rows:
         after = int(np.searchsorted(end, self.end_s + TOLERANCE_S, side="right"))
         return slice(0, before), slice(after, len(start))
 
-    def _alike(self, start_s: float, end_s: float) -> Extent | None:
-        """The window in rows, where samples come at equal steps and no rounding can matter."""
+    def _uniform(self, start_s: float, end_s: float) -> Extent | None:
+        """The same window in rows for all, where samples come at equal steps and rounding cannot matter."""
         if not self.step_s:
             return None
         first, last = _steps_in(start_s, end_s, self.step_s)
@@ -245,33 +245,34 @@ class Rows:
             return None
         if first > last:
             return None
-        before, after = self._reaching(self.begin + start_s, self.begin + end_s)
+        start, end = self.begin + start_s, self.begin + end_s
+        before, after = self._reaching(start, end)
         n = len(self)
         # Beyond the last sample there may be trial left, shorter than what counts as a hole.
         if first > 0 or last < 0:
-            (inside,) = np.nonzero(self._misses(first, last, before, after))
-            if len(inside):
+            rows = np.arange(n)
+            holds_none = (rows + first > n - 1) | (rows + last < 0)
+            if (holds_none & self._in_trial(start, end)).any():
                 return None
         return Extent(before, after, None, max(first, -n), min(last, n))
 
-    def _misses(self, first: int, last: int, before: slice, after: slice) -> BoolArray:
-        """Rows whose window lies in the trial but beyond all samples."""
-        rows = np.arange(len(self))
-        misses: BoolArray = (rows + first > len(self) - 1) | (rows + last < 0)
-        misses[before] = misses[after] = False
-        return misses
+    def _in_trial(self, start: FloatArray, end: FloatArray) -> BoolArray:
+        """Which windows lie in the trial, at least in part."""
+        inside: BoolArray = (end >= self.start_s - TOLERANCE_S) & (start <= self.end_s + TOLERANCE_S)
+        return inside
 
     def _each(self, start: FloatArray, end: FloatArray) -> Extent:
         first = self.end.searchsorted(start - TOLERANCE_S, side="left")
         last = self.begin.searchsorted(end + TOLERANCE_S, side="right") - 1
         before, after = self._reaching(start, end)
-        empty: BoolArray = first > last
-        empty[before] = empty[after] = False
+        empty = first > last
+        if empty.any():
+            empty &= self._in_trial(start, end)
         return Extent(before, after, empty if empty.any() else None, first=first, last=last)
 
 
 def _step(t: FloatArray) -> float:
-    """The time between neighbours, where all lie on one grid far within the tolerance; else 0."""
+    """The time between neighbours, where all lie on one grid well within the tolerance; else 0."""
     n = len(t)
     if n < 3:
         return 0.0

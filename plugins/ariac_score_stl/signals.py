@@ -13,7 +13,7 @@ from ariac_score_stl.syntax import FUNCTIONS, StlError, is_word
 __all__ = ["Source", "Subject", "check_name", "parse_source", "subjects"]
 
 MAX_SOURCE_LENGTH = 500
-"""Longer words for a signal are none, and would take long to be found so."""
+"""A longer text is no source; to refuse it the pattern would take time that grows with its square."""
 
 _SOURCE = re.compile(
     r"(?P<quantity>[a-z][a-z0-9_]*)(?:\s+of\s+(?P<subject>[^\s]+))?\s+in\s+(?P<unit>[^\s].*?)\s*"
@@ -29,7 +29,7 @@ class Source:
         quantity: Such as `centre_distance`.
         subject: `robot`, `human`: every one of them; a body, or a pair by its name; empty:
             every robot and human.
-        unit: The unit the formula reads it in.
+        unit: The unit that the formula expects.
     """
 
     quantity: str
@@ -51,7 +51,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Subject:
-    """Whom a formula is judged for; empty names where it speaks of none."""
+    """Whom a formula is judged for; a name is empty where its signals are of no such body."""
 
     robot: str = ""
     human: str = ""
@@ -91,7 +91,7 @@ def check_name(name: str) -> None:
 
 
 def subjects(trial: Trial, sources: Mapping[str, Source]) -> Iterator[Subject]:
-    """Everyone the formula is judged for: pairs, robots, humans, or the trial as such."""
+    """Everyone the formula is judged for: pairs, robots, humans, or the trial as a whole."""
     kinds = frozenset(kind for source in sources.values() for kind in source.kinds)
     robots = [body.id for body in trial.bodies_of("robot")] if "robot" in kinds else [""]
     humans = [body.id for body in trial.bodies_of("human")] if "human" in kinds else [""]

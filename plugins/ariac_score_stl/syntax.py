@@ -126,18 +126,18 @@ class Node:
 
     @cached_property
     def names(self) -> frozenset[str]:
-        """The signals and constants it speaks of."""
+        """The signals and constants it uses."""
         return frozenset(inner.id for node in self.walk() for side in node.sides for inner in _names(side))
 
 
 def reach_s(node: Node, *, back: bool = False, step_s: float = 0.0, unbounded_s: float = inf) -> float:
-    """How far a formula looks ahead, or back, at most, s.
+    """How far a formula looks ahead, or back, at most, in s.
 
     Args:
         node: The formula.
         back: Whether back in time.
-        step_s: What one sample on or back counts for.
-        unbounded_s: What an operator without bounds counts for.
+        step_s: What the next or the last sample counts as.
+        unbounded_s: What an operator without bounds counts as.
     """
     own = 0.0
     if node.operator in (("rise", "fall") if back else ("next",)):
@@ -165,11 +165,11 @@ def parse(text: str, names: Collection[str] = (), *, constants: Mapping[str, flo
 
     Args:
         text: The formula.
-        names: The signals it may speak of.
+        names: The signals it may use.
         constants: Numbers by name, which may also stand in bounds.
 
     Raises:
-        StlError: It is not a formula, or speaks of something unknown.
+        StlError: It is not a formula, or uses an unknown name.
 
     >>> parse("always[0, 2] (d > 1 -> eventually[0,0.5] v < 0.1)", ["d", "v"]).parts[0].operator
     '->'
@@ -205,7 +205,11 @@ def _tokens(text: str) -> list[_Token]:
 
 
 class _Parser:
-    """Recursive descent over the tokens; a bracket is looked through before it is entered."""
+    """Recursive descent over the tokens.
+
+    `(d + v) > 1` and `(d > 1)` begin alike. Instead of trying one reading and then the other, which
+    takes twice as long with every bracket, the parser looks for a comparison inside the bracket first.
+    """
 
     def __init__(self, text: str, names: Collection[str], constants: Mapping[str, float]) -> None:
         if len(text) > MAX_LENGTH:
@@ -289,6 +293,7 @@ class _Parser:
         return node
 
     def exclusive(self) -> Node:
+        # `a xor b xor c` could mean one of the three or an odd number of them: brackets have to say.
         return self.chain("xor", lambda: self.chain("and", self.timed), single=True)
 
     def chain(self, word: str, tighter: Callable[[], Node], *, single: bool = False) -> Node:
@@ -386,6 +391,7 @@ class _Parser:
         while comparison := self.take(*_COMPARISONS):
             sides.append(self.arithmetic())
             left, right = sides[-2:]
+            # Positive where the predicate holds, whichever way it is written: signs then decide verdicts.
             larger, smaller = (right, left) if comparison.text.startswith("<") else (left, right)
             margin = self.parsed(f"({larger.source}) - ({smaller.source})", comparison)
             node = self.node(

@@ -17,7 +17,7 @@ _FACTOR = re.compile(r"([A-Za-z%°]+|1)(?:(?:\^|\*\*)?(-?[0-9]+))?")
 
 
 def parse_unit(text: str) -> Unit:
-    """A unit as powers, so that `m/s` divided by `m` is `1/s`.
+    """A unit as powers of its factors, so that `m/s` divided by `m` is `1/s`.
 
     Raises:
         StlError: It is no unit.
@@ -67,7 +67,7 @@ def unit_of(node: Node, units: Mapping[str, str]) -> str:
 
 def _agree(a: Unit | None, b: Unit | None, node: Node, text: str) -> Unit | None:
     if a is not None and b is not None and a != b:
-        raise StlError(f"column {node.column}: {text!r} puts {_shown(a)} beside {_shown(b)}")
+        raise StlError(f"column {node.column}: {text!r} mixes {_shown(a)} and {_shown(b)}")
     return b if a is None else a
 
 
@@ -95,6 +95,7 @@ def _unit(expression: ast.expr, units: Mapping[str, Unit], node: Node) -> Unit |
             return _unit(operand, units, node)
         case ast.BinOp(left=left, op=ast.Pow(), right=right):
             base = _unit(left, units, node)
+            # With any other exponent than a number, the unit of a power would change with the data.
             if base is not None and isinstance(right, ast.Constant) and isinstance(right.value, int | float):
                 return {name: count * right.value for name, count in base.items()}
             return None

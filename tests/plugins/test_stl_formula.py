@@ -375,6 +375,46 @@ def test_bounds_between_two_samples_are_not_decided(bounds: str) -> None:
     assert "shorter than the time between two samples" in finding.message
 
 
+@pytest.mark.parametrize("bounds", ["[0.02,0.08]", "[0.11,0.19]"])
+def test_samples_behind_a_window_without_one_decide_no_until_and_no_since(bounds: str) -> None:
+    # v > 0.5 at no sample; but at 0.05 s, or at 0.15 s, it may have been, and d > 1 held up to there.
+    held = trial(tenths(10), [5.0] * 2 + [0.0] * 8)
+    lost = trial(tenths(10), 0.0)
+
+    assert only(f"d > 1 until{bounds} v > 0.5", held).verdict is INCONCLUSIVE
+    assert only(f"not (d > 1 until{bounds} v > 0.5)", held).verdict is INCONCLUSIVE
+    assert only(f"d > 1 until{bounds} v > 0.5", lost).verdict is VIOLATED  # d fails before the window
+    assert only(f"not (d > 1 until{bounds} v > 0.5)", lost).verdict is SATISFIED
+    # Backwards from 0.9 s; the window ends at 0.88 s, or at 0.79 s.
+    held = trial(tenths(10), [0.0] * 8 + [5.0] * 2)
+    assert only(f"always[0.9,0.9] (d > 1 since{bounds} v > 0.5)", held).verdict is INCONCLUSIVE
+    assert only(f"always[0.9,0.9] not (d > 1 since{bounds} v > 0.5)", held).verdict is INCONCLUSIVE
+    assert only(f"always[0.9,0.9] (d > 1 since{bounds} v > 0.5)", lost).verdict is VIOLATED
+    assert only(f"always[0.9,0.9] not (d > 1 since{bounds} v > 0.5)", lost).verdict is SATISFIED
+
+
+@pytest.mark.parametrize(
+    ("beyond", "promise", "rule"),
+    [
+        ("cut", INCONCLUSIVE, INCONCLUSIVE),
+        ("weak", SATISFIED, INCONCLUSIVE),  # what lies beyond keeps the promise, whatever is missing before
+        ("strong", INCONCLUSIVE, VIOLATED),
+        ("undecided", INCONCLUSIVE, INCONCLUSIVE),
+    ],
+)
+def test_no_policy_decides_the_part_of_a_window_that_lies_in_the_trial_between_samples(
+    beyond: Any, promise: Verdict, rule: Verdict
+) -> None:
+    # Samples from 0 to 0.9 s of a trial from -0.05 to 0.95 s: the windows below hold none of them, and
+    # 0.03 s of each lie in the trial.
+    log = trial(tenths(10), 0.0, window=Span(-0.05, 0.95))
+
+    for ahead, back in (("eventually", "once"), ("always", "historically")):
+        wanted = promise if ahead == "eventually" else rule
+        assert only(f"always[0.95,0.95] {ahead}[0.02,0.1] d > 1", log, beyond=beyond).verdict is wanted
+        assert only(f"{back}[0.02,0.1] d > 1", log, beyond=beyond).verdict is wanted
+
+
 def test_bounds_between_two_samples_are_decided_in_dense_time() -> None:
     finding = only("always[0,0.5] eventually[0.02,0.08] d > 1", trial(tenths(10)), time="dense")
 
@@ -552,8 +592,8 @@ def test_a_signal_in_another_unit_is_refused() -> None:
         ("d > 'a'", "means nothing in a formula"),
         ("__import__(1) > 1", "column 1: a name with a leading underscore"),
         ("d > 2j", "column 6: unknown signal 'j'"),
-        ("1 > 2", "the formula speaks of no signal"),
-        ("always true", "the formula speaks of no signal"),
+        ("1 > 2", "the formula uses no signal"),
+        ("always true", "the formula uses no signal"),
     ],
 )
 def test_a_formula_that_is_none_is_refused_with_its_place(formula: str, message: str) -> None:
@@ -655,12 +695,12 @@ def test_any_words_are_a_formula_or_an_error_that_says_so(words: list[str]) -> N
 @pytest.mark.parametrize(
     ("formula", "message"),
     [
-        ("d > v", "'d > v' puts m beside m/s"),
-        ("d + v > 1", "'d + v' puts m beside m/s"),
-        ("max(d, v) > 1", "puts m beside m/s"),
-        ("d * v > d", "puts m^2/s beside m"),
-        ("d ** 2 > d", "puts m^2 beside m"),
-        ("always (d > 1 and v / d < v)", "column 19: 'v / d < v' puts 1/s beside m/s"),
+        ("d > v", "'d > v' mixes m and m/s"),
+        ("d + v > 1", "'d + v' mixes m and m/s"),
+        ("max(d, v) > 1", "mixes m and m/s"),
+        ("d * v > d", "mixes m^2/s and m"),
+        ("d ** 2 > d", "mixes m^2 and m"),
+        ("always (d > 1 and v / d < v)", "column 19: 'v / d < v' mixes 1/s and m/s"),
     ],
 )
 def test_different_units_are_not_compared(formula: str, message: str) -> None:
@@ -684,7 +724,7 @@ def test_a_bare_number_may_have_any_unit(formula: str) -> None:
         ({"signals": {"d": "centre_distance"}}, "write 'QUANTITY in UNIT'"),
         ({"signals": {"d": "centre_distance in  "}}, "write 'QUANTITY in UNIT'"),
         ({"signals": {"d": "centre_distance in m,s"}}, "'m,s' is not a unit"),
-        ({"signals": {"d": DISTANCE, "v": SPEED}}, "does not speak of signal 'v'"),
+        ({"signals": {"d": DISTANCE, "v": SPEED}}, "does not use signal 'v'"),
         ({"signals": {"d": DISTANCE, "until": SPEED}}, "'until' is a word of the language"),
         ({"signals": {"d": DISTANCE, "max": SPEED}}, "'max' is a word of the language"),
         ({"signals": {"d": DISTANCE, "lambda": SPEED}}, "'lambda' is a word of the language"),

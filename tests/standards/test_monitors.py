@@ -448,6 +448,42 @@ def test_where_a_sensing_line_stands(x: float, broken: bool) -> None:
 
 
 @pytest.mark.parametrize(
+    ("x_before", "moves_until_s", "broken"),
+    [
+        (1.0, 1.5, Span(1.125, 1.5)),  # past the line on both sides of the gap
+        (-1.0, 1.5, Span(1.125, 1.5)),  # crossed it unseen, at the end of the gap at the latest
+        (-1.0, 1.12, None),  # the robot rests within 0.125 s of that
+    ],
+)
+def test_who_is_past_a_sensing_line_after_a_gap_is_judged_from_its_end_on(
+    x_before: float, moves_until_s: float, broken: Span | None
+) -> None:
+    # The line is at x = 0, the hazard 4 m behind it. The gap is from 0.5 to 1 s.
+    t = np.concatenate((np.arange(51) / 100, np.arange(100, 201) / 100))
+    columns = {
+        "position/h": ("m", [[x_before if at <= 0.5 else 1.0, 0.5, 0.0] for at in t]),
+        "speed/r": ("m/s", np.where((t > 0.5) & (t < moves_until_s), 1.0, 0.0)),
+    }
+    monitor = SafeguardDistance(
+        stopping_time_s=0.125,
+        line=((0.0, 1.0), (0.0, 0.0)),
+        hazard=((4.0, 0.0), (5.0, 0.0), (5.0, 1.0), (4.0, 1.0)),
+    )
+
+    found = [f for f in monitor.watch(trial_of(columns, t=t)) if f.subject == "r/h"]
+
+    (gap,) = (f for f in found if f.verdict is INCONCLUSIVE)
+    assert gap.span == Span(0.5, 1.0)
+    spans = [f.span for f in found if f.verdict is VIOLATED]
+    if broken is None:
+        assert spans == []
+    else:
+        ((start_s, end_s),) = ((s.start_s, s.end_s) for s in spans if s)
+        assert start_s == pytest.approx(broken.start_s, abs=0.0051)  # the sample at 1.13 s
+        assert end_s == pytest.approx(broken.end_s, abs=1e-9)
+
+
+@pytest.mark.parametrize(
     ("clearance", "active", "speed", "broken"),
     [
         (above(0.5), 1, 1.5, False),
@@ -1488,8 +1524,8 @@ def test_a_collision_is_seen_by_geometry_where_no_contact_is_recorded() -> None:
         (lambda: Always(holds="sqrt(v) > 1", signals={"v": "speed/{robot}"}), "unknown function 'sqrt'"),
         (lambda: Always(holds="v >", signals={"v": "speed/{robot}"}), "is not a formula"),
         (lambda: Always(holds="v.x()", signals={"v": "speed/{robot}"}), "is not allowed in a formula"),
-        (lambda: Always(signals={"v": "speed/{dog}"}), r"speaks of \{dog\}; it may speak of robot"),
-        (lambda: Always(signals={"v": "pressure/{robot}"}), "measures nothing known: .*name its unit"),
+        (lambda: Always(signals={"v": "speed/{dog}"}), r"names \{dog\}; it may name robot"),
+        (lambda: Always(signals={"v": "pressure/{robot}"}), "of no known quantity: .*name its unit"),
         (lambda: Always(signals={"v": "speed/{robot} [km/h]"}), "but it is measured in 'm/s'"),
         (lambda: Always(signals={"v": "position/{robot}"}), "has 3 components"),
         (lambda: Always(signals={"v": "speed/{robot}.x"}), "has no components"),
@@ -1705,7 +1741,7 @@ def test_a_formula_without_a_value_is_undecided_and_says_why() -> None:
 def test_a_misspelt_quantity_of_a_formula_is_answered_with_the_near_one() -> None:
     with pytest.raises(ValueError, match=r"name its unit, .*; or did you mean 'speed'\?"):
         Always(holds="v < 1", signals={"v": "sped/{robot}"})
-    with pytest.raises(ValueError, match="measures nothing known: name its unit"):
+    with pytest.raises(ValueError, match="of no known quantity: name its unit"):
         Always(holds="v < 1", signals={"v": "xyzzy/{robot}"})
 
 

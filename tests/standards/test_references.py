@@ -535,9 +535,9 @@ def test_behind_a_sensing_line(seed: int) -> None:
             since = None
         elif fresh or x[i - 1] < 0.25:
             since = None
-            if i == 0:
+            if fresh:  # when the line was crossed is not known
                 since = t if 0 <= y[i] <= 1 else None
-            elif x[i - 1] < 0.25:
+            else:
                 part = (0.25 - x[i - 1]) / (x[i] - x[i - 1])
                 height = y[i - 1] + part * (y[i] - y[i - 1])
                 since = course.t[i - 1] + part * (t - course.t[i - 1]) if 0 <= height <= 1 else None
