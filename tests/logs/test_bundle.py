@@ -153,7 +153,14 @@ def test_links_out_of_the_folder_are_not_followed(tmp_path: Path) -> None:
     (tmp_path / "inside" / "more").symlink_to(tmp_path / "outside")
     (tmp_path / "inside" / "loop").symlink_to(tmp_path / "inside" / "loop")
 
-    assert roles(find_parts(tmp_path / "inside", READERS)) == {"team.yaml": "team_config"}
+    found = find_parts(tmp_path / "inside", READERS)
+
+    assert roles(found) == {"team.yaml": "team_config"}
+    assert {name for name in found.ignored if "a link to somewhere else" in name} == {
+        "trial.yaml (a link to somewhere else)",
+        "more (a link to somewhere else)",
+        "loop (a link to somewhere else)",
+    }
 
 
 # bundle.yaml

@@ -231,13 +231,17 @@ def test_a_disqualified_team_has_no_rank_and_does_not_count_for_others(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run(tmp_path, "alpha", "kit", 1)
+    costly = sensor_cost_text({"basic_logical_camera": 9})
+    (tmp_path / "logs/alpha/kit_1/sensor_cost.txt").write_text(costly, encoding="utf-8")
     run(tmp_path, "beta", "kit", 1, flaw="color")
+    alone = ranked(tmp_path, extra="teams: [{id: beta}]\n")
     found = ranked(tmp_path, extra="teams: [{id: alpha, disqualified: a second robot}, {id: beta}]\n")
 
     assert [(s.rank, s.team) for s in found.standings] == [(1, "beta"), (None, "alpha")]
     assert found.standings[1].remarks == ("disqualified: a second robot",)
     assert found.cohort is not None
-    assert found.cohort.trials["kit"]["sensor_cost"][""].teams == 1
+    assert alone.cohort is not None
+    assert found.cohort.trials == alone.cohort.trials
     assert main(["rank", str(tmp_path)]) == 0  # nothing is left to look at
     assert "disqualified: a second robot" in capsys.readouterr().out
 

@@ -23,7 +23,7 @@ from ariac_score.ranking.resampling import (
     widening,
 )
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec, places
-from ariac_score.ranking.statistics import Pair, Statistics, rank_statistics
+from ariac_score.ranking.statistics import Pair, Statistics, _added, rank_statistics
 from ariac_score.scoring.expression import Expression
 
 DIGITS = 3
@@ -158,6 +158,24 @@ def test_how_often_a_run_is_kept_is_counted_over_all_ways_of_drawing(count: int,
             times[kept] += 1
 
     assert kept_weights(count, keep) == (tuple(times), count**count)
+
+
+def test_who_missed_a_trial_is_not_put_behind_who_was_better_only_by_widening() -> None:
+    # A has 9 and no run, B 1 and 1: drawn (1,1) A is ahead by 16, mixed by 7, and (2,2) it is behind by 2.
+    # Only a team without any run is put behind all the others, however far the draws are widened.
+    found = statistics({"A": [[9], []], "B": [[1], [1]]}, intervals=Intervals(resample="trials"))
+
+    assert chances(found)["A"][0] == pytest.approx(0.75, abs=0.02)
+    assert chances(found)["B"][0] == pytest.approx(0.25, abs=0.02)  # they never share the first rank
+    none = statistics({"A": [[], []], "B": [[1], [1]]}, intervals=Intervals(resample="trials"))
+    assert chances(none)["A"] == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("count", range(10))
+def test_the_sum_of_any_number_of_columns_is_their_sum(count: int) -> None:
+    values = np.arange(1.0, count + 1)
+
+    assert _added(values) == count * (count + 1) / 2
 
 
 def test_two_trials_drawn_by_hand() -> None:

@@ -564,6 +564,13 @@ def test_a_zone_to_keep_out_of_may_have_heights(z: float, broken: bool) -> None:
         assert only(limit, trial).robustness == pytest.approx(-min(z, 1.0 - z))
 
 
+@pytest.mark.parametrize(("z", "broken"), [(2.0, False), (above(2.0), True), (3.0, False)])
+def test_a_zone_to_keep_out_of_may_begin_above_the_floor(z: float, broken: bool) -> None:
+    limit = SpaceLimit(keep_out=(SQUARE,), keep_out_z_m=(2.0, 3.0))
+
+    assert violated(limit, trial_of({"position/r": ("m", np.tile([2.0, 2.0, z], (101, 1)))})) is broken
+
+
 @pytest.mark.parametrize(("angle", "broken"), [(2.0, False), (above(2.0), True), (below(-1.0), True)])
 def test_the_limits_of_a_joint(angle: float, broken: bool) -> None:
     monitor = SpaceLimit(joint="j", joint_low_rad=-1.0, joint_high_rad=2.0)

@@ -63,6 +63,25 @@ def decoded(payloads: list[bytes]) -> Columns:
     return ColumnDecoder(STORE, TYPE, cdr=True).decode(Payloads.joined(payloads))
 
 
+@pytest.mark.parametrize("around", [5, 400], ids=["behind few", "behind many"])
+def test_a_message_that_ends_within_a_length_is_named_as_the_last_one_too(around: int) -> None:
+    payloads = [sound(i) for i in range(around)]
+
+    columns = decoded([*payloads, cdr(b"abc", [1.0])[:14]])  # encapsulation 4, length 4, text 4, half a count
+
+    (defect,) = columns.defects
+    assert (defect.index, columns.rows.tolist()) == (around, [*range(around)])
+
+
+def test_truth_values_behind_texts_of_any_length_are_as_written() -> None:
+    store = store_of("string name\nbool ok")
+    raw = [struct.pack("<I", n + 1) + b"a" * n + bytes([0, n % 2]) for n in range(9) for _ in range(3)]
+
+    columns = ColumnDecoder(store, TYPE, cdr=True).decode(Payloads.joined([b"\0\1\0\0" + b for b in raw]))
+
+    assert columns.columns["ok"].values.tolist() == [n % 2 == 1 for n in range(9) for _ in range(3)]
+
+
 @pytest.mark.parametrize("around", [0, 5, 400], ids=["alone", "among few", "among many"])
 @pytest.mark.parametrize("cause", BAD)
 def test_a_bad_message_is_named_and_the_others_are_right(cause: str, around: int) -> None:

@@ -204,6 +204,21 @@ def test_without_a_limit_the_yaw_is_not_tested(limit: float | None, verdict: Ver
     ) == [verdict]
 
 
+@pytest.mark.parametrize("matching", ["by_type_then_permutations", "first_in_place", "best_assignment"])
+def test_two_products_in_place_are_counted_once_each(matching: Any) -> None:
+    asked = order("assembly", (PUMP, at(0)), ("assembly_gear_red", at(0.1)))
+    briefcase = trial(handed_in(Product(PUMP, at(0)), Product("assembly_gear_red", at(0.1))))
+
+    found = only(AssemblyCounters(matching=matching), briefcase, asked).quantities
+
+    assert {name: found[name] for name in ("types_alike", "poses_alike", "records", "delivered")} == {
+        "types_alike": 2,
+        "poses_alike": 2,
+        "records": 2,
+        "delivered": 2,
+    }
+
+
 # Wrong colours -------------------------------------------------------------------------
 
 
