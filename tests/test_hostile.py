@@ -109,6 +109,10 @@ REFUSED: dict[str, tuple[Callable[[Records], Any], str]] = {
     ),
     "an integer beyond all measure": (lambda r: _samples(r)[3].update(t_s=10**400), "t_s is 1000"),
     "a time beyond all measure": (lambda r: _samples(r)[3].update(t_s=1e308), "t_s is 1e+308"),
+    "a sample without a value": (
+        lambda r: _samples(r)[3].update(values={}),
+        "a sample has exactly 't_s' and 'values'",
+    ),
     "a huge integer in a pose": (
         lambda r: _first("submission", r)["contents"][0]["pose"].update(position_m=[10**400, 0, 0]),
         "a number is too large",

@@ -150,6 +150,14 @@ def test_the_order_of_signals_bodies_and_events_changes_no_byte() -> None:
     assert second == first
 
 
+def test_the_order_in_which_findings_are_stored_changes_no_line_of_the_ledger() -> None:
+    found = measured(kitting_trial())
+    turned = replace(found, findings=dict(reversed([*found.findings.items()])))
+
+    assert [*turned.findings] != [*found.findings]
+    assert price_trial(turned, PAPER, provenance(PAPER)).ledger == priced(kitting_trial()).ledger
+
+
 def test_a_stored_result_comes_back_whole(tmp_path: Path) -> None:
     file = tmp_path / "result.json"
     file.write_text(as_json(priced(TRIAL)), encoding="utf-8")

@@ -921,6 +921,23 @@ def test_an_unknown_region_takes_the_weakest_at_its_height(height: float, force:
     assert (finding.verdict, finding.critical) == (SATISFIED, False)  # nobody knows that it was the face
 
 
+@pytest.mark.parametrize(("of_the_limit", "verdict"), [(0.5, SATISFIED), (1.0, SATISFIED), (1.1, VIOLATED)])
+def test_a_point_that_presses_too_hard_violates_however_small_its_force(
+    of_the_limit: float, verdict: Verdict
+) -> None:
+    monitor = PflContact(region="hand", clamped=True)
+    limit_pa = float(monitor.limit_pa(body_limits("hand"), np.array([False]))[0])
+    columns = {
+        "contact_force/r/h": ("N", 6.0),  # hardly a contact
+        "contact_pressure/r/h": ("Pa", of_the_limit * limit_pa),
+    }
+
+    finding = only(monitor, trial_of(columns))
+
+    assert finding.verdict is verdict
+    assert finding.robustness == pytest.approx(1.0 - of_the_limit)
+
+
 def test_the_log_names_the_region_of_a_contact() -> None:
     trial = trial_of({"contact_force/r/h": ("N", 150.0)}, events=[Event(0.0, "contact", "r/h", "chest")])
 
@@ -1455,6 +1472,17 @@ def test_a_collision_with_what_stands_around_tells_its_force_and_speed() -> None
     assert finding.quantities["relative_speed_m_s"] == pytest.approx(5.0)
 
 
+def test_robots_that_move_alike_meet_at_the_difference_of_their_speeds() -> None:
+    columns = {
+        "in_contact/r/s": ("1", 1.0),
+        "velocity/r": ("m/s", [3.0, 1.0, 0.0]),
+        "velocity/s": ("m/s", [3.0, -3.0, 3.0]),
+    }
+    trial = trial_of(columns, bodies=[Body("r", "robot"), Body("s", "robot")])
+
+    assert only(CollisionEpisodes(), trial).quantities["relative_speed_m_s"] == pytest.approx(5.0)
+
+
 def test_a_collision_is_seen_by_geometry_where_no_contact_is_recorded() -> None:
     trial = moving_trial()
     near = Signal("position/a", "m", trial.signals["position/a"].t, trial.signals["position/r::tool0"].values)
@@ -1772,7 +1800,11 @@ def test_a_formula_that_holds_in_time(rests_s: float, verdict: Verdict) -> None:
         signals={"d": "centre_distance/{robot}/{human}", "v": "speed/{robot}"},
     )
 
-    assert only(monitor, trial_of(columns, t=t)).verdict is verdict
+    found = only(monitor, trial_of(columns, t=t))
+
+    assert found.verdict is verdict
+    if verdict is VIOLATED:  # the trigger comes at 1 s and half a second is allowed; the log ends at 3 s
+        assert found.robustness == pytest.approx(0.5 - (min(rests_s, 3.0) - 1.0))
 
 
 def test_a_response_that_the_log_does_not_reach_is_undecided() -> None:
