@@ -172,6 +172,7 @@ def _planned(
             hint="add trials/<trial>.yaml, or 'config:' to the trial",
         )
     readers, _ = open_readers(registry)
+    # Any reader that knows the file: only a plugin knows how an edition writes its trials.
     reader = next((r for _, r in sorted(readers.items()) if r.can_read(trial.config)), None)
     if reader is None:
         raise LogError("no reader recognises this configuration", file=trial.config, hint="check the file")

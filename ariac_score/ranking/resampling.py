@@ -294,6 +294,7 @@ class _Sampler:
 
     def _chosen(self, size: int) -> IntArray:
         """For each place of a competition the trial drawn for it, shape (trials, size)."""
+        # The same trials for all teams: an easy one is easy for everybody and must not part them.
         if self.of_trials:
             return self.bits.below(np.full((self.trials, size), self.trials, dtype=np.int64))
         return np.repeat(np.arange(self.trials)[:, None], size, axis=1)
@@ -306,6 +307,7 @@ class _Sampler:
             return []
         best = [np.full(counts.shape, self.most, dtype=kind) for _ in range(min(self.spec.keep, self.most))]
         for run in range(self.most):
+            # Runs are numbered by merit, so the best of those drawn are the smallest numbers.
             drawn = self.bits.below(counts).astype(kind)
             if not self.even:
                 drawn[counts <= run] = self.most

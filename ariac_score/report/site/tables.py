@@ -108,6 +108,7 @@ def _leaderboard(publication: Publication) -> Table:
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     groups = statistics.groups if statistics else ()
     ties = list(publication.final.standings[0].ties) if publication.final.standings else []
+    # Names of columns are what other programs read: they stay, however the page words them.
     columns = ["rank", "rank_low", "rank_high", "groups", "team", "name", "value", "execution"]
     columns += ["execution_low", "execution_high", "judges", "runs_made", "runs_counted", "places"]
     columns += [*(f"tie: {name}" for name in ties), "separated_by", "disqualified", "remarks"]
